@@ -18,6 +18,7 @@ depend on approximate coordinates.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -209,6 +210,7 @@ class TopocentricFrame:
         """The geocentric frame behind this one."""
         return GeocentricFrame(self.ellipsoid_name, self.radius)
 
+    @cached_property
     def _origin(self) -> tuple[Array, Array]:
         """Return X_origin (3,) and the rows e₀, n₀, u₀ (3, 3)."""
         at = np.array([self.latitude]), np.array([self.longitude]), np.array([self.height])
@@ -217,16 +219,16 @@ class TopocentricFrame:
     @property
     def axes_in_geocentric(self) -> Array:
         """Rows e₀, n₀, u₀: unit vectors along east, north, up of the origin, (3, 3)."""
-        return self._origin()[1]
+        return self._origin[1]
 
     def to_geocentric(self, enu: Array) -> Array:
         """Return geocentric coordinates (n, 3) of topocentric ones (n, 3), metres."""
-        origin, rows = self._origin()
+        origin, rows = self._origin
         return origin + enu @ rows
 
     def from_geocentric(self, xyz: Array) -> Array:
         """Return topocentric coordinates (n, 3) of geocentric ones (n, 3), metres."""
-        origin, rows = self._origin()
+        origin, rows = self._origin
         return (xyz - origin) @ rows.T
 
     def geodetic(self, position: Array) -> tuple[Array, Array, Array] | None:
@@ -235,7 +237,7 @@ class TopocentricFrame:
 
     def basis(self, position: Array, vertical: Array) -> Basis:
         """Return the astronomic frames at ``position`` (n, 3), deflections ``vertical`` (n, 2)."""
-        _, rows = self._origin()
+        _, rows = self._origin
         there = self.geocentric.basis(self.to_geocentric(position), vertical)
         return replace(
             there,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..frames import GeocentricFrame
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.base import wrap
@@ -27,6 +28,10 @@ def group_median(group: Index, value: Array, size: int) -> Array:
     count = np.diff(np.append(first, len(g)))
     out[g[first]] = 0.5 * (v[first + (count - 1) // 2] + v[first + count // 2])
     return out
+
+
+EARTH = 6_371_000.0
+"""Metres: a place on the Earth where none is known."""
 
 
 def group_angle(group: Index, angle: Array, size: int) -> Array:
@@ -156,6 +161,8 @@ class Survey:
     """Levelled height differences."""
     vectors: Sighted
     """GNSS vectors."""
+    plan_steps: Sighted
+    """Differences of the two plan coordinates alone, as vectors (n, 3) with any height."""
     edges: Edges
     """Lengths and height differences by pairs of points."""
     above: AboveSurfaces
@@ -221,10 +228,14 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
         levels,
         steps,
         _with_differences(
-            _join(by_kind.get("gnss_vector", []), value=_vector),
+            _both(
+                _join(by_kind.get("gnss_vector", []), value=_vector),
+                _frame_vectors(by_kind.get("frame_vector", []), equations),
+            ),
             by_kind.get("coordinate_difference", []),
             equations,
         ),
+        _plan_differences(by_kind.get("coordinate_difference", []), equations),
         _edges(n, slopes, levels, zeniths, steps, curvature),
         read_surfaces(equations),
     )
@@ -260,6 +271,75 @@ def _with_differences(vectors: Sighted, blocks: Sequence[Block], equations: Equa
         np.concatenate([vectors.rise, nothing]),
         np.concatenate([vectors.third, nothing.astype(np.intp)]),
     )
+
+
+def _both(a: Sighted, b: Sighted) -> Sighted:
+    return Sighted(
+        np.concatenate([a.station, b.station]),
+        np.concatenate([a.target, b.target]),
+        np.concatenate([a.value, b.value]),
+        np.concatenate([a.rise, b.rise]),
+        np.concatenate([a.third, b.third]),
+    )
+
+
+def _frame_vectors(blocks: Sequence[Block], equations: Equations) -> Sighted:
+    """Return vectors in frames along the axes of the network, with the start values of these.
+
+    A rotation or scale without a start value counts as none. Vectors in the horizon of an unknown
+    station are left out.
+    """
+    out = _join([], value=_vector)
+    given = equations.unknowns["point"].values
+    for block in blocks:
+        (_, number), (_, station), (_, target) = block.variables
+        stored = equations.unknowns["frame"].values[number]
+        rotation = stored[:, :9].reshape(-1, 3, 3)
+        rotation = np.where(np.isfinite(rotation), rotation, np.eye(3))
+        scale = np.exp(np.nan_to_num(stored[:, 12]))[:, None]
+        at = given[station]
+        there = (stored[:, 16] == 0) | np.isfinite(at).all(axis=1)
+        place = np.where(np.isfinite(at), at, [EARTH, 0.0, 0.0])
+        basis = equations.network.frame.basis(place, np.zeros((block.n, 2)))
+        e = horizons(basis, stored[:, 16])
+        value = scale * np.einsum("nji,njk,nk->ni", e, rotation, block.observed)
+        rows = np.flatnonzero(there)
+        zero = np.zeros(len(rows))
+        found = Sighted(
+            station[rows], target[rows], value[rows], zero, np.zeros(len(rows), dtype=np.intp)
+        )
+        out = _both(out, found)
+    return out
+
+
+def _plan_differences(blocks: Sequence[Block], equations: Equations) -> Sighted:
+    """Return differences of x and y of which that of z is not observed, together or apart.
+
+    Those in axes of a geocentric frame are no differences in plan.
+    """
+    frame = equations.network.frame
+    given = equations.unknowns["point"].values
+    known: Mask = np.all(np.isfinite(given), axis=1)
+    found: dict[tuple[int, int, bool], Array] = {}
+    for block in blocks:
+        if block.dimension == 3 or not known.any():
+            continue
+        level = block.constants["horizon"] > 0
+        for row in np.flatnonzero(level | (not isinstance(frame, GeocentricFrame))).tolist():
+            ends = (int(block.variables[0][1][row]), int(block.variables[2][1][row]))
+            d = found.setdefault((*ends, bool(level[row])), np.full(3, np.nan))
+            for axis, value in zip(block.components, block.observed[row], strict=True):
+                d["xyz".index(axis)] = value
+    whole = {k: d for k, d in found.items() if np.isfinite(d[:2]).all()}
+    if not whole:
+        return _join([], value=_vector)
+    station, target, level = (np.array(column) for column in zip(*whole, strict=True))
+    middle = given[known].mean(axis=0)
+    at = np.where(known[station, None], given[station], middle)
+    e = horizons(frame.basis(at, np.zeros((len(at), 2))), level.astype(float))
+    value = np.einsum("nji,nj->ni", e, np.nan_to_num(list(whole.values())))
+    zero = np.zeros(len(station))
+    return Sighted(station, target, value, zero, zero.astype(np.intp))
 
 
 def _with_gyros(directions: Sighted, gyros: Sighted, sets: int) -> tuple[Sighted, Index]:

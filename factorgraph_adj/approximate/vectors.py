@@ -11,7 +11,7 @@ from ..observations import ControlPoint, PhotoAttitude, PhotoPosition, StripCoor
 from ..rotation import TURN_ABOUT_X
 from ..types import Array
 from .progress import Progress
-from .survey import group_median
+from .survey import Sighted, group_median
 
 
 def known_coordinates(equations: Equations, progress: Progress) -> None:
@@ -83,8 +83,16 @@ def given_positions(network: Network) -> Array:
 
 
 def vectors(progress: Progress) -> bool:
-    """Fill points at the end of a GNSS vector from a known point; the median of several."""
-    v = progress.survey.vectors
+    """Fill points at the end of a GNSS vector from a known point; the median of several.
+
+    Differences of plan coordinates fill the plan alone.
+    """
+    survey = progress.survey
+    placed = _along(progress, survey.vectors, height=True)
+    return _along(progress, survey.plan_steps, height=False) or placed
+
+
+def _along(progress: Progress, v: Sighted, *, height: bool) -> bool:
     complete = progress.complete
     if not v.n or (complete[v.station].all() and complete[v.target].all()):
         return False
@@ -101,4 +109,4 @@ def vectors(progress: Progress) -> bool:
     place = np.searchsorted(new, far)
     found = np.stack([group_median(place, at[:, c], len(new)) for c in range(3)], 1)
     placed = progress.set_plan(new, found[:, :2])
-    return progress.set_height(new, found[:, 2]) or placed
+    return (height and progress.set_height(new, found[:, 2])) or placed

@@ -262,7 +262,8 @@ def _verdict(found: Adjusted, report: Report) -> int:
                 f"{left} observation{'s' * (left != 1)} above the critical value could not be set "
                 "aside"
             )
-        doubts += report.in_common
+    doubts += report.in_common
+    doubts += report.at_check_points
     for doubt in doubts:
         print(doubt, file=sys.stderr)
     return DOUBTFUL if doubts else FINE

@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
 
-from ..epochs.congruence import congruence
+from ..epochs.blocks import BlockMotion, Model, block_motion
+from ..epochs.congruence import Congruence, congruence
 from ..epochs.localise import Method
 from ..errors import InputError, Problem
 from ..io.atomic import write_files
-from ..quality.levels import ALPHA_OF_MODEL, POWER
-from ..report.epochs import displacement_table, render_congruence
+from ..io.numbers import Units
+from ..quality.levels import ALPHA_OF_MODEL, CONFIDENCE, POWER
+from ..report.epochs.context import EpochsReport
+from ..report.epochs.results import epochs_text
+from ..report.epochs.tables import displacement_table
+from ..report.epochs.text import render_congruence
+from ..report.html.language import Language
+from ..report.html.libraries import refuse_missing
+from ..report.html.write import write_html
+from ..report.options import Provenance
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
+from .exports import add_exports, refuse_exports, write_exports
 from .input import PROJECT_HELP, add_reading, read_input
 from .messages import warn
 from .options import probability
+from .run import run_of
 
 
 def add_compare(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -56,16 +69,43 @@ def add_compare(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         metavar="P",
         help="with which the smallest detectable displacement is found (0.80)",
     )
-    parser.add_argument("--out", metavar="DIR", help="write epochs.txt and displacements.csv")
+    parser.add_argument(
+        "--block",
+        metavar="[MODEL:]NAMES",
+        action="append",
+        default=[],
+        help="common motion of points, with commas between them: "
+        f"{', '.join(get_args(Model))} (rigid); may be repeated",
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", help="write epochs.txt, results.json and displacements.csv"
+    )
+    parser.add_argument(
+        "--plot", metavar="FILE", help="draw the displacements: .png, .svg or .pdf (extra plot)"
+    )
+    parser.add_argument(
+        "--report",
+        metavar="FILE.html",
+        help="write a report as one HTML file that opens in a browser (extra report)",
+    )
+    parser.add_argument("--language", choices=get_args(Language), help="of the report (en)")
+    parser.add_argument(
+        "--ellipses", type=probability, default=CONFIDENCE, metavar="CONF", help="(0.95)"
+    )
+    parser.add_argument(
+        "--date", metavar="TEXT", help="in the report instead of the present time; none: no date"
+    )
+    add_exports(parser)
     add_reading(parser)
     parser.set_defaults(run=_compare)
 
 
 def _compare(options: argparse.Namespace) -> int:
-    if options.out is not None and Path(options.out).exists() and not Path(options.out).is_dir():
-        raise InputError(Problem("--out must be a folder", options.out))
-    first = _adjusted(options, options.first, None)
-    second = _adjusted(options, options.second, first)
+    options.project = [options.first, options.second]
+    _refuse_options(options)
+    blocks = [_block_of(text) for text in options.block]
+    units, first = _adjusted(options, options.first, None)
+    _, second = _adjusted(options, options.second, first)
     found = congruence(
         first,
         second,
@@ -76,29 +116,101 @@ def _compare(options: argparse.Namespace) -> int:
         alpha=options.alpha,
         power=options.power,
     )
-    text = render_congruence(found)
+    report = EpochsReport(
+        found,
+        _motions(found, blocks),
+        Provenance(run=run_of(options)),
+        options.ellipses,
+        units,
+    )
+    _write(options, report)
+    print(render_congruence(found, blocks=report.blocks), end="", flush=True)
+    return FINE if found.fine else DOUBTFUL
+
+
+def _write(options: argparse.Namespace, report: EpochsReport) -> None:
+    """Write the files that the options ask for."""
+    write_exports(report, options)
     if options.out is not None:
         write_files(
             Path(options.out),
-            {"epochs.txt": text, "displacements.csv": displacement_table(found)},
+            {
+                "epochs.txt": render_congruence(report.found, blocks=report.blocks),
+                "displacements.csv": displacement_table(report),
+                "results.json": epochs_text(report),
+            },
         )
-    print(text, end="", flush=True)
-    fine = first.converged and second.converged
-    fine &= found.ratio is None or found.ratio.accepted
-    fine &= not found.steps or found.steps[-1].test.accepted
-    return FINE if fine else DOUBTFUL
+    if options.plot is not None:
+        from ..report.plots.displacements import plot_displacements
+        from ..report.plots.save import save_figure
+
+        figure = plot_displacements(
+            report.found, blocks=report.blocks, confidence=report.confidence
+        )
+        save_figure(figure, options.plot)
+    if options.report is not None:
+        write_html(report, options.report, language=options.language or "en", files=options.project)
 
 
-def _adjusted(options: argparse.Namespace, path: str, first: Solution | None) -> Solution:
+def _refuse_options(options: argparse.Namespace) -> None:
+    """Raise the problems of the options before any file is read."""
+    problems = []
+    if options.out is not None and Path(options.out).exists() and not Path(options.out).is_dir():
+        problems.append(Problem("--out must be a folder", options.out))
+    for name in ("report", "plot"):
+        given = getattr(options, name)
+        if given is not None and Path(given).is_dir():
+            problems.append(Problem(f"--{name} must be a file, not a folder", given))
+    if options.plot is not None:
+        from ..report.plots.save import FORMATS
+        from ..report.plots.style import MISSING
+
+        if find_spec("matplotlib") is None:
+            problems.append(Problem(MISSING))
+        if Path(options.plot).suffix.lower().removeprefix(".") not in FORMATS:
+            valid = ", ".join(f".{f}" for f in FORMATS)
+            problems.append(Problem(f"--plot has no valid suffix; valid: {valid}", options.plot))
+    if options.report is not None:
+        refuse_missing()
+    elif options.language is not None:
+        problems.append(Problem("--language belongs to --report"))
+    if options.alpha >= options.power:
+        problems.append(
+            Problem(f"--alpha {options.alpha:g} must be less than --power {options.power:g}")
+        )
+    if problems:
+        raise InputError(problems)
+
+
+def _adjusted(
+    options: argparse.Namespace, path: str, first: Solution | None
+) -> tuple[Units, Solution]:
     """Read and adjust an epoch; a second free network takes the datum of the first."""
     project = read_input(options, path)
     if options.datum is not None:
         project.network.datum = options.datum
     refuse_problems(project)
+    if first is None:
+        refuse_exports(project.network, options, epochs=True)
     warn(project.warnings)
     start = first if project.network.datum == "free" else None
-    return adjust(project.network, start=start)
+    return project.units, adjust(project.network, start=start)
 
 
 def _names(given: str | None) -> list[str] | None:
     return None if given is None else [n.strip() for n in given.split(",") if n.strip()]
+
+
+def _block_of(text: str) -> tuple[Model, list[str]]:
+    """Return model and names of MODEL:NAMES or NAMES."""
+    word, colon, rest = text.partition(":")
+    for model in get_args(Model):
+        if colon and word == model:
+            return model, _names(rest) or []
+    return "rigid", _names(text) or []
+
+
+def _motions(
+    found: Congruence, blocks: Sequence[tuple[Model, list[str]]]
+) -> tuple[BlockMotion, ...]:
+    return tuple(block_motion(found, names, model=model) for model, names in blocks)

@@ -11,6 +11,7 @@ from ..export.exports import EXPORTS, Target, formats, target
 from ..io.writers import WRITERS
 from ..network.network import Network
 from ..report.context import Report
+from ..report.epochs.context import EpochsReport
 from .input import settings
 
 NAMES = (*(e.name for e in EXPORTS), *(w.name for w in WRITERS.entries))
@@ -36,12 +37,13 @@ def add_exports(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def refuse_exports(network: Network, options: argparse.Namespace) -> None:
+def refuse_exports(network: Network, options: argparse.Namespace, *, epochs: bool = False) -> None:
     """Raise what forbids the exports before the adjustment.
 
     Raises:
         InputError: a format or an option is unknown, an export is a folder, or the format needs a
-            reference system and the network has none.
+            reference system and the network has none; with ``epochs``, the format cannot express
+            a comparison of two epochs.
     """
     problems: list[Problem] = []
     for text in options.export:
@@ -49,6 +51,8 @@ def refuse_exports(network: Network, options: argparse.Namespace) -> None:
             found = _target(text)
             if found.path.is_dir() and not found.of_network:
                 raise InputError(Problem("--export must be a file, not a folder", text))
+            if epochs:
+                found.refuse_epochs()
             if found.check is not None:
                 found.check(network)
         except InputError as error:
@@ -58,7 +62,7 @@ def refuse_exports(network: Network, options: argparse.Namespace) -> None:
     _options(options)
 
 
-def write_exports(report: Report, options: argparse.Namespace) -> None:
+def write_exports(report: Report | EpochsReport, options: argparse.Namespace) -> None:
     """Write the exports.
 
     Raises:

@@ -129,11 +129,13 @@ class Chain:
             out[:, 2] = height - self.geoid.at(latitude, longitude, names).undulation
         return out
 
-    def plan_geodetic(self, grid: Array) -> tuple[Array, Array, Array]:
+    def plan_geodetic(
+        self, grid: Array, names: Sequence[str] | None = None
+    ) -> tuple[Array, Array, Array]:
         """Return φ, λ (rad) and roughly h (m), without the geoid: of places outside of it too."""
         if self.own_heights:
-            return self.to_geodetic(grid, None)
-        return self._shifted(self._unprojected(grid, None), None)
+            return self.to_geodetic(grid, names)
+        return self._shifted(self._unprojected(grid, names), names)
 
     def geoid_at(
         self, latitude: Array, longitude: Array, names: Sequence[str] | None
@@ -161,6 +163,11 @@ class Chain:
         """Return λ, φ (degrees) and h (m) of the system of the grid."""
         what = f"reference system {self.name}"
         out = proj.run(self.projection, grid, what=what, names=names)
+        proj.refuse(
+            np.abs(out[:, 1]) > 90.0,
+            lambda i: f"is no place on the Earth in {self.name}: {proj.told(grid[i])}",
+            names,
+        )
         if self.area is not None:
             west, south, east, north = self.area
             x = np.remainder(out[:, 0] - west, 360.0)
@@ -228,6 +235,11 @@ def _dynamic(crs: Any) -> bool:
 def _geographic(crs: Any) -> Any:
     """Return the geographic system with ellipsoidal heights of a system."""
     plan = crs.sub_crs_list[0] if crs.is_compound else crs
+    if plan.geodetic_crs is None:
+        raise InputError(
+            f"reference system {crs.name} is not tied to the Earth ({plan.type_name}); valid: "
+            "projected, geographic and geocentric systems"
+        )
     return plan.geodetic_crs.to_3d() if not plan.is_geocentric else _of_geocentric(plan)
 
 

@@ -27,6 +27,9 @@ GEOID_HELP = (
     "constant undulation in metres; or heights = 'ellipsoidal' where the heights are such"
 )
 
+LONGEST = 120
+"""Number of characters of a definition that a message shows."""
+
 
 class Operation(Protocol):
     """An operation of PROJ between two systems."""
@@ -65,11 +68,13 @@ def crs(definition: str) -> Any:
     """
     package = pyproj()
     try:
-        return package.CRS.from_user_input(definition)
+        with quiet():
+            return package.CRS.from_user_input(definition)
     except (package.exceptions.CRSError, ValueError, TypeError) as error:
-        what = str(error).replace("\n", " ")
+        shown = definition if len(definition) <= LONGEST else definition[:LONGEST] + "…"
+        what = " ".join(str(error).replace(definition, shown).split())
         raise InputError(
-            f"unknown reference system {definition!r}: {what}; valid: a code such as "
+            f"unknown reference system {shown!r}: {what}; valid: a code such as "
             "EPSG:25832+7837 (plan + heights), a PROJ string, or WKT"
         ) from None
 
@@ -106,14 +111,13 @@ def operation(source: Any, target: Any, *, what: str) -> Operation:
 
 def _why(source: Any, target: Any, what: str, error: Exception) -> Problem:
     """Return which grids an operation lacks, and where they are."""
-    package = pyproj()
-    try:
-        with quiet():
-            group = package.transformer.TransformerGroup(
-                source, target, always_xy=True, allow_ballpark=False
-            )
-    except package.exceptions.ProjError:
-        return Problem(f"PROJ has no operation for it ({_short(error)}); {GEOID_HELP}", what)
+    group = _group(source, target)
+    if group is None:
+        return Problem(
+            f"cannot be used: PROJ knows no such projection or operation ({_short(error)}); valid: "
+            "a code such as EPSG:25832, or a PROJ string or WKT with a projection of PROJ",
+            what,
+        )
     grids = [g for o in group.unavailable_operations for g in o.grids if not g.available]
     if grids:
         named = dict.fromkeys(f"{g.short_name} ({g.url})" if g.url else g.short_name for g in grids)
@@ -132,6 +136,22 @@ def _short(error: Exception) -> str:
     return " ".join(str(error).split()).removeprefix("Error creating Transformer from CRS.: ")
 
 
+def _group(source: Any, target: Any, **options: Any) -> Any | None:
+    """Return the operations between two systems; None if PROJ cannot make one of them.
+
+    pyproj raises IndexError where the list of operations is empty, as with a projection that PROJ
+    does not know.
+    """
+    package = pyproj()
+    try:
+        with quiet():
+            return package.transformer.TransformerGroup(
+                source, target, always_xy=True, allow_ballpark=False, **options
+            )
+    except (package.exceptions.ProjError, IndexError):
+        return None
+
+
 def best_available(source: Any, target: Any, lonlat: Array) -> Operation:
     """Return the most accurate operation that is installed, over an area, never a ballpark one.
 
@@ -146,11 +166,8 @@ def best_available(source: Any, target: Any, lonlat: Array) -> Operation:
     package = pyproj()
     low, high = lonlat.min(axis=0), lonlat.max(axis=0)
     area = package.aoi.AreaOfInterest(*low.tolist(), *high.tolist())
-    with quiet():
-        group = package.transformer.TransformerGroup(
-            source, target, always_xy=True, allow_ballpark=False, area_of_interest=area
-        )
-    if not group.transformers:
+    group = _group(source, target, area_of_interest=area)
+    if group is None or not group.transformers:
         raise InputError(
             Problem(f"PROJ knows no operation to {target.name}", f"reference system {source.name}")
         )

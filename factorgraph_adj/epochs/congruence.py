@@ -21,7 +21,9 @@ import numpy as np
 
 from ..columns import Columns
 from ..errors import InputError, Problem, known
+from ..network.network import Network
 from ..quality.distributions import fisher_quantile
+from ..quality.ellipses import ErrorEllipse, ellipses_in
 from ..quality.levels import ALPHA_OF_MODEL, POWER
 from ..shown import Rows, Shown
 from ..solve.solution import Solution
@@ -92,6 +94,8 @@ class Displacement:
 class Congruence(Shown):
     """Result of the comparison of two epochs."""
 
+    solutions: tuple[Solution, ...]
+    """The adjustments: of the first and the second epoch, or of both in one."""
     differences: Differences
     """What was compared."""
     ratio: RatioTest | None
@@ -113,6 +117,37 @@ class Congruence(Shown):
     """Probability of a false alarm of each test."""
     power: float
     """Power of the smallest detectable displacements."""
+
+    @property
+    def network(self) -> Network:
+        """The network of the first epoch."""
+        return self.solutions[0].network
+
+    @property
+    def fine(self) -> bool:
+        """Whether the adjustments converged, their variances agree, and the stable points fit."""
+        fine = all(s.converged for s in self.solutions)
+        fine &= self.ratio is None or self.ratio.accepted
+        return fine and (not self.steps or self.steps[-1].test.accepted)
+
+    def ellipses(self, *, confidence: float | None = None) -> tuple[ErrorEllipse, ...]:
+        """Return the ellipses of the displacements in plan, at the ends of their vectors.
+
+        They lie in the horizon of each point. A displacement in plan is significant if and only if
+        its beginning is outside of its ellipse with the confidence 1 − α of the tests.
+
+        Args:
+            confidence: probability of the ellipses; None: 1 − α of the tests.
+        """
+        every = list(self.displacements.values())
+        return ellipses_in(
+            self.network.frame,
+            [(x.name, None) for x in every],
+            np.array([x.place + x.vector for x in every]).reshape(-1, 3),
+            np.array([x.covariance for x in every]).reshape(-1, 3, 3),
+            1.0 - self.alpha if confidence is None else confidence,
+            redundancy=None if np.isinf(self.scale.freedom) else int(self.scale.freedom),
+        )
 
     @property
     def global_test(self) -> Test | None:
@@ -221,6 +256,7 @@ def congruence(
         stable, steps = search.stable, search.steps
     displacements, joint = _displacements(found, some, stable, scale, alpha, power)
     return Congruence(
+        (first,) if second is None else (first, second),
         found,
         None if second is None else _ratio(found, alpha),
         scale,

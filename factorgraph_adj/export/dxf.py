@@ -15,10 +15,9 @@ from ..errors import InputError
 from ..io.atomic import write_files
 from ..network.network import Network
 from ..quality.levels import CONFIDENCE
-from ..report.context import Report
-from ..solve.solution import Solution
 from ..types import Array
-from .layers import Drawn, Layer, Map, map_of, report_of
+from .layer import Drawn, Layer
+from .layers import Map, Result, map_of, report_of
 from .placing import drawing_placing
 from .points import VERTICES
 
@@ -44,13 +43,17 @@ LAYERS: dict[str, tuple[str, int]] = {
     "photo_names": ("PHOTO_NAMES", 4),
     "footprints": ("FOOTPRINTS", 3),
     "vectors": ("VECTORS", 30),
+    "displacements_moved": ("DISPLACEMENTS", 1),
+    "displacements_kept": ("DISPLACEMENTS_NOT_SIGNIFICANT", 8),
     "notes": ("NOTES", 7),
 }
-"""Layer of the drawing and its colour (AutoCAD colour index) for each layer of a map."""
+"""Layer of the drawing and its colour (AutoCAD colour index) for each look of a layer of a map."""
+HEAD = 0.2
+"""Length of the two strokes of an arrow head, in the length of the arrow."""
 
 
 def write_dxf(
-    result: Solution | Report,
+    result: Result,
     path: str | Path,
     *,
     confidence: float | None = CONFIDENCE,
@@ -69,7 +72,8 @@ def write_dxf(
     east, north, up of the frame.
 
     Args:
-        result: the result of `adjust`, or its report with data snooping.
+        result: the result of `adjust`, or its report with data snooping; or of `congruence`, or its
+            report with blocks.
         path: the file, such as ``network.dxf``.
         confidence: as in `write_geopackage`.
         exaggeration: as in `write_geopackage`.
@@ -173,9 +177,10 @@ def _points(pen: _Pen, layer: Layer) -> None:
 
 
 def _ellipses(pen: _Pen, layer: Layer) -> None:
-    for ring in layer.shapes:
+    for number, ring in enumerate(layer.shapes):
         if ring is None:
             continue
+        look = layer.look(number)
         # The axes end at the first vertex, and at those a quarter and a half of the ring later.
         centre = (ring[0] + ring[VERTICES // 2]) / 2.0
         major = ring[0] - centre
@@ -184,10 +189,10 @@ def _ellipses(pen: _Pen, layer: Layer) -> None:
         size = float(np.hypot(*major[:2]))
         ratio = float(np.hypot(*minor[:2])) / size if size > 0 else 0.0
         if ratio < THIN:
-            pen.line("ellipses", ring[0], ring[VERTICES // 2])
+            pen.line(look, ring[0], ring[VERTICES // 2])
             continue
         pen.space.add_ellipse(
-            centre.tolist(), major.tolist(), min(ratio, 1.0), dxfattribs=_on("ellipses")
+            centre.tolist(), major.tolist(), min(ratio, 1.0), dxfattribs=_on(look)
         )
 
 
@@ -213,6 +218,18 @@ def _lines(pen: _Pen, layer: Layer) -> None:
             pen.line(layer.name, shape[0], shape[1])
 
 
+def _arrows(pen: _Pen, layer: Layer) -> None:
+    """Draw lines with heads at their ends."""
+    for number, shape in enumerate(layer.shapes):
+        if shape is None:
+            continue
+        look, (a, b) = layer.look(number), shape
+        pen.line(look, a, b)
+        along, across = b - a, np.array([a[1] - b[1], b[0] - a[0], 0.0])
+        for side in (0.5, -0.5):
+            pen.line(look, b, b - HEAD * (along + side * across))
+
+
 def _rings(pen: _Pen, layer: Layer) -> None:
     for ring in layer.shapes:
         if ring is not None:
@@ -232,12 +249,15 @@ _DRAW: dict[str, Callable[[_Pen, Layer], None]] = {
     "observations_at_points": _nothing,
     "vectors": _lines,
     "footprints": _rings,
+    "displacements": _arrows,
+    "displacement_ellipses": _ellipses,
 }
 
 
 def _box(found: Map) -> tuple[Array, Array]:
     """Return the corners of what is drawn around the points and ellipses, metres."""
-    near = [x for x in found.layers if x.name in ("points", "ellipses", "photos")]
+    shown = ("points", "ellipses", "photos", "displacement_ellipses")
+    near = [x for x in found.layers if x.name in shown]
     places = [s for x in near for s in x.shapes if s is not None]
     every = np.concatenate(places) if places else np.zeros((1, 3))
     return every.min(axis=0), every.max(axis=0)

@@ -11,16 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..epochs.congruence import Congruence
 from ..errors import InputError, Problem, known
-from ..io.format_options import options_of, refuse_unknown
+from ..io.format_options import fitting, options_of, refuse_unknown
 from ..io.writers import WRITERS
 from ..network.network import Network
 from ..report.context import Report
-from ..solve.solution import Solution
+from ..report.epochs.context import EpochsReport
 from .dxf import refuse_drawing, write_dxf
 from .geojson import write_geojson
 from .geopackage import write_geopackage
 from .kml import write_kml
+from .layers import Result
 from .placing import refuse_no_place
 from .ply import write_ply
 from .results import write_results
@@ -43,6 +45,8 @@ class Export:
     check: Callable[[Network], object] | None = None
     """Function of the network that raises InputError for what can be known before the adjustment:
     no reference system, or an extra that is missing; None: nothing."""
+    epochs: bool = True
+    """Whether it can express a comparison of two epochs."""
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -56,7 +60,7 @@ EXPORTS: tuple[Export, ...] = (
     Export("geojson", (".geojson",), "GeoJSON", write_geojson, refuse_no_place),
     Export("kml", (".kml",), "KML", write_kml, refuse_no_place),
     Export("dxf", (".dxf",), "DXF drawing", write_dxf, refuse_drawing),
-    Export("ply", (".ply",), "PLY points", write_ply),
+    Export("ply", (".ply",), "PLY points", write_ply, epochs=False),
 )
 """The formats that a solution can be written in."""
 
@@ -79,8 +83,26 @@ class Target:
     """The function that writes it."""
     check: Callable[[Network], object] | None = None
     """What forbids it before the adjustment, see `Export`."""
+    epochs: bool = False
+    """Whether it can express a comparison of two epochs."""
 
-    def write(self, what: Network | Solution | Report, **options: Any) -> None:
+    def refuse_epochs(self) -> None:
+        """Raise that the format cannot express a comparison of two epochs.
+
+        Raises:
+            InputError: it cannot.
+        """
+        if not self.epochs:
+            valid = ", ".join(s for e in EXPORTS if e.epochs for s in e.suffixes)
+            raise InputError(
+                Problem(
+                    f"{self.description} has no displacements of two epochs; write the solution "
+                    f"of an epoch, or the comparison as {valid}",
+                    str(self.path),
+                )
+            )
+
+    def write(self, what: Network | Result, **options: Any) -> None:
         """Write a result, or a network in a format of networks.
 
         Raises:
@@ -89,6 +111,11 @@ class Target:
         """
         doing = f"writing {self.description}"
         refuse_unknown(options, self.options, doing=doing, where=str(self.path))
+        options = fitting(self.function, options, doing=doing, where=str(self.path))
+        if isinstance(what, Congruence | EpochsReport):
+            self.refuse_epochs()
+            self.function(what, self.path, **options)
+            return
         if not self.of_network:
             if isinstance(what, Network):
                 raise InputError(
@@ -120,7 +147,7 @@ def target(path: str | Path, format: str | None = None) -> Target:
     file = Path(path)
     for e in EXPORTS:
         if format == e.name or (format is None and file.suffix.lower() in e.suffixes):
-            return Target(file, e.name, e.description, e.options, False, e.write, e.check)
+            return Target(file, e.name, e.description, e.options, False, e.write, e.check, e.epochs)
     names = [e.name for e in EXPORTS] + [w.name for w in WRITERS.entries]
     if format is not None and format not in names:
         valid = known(names, meant=format)
@@ -134,20 +161,21 @@ def target(path: str | Path, format: str | None = None) -> Target:
 
 
 def write(
-    what: Network | Solution | Report,
+    what: Network | Result,
     path: str | Path,
     *,
     format: str | None = None,
     **options: Any,
 ) -> None:
-    """Write a network or a solution in the format that the suffix tells; `read` is the reverse.
+    """Write a network or a result in the format that the suffix tells; `read` is the reverse.
 
     A solution can be written for geographic programs (GeoPackage, GeoJSON, KML), as a drawing
     (DXF), as points (PLY), as results for programs (JSON), and in every format of a network, with
     adjusted values for given ones.
 
     Args:
-        what: a network, a solution, or a report with data snooping.
+        what: a network, a solution, or a report with data snooping; or a comparison of two epochs,
+            or its report with blocks, in the formats of solutions except PLY.
         path: the file, or folder.
         format: name of the format, where the suffix does not tell it.
         options: options of the function that writes the format.

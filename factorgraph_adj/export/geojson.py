@@ -8,16 +8,15 @@ from typing import Any
 
 from ..io.atomic import write_files
 from ..quality.levels import CONFIDENCE
-from ..report.context import Report
-from ..solve.solution import Solution
 from ..types import Array
 from .antimeridian import parts_of_line, parts_of_ring
-from .layers import Drawn, Geometry, Map, map_of, plain, report_of
+from .layer import Drawn, Geometry, plain
+from .layers import Map, Result, map_of, report_of
 from .placing import wgs84_placing
 
 
 def write_geojson(
-    result: Solution | Report,
+    result: Result,
     path: str | Path,
     *,
     confidence: float | None = CONFIDENCE,
@@ -33,7 +32,8 @@ def write_geojson(
     Rings are counter-clockwise; what crosses the meridian of 180° is cut there.
 
     Args:
-        result: the result of `adjust`, or its report with data snooping.
+        result: the result of `adjust`, or its report with data snooping; or of `congruence`, or its
+            report with blocks.
         path: the file, such as ``network.geojson``.
         confidence: as in `write_geopackage`.
         exaggeration: as in `write_geopackage`.

@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..io.atomic import write_files
 from ..quality.levels import CONFIDENCE
-from ..report.context import Report
-from ..solve.solution import Solution
 from ..types import Array
-from .layers import Drawn, Geometry, Layer, Map, map_of, plain, report_of
+from .layer import Drawn, Geometry, Layer, plain
+from .layers import Map, Result, map_of, report_of
 from .placing import Placing, map_placing
 from .qgis import style_of
 
@@ -71,7 +71,7 @@ CREATE TABLE adjustment (
 
 
 def write_geopackage(
-    result: Solution | Report,
+    result: Result,
     path: str | Path,
     *,
     confidence: float | None = CONFIDENCE,
@@ -90,7 +90,8 @@ def write_geopackage(
     geographic) if the frame is geocentric.
 
     Args:
-        result: the result of `adjust`, or its report with data snooping.
+        result: the result of `adjust`, or its report with data snooping; or of `congruence`, or its
+            report with blocks.
         path: the file, such as ``network.gpkg``; one that is there is replaced.
         confidence: probability of the error ellipses; None: standard ellipses.
         exaggeration: factor of the ellipses; None: a round number that makes them visible; 1: true
@@ -195,8 +196,8 @@ def _add_layer(connection: sqlite3.Connection, layer: Layer, srs: int, date: str
     connection.executemany(
         f"INSERT INTO {_quoted(layer.name)} ({names}) VALUES ({marks})",
         (
-            (None if s is None else blob(s, layer.geometry, srs), *r.values())
-            for s, r in zip(layer.shapes, records, strict=True)
+            (shape, *record.values())
+            for shape, record in zip(blobs(layer.shapes, layer.geometry, srs), records, strict=True)
         ),
     )
     connection.execute(
@@ -207,23 +208,54 @@ def _add_layer(connection: sqlite3.Connection, layer: Layer, srs: int, date: str
     )
 
 
+def blobs(shapes: Sequence[Array | None], geometry: Geometry, srs: int) -> list[bytes | None]:
+    """Return shapes as `blob` does, those with equal numbers of vertices at once."""
+    out: list[bytes | None] = [None] * len(shapes)
+    by_size: dict[int, list[int]] = {}
+    for i, shape in enumerate(shapes):
+        if shape is not None:
+            by_size.setdefault(len(shape), []).append(i)
+    for numbers in by_size.values():
+        xyz = np.ascontiguousarray([shapes[i] for i in numbers], dtype="<f8")
+        made = _blobs(xyz, geometry, srs)
+        size = made.shape[1]
+        text = made.tobytes()
+        for n, i in enumerate(numbers):
+            out[i] = text[n * size : (n + 1) * size]
+    return out
+
+
 def blob(shape: Array, geometry: Geometry, srs: int) -> bytes:
     """Return a shape (m, 3) as a geometry of GeoPackage, little-endian, with heights.
 
     Lines and polygons have the envelope min x, max x, min y, max y; points have none.
     """
-    xyz = np.ascontiguousarray(shape, dtype="<f8")
+    return bytes(_blobs(np.ascontiguousarray(shape, dtype="<f8")[None], geometry, srs).tobytes())
+
+
+def _blobs(xyz: Array, geometry: Geometry, srs: int) -> NDArray[np.uint8]:
+    """Return the bytes (n, size) of n shapes (n, m, 3) of equally many vertices."""
     flags = 1 if geometry == "POINT" else 3
-    head = struct.pack("<2sBBi", b"GP", 0, flags, srs)
+    parts = [_repeated(struct.pack("<2sBBi", b"GP", 0, flags, srs), len(xyz))]
     if geometry != "POINT":
-        low, high = xyz.min(axis=0), xyz.max(axis=0)
-        head += struct.pack("<4d", low[0], high[0], low[1], high[1])
-    head += struct.pack("<BI", 1, CODES[geometry])
+        low, high = xyz.min(axis=1), xyz.max(axis=1)
+        box = np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1)
+        parts.append(_bytes_of(box))
+    head = struct.pack("<BI", 1, CODES[geometry])
     if geometry == "POLYGON":
         head += struct.pack("<I", 1)
     if geometry != "POINT":
-        head += struct.pack("<I", len(xyz))
-    return head + xyz.tobytes()
+        head += struct.pack("<I", xyz.shape[1])
+    parts += [_repeated(head, len(xyz)), _bytes_of(xyz.reshape(len(xyz), -1))]
+    return np.concatenate(parts, axis=1)
+
+
+def _repeated(text: bytes, n: int) -> NDArray[np.uint8]:
+    return np.tile(np.frombuffer(text, dtype=np.uint8), (n, 1))
+
+
+def _bytes_of(numbers: Array) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(numbers, dtype="<f8").view(np.uint8)
 
 
 def _type_of(values: Sequence[Any]) -> str:

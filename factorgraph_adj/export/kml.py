@@ -7,10 +7,9 @@ from xml.etree import ElementTree as ET
 
 from ..io.atomic import write_files
 from ..quality.levels import CONFIDENCE
-from ..report.context import Report
-from ..solve.solution import Solution
 from ..types import Array
-from .layers import Drawn, Geometry, Layer, Map, map_of, plain, report_of
+from .layer import Drawn, Geometry, Layer, plain
+from .layers import Map, Result, map_of, report_of
 from .placing import wgs84_placing
 
 SPACE = "http://www.opengis.net/kml/2.2"
@@ -24,8 +23,10 @@ COLOURS = {
     "photos": "ffb27200",
     "footprints": "ff739e00",
     "vectors": "ff005ed5",
+    "displacements_moved": "ff005ed5",
+    "displacements_kept": "ff8c8c8c",
 }
-"""Colour of each layer as alpha, blue, green, red."""
+"""Colour of each look of a layer as alpha, blue, green, red."""
 HIDDEN = ("image_points", "observations_at_points")
 """Layers that are not shown until somebody asks for them."""
 ALLOWED = {9, 10, 13}
@@ -33,7 +34,7 @@ ALLOWED = {9, 10, 13}
 
 
 def write_kml(
-    result: Solution | Report,
+    result: Result,
     path: str | Path,
     *,
     confidence: float | None = CONFIDENCE,
@@ -47,7 +48,8 @@ def write_kml(
     ``height_ellipsoidal_m``. A network of a mine or a tunnel is shown above it.
 
     Args:
-        result: the result of `adjust`, or its report with data snooping.
+        result: the result of `adjust`, or its report with data snooping; or of `congruence`, or its
+            report with blocks.
         path: the file, such as ``network.kml``.
         confidence: as in `write_geopackage`.
         exaggeration: as in `write_geopackage`.
@@ -70,8 +72,8 @@ def document(found: Map) -> bytes:
     _text(top, "name", found.name)
     facts = ((n, plain(v)) for n, v in found.facts.items())
     _text(top, "description", "\n".join(f"{n}: {v}" for n, v in facts if v is not None))
-    for layer in found.layers:
-        _style(top, layer.name)
+    for look in dict.fromkeys(x.look(i) for x in found.layers for i in range(len(x))):
+        _style(top, look)
     # What is drawn last is on top; people look for points first.
     for layer in reversed(found.layers):
         _folder(top, layer)
@@ -96,11 +98,12 @@ def _folder(top: ET.Element, layer: Layer) -> None:
     _text(folder, "name", layer.name)
     _text(folder, "visibility", "0" if layer.name in HIDDEN else "1")
     _text(folder, "description", layer.title)
-    for shape, record in zip(layer.shapes, layer.records(), strict=True):
+    every = zip(layer.shapes, layer.records(), strict=True)
+    for number, (shape, record) in enumerate(every):
         mark = ET.SubElement(folder, "Placemark")
         _text(mark, "name", str(record.get("name", record.get("id", ""))))
         _text(mark, "visibility", "0" if layer.name in HIDDEN else "1")
-        _text(mark, "styleUrl", f"#{layer.name}")
+        _text(mark, "styleUrl", f"#{layer.look(number)}")
         data = ET.SubElement(mark, "ExtendedData")
         if shape is not None and layer.geometry == "POINT":
             record["height_ellipsoidal_m"] = plain(float(shape[0, 2]))

@@ -4,54 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import isfinite
-from typing import Any, Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
+from ..epochs.congruence import Congruence
 from ..errors import InputError
-from ..quality.levels import CONFIDENCE
 from ..report.context import Report
+from ..report.epochs.context import EpochsReport
 from ..report.options import Provenance, ReportOptions
 from ..report.plots.precision import visible_factor
 from ..report.plots.style import readable
 from ..solve.solution import Solution
 from ..types import Array
 from ..version import __version__
+from .epochs import epochs_layers
 from .footprints import footprints
+from .layer import Drawn, Geometry, Layer
 from .observation_layers import Shapes, observation_shapes, shift_shapes
 from .placing import Placing
 from .points import ellipse_shapes, photo_columns, point_columns
-
-Geometry: TypeAlias = Literal["POINT", "LINESTRING", "POLYGON"]
-"""What the shapes of a layer are."""
-
-
-@dataclass(frozen=True, eq=False)
-class Layer:
-    """Shapes of one kind with columns of data."""
-
-    name: str
-    """Name of the layer: points, ellipses, observations …"""
-    title: str
-    """What the layer shows, with units and exaggeration."""
-    geometry: Geometry
-    """What the shapes are. Rings of polygons are closed and counter-clockwise."""
-    shapes: Sequence[Array | None]
-    """Map coordinates (m, 3) of each shape, None for what has no place."""
-    columns: Mapping[str, Sequence[Any]]
-    """Data of each shape: texts, numbers (NaN: unknown) and truth values by name."""
-
-    def __len__(self) -> int:
-        return len(self.shapes)
-
-    def records(self) -> list[dict[str, Any]]:
-        """Return the data of each shape by name, None where a number is not known."""
-        cells = [[plain(v) for v in column] for column in self.columns.values()]
-        return [
-            dict(zip(self.columns, row, strict=True))
-            for row in (zip(*cells, strict=True) if cells else ({} for _ in self.shapes))
-        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,42 +40,49 @@ class Map:
     """Figures of the adjustment, and what is exaggerated."""
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """What a map draws larger than it is."""
-
-    confidence: float | None = CONFIDENCE
-    """Probability of the error ellipses; None: standard ellipses."""
-    exaggeration: float | None = None
-    """Factor of the error ellipses; None: 1, 2 or 5 times a power of ten that makes them visible;
-    1: true size."""
-    vector_exaggeration: float | None = None
-    """The same for differences at check points and control points."""
-
-    def __post_init__(self) -> None:
-        """Refuse factors that are not positive."""
-        for name in ("exaggeration", "vector_exaggeration"):
-            value = getattr(self, name)
-            if value is not None and not (
-                isinstance(value, int | float) and isfinite(value) and value > 0
-            ):
-                raise InputError(f"{name} must be a number greater than zero, not {value!r}")
+Result: TypeAlias = Solution | Report | Congruence | EpochsReport
+"""What is exported: an adjustment, or a comparison of two epochs."""
 
 
-def report_of(result: Solution | Report) -> Report:
-    """Return a result as a report; that of the command has its data snooping."""
-    if isinstance(result, Report):
+def report_of(result: Result) -> Report | EpochsReport:
+    """Return a result as a report; that of the command has its data snooping and its run."""
+    if isinstance(result, Report | EpochsReport):
         return result
+    if isinstance(result, Congruence):
+        return EpochsReport(result)
     return Report(result, ReportOptions(), Provenance())
 
 
-def map_of(result: Solution | Report, placing: Placing, drawn: Drawn) -> Map:
-    """Return the layers of a solution.
+def adjusted_of(result: Result, format: str) -> Report:
+    """Return an adjustment as a report.
+
+    Raises:
+        InputError: the result is a comparison of two epochs, which the format cannot express.
+    """
+    report = report_of(result)
+    if isinstance(report, EpochsReport):
+        raise InputError(
+            f"{format} has adjusted points, and no displacements of two epochs; write one of their "
+            "solutions, or the comparison as .gpkg, .geojson, .kml, .dxf or .json"
+        )
+    return report
+
+
+def map_of(result: Result, placing: Placing, drawn: Drawn) -> Map:
+    """Return the layers of a result.
 
     Raises:
         InputError: a place has no map coordinates, or the confidence is outside (0, 1).
     """
     report = report_of(result)
+    if isinstance(report, EpochsReport):
+        found = epochs_layers(report, drawn)
+        layers = [
+            Layer(x.name, x.title, x.geometry, placed(placing, x.shapes), x.columns, x.looks)
+            for x in found.layers
+        ]
+        told = {**found.facts, **_where(placing, report.places)}
+        return Map(found.name, tuple(x for x in layers if len(x)), placing, told)
     network, xyz = report.network, report.solution.state["point"]
     facts: dict[str, str | float | bool] = {
         "program": f"factorgraph_adj {__version__}",
@@ -112,13 +91,8 @@ def map_of(result: Solution | Report, placing: Placing, drawn: Drawn) -> Map:
         "observations": float(report.solution.n_observations),
         "redundancy": float(report.solution.redundancy),
         "sigma0": report.solution.sigma0,
-        "coordinates": placing.words,
-        "reference_system": placing.name,
-        "heights_above": placing.heights,
+        **_where(placing, xyz),
     }
-    way, accuracy = placing.way(xyz)
-    if way:
-        facts |= {"operation_to_wgs84": way, "accuracy_of_operation_m": accuracy}
     layers = [*_ellipses(report, placing, drawn, facts), *_footprints(report, placing)]
     layers += _observations(report, placing)
     layers += _vectors(report, placing, drawn, facts)
@@ -133,12 +107,17 @@ def map_of(result: Solution | Report, placing: Placing, drawn: Drawn) -> Map:
     return Map(network.name, tuple(x for x in layers if len(x)), placing, facts)
 
 
-def plain(value: Any) -> Any:
-    """Return a value of Python: None for a number that is not finite, −0 as 0."""
-    value = value.item() if isinstance(value, np.generic) else value
-    if isinstance(value, float):
-        return value + 0.0 if isfinite(value) else None
-    return value
+def _where(placing: Placing, xyz: Array) -> dict[str, str | float | bool]:
+    """Return what the coordinates of places (n, 3) are."""
+    facts: dict[str, str | float | bool] = {
+        "coordinates": placing.words,
+        "reference_system": placing.name,
+        "heights_above": placing.heights,
+    }
+    way, accuracy = placing.way(xyz)
+    if way:
+        facts |= {"operation_to_wgs84": way, "accuracy_of_operation_m": accuracy}
+    return facts
 
 
 # -- layers ---------------------------------------------------------------------------------------
@@ -158,7 +137,7 @@ def _ellipses(
     level = "standard" if drawn.confidence is None else f"{100 * drawn.confidence:.10g} %"
     facts |= {"confidence_of_ellipses": drawn.confidence or "standard ellipses"}
     facts |= {"exaggeration_of_ellipses": factor}
-    shapes = _placed(placing, found.rings(factor))
+    shapes = placed(placing, found.rings(factor))
     columns = {**found.columns(), "exaggeration": [factor] * len(found.names)}
     title = f"error ellipses, {level}, drawn {factor:.10g} times their size"
     return [Layer("ellipses", title, "POLYGON", shapes, columns)]
@@ -168,7 +147,7 @@ def _footprints(report: Report, placing: Placing) -> list[Layer]:
     found = footprints(report.solution)
     columns = {"name": found.names, "camera": found.cameras}
     title = "photos on the level plane at the median height of the points that they see"
-    rings = _placed(placing, found.rings)
+    rings = placed(placing, found.rings)
     return [Layer("footprints", title, "POLYGON", rings, columns)]
 
 
@@ -181,7 +160,7 @@ def _observations(report: Report, placing: Placing) -> list[Layer]:
     layers = []
     for name, found in observation_shapes(report).items():
         geometry: Geometry = "POINT" if name == "observations_at_points" else "LINESTRING"
-        shapes = _placed(placing, found.shapes)
+        shapes = placed(placing, found.shapes)
         layers.append(Layer(name, titles[name], geometry, shapes, found.columns))
     return layers
 
@@ -199,7 +178,7 @@ def _vectors(
     ends[:, 1] = ends[:, 0] + factor * (ends[:, 1] - ends[:, 0])
     columns = {**found.columns, "exaggeration": [factor] * len(ends)}
     title = f"adjusted − given coordinates, drawn {factor:.10g} times their size"
-    return [Layer("vectors", title, "LINESTRING", _placed(placing, list(ends)), columns)]
+    return [Layer("vectors", title, "LINESTRING", placed(placing, list(ends)), columns)]
 
 
 # -- helpers --------------------------------------------------------------------------------------
@@ -222,13 +201,19 @@ def _visible(sizes: Array, report: Report, places: Array) -> float:
     return visible_factor(typical, at, limits)
 
 
-def _placed(placing: Placing, shapes: Sequence[Array | None]) -> list[Array | None]:
+def placed(placing: Placing, shapes: Sequence[Array | None]) -> list[Array | None]:
     """Return shapes in map coordinates; None where a place is not known."""
     there = [np.zeros((0, 3)) if s is None else s for s in shapes]
-    ends = np.cumsum([len(s) for s in there])
+    sizes = {len(s) for s in there}
     every = placing.of(np.concatenate([np.zeros((0, 3)), *there]))
+    if len(sizes) == 1 and (size := sizes.pop()):
+        return _each(every.reshape(-1, size, 3))
+    ends = np.cumsum([len(s) for s in there])
     return _each(np.split(every, ends[:-1])) if len(there) else []
 
 
 def _each(shapes: Sequence[Array] | Array) -> list[Array | None]:
+    if isinstance(shapes, np.ndarray):
+        known = np.asarray(np.isfinite(shapes).all(axis=(1, 2)))
+        return [s if k else None for s, k in zip(shapes, known, strict=True)]
     return [s if len(s) and np.isfinite(s).all() else None for s in shapes]

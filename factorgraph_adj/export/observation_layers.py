@@ -11,7 +11,6 @@ import numpy as np
 from ..graph.blocks import Block
 from ..models.variables import VariableKind
 from ..report.context import Report
-from ..report.observation_tables import identities
 from ..report.plots.in_frames import FramePlaces, instrument_of
 from ..report.plots.sights import ends_of
 from ..report.rows import Row, kind_name
@@ -39,7 +38,7 @@ def observation_shapes(report: Report) -> dict[str, Shapes]:
     angle goes from target over station to target) and ``observations_at_points`` (of one place, and
     given values of unknowns, which have none).
     """
-    rows = list(report.rows.all())
+    rows = report.rows.all()
     values = report.tests[0]
     size = np.abs(values) if len(values) else np.full(len(rows), np.nan)
     order = np.argsort(np.where(np.isfinite(size), size, -1.0), kind="stable")
@@ -56,7 +55,7 @@ def observation_shapes(report: Report) -> dict[str, Shapes]:
 
 def _columns(report: Report, rows: Sequence[Row]) -> dict[str, Sequence[Any]]:
     """Return what identifies each row, v, σ, and the figures of reliability."""
-    columns: dict[str, Sequence[Any]] = {**identities(rows)}
+    columns: dict[str, Sequence[Any]] = dict(report.rows.identities)
     columns["kind"] = [r.kind_name for r in rows]
     size = np.array([r.scale.size for r in rows], dtype=float)
     sign = np.array([r.sign for r in rows], dtype=float)

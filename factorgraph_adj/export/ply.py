@@ -9,9 +9,8 @@ import numpy as np
 from ..io.atomic import write_files
 from ..report.context import Report
 from ..report.html.places import states
-from ..solve.solution import Solution
 from ..version import __version__
-from .layers import report_of
+from .layers import Result, adjusted_of
 
 VERTEX = np.dtype(
     [
@@ -38,7 +37,7 @@ PHOTO = (0, 114, 178)
 """Colour of projection centres."""
 
 
-def write_ply(result: Solution | Report, path: str | Path, *, binary: bool = True) -> None:
+def write_ply(result: Result, path: str | Path, *, binary: bool = True) -> None:
     """Write adjusted points, and then projection centres, as the vertices of a PLY file.
 
     Vertices have x, y, z in the frame of the network (double, metres), sigma_x, sigma_y, sigma_z
@@ -52,9 +51,9 @@ def write_ply(result: Solution | Report, path: str | Path, *, binary: bool = Tru
         binary: whether numbers are binary (little-endian), or text with all digits.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: the result is a comparison of two epochs, or the file cannot be written.
     """
-    report = report_of(result)
+    report = adjusted_of(result, "PLY")
     file = Path(path)
     write_files(file.parent, {file.name: ply(report, binary=binary)})
 

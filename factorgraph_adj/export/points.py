@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..quality.ellipses import error_ellipses
+from ..frames import Frame
+from ..quality.ellipses import ErrorEllipse, error_ellipses
 from ..report.context import Report
 from ..report.coordinates import by_photo
 from ..report.html.places import states
@@ -108,10 +109,15 @@ class Ellipses:
 
 def ellipse_shapes(solution: Solution, confidence: float | None) -> Ellipses:
     """Return the error ellipses of all points whose plan position is not held."""
-    found = [e for e in error_ellipses(solution, confidence=confidence) if e.semi_axes[0] > 0]
+    return shapes_of(error_ellipses(solution, confidence=confidence), solution.network.frame)
+
+
+def shapes_of(ellipses: Sequence[ErrorEllipse], frame: Frame) -> Ellipses:
+    """Return those of some ellipses in a frame that have a size."""
+    found = [e for e in ellipses if e.semi_axes[0] > 0]
     centres = np.array([e.centre for e in found]).reshape(-1, 3)
     azimuths = np.array([e.azimuth for e in found])
-    enu = solution.network.frame.basis(centres, np.zeros((len(centres), 2))).enu
+    enu = frame.basis(centres, np.zeros((len(centres), 2))).enu
     sine, cosine = np.sin(azimuths)[:, None], np.cos(azimuths)[:, None]
     east, north = enu[:, 0], enu[:, 1]
     axes = np.stack([sine * east + cosine * north, sine * north - cosine * east], axis=1)

@@ -93,6 +93,14 @@ STYLES: dict[str, Style] = {
             Rule("check point", "\"status\" = 'check'", _marker("diamond", VERMILLION, 2.8)),
             Rule("station", "\"status\" = 'station'", _marker("circle", BLACK, 2.6, filled=False)),
             Rule("new point", "\"status\" = 'new'", _marker("circle", BLACK, 1.4)),
+            Rule("stable", "\"status\" = 'stable'", _marker("triangle", BLUE, 2.8)),
+            Rule(
+                "reference, not stable",
+                "\"status\" = 'left'",
+                _marker("triangle", VERMILLION, 2.8, filled=False),
+            ),
+            Rule("moved", "\"status\" = 'moved'", _marker("circle", VERMILLION, 2.0)),
+            Rule("not significant", "\"status\" = 'kept'", _marker("circle", BLACK, 1.4)),
         ),
         "name",
     ),
@@ -112,6 +120,20 @@ STYLES: dict[str, Style] = {
     "photos": Style("marker", (Rule("photo", "", _marker("square", BLUE, 1.8)),), "name"),
     "footprints": Style("fill", (Rule("footprint", "", _fill(GREEN, 0.2)),)),
     "vectors": Style("line", (Rule("adjusted − given", "", _line(VERMILLION, 0.5)),)),
+    "displacements": Style(
+        "line",
+        (
+            Rule("significant", '"moved"', _line(VERMILLION, 0.6)),
+            Rule("not significant", 'not "moved"', _line(GREY, 0.4)),
+        ),
+    ),
+    "displacement_ellipses": Style(
+        "fill",
+        (
+            Rule("significant", '"moved"', _fill(VERMILLION, 0.3)),
+            Rule("not significant", 'not "moved"', _fill(GREY, 0.3)),
+        ),
+    ),
 }
 """Style of each layer."""
 

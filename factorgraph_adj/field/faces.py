@@ -172,7 +172,9 @@ def reduce_faces(
         doubts: list[_Doubted] = []
         index = _errors(targets, "zenith", constant(sigma_zenith), doubts)
         collimation = _errors(targets, "direction", constant(sigma_direction), doubts)
-        doubts += _large(station, number, index[0], collimation[0])
+        large = list(_large(station, number, index[0], collimation[0]))
+        # In another unit no two faces agree: the unit is the reason, and stands alone.
+        doubts = large[:1] if _unit(index[0]) else [*doubts, *large]
         doubts += _distances(targets, constant(sigma_distance))
         both = sum(len(t) == 2 for t in targets.values())
         setups.append(SetUp(station, number, both, *index, *collimation))
@@ -263,16 +265,16 @@ def _large(station: str, number: str, index: float, collimation: float) -> Itera
     """Iterate over errors of the instrument that it cannot have."""
     for noun, value in (("index", index), ("collimation", collimation)):
         if abs(value) > LARGE:
-            text = f"the two faces give {noun} {value * 200 / pi:.3f} gon{_unit(noun, value)}"
+            text = f"the two faces give {noun} {value * 200 / pi:.3f} gon"
+            text += _unit(value) * (noun == "index")
             yield _Doubted(Problem(text, f"station {station!r}, set {number!r}"))
 
 
-def _unit(noun: str, value: float) -> str:
+def _unit(index: float) -> str:
     """Return the unit in which an index error is none: both faces add up to a full circle."""
-    if noun == "index":
-        for read, stated, ratio in (("gon", "degrees", 10 / 9), ("degrees", "gon", 9 / 10)):
-            if abs(value - pi * (ratio - 1.0)) < LARGE:
-                return f": both add up to a circle of {read}, not of {stated}; state their unit"
+    for read, stated, ratio in (("gon", "degrees", 10 / 9), ("degrees", "gon", 9 / 10)):
+        if abs(index - pi * (ratio - 1.0)) < LARGE:
+            return f": both add up to a circle of {read}, not of {stated}; state their unit"
     return ""
 
 

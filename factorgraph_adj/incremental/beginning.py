@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -150,7 +151,7 @@ def settled(state: State, rules: Rules) -> State:
     """Return a state at rest; where there is no minimum the system says why."""
     if state.system is None:
         return state
-    draft = Draft.of(state.ledger, state.system, rules.datum)
+    draft = replace(Draft.of(state.ledger, state.system, rules.datum), looked={})
     found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
     if isinstance(found, Failure):
         return state

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -22,6 +22,7 @@ from ..solve.extra import NOTHING_MORE, Extra
 from ..solve.linear import LinearSystem
 from ..solve.minimum import OFF_DATUM, adjust_from
 from ..solve.normal import NormalEquations, Solver
+from ..solve.run import Looked
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..solve.standing import standing
@@ -85,6 +86,9 @@ class Draft:
     """Rows of the ledger in it."""
     section: Section | None = None
     """What it knows of the rest, if it is a section of the network; none: it is the whole."""
+    looked: Mapping[str, Looked] = field(default_factory=dict)
+    """Shapes that were fitted anew in vain before, by name, see `solve.shapes_anew`; none: every
+    shape that does not fit is fitted anew."""
 
     @classmethod
     def of(
@@ -114,7 +118,8 @@ class Draft:
         network = known_network(ledger, system, new=new, dropped=dropped)
         equations = compile_network(network)
         start = _started(equations, datum, system, found)
-        return cls(equations, start, ledger.having("accepted"))
+        looked = {} if system is None else system.base.looked
+        return cls(equations, start, ledger.having("accepted"), looked=looked)
 
     @classmethod
     def of_section(
@@ -215,6 +220,7 @@ class Draft:
                     extra=self._extra,
                     tolerance=tolerance,
                     max_iterations=EFFORT.quick if slow else most,
+                    looked=self.looked,
                 )
                 # Where a free network lies changes no observation.
                 if solution.converged or solution.reason == OFF_DATUM:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError, Problem
-from .text import read_text
+from .text import last_line, read_text
 
 T = TypeVar("T")
 LARGEST = 1e9
@@ -35,14 +35,17 @@ class Collected:
     def __init__(self, path: Path) -> None:
         """Start without problems."""
         self.path = path
+        self.last = 0
+        """Line at which a problem of the whole file is told: its last one; 0: none is known."""
         self.problems: list[Problem] = []
 
     def place(self, line: int) -> str:
-        """Return file and line."""
+        """Return file and line; 0 is the last line of the file."""
+        line = line or self.last
         return f"{self.path.name}:{line}" if line else self.path.name
 
     def add(self, line: int, what: str) -> None:
-        """Note a problem; the same problem of a line is noted once. Line 0 is the whole file."""
+        """Note a problem; the same problem of a line is noted once. Line 0: the whole file."""
         problem = Problem(what, self.place(line))
         if problem not in self.problems[-MOST_LISTED:]:
             self.problems.append(problem)
@@ -112,8 +115,10 @@ class LinesOfFile(Collected):
         super().__init__(Path(path))
         text = _text(self.path, latin)
         if "\0" in text:
-            raise InputError(Problem("is not text: it has zero bytes", self.path.name))
+            line = text.count("\n", 0, text.index("\0")) + 1
+            raise InputError(Problem("is not text: it has zero bytes", self.place(line)))
         self.lines = text.split("\n")
+        self.last = last_line(text)
 
     def numbered(self) -> list[tuple[int, str]]:
         """Return the lines, numbered from 1."""

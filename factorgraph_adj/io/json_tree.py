@@ -7,17 +7,21 @@ text is scanned again along the path to the value, which finds its line.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from json.decoder import scanstring  # type: ignore[attr-defined]
 from typing import Any, TypeAlias
 
 from ..errors import InputError, Problem, similar
+from .text import not_utf_8
 
 Path: TypeAlias = tuple[str | int, ...]
 """Keys and indices from the root to a value."""
 
 _BLANK = " \t\n\r"
+_NO_NUMBER = re.compile(r"[:\[,]\s*-?(NaN|Infinity|\d{4300})")
+"""What Python's reader takes for a number, and JSON does not have; or too many digits."""
 _DECODER = json.JSONDecoder()
 
 
@@ -220,7 +224,7 @@ def parse_json(content: bytes | str, name: str) -> Node:
     try:
         text = content if isinstance(content, str) else content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", name)) from None
+        raise InputError(not_utf_8(error.object, error.start, name)) from None
     twice: list[str] = []
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -243,7 +247,9 @@ def parse_json(content: bytes | str, name: str) -> Node:
     except RecursionError:
         raise InputError(Problem("is nested too deeply", name)) from None
     except ValueError as error:
-        raise InputError(Problem(f"is not JSON: {str(error)[:80]}", name)) from None
+        found = _NO_NUMBER.search(text)
+        line = text.count("\n", 0, found.start(1) if found else 0) + 1
+        raise InputError(Problem(f"is not JSON: {str(error)[:80]}", f"{name}:{line}")) from None
     if twice:
         line = text.count("\n", 0, text.find(json.dumps(twice[0], ensure_ascii=False))) + 1
         what = f"the name {twice[0]!r} stands twice in one object"

@@ -36,6 +36,7 @@ from .read_readings import read_readings
 from .read_unknowns import Dimension, UnknownsReader
 from .tables import Row, Table, read_table
 from .text import parse_toml, read_text
+from .toml_places import TomlPlaces
 
 
 def tables() -> tuple[str, ...]:
@@ -53,6 +54,8 @@ def tables() -> tuple[str, ...]:
     )
 
 
+PROJECT_FILE = "project.toml"
+"""File of a project that is named by its folder."""
 KEYS = (
     *("name", "datum", "dimension", "frame", "crs", "units", "files", "camera", "sigma"),
     *("readings", "adjust"),
@@ -131,9 +134,10 @@ def load_project(
     """
     path = Path(path)
     if path.is_dir():
-        path = path / "project.toml"
+        path = path / PROJECT_FILE
     problems: list[Problem] = []
-    document = parse_toml(read_text(path), path.name)
+    text = read_text(path)
+    document, places = parse_toml(text, path.name), TomlPlaces(text, path.name)
     top = Row(document, path.name, problems)
     for key in document:
         if key not in KEYS:
@@ -195,13 +199,15 @@ def load_project(
         book = cast(Table, found_tables["readings"])
         observations.complete &= read_readings(network, book, context, faces, problems)
     warnings = tuple(_nearly_tables(path.parent, found_tables))
-    if problems:
-        # The structure can be checked in the same run only if every name is known.
-        whole = reader.complete and observations.complete and None not in found_tables.values()
-        found = check(network, sources=reader.sources) if whole else ()
-        raise InputError([*warnings, *problems, *found])
-    if section.grid:
-        network = section.moved(network, frame if "frame" in document else None, reader.sources)
+    with places.placing():
+        if problems:
+            # The structure can be checked in the same run only if every name is known.
+            whole = reader.complete and observations.complete and None not in found_tables.values()
+            found = check(network, sources=reader.sources) if whole else ()
+            raise InputError([*warnings, *problems, *found])
+        if section.grid:
+            stated_frame = frame if "frame" in document else None
+            network = section.moved(network, stated_frame, reader.sources)
     return Project(network, path, context, options, reader.sources, warnings)
 
 

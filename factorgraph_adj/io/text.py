@@ -47,11 +47,23 @@ def read_text(path: Path, name: str = "") -> str:
     try:
         text = found.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(_not_utf_8(error.object, error.start, name)) from None
+        raise InputError(not_utf_8(error.object, error.start, name)) from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _not_utf_8(found: bytes, at: int, name: str) -> Problem:
+def last_line(text: str) -> int:
+    """Return the number of the last line that is not blank, from 1."""
+    return text.rstrip().count("\n") + 1
+
+
+def not_utf_8(found: bytes, at: int, name: str) -> Problem:
+    """Return the problem of text in another encoding.
+
+    Args:
+        found: the bytes of the file.
+        at: index of the first byte that is not UTF-8.
+        name: name of the file in messages.
+    """
     if found.startswith((b"\xff\xfe", b"\xfe\xff")):
         return Problem("is UTF-16 text: save it as UTF-8", name)
     before = found[:at]
@@ -79,7 +91,7 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         at = re.search(r"line (\d+)", str(error))
-        what, where = f"is not TOML: {error}", name
+        what, where = f"is not TOML: {error}", f"{name}:{last_line(text)}"  # the end is wrong
         if at is not None:
             where = f"{name}:{at[1]}"
             comma = DECIMAL_COMMA.search(text.split("\n")[int(at[1]) - 1])

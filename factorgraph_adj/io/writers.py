@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import InputError, Problem, known
 from ..network.network import Network
-from .format_options import options_of, refuse_unknown
+from .format_options import fitting, options_of, refuse_unknown
 from .gnss.write_dynaml import write_dynaml
 from .gnss.write_gvx import write_gvx
 from .gnss.write_sinex import write_sinex
@@ -20,6 +20,7 @@ from .photogrammetry.colmap_write import write_colmap
 from .photogrammetry.metashape_write import write_metashape
 from .photogrammetry.opencv import write_opencv
 from .photogrammetry.opf_write import write_opf
+from .survey.write_jag3d import write_jag3d
 from .survey.write_landxml import write_landxml
 from .survey.write_star_net import write_star_net
 from .write_project import write_project
@@ -43,6 +44,9 @@ class Writer:
     """Function of a network and a path that writes files; its keyword-only arguments are options.
     It raises InputError for everything of the network that the format cannot express, and leaves
     no file behind then."""
+
+    alone: str = ""
+    """What it writes, where that is a part of the network; empty: everything."""
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -106,6 +110,7 @@ class Writers:
         given = dict(options or {})
         doing = f"writing {writer.description}"
         refuse_unknown(given, writer.options, doing=doing, where=str(path))
+        given = fitting(writer.write, given, doing=doing, where=str(path))
         writer.write(network, Path(path), **given)
 
 
@@ -113,13 +118,14 @@ WRITERS = Writers(
     (
         Writer("project", (".toml",), "project", write_project),
         Writer("colmap", (), "COLMAP", write_colmap),
-        Writer("opencv", (".yml", ".yaml"), "calibration of OpenCV", write_opencv),
+        Writer("opencv", (".yml", ".yaml"), "calibration of OpenCV", write_opencv, "1 camera"),
         Writer("opf", (".opf",), "Open Photogrammetry Format", write_opf),
         Writer("sinex", (".snx", ".SNX"), "SINEX", write_sinex),
         Writer("dynaml", (), "DynaML of DynAdjust", write_dynaml),
         Writer("gvx", (".gvx",), "GNSS Vector Exchange", write_gvx),
         Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),
         Writer("star-net", (".dat",), "STAR*NET", write_star_net),
+        Writer("jag3d", (), "flat files of JAG3D", write_jag3d),
         Writer("landxml", (".xml",), "points in LandXML", write_landxml),
     )
 )

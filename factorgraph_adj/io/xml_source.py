@@ -26,6 +26,7 @@ class XmlSource(Collected):
         """
         super().__init__(Path(path))
         self.root = read_xml(self.path)
+        self.last = self.root.end
         if self.root.tag != root:
             self.add(self.root.line, f"the root element must be <{root}>, not <{self.root.tag}>")
             self.raise_all()
@@ -38,6 +39,8 @@ class XmlSource(Collected):
             valid: names of the children by name of the parent; others may have any.
         """
         for e in element.walk():
+            if e.children and e.text.strip():
+                self.add(e.line, f"<{e.tag}> has the text {e.text.strip()[:40]!r} beside elements")
             for child in e.children:
                 if e.tag in valid and child.tag not in valid[e.tag]:
                     can = known(valid[e.tag], meant=child.tag, most=40)

@@ -27,6 +27,8 @@ class Element:
     """Elements inside, in order."""
     text: str = ""
     """Text directly inside the element, without the text of its children."""
+    end: int = 0
+    """Line of the end tag."""
 
     def all(self, tag: str) -> Iterator[Element]:
         """Iterate over the children with a name."""
@@ -85,7 +87,8 @@ def parse_xml(content: bytes, name: str) -> Element:
         texts.append([])
 
     def end(_: str) -> None:
-        stack.pop().text = "".join(texts.pop())
+        element = stack.pop()
+        element.text, element.end = "".join(texts.pop()), parser.CurrentLineNumber
 
     def characters(text: str) -> None:
         texts[-1].append(text)
@@ -104,5 +107,5 @@ def parse_xml(content: bytes, name: str) -> Element:
             )
         ) from None
     except (ValueError, LookupError) as error:  # the encoding is unknown or multi-byte
-        raise InputError(Problem(f"is not readable XML: {error}", name)) from None
+        raise InputError(Problem(f"is not readable XML: {error}", f"{name}:1")) from None
     return root[0]

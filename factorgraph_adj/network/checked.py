@@ -41,7 +41,7 @@ def checked_point(
 ) -> Point:
     """Return a point; arguments and errors are those of `Network.add_point`."""
     where = f"point {name!r}"
-    if not set(fixed) <= set("xyz"):
+    if not isinstance(fixed, str) or not set(fixed) <= set("xyz"):
         raise InputError(Problem(f"fixed must be some of x, y, z, not {fixed!r}", where))
     unknown = (np.nan, np.nan, np.nan)
     xyz = unknown if coordinates is None else triple(coordinates, "coordinates", where)
@@ -79,6 +79,9 @@ def checked_camera(
 ) -> Camera:
     """Return a camera; arguments and errors are those of `Network.add_camera`."""
     where = f"camera {name!r}"
+    if not isinstance(lens, Lens):
+        what = f"lens must be a lens model such as BrownLens(), not {lens!r}"
+        raise InputError(Problem(what, where))
     names, free = lens.names, set(free)
     weights = dict(sigma or {})
     unknown = [
@@ -94,12 +97,15 @@ def checked_camera(
                 where,
             )
         )
-    if isinstance(values, Mapping):
-        numbers = [float(values.get(n, 0.0)) for n in names]
-        if "c" not in values and names[0] == "c" and "c" in free and format is not None:
-            numbers[0] = ASSUMED_DISTANCE * max(_sides(format, where))
-    else:
-        numbers = [float(v) for v in values]
+    if isinstance(values, Mapping) and names[0] == "c" and "c" not in values:
+        # One that is free and unknown is looked for.
+        side = 0.0 if format is None or "c" not in free else max(_sides(format, where))
+        values = {**values, "c": ASSUMED_DISTANCE * side}
+    given = [values.get(n, 0.0) for n in names] if isinstance(values, Mapping) else values
+    try:
+        numbers = [float(v) for v in given]
+    except (TypeError, ValueError):
+        numbers = []
     if len(numbers) != len(names) or not np.all(np.isfinite(numbers)):
         raise InputError(
             Problem(f"values must be {len(names)} finite numbers ({', '.join(names)})", where)

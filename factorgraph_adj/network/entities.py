@@ -210,10 +210,13 @@ def sigmas(value: Any, size: int, where: str) -> tuple[float, ...]:
     """Return ``size`` standard deviations > 0; infinity means no weight."""
     if value is None:
         return (np.inf,) * size
-    given = np.asarray(value if np.ndim(value) else [value] * size, dtype=float)
+    try:
+        given = np.asarray(value if np.ndim(value) else [value] * size, dtype=float)
+    except (TypeError, ValueError):
+        given = np.zeros(0)
     if given.shape != (size,) or np.any(np.isnan(given)) or np.any(given <= 0):
         raise InputError(
-            Problem(f"standard deviations must be {size} numbers > 0, not {value}", where)
+            Problem(f"standard deviations must be {size} numbers > 0, not {value!r}", where)
         )
     return tuple(given.tolist())
 

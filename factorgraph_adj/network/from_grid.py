@@ -67,6 +67,8 @@ def from_grid(
     - ω, φ, κ count from grid axes and the vertical at the photo; so do observed attitudes.
     - Levelled height differences get the difference of the undulations.
     - Readings of statoscopes, heights above water and hydrostatic readings get the undulation.
+    - A coefficient of refraction below −0.5 is κ = k − 1 of a flat frame, as the readers of field
+      books state it for the curvature of the Earth; the new frame is curved, and gets κ = k.
 
     Args:
         network: the network in the grid, with a flat local frame.
@@ -107,10 +109,11 @@ def from_grid(
     xyz = np.array([p.coordinates for p in network.points.values()]).reshape(-1, 3)
     axes = np.vstack([network.frame.east_north, [0.0, 0.0, 1.0]])
     photos = _photo_positions(network)
+    stated.checked().refuse_outside(xyz @ axes.T, names)
     found = new_frame(stated, np.vstack([xyz, photos]) @ axes.T, frame)
     if found is None:
         raise InputError("the new frame must be topocentric or geocentric, not a local one")
-    stated.checked().refuse_other(found)
+    stated.refuse_other(found)
     move = GridMove(stated, network.frame, found, options)
     middle = float(np.nanmean(xyz[:, 2])) if np.isfinite(xyz[:, 2]).any() else 0.0
     filled = np.where(np.isnan(xyz) & [False, False, True], middle, xyz)

@@ -259,6 +259,10 @@ class Network(StatedUnknowns, Shown):
         """
         problems: list[Problem] = []
         flat: list[Observation] = []
+        strange = [o for o in observations if not isinstance(o, (Observation, Correlated))]
+        if strange:
+            what = "observations are given one by one (of a list: add(*observations)), not as {!r}"
+            raise InputError(Problem(what.format(o)) for o in strange)
         for item in observations:
             flat.extend(item.observations if isinstance(item, Correlated) else (item,))
         seen: set[str] = set()

@@ -26,6 +26,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..errors import InputError
+from ..frames import Frame
 from ..models.base import within
 from ..solve.solution import Solution
 from ..types import Array
@@ -67,9 +68,13 @@ def confidence_factor(
 
 def factor_of(solution: Solution, dimension: int, confidence: float | None) -> float:
     """Return the `confidence_factor` for the variance factor that a solution uses."""
+    return confidence_factor(dimension, confidence, redundancy=_redundancy_of(solution))
+
+
+def _redundancy_of(solution: Solution) -> int | None:
+    """Return r of the σ̂0 that scales the covariances of a solution; None where σ0 is known."""
     estimated = solution.variance == "a-posteriori" and solution.redundancy > 0
-    redundancy = solution.redundancy if estimated else None
-    return confidence_factor(dimension, confidence, redundancy=redundancy)
+    return solution.redundancy if estimated else None
 
 
 @dataclass(frozen=True)
@@ -243,9 +248,9 @@ def _many(solution: Solution, places: Sequence[Place] | None) -> tuple[Pairs, Ar
     return [(p, None) for p in places], centres, sigma
 
 
-def _in_horizon(solution: Solution, centres: Array, sigma: Array) -> tuple[Array, Array]:
+def _in_horizon(frame: Frame, centres: Array, sigma: Array) -> tuple[Array, Array]:
     """Return covariances (n, 3, 3) in east, north, up, and the axes as rows (n, 3, 3)."""
-    enu = solution.network.frame.basis(centres, np.zeros((len(centres), 2))).enu
+    enu = frame.basis(centres, np.zeros((len(centres), 2))).enu
     return enu @ sigma @ enu.transpose(0, 2, 1), enu
 
 
@@ -253,7 +258,9 @@ def _intervals(
     solution: Solution, pairs: Pairs, centres: Array, sigma: Array, confidence: float | None
 ) -> tuple[ConfidenceInterval, ...]:
     factor = factor_of(solution, 1, confidence)
-    sigmas = np.sqrt(np.maximum(_in_horizon(solution, centres, sigma)[0][:, 2, 2], 0.0))
+    sigmas = np.sqrt(
+        np.maximum(_in_horizon(solution.network.frame, centres, sigma)[0][:, 2, 2], 0.0)
+    )
     return tuple(
         ConfidenceInterval(a, b, s, confidence, factor)
         for (a, b), s in zip(pairs, sigmas.tolist(), strict=True)
@@ -272,7 +279,30 @@ def ellipses_of(
         sigma: covariances (n, 3, 3), metres².
         confidence: as in `error_ellipse`.
     """
-    plan, _ = _in_horizon(solution, centres, sigma)
+    frame, redundancy = solution.network.frame, _redundancy_of(solution)
+    return ellipses_in(frame, pairs, centres, sigma, confidence, redundancy=redundancy)
+
+
+def ellipses_in(
+    frame: Frame,
+    pairs: Pairs,
+    centres: Array,
+    sigma: Array,
+    confidence: float | None,
+    *,
+    redundancy: int | None,
+) -> tuple[ErrorEllipse, ...]:
+    """Return the ellipses of covariances in a frame.
+
+    Args:
+        frame: the frame of the covariances.
+        pairs: the n places, each with a second one or None.
+        centres: where the ellipses lie, in whose horizons they are taken, (n, 3) metres.
+        sigma: covariances (n, 3, 3), metres².
+        confidence: as in `error_ellipse`.
+        redundancy: r of the σ̂0 that scales the covariances; None: σ0 is known.
+    """
+    plan, _ = _in_horizon(frame, centres, sigma)
     ee, nn, en = plan[:, 0, 0], plan[:, 1, 1], plan[:, 0, 1]
     major = (ee + nn + np.hypot(nn - ee, 2.0 * en)) / 2.0
     # minor = determinant / major avoids the difference of large numbers for thin ellipses.
@@ -280,7 +310,7 @@ def ellipses_of(
     minor = np.divide(determinant, major, out=np.zeros_like(major), where=major > 0)
     azimuths = within(np.arctan2(2.0 * en, nn - ee) / 2.0, np.pi).tolist()
     variances = np.stack([np.maximum(major, 0.0), minor], axis=1)
-    factors = factors_of(solution, variances, confidence)
+    factors = _factors(variances, confidence, redundancy)
     axes = factors[:, None] * np.sqrt(variances)
     return tuple(
         ErrorEllipse(a, b, centre, (big, small), azimuth, confidence, factor)
@@ -298,15 +328,22 @@ def factors_of(solution: Solution, variances: Array, confidence: float | None) -
         variances: variances along the axes, descending, (n, dim) metres².
         confidence: probability; None for standard ellipses.
     """
+    return _factors(variances, confidence, _redundancy_of(solution))
+
+
+def _factors(variances: Array, confidence: float | None, redundancy: int | None) -> Array:
     rank = np.sum(variances > FLAT * variances[:, :1], axis=1)
-    every = [factor_of(solution, k, confidence) for k in range(1, variances.shape[1] + 1)]
+    every = [
+        confidence_factor(k, confidence, redundancy=redundancy)
+        for k in range(1, variances.shape[1] + 1)
+    ]
     return np.asarray(np.array(every)[np.maximum(rank, 1) - 1])
 
 
 def _ellipsoids(
     solution: Solution, pairs: Pairs, centres: Array, sigma: Array, confidence: float | None
 ) -> tuple[ErrorEllipsoid, ...]:
-    local, enu = _in_horizon(solution, centres, sigma)
+    local, enu = _in_horizon(solution.network.frame, centres, sigma)
     values, vectors = np.linalg.eigh((local + local.transpose(0, 2, 1)) / 2.0)
     variances = np.maximum(values[:, ::-1], 0.0)
     factors = factors_of(solution, variances, confidence)

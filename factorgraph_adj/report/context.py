@@ -16,9 +16,10 @@ from ..models.variables import VariableKind
 from ..network.network import Network
 from ..quality.causes.given import GivenValue
 from ..quality.causes.search import Causes, causes
+from ..quality.check_points import check_points
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
 from ..quality.lines import AdjustedLine, adjusted_lines
-from ..quality.losses import losses
+from ..quality.losses import bare_place, losses
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
@@ -35,9 +36,9 @@ from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array, Mask
 from ..units import ANGLE, LENGTH
-from ..validate.preliminary.search import preliminary
+from ..validate.preliminary.search import mistaken, preliminary
 from . import axes
-from .doubts import above_critical, doubts_about, lost, of_network, reasons
+from .doubts import above_critical, at_check_points, doubts_about, lost, of_network, reasons
 from .options import Provenance, ReportOptions
 from .rows import ReportRows
 from .set_aside import SetAside, set_aside
@@ -165,17 +166,40 @@ class Report:
             *of_network(self.network),
             *above_critical(values, critical, name, self.options.alpha),
             *self.in_common,
+            *self.at_check_points,
         ]
 
     @property
+    def at_check_points(self) -> list[str]:
+        """The check points that lie far off."""
+        if self.singular:
+            return []
+        free = self.solution.datum is not None
+        return at_check_points(check_points(self.solution), free=free)
+
+    @property
     def in_common(self) -> list[str]:
-        """What speaks against gross errors of single readings, where data snooping found some."""
+        """What speaks against gross errors of single readings."""
         return [*self.likelier, *self._found_before, *self._lost]
 
     @cached_property
     def _found_before(self) -> list[str]:
-        """The preliminary findings that explain observations set aside or unresolved."""
+        """The preliminary findings that explain what does not fit.
+
+        After data snooping they concern observations set aside or unresolved; without it, where
+        the adjustment did not come to rest or the global test failed, they are mistakes of whole
+        groups, such as a unit.
+        """
         original = self.provenance.original
+        if self.snooping is None and doubts_about(self.solution):
+            return [
+                f"found before the adjustment: {finding}"
+                for finding in mistaken(
+                    self.network if original is None else original,
+                    length=self.units.length,
+                    angle=self.units.angle,
+                )
+            ]
         if self.snooping is None or original is None:
             return []
         wrong = {*self.snooping.ids_set_aside, *(u.id for u in self.snooping.unresolved)}
@@ -191,7 +215,9 @@ class Report:
         original = self.provenance.original
         if self.snooping is None or original is None:
             return []
-        return lost(losses(self.snooping, original, self.snooping.whole))
+        place = bare_place(self.snooping)
+        found = lost(losses(self.snooping, original, self.snooping.whole))
+        return [*found, *([str(place)] if place else [])]
 
     @property
     def likelier(self) -> list[str]:

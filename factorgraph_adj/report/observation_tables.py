@@ -11,14 +11,14 @@ from ..quality.reliability import Reliability
 from ..types import Array
 from .context import Report
 from .precision import figure
-from .rows import Row
+from .rows import Row, identities
 from .set_aside import SetAside
 
 
 def observations_table(report: Report) -> str:
     """Return observations.csv: all figures of each observation; set-aside ones are at the end."""
     rows = list(report.rows.all())
-    columns = identities(rows)
+    columns = dict(report.rows.identities)
     residuals, sigmas = report.solution.observations.residuals, report.solution.observations.sigmas
     columns |= _residuals(rows, _signs(rows) * residuals, sigmas)
     if report.reliability is not None:
@@ -32,26 +32,6 @@ def observations_table(report: Report) -> str:
         n = len(aside.numbers)
         columns = {c: [*v, *more.get(c, [""] * n)] for c, v in columns.items()}
     return write_columns(columns)
-
-
-def identities(rows: Sequence[Row]) -> dict[str, list[str]]:
-    """Return the columns that identify the observations.
-
-    A frame of its own stands in ``frame``, and the only point that is observed from it in ``to``.
-    """
-    points = [("", *r.points) if r.frame and len(r.points) == 1 else r.points for r in rows]
-    return {
-        "id": [r.id for r in rows],
-        "kind": [r.kind for r in rows],
-        "from": [p[0] if p else "" for p in points],
-        "to": [p[1] if len(p) > 1 else "" for p in points],
-        "to2": [p[2] if len(p) > 2 else "" for p in points],
-        "photo": [r.photo for r in rows],
-        "frame": [r.frame for r in rows],
-        "component": [r.component for r in rows],
-        "observed": [r.scale.exact(r.observed) for r in rows],
-        "unit": [r.scale.unit for r in rows],
-    }
 
 
 def _residuals(rows: Sequence[Row], residuals: Array, sigmas: Array) -> dict[str, list[str]]:
@@ -176,6 +156,8 @@ def _signs(rows: Sequence[Row]) -> Array:
 
 def figures(values: Array) -> list[str]:
     """Write derived figures with enough digits for further use; empty if not finite."""
+    if np.isfinite(values).all():
+        return list(map("{:.9g}".format, (values + 0.0).tolist()))
     return [figure(v) for v in values.tolist()]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil, log10
 
 import numpy as np
@@ -190,11 +191,14 @@ class ReportRows:
 
     def scale(self, block: Block, photo: int | None = None) -> Scale:
         """Return the units of a block; image coordinates have the unit of their camera."""
-        units = self.units
         if block.kind == "image":
-            camera = self.network.photos[self._photos[photo or 0]].camera
-            return image_scale(self.network.cameras[camera])
-        return scale_of(block.unit, units)
+            return self._scales[self.network.photos[self._photos[photo or 0]].camera]
+        return scale_of(block.unit, self.units)
+
+    @cached_property
+    def _scales(self) -> dict[str, Scale]:
+        """The units of image coordinates, by camera."""
+        return {name: image_scale(c) for name, c in self.network.cameras.items()}
 
     def signs(self) -> Array:
         """Return the sign of every row, (n_rows,), as `Row.sign`."""
@@ -209,10 +213,20 @@ class ReportRows:
                 out[block.rows] = [row.sign for row in self._of_block(block, range(block.n))]
         return out
 
-    def all(self) -> Iterator[Row]:
-        """Iterate over every scalar observation."""
-        for block in self.equations.blocks:
-            yield from self._of_block(block, range(block.n))
+    def all(self) -> tuple[Row, ...]:
+        """Return every scalar observation; tables, results and maps share them."""
+        return self._every
+
+    @cached_property
+    def _every(self) -> tuple[Row, ...]:
+        return tuple(
+            row for block in self.equations.blocks for row in self._of_block(block, range(block.n))
+        )
+
+    @cached_property
+    def identities(self) -> dict[str, list[str]]:
+        """The columns that identify all rows, see `identities`."""
+        return identities(self._every)
 
     def at(self, numbers: Iterable[int]) -> list[Row]:
         """Return the rows with these numbers."""
@@ -265,23 +279,22 @@ class ReportRows:
         return np.asarray(labels[block.variables[0][1]])
 
     def _of_block(self, block: Block, rows: Sequence[int]) -> Iterator[Row]:
+        if isinstance(block.ids, ImageIds):
+            yield from self._of_images(block, block.ids, rows)
+            return
         first, d = block.first_row, block.dimension
         for i in rows:
             ident, source = str(block.ids[i]), ""
             names: tuple[str, ...] = ()
-            photo, points, of_frame, of_photo = None, names, "", ""
-            if isinstance(block.ids, ImageIds):
-                photo = int(block.variables[0][1][i])
-                names = (self._photos[photo], self._points[int(block.variables[2][1][i])])
-                points, of_photo, source = names[1:], names[0], block.ids.source(i)
-            elif not block.prior:
+            points, of_frame, of_photo = names, "", ""
+            if not block.prior:
                 observation = self.network.observations.get(ident)
                 if observation is not None:
                     names, points = observation.names(), observation.points()
                     of_frame = next(iter(observation.frames()), "")
                     of_photo = next(iter(observation.photos()), "")
                     source = getattr(observation, "source", None) or ""
-            scale = self.scale(block, photo)
+            scale = self.scale(block)
             turned = self._turned(block, i)
             for c in range(d):
                 row = first + i * d + c
@@ -307,6 +320,45 @@ class ReportRows:
                     None if turned is None else float(turned[c]),
                 )
 
+    def _of_images(self, block: Block, ids: ImageIds, rows: Sequence[int]) -> Iterator[Row]:
+        """Iterate over image points: no other kind has as many."""
+        chosen = np.fromiter(rows, dtype=np.intp, count=len(rows))
+        d, observed, sigma = block.dimension, block.observed, block.sigma
+        own = _numbers(block)[chosen]
+        photos, points = (block.variables[k][1][chosen].tolist() for k in (0, 2))
+        every = zip(
+            chosen.tolist(),
+            photos,
+            points,
+            own.tolist(),
+            observed[chosen].tolist(),
+            self._residuals[own].tolist(),
+            sigma[chosen].tolist(),
+            strict=True,
+        )
+        for i, photo, point, numbers, values, residuals, sigmas in every:
+            names = (self._photos[photo], self._points[point])
+            scale, ident, source = self.scale(block, photo), str(ids[i]), ids.source(i)
+            for c in range(d):
+                component = block.component(i, c)
+                sign = scale.sign(component)
+                yield Row(
+                    numbers[c],
+                    ident,
+                    block.kind,
+                    names,
+                    component,
+                    sign * values[c],
+                    sign * residuals[c],
+                    sigmas[c],
+                    scale,
+                    source,
+                    names[1:],
+                    "",
+                    names[0],
+                    sign,
+                )
+
     def _turned(self, block: Block, i: int) -> Array | None:
         """Return the adjusted values of observation i if its errors are not added."""
         if block.composed is None:
@@ -318,6 +370,26 @@ class ReportRows:
         """Return the camera of a calibration, by number."""
         name = self.equations.unknowns["calibration"].names[calibration]
         return camera_of_calibration(self.network, name)
+
+
+def identities(rows: Sequence[Row]) -> dict[str, list[str]]:
+    """Return the columns that identify the observations.
+
+    A frame of its own stands in ``frame``, and the only point that is observed from it in ``to``.
+    """
+    points = [("", *r.points) if r.frame and len(r.points) == 1 else r.points for r in rows]
+    return {
+        "id": [r.id for r in rows],
+        "kind": [r.kind for r in rows],
+        "from": [p[0] if p else "" for p in points],
+        "to": [p[1] if len(p) > 1 else "" for p in points],
+        "to2": [p[2] if len(p) > 2 else "" for p in points],
+        "photo": [r.photo for r in rows],
+        "frame": [r.frame for r in rows],
+        "component": [r.component for r in rows],
+        "observed": [r.scale.exact(r.observed) for r in rows],
+        "unit": [r.scale.unit for r in rows],
+    }
 
 
 def scale_of(unit: Unit, units: Units) -> Scale:

@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, fields
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -22,8 +20,8 @@ from ..quality.unit_weight import global_test
 from ..version import __version__
 from .context import Report
 from .grid import grid_record
+from .json_text import finite, json_text
 from .lines import line_record
-from .observation_tables import identities
 from .unknowns import small_unknowns
 
 FORMAT = 2
@@ -36,7 +34,7 @@ COVARIANCE = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 def results_text(report: Report) -> str:
     """Return results.json."""
-    return json.dumps(finite(summary(report)), indent=1, ensure_ascii=False) + "\n"
+    return json_text(finite(summary(report))) + "\n"
 
 
 def summary(report: Report) -> dict[str, Any]:
@@ -51,8 +49,8 @@ def summary(report: Report) -> dict[str, Any]:
         **({"run": run} if run else {}),
         "name": network.name,
         "units": {"length": "m", "angle": "rad"},
-        **_frame(network.frame),
-        **({} if network.crs is None else {"reference_system": _system(network.crs)}),
+        **frame_record(network.frame),
+        **({} if network.crs is None else {"reference_system": system_record(network.crs)}),
         "converged": s.converged,
         "reason": s.reason,
         "iterations": s.iterations,
@@ -89,7 +87,7 @@ def summary(report: Report) -> dict[str, Any]:
     }
 
 
-def _frame(frame: Frame) -> dict[str, Any]:
+def frame_record(frame: Frame) -> dict[str, Any]:
     """Return the kind of a frame and its parameters, metres and radians."""
     kind = "local" if isinstance(frame, LocalFrame) else "topocentric"
     kind = "geocentric" if isinstance(frame, GeocentricFrame) else kind
@@ -98,7 +96,7 @@ def _frame(frame: Frame) -> dict[str, Any]:
     return {"frame": kind, "frame_parameters": of_frame}
 
 
-def _system(system: ReferenceSystem) -> dict[str, Any]:
+def system_record(system: ReferenceSystem) -> dict[str, Any]:
     """Return how a reference system was stated."""
     stated = {
         "definition": system.definition,
@@ -112,10 +110,10 @@ def _system(system: ReferenceSystem) -> dict[str, Any]:
 
 def _observations(report: Report) -> dict[str, Sequence[Any]]:
     """Return every scalar observation as columns, in the order of observations.csv."""
-    rows = list(report.rows.all())
+    rows = report.rows.all()
     sign = np.array([r.sign for r in rows], dtype=float)
     sigmas = report.solution.observations.sigmas
-    columns: dict[str, Any] = {**identities(rows)}
+    columns: dict[str, Any] = dict(report.rows.identities)
     del columns["unit"]
     columns |= {
         "observed": [r.observed for r in rows],
@@ -350,14 +348,3 @@ def _calibration(report: Report, name: str) -> dict[str, Any]:
 
 def _estimate(e: Any) -> dict[str, float]:
     return {"value": float(e.values[0]), "sigma": float(e.sigmas[0])}
-
-
-def finite(value: Any) -> Any:
-    """Return a JSON value with null for numbers that are not finite, and 0 for −0."""
-    if isinstance(value, dict):
-        return {k: finite(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [finite(v) for v in value]
-    if isinstance(value, float):
-        return value + 0.0 if isfinite(value) else None
-    return value

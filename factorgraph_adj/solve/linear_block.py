@@ -13,6 +13,9 @@ from ..graph.variables import Unknowns, Variables
 from ..models.variables import VariableKind
 from ..types import Array, Index
 
+FEW = 100
+"""Largest number of rows that are added one by one: a sparse matrix takes as long to make."""
+
 
 @dataclass(frozen=True)
 class LinearBlock:
@@ -134,15 +137,21 @@ def _add_transposed(out: Array, a: Array, offset: Index, w: Array) -> None:
     on = offset >= 0
     if not on.all():
         offset, a, w = offset[on], a[on], w[on]
-    values = a.transpose(0, 2, 1) @ w
-    n = len(offset)
-    for i in range(j):
-        if w.shape[2] == 1:
-            weights = values[:, i, 0]
-            out[:, 0] += np.bincount(offset + i, weights=weights, minlength=len(out))
-            continue
-        places = (np.ones(n), offset + i, np.arange(n + 1))
-        out += np.asarray(csr_array(places, shape=(n, len(out))).T @ values[:, i])
+    _scatter(out, offset, a.transpose(0, 2, 1) @ w)
+
+
+def _scatter(out: Array, offset: Index, values: Array) -> None:
+    """Add values (n, j, k) to the rows of out (n_columns, k), the j rows from each offset."""
+    n, j, k = values.shape
+    rows = (offset[:, None] + np.arange(j)).ravel()
+    flat = values.reshape(n * j, k)
+    if n * j <= FEW:
+        np.add.at(out, rows, flat)
+    elif k == 1:
+        out[:, 0] += np.bincount(rows, weights=flat[:, 0], minlength=len(out))
+    else:
+        places = (np.ones(n * j), rows, np.arange(n * j + 1))
+        out += np.asarray(csr_array(places, shape=(n * j, len(out))).T @ flat)
 
 
 def _runs(offset: Index) -> Index:
@@ -162,5 +171,4 @@ def _add(out: Array, offset: Index, values: Array) -> None:
         # Rows of one photo or camera lie together: they are summed at once.
         values = np.add.reduceat(values, starts, axis=0)
         offset = offset[starts]
-    for j in range(values.shape[1]):
-        out += np.bincount(offset + j, weights=values[:, j], minlength=len(out))
+    _scatter(out[:, None], offset, values[:, :, None])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -19,8 +20,8 @@ from .free_network import carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
 from .memory import refuse_too_large
 from .normal import Solver
-from .run import Run
-from .shapes_anew import look_at_shapes
+from .run import Looked, Run
+from .shapes_anew import MOST_TRIED, look_at_shapes
 from .sides import refuse_points_behind
 from .solution import Solution
 from .start import Start
@@ -84,13 +85,15 @@ def adjust_from(
     progress: Progress | None = None,
     solver: Solver | None = None,
     astray: bool = False,
+    looked: Mapping[str, Looked] | None = None,
 ) -> Solution:
     """Adjust compiled equations from start values; see `adjust`.
 
     ``extra`` are rows beside the observations. ``solver`` is that of the same network and rows with
     other weights; none: it is made. With ``astray`` an iteration that ends where something is not
     determined that was at the start is returned as not converged; otherwise it is a `DatumError`,
-    by which an incremental adjustment knows what to let wait.
+    by which an incremental adjustment knows what to let wait. ``looked`` are shapes that an
+    adjustment before has fitted anew in vain, which is not repeated where nothing has changed.
     """
     run, ended = _minimise(
         equations,
@@ -103,6 +106,7 @@ def adjust_from(
         progress=progress,
         solver=solver,
         astray=astray,
+        looked={} if looked is None else looked,
     )
     if ended.converged and run.smallest_pivot < ITERATION.poor:
         run.at_solution = run.normal_at(run.state)
@@ -131,6 +135,7 @@ def adjust_from(
         extra=run.extra.at(run.equations, run.state),
         drifting=run.drifting,
         extrapolated=run.extrapolated,
+        looked=run.looked,
         linearised=run.at_solution,
     )
 
@@ -147,6 +152,7 @@ def _minimise(
     progress: Progress | None,
     solver: Solver | None,
     astray: bool,
+    looked: Mapping[str, Looked],
 ) -> tuple[Run, Ended]:
     """Iterate to the minimum of vᵀPv; repeat with the weights that follow from the new lengths."""
     state, iterations, extrapolated = start.state, 0, NONE_TAKEN
@@ -157,7 +163,7 @@ def _minimise(
         equations = weighed if weights is None else weighed.reweighted(weights)
         run = Run.at(equations, state, start.origin, free=free, extra=extra, solver=solver)
         solver, run.may_go_astray = run.solver, astray
-        run.extrapolated = extrapolated
+        run.extrapolated, run.looked = extrapolated, looked
         if not iterations:
             refuse_too_large(run.solver.plan, equations, state)
         go_on = _Iteration(tolerance, max_iterations, progress)
@@ -167,9 +173,9 @@ def _minimise(
             # With the next weights the iteration begins at a place, and finds nothing between.
             told = found or told
         if ended.converged:
-            ended = look_at_shapes(run, ended, go_on, examine)
+            ended = look_at_shapes(run, ended, go_on, examine.up_to)
         iterations, state = ended.iterations, run.state
-        extrapolated = run.extrapolated
+        extrapolated, looked = run.extrapolated, run.looked
         before, weighed = weighed, weighed.weighted_at(state)
         if not ended.converged or iterations >= max_iterations or weighed.weighs_as(before):
             break
@@ -202,6 +208,11 @@ class _Iteration:
             progress=self.progress,
         )
         return replace(ended, iterations=earlier + ended.iterations)
+
+    def up_to(self, run: Run, bound: float) -> Ended:
+        """Iterate from ``run.state`` until a step is below a bound, which may be looser."""
+        most = min(self.most, MOST_TRIED)
+        return replace(self, tolerance=max(self.tolerance, bound), most=most)(run)
 
 
 def _carry_to_datum_points(run: Run, ended: Ended, tolerance: float) -> Ended:

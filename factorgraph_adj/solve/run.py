@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,6 +17,16 @@ from .extra import NOTHING_MORE, Extra
 from .extrapolation import NONE_TAKEN, Extrapolated
 from .linear import LinearSystem
 from .normal import NormalEquations, Solver
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What a shape was like when it was fitted anew without a smaller vᵀPv."""
+
+    excess: float
+    """Excess of vᵀPv of its rows over what chance explains, in units of its deviation."""
+    rows: int
+    """Number of its rows."""
 
 
 @dataclass
@@ -56,6 +66,8 @@ class Run:
     linearised: the evaluation of an accepted step is the next linearisation."""
     extrapolated: Extrapolated = NONE_TAKEN
     """The extrapolations that were taken."""
+    looked: Mapping[str, Looked] = field(default_factory=dict)
+    """Shapes that were fitted anew in vain, by name, see `shapes_anew`."""
 
     @classmethod
     def at(

@@ -5,7 +5,8 @@ cylinder through five points is not unique, and later points leave it in a minim
 normal of a plane or the axis of a cylinder may point either way, and a relation with a sense fits
 one of them. At rest, where the observations of a shape exceed what chance explains, the adjustment
 is repeated with the shape turned round, and with the shape fitted anew to its points where they
-are without it. The smallest vᵀPv counts.
+are without it. The smallest vᵀPv counts. A start at which every residual is as it was at another
+start, but for its sign, is the same shape with its axis the other way, and is not tried again.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ import numpy as np
 
 from ..approximate.shape_anew import shape_anew, sizes_of
 from ..approximate.shapes import on_shapes
-from ..errors import AdjustmentError
+from ..errors import AdjustmentError, InputError
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..types import Array, Index
 from .iterate import Ended
-from .run import Run
+from .run import Looked, Run
 
 BEYOND_CHANCE = 4.0
 """Excess of vᵀPv of n rows over n, in units of its standard deviation √(2n), from which on a shape
@@ -31,6 +32,20 @@ LOOSENED = 1e-6
 """Factor on the weights of a shape's observations with which its points are found without it."""
 LOWER, ROUNDING = 1e-6, 1e-9
 """Decrease of vᵀPv from which another minimum counts as better, and more of it relative to vᵀPv."""
+NEAR, NEAR_BESIDE = 1e-2, 1e-4
+"""Bound of the last step relative to σ up to which another start is followed, and the same relative
+to √vᵀPv where that is more: such a step changes vᵀPv by 1e-8 of its value."""
+MOST_TRIED = 50
+"""Largest number of iterations from another start."""
+LOOSELY = 10.0
+"""Multiple of this bound up to which points are followed without the shape: they are a start."""
+SAME = 1e-9
+"""Largest difference of the amounts of residuals, relative to √vᵀPv, at starts that are the same
+shape."""
+GROWN = 1.5
+"""Factor by which the rows or the excess of a shape that was fitted anew in vain change before the
+shape is fitted anew again, so that n arrivals on it cost in proportion to log n. An adjustment that
+settles does not count what was in vain before."""
 MOST_SHAPES = 10
 """Largest number of shapes that are looked at, those that fit worst first."""
 TURNED = np.array([1.0, -1.0, -1.0])
@@ -38,33 +53,92 @@ TURNED = np.array([1.0, -1.0, -1.0])
 
 
 def look_at_shapes(
-    run: Run, ended: Ended, go_on: Callable[[Run, int], Ended], examine: Callable[[Run], Ended]
+    run: Run,
+    ended: Ended,
+    go_on: Callable[[Run, int], Ended],
+    examine: Callable[[Run, float], Ended],
 ) -> Ended:
     """Fit shapes anew that do not fit; ``run.state`` becomes the better minimum, or stays.
 
     Args:
-        run: an adjustment at rest.
+        run: an adjustment at rest. What ``run.looked`` says of a shape that has not changed since
+            spares the look; at the end it says what was looked at in vain.
         ended: how it ended.
         go_on: function that iterates from ``run.state`` after a number of iterations.
-        examine: function that iterates from another state, with iterations of its own.
+        examine: function that iterates from another state, with iterations of its own, up to a
+            bound of the last step relative to σ.
 
     Returns:
         How it ended at last.
     """
-    for f, rows in _misfits(run):
-        for state in _others(run, f, rows, examine):
-            other = replace(run, state=state, at_solution=None, last=None)
-            try:
-                there = examine(other)
-            except AdjustmentError:  # something is not determined, or cannot be computed there
-                continue
-            if there.converged and there.vtpv < ended.vtpv - LOWER - ROUNDING * ended.vtpv:
-                run.state, run.at_solution = other.state, None
-                ended = go_on(run, ended.iterations)
-                if not ended.converged:
-                    return ended
+    names = run.equations.unknowns["frame"].names
+    in_vain: dict[str, Looked] = {}
+    improved = False
+    for f, rows, now in _misfits(run):
+        better, before = False, run.looked.get(names[f])
+        if before is not None and _alike(before, now):
+            now = before
+        else:
+            for other in _ends(run, f, rows, near(ended.vtpv), examine):
+                if other[1] < ended.vtpv - LOWER - ROUNDING * ended.vtpv:
+                    run.state, run.at_solution, better = other[0], None, True
+                    ended = go_on(run, ended.iterations)
+                    if not ended.converged:
+                        return ended
+        if not better:
+            in_vain[names[f]] = now
+        improved |= better
+    # Elsewhere a shape that was looked at before the better minimum may be fitted in another way.
+    run.looked = {} if improved else in_vain
     _make_sizes_positive(run, ended.vtpv)
     return ended
+
+
+def near(vtpv: float) -> float:
+    """Return the bound of the last step, relative to σ, up to which other starts are followed."""
+    return max(NEAR, NEAR_BESIDE * float(np.sqrt(vtpv)))
+
+
+def _alike(before: Looked, now: Looked) -> bool:
+    """Return whether neither the number of the rows of a shape nor their misfit changed much."""
+    changes = np.array([now.rows / before.rows, now.excess / before.excess])
+    return bool(np.all((changes > 1.0 / GROWN) & (changes < GROWN)))
+
+
+def _ends(
+    run: Run, f: int, rows: Index, bound: float, examine: Callable[[Run, float], Ended]
+) -> Iterator[tuple[State, float]]:
+    """Yield states at which iterations from other starts of a shape came to rest, with vᵀPv."""
+    tried = [run.equations.residuals(run.state)]
+    for state in _others(run, f, rows, bound, examine):
+        if _tried_before(run, state, tried):
+            continue
+        other = replace(run, state=state, at_solution=None, last=None)
+        try:
+            there = examine(other, bound)
+        except AdjustmentError:  # something is not determined, or cannot be computed there
+            continue
+        if there.converged:
+            yield other.state, there.vtpv
+
+
+def _tried_before(run: Run, state: State, tried: list[Array]) -> bool:
+    """Return whether a start is one that was tried, but for senses; otherwise note its residuals.
+
+    Args:
+        run: the adjustment.
+        state: the start.
+        tried: residuals at the starts before it, (n_rows,) each.
+    """
+    try:
+        v = run.equations.residuals(state)
+    except InputError:  # something cannot be computed there, which the adjustment tells as well
+        return False
+    bound = SAME * float(np.linalg.norm(v))
+    if any(np.max(np.abs(np.abs(v) - np.abs(other))) <= bound for other in tried):
+        return True
+    tried.append(v)
+    return False
 
 
 def _make_sizes_positive(run: Run, vtpv: float) -> None:
@@ -82,8 +156,8 @@ def _make_sizes_positive(run: Run, vtpv: float) -> None:
             run.state, run.at_solution = state, None
 
 
-def _misfits(run: Run) -> list[tuple[int, Index]]:
-    """Return the frames of shapes that fit badly, the worst first, and the rows of each."""
+def _misfits(run: Run) -> list[tuple[int, Index, Looked]]:
+    """Return the frames of shapes that fit badly, the worst first, their rows, and the misfit."""
     equations = run.equations
     some = sorted(on_shapes(equations))
     if not some:
@@ -94,9 +168,9 @@ def _misfits(run: Run) -> list[tuple[int, Index]]:
         rows = _rows(equations, f)
         excess = (float(v[rows] @ v[rows]) - len(rows)) / np.sqrt(2.0 * len(rows))
         if excess > BEYOND_CHANCE:
-            found.append((excess, f, rows))
-    found.sort(key=lambda each: -each[0])
-    return [(f, rows) for _, f, rows in found[:MOST_SHAPES]]
+            found.append((f, rows, Looked(float(excess), len(rows))))
+    found.sort(key=lambda each: -each[2].excess)
+    return found[:MOST_SHAPES]
 
 
 def _rows(equations: Equations, f: int) -> Index:
@@ -114,7 +188,9 @@ def _rows(equations: Equations, f: int) -> Index:
     return np.concatenate(out)
 
 
-def _others(run: Run, f: int, rows: Index, examine: Callable[[Run], Ended]) -> Iterator[State]:
+def _others(
+    run: Run, f: int, rows: Index, bound: float, examine: Callable[[Run, float], Ended]
+) -> Iterator[State]:
     """Yield states with the shape turned round and fitted anew, each in both senses."""
     yield turned_round(run.state, f)
     weights = np.ones(run.equations.n_rows)
@@ -128,7 +204,7 @@ def _others(run: Run, f: int, rows: Index, examine: Callable[[Run], Ended]) -> I
         solver=run.solver,
     )
     try:
-        examine(loose)
+        examine(loose, LOOSELY * bound)
     except AdjustmentError:  # only the shape determines something
         return
     state = shape_anew(run.equations, loose.state, f)

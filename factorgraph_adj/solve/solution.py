@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import import_module
@@ -30,6 +30,7 @@ from .factor import Factor
 from .normal import NormalEquations, Solver
 from .observation_table import ObservationTable
 from .reference_datum import ReferenceDatum
+from .run import Looked
 
 ROUNDING = 1e-15
 """Smallest relative error of a variance that is assumed."""
@@ -88,6 +89,8 @@ class Solution(Shown):
     """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
     extrapolated: Extrapolated = NONE_TAKEN
     """The extrapolations of steps that the iteration took; as text it says what they gained."""
+    looked: Mapping[str, Looked] = field(default_factory=dict, repr=False)
+    """Shapes that do not fit and were fitted anew in vain, by name, see `shapes_anew`."""
     reference: ReferenceDatum | None = None
     """Datum points that covariances refer to instead of a given datum, see `s_transform`."""
     linearised: NormalEquations | None = field(default=None, repr=False)

@@ -223,6 +223,59 @@ def test_a_geocentric_system_has_no_grid_and_is_on_the_map() -> None:
         grid_places(system, system.geocentric_frame(), xyz)
 
 
+UTM_WKT = """PROJCS["UTM 32",GEOGCS["ETRS89",DATUM["European_Terrestrial_Reference_System_1989",
+SPHEROID["GRS 1980",6378137,298.257222101]],PRIMEM["Greenwich",0],
+UNIT["degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],
+PARAMETER["latitude_of_origin",0],PARAMETER["central_meridian",9],PARAMETER["scale_factor",0.9996],
+PARAMETER["false_easting",500000],PARAMETER["false_northing",0],UNIT["metre",1]]"""
+
+
+@pytest.mark.parametrize("options", [{"heights": "ellipsoidal"}, {"geoid": 46.0}])
+@pytest.mark.parametrize(
+    ("definition", "message"),
+    [
+        (UTM_WKT.replace("Transverse_Mercator", "Nobody_1900"), "PROJ knows no such projection"),
+        ("+proj=nobody +ellps=GRS80", "unknown reference system '.proj=nobody"),
+        ("+proj=utm +zone=99", "unknown reference system"),
+        ("+proj=lcc +lat_1=0 +lat_2=0", "unknown reference system"),
+        ("+proj=tmerc +a=0", "unknown reference system"),
+        ('LOCAL_CS["Local Coordinates (m)",UNIT["metre",1]]', "is not tied to the Earth"),
+        ("EPSG:7837", "is not tied to the Earth"),
+        ("PROJCS[" + "x" * 5000, "unknown reference system 'PROJCS.x{113}…'"),
+        ("+proj=affine", "is no place on the Earth"),
+    ],
+)
+def test_systems_that_proj_cannot_use_are_errors_for_people(
+    definition: str, message: str, options: dict[str, object]
+) -> None:
+    grid = np.array([[5e5, 5.4e6, 0.0]])
+    with pytest.raises(InputError, match=message) as caught:
+        fga.ReferenceSystem(definition, **options).checked().to_geodetic(grid)  # type: ignore[arg-type]
+    assert len(str(caught.value)) < 1000
+
+
+def test_200_damaged_definitions_are_used_or_refused() -> None:
+    rng = np.random.default_rng(22)
+    whole = (UTM_WKT, "+proj=tmerc +lon_0=9 +k=0.9996 +x_0=500000 +ellps=GRS80", "EPSG:25832+7837")
+    used = 0
+    for _ in range(200):
+        text = list(whole[rng.integers(3)])
+        for _ in range(rng.integers(1, 4)):
+            at = int(rng.integers(len(text)))
+            text[at : at + int(rng.integers(0, 12))] = rng.choice(list('[]",0 9eAé+='), 1).tolist()
+        try:
+            system = fga.ReferenceSystem("".join(text), geoid=46.0).checked()
+            _ = system.name, system.vertical, system.epsg, system.wkt, system.wkt1
+            grid = np.array([[5e5, 5.4e6, 300.0]])
+            np.testing.assert_allclose(
+                system.from_geodetic(*system.to_geodetic(grid)), grid, rtol=0, atol=1e-4
+            )
+            used += 1
+        except InputError:
+            continue
+    assert 0 < used < 100
+
+
 # -- geoids ---------------------------------------------------------------------------------------
 
 

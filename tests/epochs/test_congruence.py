@@ -13,75 +13,10 @@ from factorgraph_adj.epochs.differences import between
 from factorgraph_adj.epochs.hypotheses import Scale, moved, weight
 from factorgraph_adj.epochs.localise import robust_differences
 from factorgraph_adj.errors import DatumError, InputError
-from tests.loaders.hanna import read_hanna
 from tests.networks.epochs import PLACES, detectable_shift, epoch, rates, solved
 from tests.support.places import data_dir
 
 # -- published ------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def lock():
-    found = read_hanna(data_dir("hanna_lock") / "avdgem.out")
-    return found, fga.adjust(found.network)
-
-
-@pytest.mark.published
-def test_the_lock_has_its_figures(lock):
-    found, solution = lock
-    assert (solution.redundancy, solution.datum_defect) == (244, 3)
-    # Printed with digits of 0.01 mgon and 0.1 mm of the observations.
-    assert solution.vtpv == pytest.approx(255.838, abs=0.1)
-    for name, (y, x) in found.coordinates.items():
-        assert solution.point(name)[:2] == pytest.approx([y, x], abs=1.5e-4)
-    names = list(found.coordinates)
-    plan = [3 * i + j for i in range(len(names)) for j in (0, 1)]
-    q = 1e6 * solution.covariance(names)[np.ix_(plan, plan)]
-    assert np.trace(q) == pytest.approx(26.25746, abs=5e-4)
-    assert np.linalg.eigvalsh(q)[-1] == pytest.approx(4.745514, abs=3e-4)
-    assert q == pytest.approx(found.cofactor, abs=5e-4)
-
-
-@pytest.mark.published
-def test_the_lock_has_its_reliability(lock):
-    found, solution = lock
-    rel = fga.reliability(solution)
-    printed = found.printed
-    r = rel.redundancy_numbers
-    assert r.sum() == pytest.approx(244.0, abs=1e-9)
-    assert r == pytest.approx([p.r for p in printed], abs=2e-4)
-    v = np.array([o.residual for o in solution.observations])
-    small = np.array([1e-4 if abs(p.nabla) > 2e-4 else np.pi / 2e6 for p in printed])
-    assert np.abs(np.abs(v) - np.abs([p.v for p in printed])).max() < 1.5 * small.max()
-    assert np.abs(rel.w) == pytest.approx([p.w for p in printed], abs=0.06)
-    # HANNA's smallest detectable errors take one noncentrality throughout.
-    delta0 = np.array([p.nabla for p in printed]) * np.sqrt(r) / solution.equations.sigmas()[:304]
-    well = r > 0.3
-    assert np.ptp(delta0[well]) / np.median(delta0[well]) < 0.06
-
-
-@pytest.mark.published
-def test_the_lock_moved(lock):
-    _, solution = lock
-    pairs = {n[1:]: n for n in ("0101", "0102", "0103", "0104")}
-    found = fga.congruence(solution, pairs=pairs)
-    # Displacements and F as computed from the printed coordinates and cofactors, σ̂0 = 1.02.
-    expected = {
-        "101": ((-1.9, -3.8), 5.95),
-        "102": ((-8.4, -7.4), 71.06),
-        "103": ((4.1, -7.4), 18.97),
-        "104": ((-1.0, -6.3), 8.96),
-    }
-    for name, (vector, value) in expected.items():
-        x = found.displacement(name)
-        assert 1000 * x.vector[:2] == pytest.approx(vector, abs=0.15)
-        assert x.test.value == pytest.approx(value, rel=0.04)
-        assert x.moved
-    q, d = found.differences.cofactor, found.differences.d
-    joint = d @ np.linalg.solve(q, d) / (8 * found.scale.variance)
-    assert joint == pytest.approx(25.65, rel=0.03)
-    rigid = fga.block_motion(found, list(pairs))
-    assert rigid.motion.value > rigid.motion.critical
 
 
 def gama_epoch(name, folder):

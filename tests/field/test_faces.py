@@ -172,6 +172,17 @@ def test_what_no_instrument_has_is_doubted_with_one_target_too():
     assert "its distances differ by 2000.0 mm, tolerance 9.3 mm" in str(doubt)
 
 
+def test_readings_in_another_unit_are_one_doubt_of_the_set_up():
+    """Degrees read as gon: no collimation fits, and only the unit is told, not every target."""
+    readings, _, _ = book(noise=MGON)
+    degrees = [replace(r, direction=0.9 * r.direction, zenith=0.9 * r.zenith) for r in readings]
+    found = reduce_faces(degrees, **{**SIGMAS, "sigma_distance": 0.01})
+    assert [str(d) for d in found.doubts] == [
+        "station 'S', set '1': the two faces give index -20.000 gon: both add up to a circle of "
+        "degrees, not of gon; state their unit"
+    ]
+
+
 @pytest.mark.parametrize("faces", ["means", "both"])
 def test_a_doubt_ends_with_the_observation_that_is_taken_out(faces):
     readings, _, _ = book(3, index=MGON, noise=0.0)

@@ -7,6 +7,7 @@ side without a common unknown: as independent as a hundred adjustments, and solv
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -279,12 +280,18 @@ def at_rest(network: str) -> tuple[Network, Solution]:
     return measured, fga.adjust(measured, tolerance=1e-10)
 
 
-def fresh(network: str) -> IncrementalAdjustment:
-    """Return an adjustment of a network, at rest."""
+@cache
+def settled(network: str) -> IncrementalAdjustment:
+    """Return an adjustment of a network, at rest, which only its copies change."""
     measured, solution = at_rest(network)
     inc = IncrementalAdjustment(measured, start=solution, policy="accept")
     inc.settle()
     return inc
+
+
+def fresh(network: str) -> IncrementalAdjustment:
+    """Return an adjustment of a network, at rest: its state is a value, which a copy shares."""
+    return copy(settled(network))
 
 
 def repeated(network: str, kind: str) -> list[AnyObservation]:

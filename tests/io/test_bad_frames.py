@@ -119,7 +119,7 @@ WRONG = {
     ),
     "a default standard deviation below zero": (
         *("project.toml", "sigma_mm = 2", "sigma_mm = -2"),
-        "project.toml: [sigma.frame_coordinate]: sigma_mm must be greater than zero, not -2",
+        "project.toml:3: [sigma.frame_coordinate]: sigma_mm must be greater than zero, not -2",
     ),
 }
 

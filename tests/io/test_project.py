@@ -322,7 +322,9 @@ def test_a_format_that_is_none_is_named_with_its_file_and_camera(tmp_path, state
         read_project(write(tmp_path, project=project))
     (problem,) = caught.value.problems
     assert FORMATS[stated] in problem.what
-    assert problem.where.startswith("project.toml: [[camera]] 'cam'")
+    last = stated.split("\n")[-1]
+    line = project.split("\n").index(last) + 1
+    assert problem.where.startswith(f"project.toml:{line}: [[camera]] 'cam'")
 
 
 @pytest.mark.parametrize("format", [(36.0,), (36.0, -1.0), (36.0, np.nan), (np.inf, 24.0), 36.0])

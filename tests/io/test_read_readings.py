@@ -127,7 +127,7 @@ def test_sigma_of_a_reading_and_the_choice_of_faces_are_checked(tmp_path):
     ]
     other = PROJECT + '[readings]\nfaces = "one"\n'
     assert problems(write(tmp_path, project=other)) == [
-        "project.toml: [readings]: unknown faces 'one'; valid: means, both"
+        "project.toml:10: [readings]: unknown faces 'one'; valid: means, both"
     ]
     centred = PROJECT.replace(
         "[sigma.zenith_angle]\n", "[sigma.zenith_angle]\ncentring_target_mm = 1\n"

@@ -45,6 +45,28 @@ class Printed:
     """Smallest detectable error, metres or radians."""
     w: float
     """Normalised residual without sign."""
+    group: tuple[int, int]
+    """Sort of the observation, 1 direction or 3 distance, and number of its group."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """What the protocol prints of one variance component."""
+
+    group: tuple[int, int]
+    """Sort and number of the group."""
+    reach: tuple[float, float]
+    """Class of distances, metres."""
+    vtpv: float
+    """vᵀPv of the group."""
+    redundancy: float
+    """Sum of its redundancy numbers."""
+    n: int
+    """Number of its observations."""
+    given: float
+    """Standard deviation a priori, metres or radians."""
+    estimated: float
+    """Estimated standard deviation, metres or radians."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +79,10 @@ class Hanna:
     """Adjusted y (east), x (north)."""
     cofactor: np.ndarray
     """Q of y, x of all points in the order of `coordinates`, mm²."""
+    components: tuple[Component, ...]
+    """The variance components."""
+    critical: float
+    """Critical value of data snooping."""
 
 
 def read_hanna(path: Path) -> Hanna:
@@ -80,7 +106,15 @@ def read_hanna(path: Path) -> Hanna:
         if abs(sigma - printed_sigma) > 0.1:  # stated for this distance alone
             sigma = printed_sigma
         network.add(fga.HorizontalDistance(a, b, value, sigma=sigma * MM, id=str(n)))
-    return Hanna(network, printed, _adjusted(lines), _cofactor(lines))
+    limit = next(t for t in lines if "GRENZWERT FUER DATA-SNOOPING" in t)
+    return Hanna(
+        network,
+        printed,
+        _adjusted(lines),
+        _cofactor(lines),
+        _components(lines),
+        float(limit.split()[-1]),
+    )
 
 
 def _approximate(lines: list[str]) -> list[tuple[str, float, float]]:
@@ -124,7 +158,30 @@ def _printed(lines: list[str]) -> tuple[Printed, ...]:
             station = words.pop(1)
         unit = MM if words[8] == "3" else MGON
         v, _, r, nabla, w = map(float, words[3:8])
-        out.append(Printed(station, words[1], v * unit, r, nabla * unit, w))
+        group = (abs(int(words[8])), int(words[9]))
+        out.append(Printed(station, words[1], v * unit, r, nabla * unit, w, group))
+    return tuple(out)
+
+
+def _components(lines: list[str]) -> tuple[Component, ...]:
+    """Return the variance components; a row without a sort or a class has that of the last row."""
+    start = next(i for i, t in enumerate(lines) if "VARIANZ-KOMPONENTEN-SCHAETZUNG:" in t)
+    out, sort = [], 0
+    for text in lines[start + 7 :]:
+        words = text.split()
+        if not words or not words[0].isdigit() or "UNIV" in text:
+            break
+        if text[:8].strip():
+            sort = int(words.pop(0))
+        number = int(words.pop(0))
+        reach = (0.0, np.inf)
+        if sort == 3:
+            reach = (1000 * float(words.pop(0)), 1000 * float(words.pop(0)))
+        vtpv, r, n, given, estimated = (float(x) for x in words)
+        unit = MM if sort == 3 else MGON
+        out.append(
+            Component((sort, number), reach, vtpv, r, int(n), given * unit, estimated * unit)
+        )
     return tuple(out)
 
 

@@ -199,6 +199,89 @@ def opensfm() -> dict[str, bytes]:
     }
 
 
+def openmvg(
+    intrinsics: tuple[str, dict[str, object]] = ("pinhole_radial_k3", {"disto_k3": [0.1, 0, 0]}),
+    *,
+    poses: list[tuple[list[list[float]], list[float]]] | None = None,
+    seen: dict[int, dict[int, list[float]]] | None = None,
+    points: list[list[float]] | None = None,
+    control: int = 1,
+) -> dict[str, bytes]:
+    """Return sfm_data.json as cereal writes it.
+
+    Args:
+        intrinsics: name of the type, and the members of its distortion.
+        poses: rotation and centre of each view.
+        seen: image coordinates of points, by number of view and point.
+        points: coordinates; the first ``control`` of them are control points.
+        control: number of control points.
+    """
+    if poses is None:
+        down = [[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]]
+        poses = [(down, [3.0 * i - 3, 0.5 * i, 30.0]) for i in range(3)]
+    points = points or [[j - 2.0, float(j % 3), 0.1 * j] for j in range(6)]
+    if seen is None:
+        seen = {
+            i: {
+                j: [1000 + 1500 * (x - c[0]) / (c[2] - z), 750 - 1500 * (y - c[1]) / (c[2] - z)]
+                for j, (x, y, z) in enumerate(points)
+            }
+            for i, (_, c) in enumerate(poses)
+        }
+    first = 0x80000000
+    views = []
+    for i in range(len(poses) + 1):  # the last one has no pose
+        data = {
+            "local_path": "", "filename": f"{i}.jpg", "width": 2000, "height": 1500,
+            "id_view": i, "id_intrinsic": 0, "id_pose": i,
+        }  # fmt: skip
+        kind: dict[str, object] = {"polymorphic_id": 0x40000000}
+        if i < 2:  # priors: the name of the type stands at its first use
+            kind = {"polymorphic_id": first + 1 if i == 0 else 1}
+            kind |= {"polymorphic_name": "view_priors"} if i == 0 else {}
+            data |= {"use_pose_center_prior": True, "center_weight": [20.0, 20.0, 10.0],
+                     "center": poses[i][1]}  # fmt: skip
+        views.append(
+            {"key": i, "value": kind | {"ptr_wrapper": {"id": first + i + 1, "data": data}}}
+        )
+    camera = {"width": 2000, "height": 1500, "focal_length": 1500.0,
+              "principal_point": [1000.0, 750.0]}  # fmt: skip
+    lens = {
+        "key": 0,
+        "value": {
+            "polymorphic_id": first + 2,
+            "polymorphic_name": intrinsics[0],
+            "ptr_wrapper": {"id": first + 20, "data": camera | intrinsics[1]},
+        },
+    }
+    marks = [
+        {
+            "key": j,
+            "value": {
+                "X": x,
+                "observations": [
+                    {"key": i, "value": {"id_feat": j, "x": at[j]}}
+                    for i, at in seen.items()
+                    if j in at
+                ],
+            },
+        }
+        for j, x in enumerate(points)
+    ]
+    document = {
+        "sfm_data_version": "0.3",
+        "root_path": "/photos",
+        "views": views,
+        "intrinsics": [lens],
+        "extrinsics": [
+            {"key": i, "value": {"rotation": r, "center": c}} for i, (r, c) in enumerate(poses)
+        ],
+        "structure": marks[control:],
+        "control_points": marks[:control],
+    }
+    return {"sfm_data.json": json.dumps(document, indent=1).encode()}
+
+
 def opencv(suffix: str, folder: Path) -> dict[str, bytes]:
     """Return a calibration with two views of a board of six corners."""
     network = fga.Network("lens")
@@ -267,3 +350,39 @@ def micmac() -> dict[str, bytes]:
     whole = "SetOfMesureAppuisFlottants"
     out["measures.xml"] = f"<{whole}>{lines(images)}</{whole}>"
     return {name: text.encode() for name, text in out.items()}
+
+
+COLMAP = {
+    "cameras.txt": """# a comment
+1 OPENCV 100 80 100 100 50 40 0.1 0.01 0.001 0.002
+2 SIMPLE_PINHOLE 100 80 100 50 40
+""",
+    "images.txt": """# two lines each
+7 1 0 0 0 0 0 0 1 first image.jpg
+50 40 3 60.5 40 4 10 10 -1
+9 1 0 0 0 0.5 0 0 2 b.jpg
+60 40 3
+2 0 1 0 0 0 0 10 1 c.jpg
+50 40 3 40 40.5 4
+""",
+    "points3D.txt": """3 0 0 5 255 0 0 0.1 7 0 9 0 2 0
+4 0.5 0 5 0 0 0 0.2 7 1 2 1
+""",
+    "rigs.txt": "1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 0.5 0 0\n",
+    "frames.txt": "1 1 1 0 0 0 0 0 0 2 CAMERA 1 7 CAMERA 2 9\n2 1 0 1 0 0 0 0 10 1 CAMERA 1 2\n",
+}
+
+
+def colmap() -> dict[str, bytes]:
+    """Return a model with a rig of two cameras in text."""
+    return {name: text.encode() for name, text in COLMAP.items()}
+
+
+def colmap_binary(folder: Path) -> dict[str, bytes]:
+    """Return the same model in binary files."""
+    from factorgraph_adj.io.photogrammetry.colmap import read_sparse_model
+    from factorgraph_adj.io.photogrammetry.colmap_binary import binary_files
+
+    for name, text in COLMAP.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return dict(binary_files(read_sparse_model(folder)))

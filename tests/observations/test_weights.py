@@ -135,7 +135,7 @@ def test_a_project_states_the_choice_by_kind_or_by_row(tmp_path):
     with pytest.raises(fga.InputError) as error:
         fga.read_project(tmp_path)
     assert [str(p) for p in error.value.problems] == [
-        "project.toml: [sigma.slope_distance]: unknown combine 'cubic'; valid: mixed, linear, "
+        "project.toml:4: [sigma.slope_distance]: unknown combine 'cubic'; valid: mixed, linear, "
         "quadratic"
     ]
 

@@ -13,7 +13,6 @@ from factorgraph_adj.io.survey.comp3d_places import Comp3dOrigin
 from factorgraph_adj.observations import (
     CoordinateDifference,
     OnCircle,
-    SlopeDistance,
 )
 from tests.loaders import comp3d
 from tests.support.places import data_dir
@@ -155,58 +154,43 @@ def test_centring_by_a_difference_of_coordinates():
         np.testing.assert_allclose(solution.point(name), expected, rtol=0, atol=1e-8)
 
 
-def test_a_square_in_lambert_93_with_a_point_centred_on_a_corner():
-    """The distances miss by 11 σ: its sides are 115 mm per km longer than in the projection."""
-    theirs = printed("geo_mini_L93")
-    longitude, latitude, _ = theirs["computation"]["projection"]["center_geographic"]
-    frame = fga.TopocentricFrame(np.radians(latitude), np.radians(longitude), 0.0)
-    network = fga.Network("geo_mini_L93", frame=frame)
-    for name in "ABCD":
-        given = {
-            o["code"]: o["original_value"]
-            for s in theirs["points"][name]["stations"]
-            for o in s["observations"]
-            if o["code"] < 0
-        }
-        at = np.array([given[-1], given[-2], 0.0])
-        for _ in range(3):  # on the ellipsoid
-            at[2] -= frame.geodetic(at[None])[2][0]
-        network.add_point(name, at, sigma=1e-5)
-    network.add_point("E")
-    for a, b in zip("ABCD", "BCDA", strict=True):
-        network.add(SlopeDistance(a, b, 100.0, sigma=0.001))
-    network.add(CoordinateDifference("A", "E", (0.0, 0.0, 0.0), sigma=0.001, horizon=True))
+def assert_as_in_lambert_93(folder: str, n: int, u: int, *, metres: float, relative: float) -> None:
+    """Compare an adjusted project in Lambert-93 with what Comp3D prints: all points, σ, σ0."""
+    pytest.importorskip("pyproj", reason="the extra crs is not installed")
+    network = fga.read_comp3d(folder_of(folder) / "ex_ref.comp")
     solution = fga.adjust(network)
+    theirs = printed(folder)
     computation = theirs["computation"]
-    assert (solution.n_observations, solution.n_unknowns) == (19, 15)
-    assert (computation["nbr_active_obs"], computation["nbr_parameters"]) == (19, 15)
-    assert solution.sigma0 == pytest.approx(computation["sigma_0_final"], rel=1e-5)
+    assert (solution.n_observations, solution.n_unknowns) == (n, u)
+    assert (computation["nbr_active_obs"], computation["nbr_parameters"]) == (n, u)
+    assert solution.sigma0 == pytest.approx(computation["sigma_0_final"], rel=relative)
+    found = fga.grid_coordinates(solution)
+    assert set(theirs["points"]) == set(network.points)
     for name, point in theirs["points"].items():
-        cartesian = point["coord_compensated_cartesian"]
+        cartesian, georef = (
+            np.array(point[f"coord_compensated_{system}"]) for system in ("cartesian", "georef")
+        )
         np.testing.assert_allclose(solution.point(name), cartesian, rtol=0, atol=10 * NANOMETRE)
+        np.testing.assert_allclose(found.point(name), georef, rtol=0, atol=metres)
+        if point["ellips"] is not None:
+            sigmas = solution.sigma0 * solution.standard_deviations(name)
+            np.testing.assert_allclose(sigmas, point["ellips"]["sigmas"], rtol=1e-5, atol=1e-7)
 
 
-def test_baselines_with_covariances_and_height_differences(tmp_path):
-    """Three vectors from a held point; heights disagree on purpose."""
-    theirs = printed("baselines")
-    projection = theirs["computation"]["projection"]
-    (tmp_path / "points.cor").write_text("1 A1 0 0 1000 0 0 0\n", encoding="utf-8")
-    for name in ("obs.obs", "baselines.bas"):
-        (tmp_path / name).write_bytes((folder_of("baselines") / name).read_bytes())
-    longitude, latitude, _ = projection["center_geographic"]
-    network = fga.read_comp3d(
-        tmp_path / "obs.obs", latitude=latitude, longitude=longitude, earth="ellipsoid"
-    )
-    solution = fga.adjust(network)
-    computation = theirs["computation"]
-    assert (solution.n_observations, solution.n_unknowns) == (12, 9)
-    assert solution.sigma0 == pytest.approx(computation["sigma_0_final"], abs=5e-6)
-    for name, point in theirs["points"].items():
-        cartesian = point["coord_compensated_cartesian"]
-        np.testing.assert_allclose(solution.point(name), cartesian, rtol=0, atol=100 * NANOMETRE)
-        if name != "A1":
-            found = solution.sigma0 * solution.standard_deviations(name)
-            np.testing.assert_allclose(found, point["ellips"]["sigmas"], rtol=2e-3)
+def test_a_square_in_lambert_93_with_a_point_centred_on_a_corner():
+    """σ̂0 11.5456: the sides of the square are 115 mm per km longer than in the projection.
+
+    The height of the centred point has the curvature of 100 m in it: 2.5e-7 of σ0.
+    """
+    assert_as_in_lambert_93("geo_mini_L93", 19, 15, metres=10 * NANOMETRE, relative=1e-6)
+
+
+def test_baselines_with_covariances_and_height_differences():
+    """Three vectors from a held point in Lambert-93; heights disagree on purpose.
+
+    Grid coordinates at 5 km from the centre agree to 0.04 µm.
+    """
+    assert_as_in_lambert_93("baselines", 12, 9, metres=100 * NANOMETRE, relative=1e-6)
 
 
 def test_a_difference_of_coordinates_is_that_of_a_levelled_frame():

@@ -1,8 +1,7 @@
-"""Grid coordinates of other programs: Comp3D in Lambert-93, IGN's aerial block with its geoid."""
+"""Grid coordinates of other programs: IGN's aerial block in Lambert-93 with its geoid."""
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 
@@ -11,42 +10,12 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import NoDistortion
-from factorgraph_adj.observations.relations import CoordinateDifference
 from tests.support.places import ROOT, data_dir
 
 pytest.importorskip("pyproj", reason="the extra crs is not installed")
 pytestmark = pytest.mark.published
 
 HUNDREDTH_MM = 1e-5
-
-
-def test_comp3d_in_lambert_93_from_its_grid_coordinates() -> None:
-    """σ̂0 11.5456: the sides of the square are 115 mm per km longer than in the grid.
-
-    Comp3D has σ of control in its computation frame, ours is in the grid: 1e-4 of 0.01 mm.
-    """
-    folder = data_dir("comp3d_frames") / "geo_mini_L93"
-    text = (folder / "ex_ref.comp").read_text(encoding="utf-8", errors="replace")
-    theirs = json.loads(text[text.index("{") :])
-    network = fga.Network("geo_mini_L93")
-    for line in (folder / "coord.cor").read_text(encoding="utf-8").splitlines():
-        words = line.split("*")[0].split()
-        if words:
-            network.add_point(words[1], [float(w) for w in words[2:5]], sigma=1e-5)
-    network.add_point("E", network.points["A"].coordinates)
-    for a, b in zip("ABCD", "BCDA", strict=True):
-        network.add(fga.SlopeDistance(a, b, 100.0, sigma=0.001))
-    network.add(CoordinateDifference("A", "E", (0.0, 0.0, 0.0), sigma=0.001))
-    system = fga.ReferenceSystem("EPSG:2154", heights="ellipsoidal")
-    solution = fga.adjust(fga.from_grid(network, system))
-    computation = theirs["computation"]
-    assert (solution.n_observations, solution.n_unknowns) == (19, 15)
-    assert computation["sigma_0_final"] == pytest.approx(11.5456, abs=5e-5)
-    assert solution.sigma0 == pytest.approx(computation["sigma_0_final"], rel=2e-4)
-    found = fga.grid_coordinates(solution)
-    for name, point in theirs["points"].items():
-        expected = point["coord_compensated_georef"]
-        np.testing.assert_allclose(found.point(name), expected, rtol=0, atol=1e-7)
 
 
 def test_photos_of_ign_from_lambert_93_and_altitudes_are_those_of_its_own_formulas() -> None:

@@ -174,11 +174,11 @@ READING = {
     ),
     "an unknown unit of angles": (
         *("project", 'angle = "gon"', 'angle = "grad"'),
-        f"project.toml: [units]: angle: unknown unit 'grad'; valid: {ANGLES}, dms",
+        f"project.toml:4: [units]: angle: unknown unit 'grad'; valid: {ANGLES}, dms",
     ),
     "an unknown unit of a camera": (
         *("project", 'unit = "mm"', 'unit = "inch"'),
-        f"project.toml: [[camera]] 'cam': unknown unit 'inch'; valid: px, {LENGTHS}",
+        f"project.toml:9: [[camera]] 'cam': unknown unit 'inch'; valid: px, {LENGTHS}",
     ),
     "an unknown kind": (
         *("observations", "zenith_angle,7", "zenit,7"),
@@ -186,34 +186,34 @@ READING = {
     ),
     "an unknown kind of default": (
         *("project", "[sigma.slope_distance]", "[sigma.distance]"),
-        f"project.toml: [sigma]: unknown kind 'distance'; valid: {KINDS}; did you mean "
+        f"project.toml:15: [sigma]: unknown kind 'distance'; valid: {KINDS}; did you mean "
         "'slope_distance'?",
     ),
     "a default σ below zero": (
         *("project", "sigma_mm = 2", "sigma_mm = -2"),
-        "project.toml: [sigma.slope_distance]: sigma_mm must be greater than zero, not -2",
+        "project.toml:16: [sigma.slope_distance]: sigma_mm must be greater than zero, not -2",
     ),
     "σ of image coordinates of zero": (
         *("project", "sigma_um = 5", "sigma_um = 0"),
-        "project.toml: [[camera]] 'cam': sigma_um must be greater than zero, not 0",
+        "project.toml:10: [[camera]] 'cam': sigma_um must be greater than zero, not 0",
     ),
     "σ of a calibration parameter of zero": (
         *("project", "sigma = 0.02", "sigma = 0"),
-        "project.toml: [[camera]] 'cam' parameter x0: sigma must be greater than zero, not 0",
+        "project.toml:13: [[camera]] 'cam' parameter x0: sigma must be greater than zero, not 0",
     ),
     "an unknown lens model": (
         *("project", 'model = "harmonic"', 'model = "stereographic"'),
-        "project.toml: [[camera]] 'cam' lens: unknown model 'stereographic'; valid: "
+        "project.toml:8: [[camera]] 'cam' lens: unknown model 'stereographic'; valid: "
         + ", ".join(LENSES),
     ),
     "an unknown calibration parameter": (
         *("project", "c = 100.0", "c = 100.0\nk1 = 0.0"),
-        "project.toml: camera 'cam': unknown calibration parameter k1 of lens model 'harmonic'; "
+        "project.toml:13: camera 'cam': unknown calibration parameter k1 of lens model 'harmonic'; "
         "known: c, x0, y0, a00, a11, b11, a20, a22, b22, a31, b31, a33, b33",
     ),
     "a camera inside out": (
         *("project", "c = 100.0", "c = -100.0"),
-        "project.toml: camera 'cam': the principal distance must be positive, not -100.0",
+        "project.toml:6: camera 'cam': the principal distance must be positive, not -100.0",
     ),
     "a missing column": (
         *("images", "photo,point,x,y", "photo,point,x,z"),
@@ -243,16 +243,16 @@ READING = {
     ),
     "an unknown datum": (
         *("project", 'name = "yard"', 'name = "yard"\ndatum = "loose"'),
-        "project.toml: unknown datum 'loose'; valid: given, free",
+        "project.toml:2: unknown datum 'loose'; valid: given, free",
     ),
     "an unknown key": (
         *("project", 'name = "yard"', 'name = "yard"\nnote = "old"'),
-        "project.toml: unknown key 'note'; known: name, datum, dimension, frame, crs, units, "
+        "project.toml:2: unknown key 'note'; known: name, datum, dimension, frame, crs, units, "
         "files, camera, sigma, readings, adjust",
     ),
     "an unknown frame": (
         *("project", 'name = "yard"', 'name = "yard"\n[frame]\nkind = "flat"'),
-        "project.toml: [frame]: unknown kind 'flat'; valid: local, geocentric, topocentric",
+        "project.toml:3: [frame]: unknown kind 'flat'; valid: local, geocentric, topocentric",
     ),
     "left-handed axes with photos": (
         *("project", 'name = "yard"', 'name = "yard"\n[frame]\naxes = "ne"'),
@@ -287,8 +287,8 @@ def test_every_problem_is_found_in_one_run(tmp_path):
         ),
     )
     assert problems(path) == [
-        f"project.toml: [units]: angle: unknown unit 'grad'; valid: {ANGLES}, dms",
-        "project.toml: camera 'cam': the principal distance must be positive, not 0.0",
+        f"project.toml:4: [units]: angle: unknown unit 'grad'; valid: {ANGLES}, dms",
+        "project.toml:6: camera 'cam': the principal distance must be positive, not 0.0",
         "points.csv:4: point 'C': x: 'x' is not a number",
         "points.csv:4: point 'C': y: 'y' is not a number",
         "photos.csv:2: photo 'P': y: '-1O' is not a number",
@@ -352,9 +352,9 @@ THREE_PHOTOS = "name,x,y,z,omega,phi,kappa,camera\n" + "".join(
 @pytest.mark.parametrize(
     ("good", "bad", "expected"),
     [
-        ('name = "cam"', 'nam = "CAM"', "project.toml: [[camera]] 1: name is missing"),
-        ("[[camera]]", "[camera]", "project.toml: camera: cameras must be tables [[camera]]"),
-        ("[[camera]]", "[[cameras]]", "project.toml: unknown key 'cameras'; known: "),
+        ('name = "cam"', 'nam = "CAM"', "project.toml:6: [[camera]] 1: name is missing"),
+        ("[[camera]]", "[camera]", "project.toml:6: camera: cameras must be tables [[camera]]"),
+        ("[[camera]]", "[[cameras]]", "project.toml:6: unknown key 'cameras'; known: "),
         (
             *('name = "cam"', 'name = "cam"'),
             "photos.csv:2: photo 'P1': unknown camera 'CAM'; known: cam; did you mean 'cam'? "

@@ -46,6 +46,10 @@ STATION_TYPES = ("LLH", "LLh", "XYZ")
 CONSTRAINED = 1e-6
 """Standard deviation of constrained components of a station that is free in others, metres:
 DynAdjust's own default."""
+NO_STATIONS = (
+    "has no <DnaStation>: read the file of the stations (…stn.xml), which takes the measurements "
+    "(…msr.xml) beside it or as a second argument"
+)
 
 
 def read_dynaml(
@@ -119,11 +123,12 @@ def read_dynaml(
         file.refuse_children(file.root, CHILDREN)
         for element in file.root.all("DnaStation"):
             _station(file, network, element)
-    for file in files:
-        for element in file.root.all("DnaMeasurement"):
-            reader.read(file, element)
-    if not network.points:
-        files[0].add(0, "has no <DnaStation>")
+    if not any(True for file in files for _ in file.root.all("DnaStation")):
+        files[0].add(0, NO_STATIONS)
+    else:  # without stations every measurement would name an unknown one
+        for file in files:
+            for element in file.root.all("DnaMeasurement"):
+                reader.read(file, element)
     problems: list[Problem] = []
     for file in files:
         try:
@@ -158,6 +163,9 @@ def _station(file: XmlSource, network: Network, element: Element) -> None:
     if kind not in STATION_TYPES:
         what = f"type {kind!r} of a station is not read; valid: {', '.join(STATION_TYPES)}"
         file.add(element.line, f"{what} (DynAdjust's dnaimport exports LLH)")
+    own = "" if at is None else file.text(at, "Name", name)
+    if at is not None and own != name:
+        file.add(at.line, f"coordinates of {own[:40]!r} in the station {name[:40]!r}")
     if at is None or len(file.problems) > before:
         return
     xyz = place_of(file, at, kind, network)

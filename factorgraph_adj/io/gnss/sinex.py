@@ -105,7 +105,8 @@ def _check_indices(file: SinexFile, estimate: dict[int, SinexParameter]) -> None
     n = len(estimate)
     if estimate and max(estimate) != n:
         first = next(i for i in range(1, n + 1) if i not in estimate)
-        file.add(0, f"SOLUTION/ESTIMATE has no parameter {first}, but parameter {max(estimate)}")
+        what = f"SOLUTION/ESTIMATE has no parameter {first}, but parameter {max(estimate)}"
+        file.add(estimate[max(estimate)].line, what)
     for p in file.parameters["APRIORI"].values():
         other = estimate.get(p.index)
         if other is None or (other.kind, other.site) != (p.kind, p.site):

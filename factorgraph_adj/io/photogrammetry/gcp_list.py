@@ -62,7 +62,7 @@ def read_gcp_list(path: Path, reading: Reading) -> GroundList:
     lines = [(n, s) for n, s in lines_of(read_text(path)) if not s.lstrip().startswith("#")]
     if not lines:
         what = "is empty: the first line must name the reference system, such as WGS84"
-        raise InputError(Problem(what, path.name))
+        raise InputError(Problem(what, f"{path.name}:1"))
     points: dict[tuple[object, ...], Ground] = {}
     names: dict[str, Ground] = {}
     for number, line in lines[1:]:

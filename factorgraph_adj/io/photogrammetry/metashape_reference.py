@@ -207,9 +207,6 @@ def reference_of(
             )
             raise InputError(what)
         return Grid(system, system.frame_at(given))
-    except (RuntimeError, IndexError) as error:  # pyproj, of a projection that PROJ does not know
-        what = f"its reference system cannot be used: {str(error)[:150]}"
-        raise InputError(Problem(what, where)) from None
     except InputError as error:
         hint = "crs='local' takes the coordinates as they are"
         raise InputError([Problem(f"{p.what}; {hint}", where) for p in error.problems]) from None

@@ -113,8 +113,12 @@ class _Orientations:
             what = f"has no file {PREFIX}….xml; name a folder of orientations, Ori-…"
             raise InputError(Problem(what, str(self.folder)))
         for file in files:
-            with self.reading.at(file.name):
+            try:
                 self._photo(file)
+            except InputError as error:
+                # A calibration is read with each of its photos: its problems count once.
+                told = self.reading.problems
+                told += [p for p in error.problems if p not in told]
 
     def _photo(self, file: Path) -> None:
         root = read_xml(file)
@@ -125,26 +129,30 @@ class _Orientations:
         projection = element.first("TypeProj")
         if projection is not None and projection.text.strip() != "eProjStenope":
             said = projection.text.strip()
-            raise InputError(Problem(f"projection {said!r} cannot be read; valid: eProjStenope"))
+            what = f"projection {said!r} cannot be read; valid: eProjStenope"
+            raise InputError(Problem(what, f"{file.name}:{projection.line}"))
         affine = element.first("OrIntImaM2C")
         if affine is not None:
             texts = [t for c in affine.children for t in c.text.split()]
             if self.reading.numbers(texts, 6, "<OrIntImaM2C>", where) != (0, 0, 1, 0, 0, 1):
-                raise InputError("an interior orientation OrIntImaM2C of each image cannot be read")
+                what = "an interior orientation OrIntImaM2C of each image cannot be read"
+                raise InputError(Problem(what, f"{file.name}:{affine.line}"))
         parts = ("ConvOri", "Externe")
         conventions = [c for part in parts for c in self._conventions(element, part)]
         if any(c != CONVENTION for c in conventions):
             said = ", ".join(conventions)
-            raise InputError(f"convention {said} cannot be read; valid: {CONVENTION}")
+            what = f"convention {said} cannot be read; valid: {CONVENTION}"
+            raise InputError(Problem(what, where))
         camera = self._camera(element, file)
         outer = element.first("Externe")
         if outer is None:
-            raise InputError("has no <Externe>")
-        centre = self.reading.numbers(_words(outer.first("Centre")), 3, "<Centre>", file.name)
+            raise InputError(Problem("has no <Externe>", where))
+        at_outer = f"{file.name}:{outer.line}"
+        centre = self.reading.numbers(_words(outer.first("Centre")), 3, "<Centre>", at_outer)
         offset = outer.first("OffsetCentre")
         shift = (0.0, 0.0, 0.0)
         if offset is not None:
-            found = self.reading.numbers(_words(offset), 3, "<OffsetCentre>", file.name)
+            found = self.reading.numbers(_words(offset), 3, "<OffsetCentre>", at_outer)
             shift = shift if found is None else (found[0], found[1], found[2])
         matrix = self._rotation(outer, file)
         if camera is None or centre is None or matrix is None:
@@ -159,19 +167,21 @@ class _Orientations:
         return [] if found is None else [found.text.strip()]
 
     def _rotation(self, outer: Element, file: Path) -> Array | None:
+        where = f"{file.name}:{outer.line}"
         coded = outer.first("ParamRotation")
         matrix = None if coded is None else coded.first("CodageMatr")
         if matrix is None:
-            raise InputError("has no rotation matrix <CodageMatr>")
+            raise InputError(Problem("has no rotation matrix <CodageMatr>", where))
+        where = f"{file.name}:{matrix.line}"
         rows = [
-            self.reading.numbers(_words(matrix.first(tag)), 3, f"<{tag}>", file.name)
+            self.reading.numbers(_words(matrix.first(tag)), 3, f"<{tag}>", where)
             for tag in ("L1", "L2", "L3")
         ]
         if any(r is None for r in rows):
             return None
         split = rotation_of(np.array(rows))
         if split is None or abs(split[1] - 1) > 1e-3:
-            raise InputError("<CodageMatr> is no rotation matrix")
+            raise InputError(Problem("<CodageMatr> is no rotation matrix", where))
         return np.asarray(split[0])
 
     def _camera(self, element: Element, file: Path) -> str | None:
@@ -182,19 +192,25 @@ class _Orientations:
         else:
             link = element.first("FileInterne")
             if link is None or not link.text.strip():
-                raise InputError("has neither <Interne> nor <FileInterne>")
+                what = "has neither <Interne> nor <FileInterne>"
+                raise InputError(Problem(what, f"{file.name}:{element.line}"))
             key = link.text.strip().replace("\\", "/").rsplit("/", 1)[-1]
             if key in self.cameras:
                 return self.cameras[key] if self.cameras[key] in self.network.cameras else None
             where = key
-            found = _inner(read_xml(self.folder / key), "CalibrationInternConique")
+            if not (self.folder / key).is_file():
+                what = f"the calibration {key!r} is no file of this folder"
+                raise InputError(Problem(what, f"{file.name}:{link.line}"))
+            root = read_xml(self.folder / key)
+            found = _inner(root, "CalibrationInternConique")
             if found is None:
-                raise InputError(Problem("has no <CalibrationInternConique>", key))
+                what = "has no <CalibrationInternConique>"
+                raise InputError(Problem(what, f"{key}:{root.line}"))
             calibrated = found
         stem = key.removesuffix(".xml")
         name = stem.removeprefix("AutoCal_").removeprefix("AutoCal") or stem or "camera"
         self.cameras[key] = name
-        self._calibration(name, calibrated, where)
+        self._calibration(name, calibrated, f"{where}:{calibrated.line}")
         return name if name in self.network.cameras else None
 
     def _calibration(self, name: str, element: Element, where: str) -> None:

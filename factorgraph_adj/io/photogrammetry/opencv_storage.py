@@ -5,6 +5,7 @@ YAML is read by PyYAML (the extra ``opencv``), XML by the parser of the package.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -14,13 +15,14 @@ import numpy as np
 
 from ...errors import InputError, Problem
 from ...types import Array
-from ..text import read_text
+from ..text import last_line, read_text
 from ..xml_tree import Element, parse_xml
 from .reading import Reading
 
 MISSING = "OpenCV's YAML files need PyYAML: pip install 'factorgraph_adj[opencv]'"
 MATRIX = "opencv-matrix"
-MOST_CHANNELS = 4
+_TYPE = re.compile(r"\"?(\d?)[ucwsifd]\"?", re.ASCII)
+"""Type of the elements of a matrix, with their number of channels before it."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +46,12 @@ class Value:
             reading.wrong(f"{name} must be a matrix ({MATRIX})", self.where)
             return None
         rows, columns, kind = self.shape
-        channels = "".join(c for c in kind if c.isdigit()) or "1"
-        sizes = [rows, columns, channels]
+        found_type = _TYPE.fullmatch(kind)
+        sizes = [rows, columns, "-" if found_type is None else found_type[1] or "1"]
         if not all(s.isascii() and s.isdigit() and len(s) < 10 for s in sizes):
-            reading.wrong(f"{name} has rows, cols, dt {self.shape}, which are no sizes", self.where)
+            said = f"rows {rows!r}, cols {columns!r}, dt {kind!r}"
+            what = f"{name} has {said}; valid: two whole numbers, a type such as d or 2f"
+            reading.wrong(what, self.where)
             return None
         shape = tuple(int(s) for s in sizes)
         texts = self.text.split()
@@ -55,16 +59,16 @@ class Value:
         return None if found is None else np.array(found).reshape(shape)
 
 
-def read_storage(path: Path) -> dict[str, Value]:
-    """Return the values of a file by name.
+def read_storage(path: Path) -> tuple[dict[str, Value], int]:
+    """Return the values of a file by name, and the number of its last line.
 
     Raises:
         InputError: the file cannot be read, or is neither YAML nor XML of OpenCV.
     """
     text = read_text(path)
     if text.lstrip().startswith("<"):
-        return _of_xml(parse_xml(text.encode("utf-8"), path.name), path.name)
-    return _of_yaml(text, path.name)
+        return _of_xml(parse_xml(text.encode("utf-8"), path.name), path.name), last_line(text)
+    return _of_yaml(text, path.name), last_line(text)
 
 
 def _of_xml(root: Element, name: str) -> dict[str, Value]:
@@ -80,6 +84,8 @@ def _of_xml(root: Element, name: str) -> dict[str, Value]:
         if "data" in inner:
             shape = (inner.get("rows", ""), inner.get("cols", ""), inner.get("dt", ""))
             out[child.tag] = Value(inner["data"], where, shape)
+        elif child.attributes.get("type_id") == MATRIX or "rows" in inner:
+            raise InputError(Problem(f"matrix {child.tag} has no <data>", where))
         elif not child.children:
             out[child.tag] = Value(child.text.strip().strip('"'), where)
     return out
@@ -103,13 +109,15 @@ def _of_yaml(text: str, name: str) -> dict[str, Value]:
         root = yaml.compose("\n".join(lines), Loader=yaml.SafeLoader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        where = name if mark is None else f"{name}:{mark.line + 1}"
+        at = getattr(error, "position", len(text))  # of a character that YAML does not allow
+        line = "\n".join(lines).count("\n", 0, at) if mark is None else mark.line
+        where = f"{name}:{line + 1}"
         reason = getattr(error, "problem", None) or str(error).split("\n")[0]
         raise InputError(Problem(f"is not YAML: {reason}", where)) from None
     except (RecursionError, ValueError) as error:
-        raise InputError(Problem(f"is not YAML: {str(error)[:80]}", name)) from None
+        raise InputError(Problem(f"is not YAML: {str(error)[:80]}", f"{name}:1")) from None
     if not isinstance(root, yaml.MappingNode):
-        raise InputError(Problem("has no names and values", name))
+        raise InputError(Problem("has no names and values", f"{name}:{last_line(text)}"))
     out: dict[str, Value] = {}
     for key, node in root.value:
         where = f"{name}:{node.start_mark.line + 1}"
@@ -124,6 +132,9 @@ def _of_yaml(text: str, name: str) -> dict[str, Value]:
             if isinstance(data, yaml.SequenceNode):
                 words = " ".join(_scalar(yaml, v) for v in data.value)
                 out[str(key.value)] = Value(words, where, (sizes[0], sizes[1], sizes[2]))
+            elif str(node.tag).endswith(MATRIX) or "rows" in inner:
+                what = f"matrix {key.value} has no data, such as data: [ 1., 2. ]"
+                raise InputError(Problem(what, where))
     return out
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
-from ...errors import InputError, Problem
 from ..json_tree import Node, parse_json
 from ..text import read_text
 from .archive import inside
@@ -15,6 +14,10 @@ from .archive import inside
 JSON = "application/opf-{}+json"
 """Format of a resource by the name of what it holds."""
 GLTF = "model/gltf+json"
+EXTENSION = "application/ext-"
+"""Beginning of the formats of vendors, which are not read."""
+BUFFER = "application/gltf-buffer+bin"
+"""Format of the tables of a glTF file, which names them itself."""
 VERSION = "1"
 """Version of the format that is read, without what follows the point."""
 ITEMS = (
@@ -22,6 +25,8 @@ ITEMS = (
     *("projected_control_points", "constraints", "scene_reference_frame", "calibration"),
 )
 """Items that are read; others are products, or belong to vendors (ext_…)."""
+PRODUCTS = ("point_cloud",)
+"""Items of products, which are not read."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class OpfProject:
             InputError: the project has none.
         """
         if name not in self.resources:
-            raise InputError(Problem(f"the project has no {name}", self.path.name))
+            raise self.root.need("items").fail(f"the project has no {name}")
         return self.resources[name]
 
     def list(self, name: str, key: str) -> Iterator[Node]:
@@ -66,6 +71,10 @@ def open_project(path: Path) -> OpfProject:
     for item in root.need("items").list():
         kind = item.need("type").text()
         if kind not in ITEMS:
+            if kind not in PRODUCTS and not kind.startswith("ext_"):
+                valid = ", ".join((*ITEMS, *PRODUCTS, "ext_…"))
+                what = f"unknown type {kind[:40]!r} of an item; valid: {valid}"
+                raise item.need("type").fail(what)
             continue
         for resource in item.need("resources").list():
             form = resource.need("format").text()
@@ -76,6 +85,9 @@ def open_project(path: Path) -> OpfProject:
                 if name in resources:
                     raise resource.fail(f"the project has {name} twice; valid: one calibration")
                 resources[name] = _document(_file(path.parent, resource.need("uri")), name)
+            elif form not in (GLTF, BUFFER) and not form.startswith(EXTENSION):
+                what = f"format {form!r} of {kind} is not read; valid: {JSON.format('…')}, {GLTF}"
+                raise resource.need("format").fail(what)
     return OpfProject(path, root, resources, tuple(clouds))
 
 
@@ -84,7 +96,10 @@ def _file(folder: Path, node: Node) -> Path:
     address = urlparse(node.text())
     if address.scheme or address.netloc:
         raise node.fail(f"address {node.text()!r} must be a path relative to the project")
-    return inside(folder, unquote(address.path), node.where)
+    found = inside(folder, unquote(address.path), node.where)
+    if not found.is_file():
+        raise node.fail(f"there is no file {node.text()!r} beside the project")
+    return found
 
 
 def _document(path: Path, name: str) -> Node:

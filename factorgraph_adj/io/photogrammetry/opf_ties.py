@@ -139,8 +139,8 @@ class _Accessors:
             raise InputError(Problem(what, buffer.where)) from None
         size = count * width * dtype.itemsize
         if begin < 0 or count < 0 or begin + size > len(content):
-            what = f"is cut: {size} bytes from {begin}, but it has {len(content)}"
-            raise InputError(Problem(what, file.name))
+            what = f"{name} is cut: {size} bytes from byte {begin}, but it has {len(content)}"
+            raise InputError(Problem(what, accessor.where))
         return np.frombuffer(content, dtype, count * width, begin).reshape(-1, width)
 
     def _of(self, every: list[Node], number: Node, what: str) -> Node:

@@ -35,11 +35,17 @@ class Reading:
 
     @contextmanager
     def at(self, where: str) -> Iterator[None]:
-        """Add the problems of an InputError inside, with the file and line before their places."""
+        """Add the problems of an InputError inside, with the file and line before their places.
+
+        Problems that name a line of the same file already keep it alone.
+        """
+        file = where.split(":")[0]
         try:
             yield
         except InputError as error:
-            self.problems += [p.at(where) for p in error.problems]
+            self.problems += [
+                p if p.where.startswith(f"{file}:") else p.at(where) for p in error.problems
+            ]
 
     def number(
         self, text: object, what: str, where: str, *, positive: bool = False

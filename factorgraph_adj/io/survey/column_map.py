@@ -10,6 +10,7 @@ from typing import Any
 from ...errors import InputError, Problem, known
 from ..numbers import Units
 from ..text import parse_toml, read_text
+from ..toml_places import TomlPlaces
 
 SECTIONS = ("points", "readings", "observations")
 POINT_COLUMNS = ("name", "x", "y", "z", "fixed")
@@ -83,10 +84,11 @@ def column_map(given: ColumnMap | Mapping[str, Any] | str | Path) -> ColumnMap:
     """
     if isinstance(given, ColumnMap):
         return given
-    where = "mapping"
+    where, places = "mapping", None
     if isinstance(given, str | Path):
         path = Path(given)
-        given, where = parse_toml(read_text(path), path.name), path.name
+        text, where = read_text(path), path.name
+        given, places = parse_toml(text, where), TomlPlaces(text, where)
     problems = [
         Problem(f"unknown key {k!r}; valid: {known(KEYS, meant=k, most=20)}", where)
         for k in given
@@ -128,7 +130,7 @@ def column_map(given: ColumnMap | Mapping[str, Any] | str | Path) -> ColumnMap:
     if not any(name in given for name in SECTIONS):
         problems.append(Problem(f"needs one of the tables {known(SECTIONS)}", where))
     if problems:
-        raise InputError(problems)
+        raise InputError(problems if places is None else map(places.placed, problems))
     return ColumnMap(**out)
 
 
@@ -146,21 +148,20 @@ def _units(given: object, where: str, problems: list[Problem]) -> Units:
 def _section(name: str, given: object, where: str, problems: list[Problem]) -> Section | None:
     if not isinstance(given, Mapping) or not all(isinstance(v, str) for v in given.values()):
         what = f"{name} must name a header of the file for each column, all of them texts"
-        problems.append(Problem(what, where))
+        problems.append(Problem(what, f"{where}: [{name}]"))
         return None
     columns = {k: v for k, v in given.items() if k != "file"}
     valid = COLUMNS[name]
     for key in columns:
         if valid is not None and key not in valid:
             what = f"{name} has no column {key!r}; valid: {known(valid, meant=key)}"
-            problems.append(Problem(what, where))
+            problems.append(Problem(what, f"{where}: [{name}]"))
     for key in NEEDED[name]:
         if key not in columns:
-            problems.append(Problem(f"{name} needs the column {key!r}", where))
+            problems.append(Problem(f"{name} needs the column {key!r}", f"{where}: [{name}]"))
     file = given.get("file")
     if file is not None and (not file or "/" in file or "\\" in file or file.startswith(".")):
-        problems.append(
-            Problem(f"file of {name} must be a name beside the table, not {file!r}", where)
-        )
+        what = f"file of {name} must be a name beside the table, not {file!r}"
+        problems.append(Problem(what, f"{where}: [{name}]"))
         return None
     return Section(name, file, columns)

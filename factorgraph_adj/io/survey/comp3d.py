@@ -5,12 +5,15 @@ Format: IGN France, Comp3D 5, user documentation (OBS file, COR file, project co
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from ...crs.system import ReferenceSystem
 from ...errors import InputError, Problem
+from ...frames import TopocentricFrame
 from ...network.network import Network
 from ...observations import (
     Azimuth,
@@ -23,12 +26,14 @@ from ...observations import (
 from ...stochastic import StandardDeviation
 from ...units import GON
 from .comp3d_files import Comp3dFiles, Comp3dProject, Line, read_project
+from .comp3d_grid import grid_of, grid_system, network_in_grid, projected
 from .comp3d_places import Comp3dOrigin
 from .comp3d_points import (
     IGNORED,
     Comp3dPoint,
     add_joint_covariance,
     add_point,
+    observed_together,
     read_points,
 )
 from .comp3d_sets import add_axis, add_baselines, add_equalities, add_subframe
@@ -57,13 +62,17 @@ def read_comp3d(
     latitude: float | None = None,
     longitude: float | None = None,
     refraction: float | None = None,
-    earth: Literal["sphere", "ellipsoid"] = "sphere",
+    earth: Literal["sphere", "ellipsoid"] | None = None,
     deflections: Literal["as stated", "ignore"] = "as stated",
+    crs: ReferenceSystem | str | None = None,
+    geoid: str | float | None = None,
 ) -> Network:
-    """Read a local project of Comp3D.
+    """Read a project of Comp3D, a local one or one in a map projection.
 
-    The axes are east, north and up at the centre of the project; coordinates of the files, a
-    stereographic projection and heights, are converted to them. Points without coordinates, which
+    The axes are east, north and up at the centre of the project; coordinates of the files are
+    converted to them: those of a local project are a stereographic projection and heights, those of
+    a project in a map projection lead through its reference system (which needs pyproj) to the
+    ellipsoid, and results come back in it (`grid_coordinates`). Points without coordinates, which
     the observations name, are found as in Comp3D. What is read:
 
     | code | observation |
@@ -77,14 +86,15 @@ def read_comp3d(
     | 11 | `FrameCoordinate` in a frame at a point |
     | 12 | `FrameDirection`, `FrameZenith`, `FrameDistance` in a frame at a point |
     | 18 | a circle for each target: `OnCircle` |
-    | 19 | `GnssVector`, with ``earth="ellipsoid"`` and a longitude |
+    | 19 | `GnssVector`, with ``earth="ellipsoid"`` and a longitude, or in a grid |
     | 21, 22 | `EqualHeightDifference`, `EqualDistance` |
 
     σ = σ_abs + σ_rel D of lengths and σ_abs + σ_rel / D of angles, σ_rel of angles in metres; D is
     horizontal for directions and azimuths. Lines with a negative code or σ take no part; the id of
     a simple observation is its line, with the name of the file before it in files that the main
     one names. Words behind the file of codes 21 and 22 have no effect. Code 2 (a distance along the
-    ellipsoid) and projects in a map projection are refused.
+    ellipsoid) is refused. σ of coordinates in a grid are those of the stereographic plane at the
+    centre, as in Comp3D.
 
     Args:
         path: project (.comp), or observations (.obs) with the points beside them.
@@ -94,52 +104,103 @@ def read_comp3d(
         longitude: longitude of the centre, degrees; a must for GNSS baselines only.
         refraction: refraction coefficient; None: that of the project, or 0.12.
         earth: "sphere": the sphere of Comp3D's own simple observations. "ellipsoid": as its
-            sub-frames are computed since version 5.22; coordinates differ by 2 µm at 100 m.
+            sub-frames are computed since version 5.22; coordinates differ by 2 µm at 100 m. None:
+            the sphere for local projects, the ellipsoid for those in a grid, which take nothing
+            else.
         deflections: whether deflections of the vertical in the file of points are used.
+        crs: reference system of the grid instead of the project's; observations (.obs) of points in
+            a grid need it, and no latitude: their centre is the mean of the points. With an EPSG
+            code and no geoid, heights are ellipsoidal, as in Comp3D.
+        geoid: geoid of the heights of a project whose heights are altitudes: the path of a grid, or
+            a constant undulation in metres.
 
     Raises:
         InputError: every problem of all files, each with file and line.
     """
     first = Path(path)
-    project = _project(first, points, latitude, refraction)
-    origin = Comp3dOrigin(project.latitude, longitude or 0.0)
-    if not -89.0 <= project.latitude <= 89.0 or not -360.0 <= origin.longitude <= 360.0:
-        where = f"latitude {project.latitude}, longitude {origin.longitude}"
-        raise InputError(f"{where}: must be from -89 to 89 and from -360 to 360 degrees")
-    sphere = earth == "sphere"
-    network = Network(first.stem, frame=origin.sphere if sphere else origin.frame)
-    files = Comp3dFiles()
-    given = read_points(
-        files,
-        project.points,
-        cartesian=origin.to_cartesian if sphere else origin.on_ellipsoid,
-        radius=origin.radius,
-        centre=project.centre,
-    )
+    project = _project(first, points, latitude, refraction, in_grid=crs is not None)
+    if crs is not None or project.projection is not None:
+        started = _in_grid(first, project, crs, geoid, earth)
+    else:
+        if geoid is not None:
+            what = "a local project has no geoid: geoid= belongs to a project in a grid"
+            raise InputError(Problem(what, first.name))
+        started = _local(first, project, longitude, earth or "sphere")
+    files, network, given, origin, used = started
     lines = list(files.lines(project.observations))
-    used = {n: p for n, p in given.items() if p.code != IGNORED}
-    joint = set()
-    if project.covariance is not None and used:
-        joint = {p.name for p in used.values() if np.isfinite(p.sigma).any()}
-    for point in used.values():
-        add_point(network, point, weighted=point.name not in joint)
     network.set_refraction(value=project.refraction, fixed=True)
+    sphere = not isinstance(network.frame, TopocentricFrame)
     observations = _Observations(files, network, given, origin, sphere=sphere)
-    if longitude is None:
+    if longitude is None and network.crs is None:
         for line in lines:
             if line.words[0] == "19":
                 line.wrong("GNSS baselines are geocentric: longitude= of the centre is missing")
     observations.read(lines, project.observations)
-    if joint and project.covariance is not None:
-        add_joint_covariance(files, network, used, project.covariance)
     if deflections == "as stated":
         _deflections(network, used)
     files.raise_all()
     return network
 
 
+Started = tuple[Comp3dFiles, Network, dict[str, Comp3dPoint], Comp3dOrigin, dict[str, Comp3dPoint]]
+"""Files, network of the points, all points, centre, points that take part."""
+
+
+def _local(path: Path, project: Comp3dProject, longitude: float | None, earth: str) -> Started:
+    """Return the points of a local project in its frame."""
+    origin = Comp3dOrigin(project.latitude, longitude or 0.0)
+    if not -89.0 <= project.latitude <= 89.0 or not -360.0 <= origin.longitude <= 360.0:
+        where = f"latitude {project.latitude}, longitude {origin.longitude}"
+        raise InputError(f"{where}: must be from -89 to 89 and from -360 to 360 degrees")
+    sphere = earth == "sphere"
+    network = Network(path.stem, frame=origin.sphere if sphere else origin.frame)
+    files = Comp3dFiles()
+    given = read_points(
+        files,
+        project.points,
+        cartesian=origin.to_cartesian if sphere else origin.on_ellipsoid,
+        radius=origin.radius,
+        centre=project.centre or (0.0, 0.0),
+    )
+    used = {n: p for n, p in given.items() if p.code != IGNORED}
+    joint = set() if project.covariance is None else observed_together(used)
+    for point in used.values():
+        add_point(network, point, weighted=point.name not in joint)
+    if joint and project.covariance is not None:
+        add_joint_covariance(files, network, used, project.covariance)
+    return files, network, given, origin, used
+
+
+def _in_grid(
+    path: Path,
+    project: Comp3dProject,
+    crs: ReferenceSystem | str | None,
+    geoid: str | float | None,
+    earth: str | None,
+) -> Started:
+    """Return the points of a project in a grid in the topocentric frame at its centre."""
+    if earth == "sphere":
+        what = "a project in a grid is computed on the ellipsoid: leave earth='sphere' out"
+        raise InputError(Problem(what, path.name))
+    place = path.name if crs is not None else project.place or path.name
+    system = grid_system(project, crs, geoid, place)
+    files = Comp3dFiles()
+    given = read_points(files, project.points, cartesian=np.copy, radius=math.inf)
+    grid = grid_of(system, project.centre, given, place)
+    given = projected(grid, given)
+    used = {n: p for n, p in given.items() if p.code != IGNORED}
+    files.raise_all()
+    network = network_in_grid(files, grid, used, project.covariance, path.stem)
+    return files, network, given, grid.origin, used
+
+
 def _project(
-    path: Path, points: str | Path | None, latitude: float | None, refraction: float | None
+    path: Path,
+    points: str | Path | None,
+    latitude: float | None,
+    refraction: float | None,
+    *,
+    in_grid: bool,
 ) -> Comp3dProject:
     """Return the project of a file, with what the caller states."""
     if path.suffix.lower() == ".comp":
@@ -151,9 +212,15 @@ def _project(
             found.centre,
             found.refraction if refraction is None else refraction,
             found.covariance,
+            found.projection,
+            found.ellipsoidal,
+            found.place,
         )
-    if latitude is None:
-        what = "needs latitude=, that of the centre in degrees, which a project (.comp) states"
+    if latitude is None and not in_grid:
+        what = (
+            "needs latitude=, that of the centre in degrees, which a project (.comp) states, or "
+            "crs=, the reference system of a grid"
+        )
         raise InputError(Problem(what, path.name))
     if points is None:
         beside = sorted(path.parent.glob("*.cor"))
@@ -163,7 +230,7 @@ def _project(
             raise InputError(Problem(what, path.name))
         points = (same or beside)[0]
     k = REFRACTION if refraction is None else refraction
-    return Comp3dProject(Path(points), path, latitude, (0.0, 0.0), k, None)
+    return Comp3dProject(Path(points), path, latitude or 0.0, None, k, None)
 
 
 def _deflections(network: Network, given: dict[str, Comp3dPoint]) -> None:
@@ -310,7 +377,10 @@ class _Observations:
     def _differences(
         self, line: Line, value: float, absolute: float, relative: float, heights: bool
     ) -> None:
-        """Add differences of coordinates: both of code 9 with σ of east and north, or one."""
+        """Add differences of coordinates: both of code 9 with σ of east and north, or one.
+
+        Without a second σ that of code 9 is the same in both.
+        """
         code, station, target = line.words[:3]
         if heights:
             line.wrong("differences of coordinates have no heights of instruments")
@@ -321,7 +391,8 @@ class _Observations:
         # Of projected coordinates, which are 1 + h/R times as large on the ground.
         point = self.given.get(station, self.given.get(target))
         scale = 1.0 if point is None else 1.0 + float(point.projected[2]) / self.radius
-        parts = {"9": (("x", 0.0, absolute), ("y", 0.0, relative)), "14": (("x", value, absolute),)}
+        north = relative if relative != 0.0 else absolute
+        parts = {"9": (("x", 0.0, absolute), ("y", 0.0, north)), "14": (("x", value, absolute),)}
         for axis, difference, sigma in parts.get(code, (("y", value, absolute),)):
             if sigma > 0:
                 made = line.attempt(

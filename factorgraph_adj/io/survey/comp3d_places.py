@@ -25,17 +25,19 @@ from ...types import Array
 
 @dataclass(frozen=True)
 class Comp3dOrigin:
-    """The centre of a local project on GRS80."""
+    """The centre of a project, on GRS80 if it is a local one."""
 
     latitude: float
     """Geodetic latitude, degrees."""
     longitude: float = 0.0
-    """Longitude, degrees: it matters for GNSS baselines only."""
+    """Longitude, degrees: it matters for GNSS baselines and grids only."""
+    ellipsoid_name: str = "GRS80"
+    """Ellipsoid, see `factorgraph_adj.ellipsoid.ELLIPSOIDS`."""
 
     @property
     def radii(self) -> tuple[float, float]:
         """Radii of curvature M and N, metres."""
-        m, n = ellipsoid("GRS80").radii(np.radians(np.array([self.latitude])))
+        m, n = ellipsoid(self.ellipsoid_name).radii(np.radians(np.array([self.latitude])))
         return float(m[0]), float(n[0])
 
     @property
@@ -58,7 +60,7 @@ class Comp3dOrigin:
         The inverse of the double projection: from the plane to the sphere of radius √(MN), from the
         sphere to the ellipsoid, both conformal.
         """
-        globe, phi0, r = ellipsoid("GRS80"), np.radians(self.latitude), self.radius
+        globe, phi0, r = ellipsoid(self.ellipsoid_name), np.radians(self.latitude), self.radius
         e = np.sqrt(globe.e2)
 
         def isometric(phi: float) -> float:
@@ -87,13 +89,15 @@ class Comp3dOrigin:
     def frame(self) -> TopocentricFrame:
         """East, north, up at the origin, on the ellipsoid."""
         latitude, longitude = np.radians(self.latitude), np.radians(self.longitude)
-        return TopocentricFrame(latitude, longitude, 0.0, "GRS80", radius=self.radius)
+        return TopocentricFrame(latitude, longitude, 0.0, self.ellipsoid_name, radius=self.radius)
 
     def on_ellipsoid(self, projected: Array) -> Array:
         """Return east, north, up (3,) on the ellipsoid of stereographic X, Y and height."""
         phi, longitude = (np.array([a]) for a in self.geodetic(projected))
         longitude = longitude + np.radians(self.longitude)
-        there = ellipsoid("GRS80").to_cartesian(phi, longitude, np.array([projected[2]]))
+        there = ellipsoid(self.ellipsoid_name).to_cartesian(
+            phi, longitude, np.array([projected[2]])
+        )
         return np.asarray(self.frame.from_geocentric(there)[0])
 
     def convergence(self, east: float) -> float:

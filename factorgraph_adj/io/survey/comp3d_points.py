@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,7 +68,8 @@ def read_points(
         files: gets the files that are read, and their problems.
         path: the file.
         cartesian: turns projected coordinates into those of the frame.
-        radius: R, metres: σ of plane coordinates are 1 + h/R times as large on the ground.
+        radius: R, metres: σ of plane coordinates are 1 + h/R times as large on the ground;
+            infinite: they are those of the plane.
         centre: X and Y of the centre of the project, which are subtracted, metres.
     """
     points: dict[str, Comp3dPoint] = {}
@@ -139,6 +140,11 @@ def add_point(network: Network, point: Comp3dPoint, *, weighted: bool = True) ->
     )
 
 
+def observed_together(points: Mapping[str, Comp3dPoint]) -> set[str]:
+    """Return the names of the points with weighted coordinates."""
+    return {p.name for p in points.values() if np.isfinite(p.sigma).any()}
+
+
 def add_joint_covariance(
     files: Comp3dFiles, network: Network, points: dict[str, Comp3dPoint], path: Path
 ) -> set[str]:
@@ -185,7 +191,14 @@ def add_joint_covariance(
         order += [names.index(f"{name}_{a}") for a in axes]
         value = tuple(float(points[name].xyz["xyz".index(a)]) for a in axes)
         members.append(
-            ControlPoint(name, value, axes=axes, sigma=(1.0,) * len(axes), source=path.name)
+            ControlPoint(
+                name,
+                value,
+                axes=axes,
+                sigma=(1.0,) * len(axes),
+                id=f"{name} control",
+                source=path.name,
+            )
         )
     if members and not file.problems:
         joint = file.attempt(1, Correlated, tuple(members), matrix[np.ix_(order, order)])

@@ -25,6 +25,13 @@ AT_STATION = ("ANGL", "ZEND", "DIST", "ECTH", "UVEC", "UVD")
 """Blocks of a station, whose name and instrument stand in the block of the station."""
 ALONE = ("ECVE", "ECSP", "DSPT", "ECWI", "ECWS", "INCLY", "ROLLY", "OBSXYZ", "PDOR")
 STATIONS = ("TSTN", "CAM")
+WITHOUT_WORDS = ("OLOC", "SPHE", "LEP", "ENDFRAME", "INSTR", "V0", "END")
+"""Keywords with nothing behind them in their line."""
+WITHOUT_LINES = (
+    *("OLOC", "SPHE", "LEP", "FRAME", "ENDFRAME", *IGNORED, *STATIONS),
+    *("SCALE", "HLSR", "WPSR", "INCL"),
+)
+"""Keywords with no lines below them, among them instruments without targets."""
 FREE = ("TX", "TY", "TZ", "RX", "RY", "RZ")
 """Components of a frame that may be free."""
 DEEPEST = 50
@@ -189,12 +196,14 @@ class Lgc2Input:
                     self._rows.append(row)
                     if self._section in POINTS:
                         self._point(row)
-                    elif self._section in ("", "FRAME", "ENDFRAME", *IGNORED):
-                        row.wrong("a line without a keyword (*WORD) before it")
+                    elif self._section in ("", *WITHOUT_LINES):
+                        before = self._section or "WORD"
+                        row.wrong(f"the line does not belong to *{before} before it")
             except InputError as error:
                 self.file.problems += error.problems
         if self._node is not self.root:
-            self.file.add(0, f"frame {self._node.name} has no *ENDFRAME")
+            line = 0 if self._node.row is None else self._node.row.line
+            self.file.add(line, f"frame {self._node.name} has no *ENDFRAME")
 
     def _lines(self) -> list[Row]:
         """Return the lines that say something: without comments (%, $) and the title."""
@@ -213,6 +222,8 @@ class Lgc2Input:
     def _keyword(self, row: Row) -> None:
         key = row.words[0].lstrip("*").upper()
         rest = row.behind(1)
+        if rest.words and (key in WITHOUT_WORDS or key in POINTS):
+            row.wrong(f"words behind *{key} are not read: {' '.join(rest.words)[:60]!r}")
         rows: list[Row] = []
         self._rows, self._section = rows, key
         if key in ("OLOC", "SPHE", "LEP"):

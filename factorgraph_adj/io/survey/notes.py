@@ -1,4 +1,7 @@
-"""What is wrong in a file: problems with file and line, and numbers and names in its text."""
+"""What is wrong in a file: problems with file and line, and numbers and names in its text.
+
+A reader of several files in a row numbers their lines on; `Notes.place` tells the file of a line.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +26,23 @@ class Notes:
     def __init__(self, path: Path) -> None:
         """Start without problems."""
         self.path = path
+        self.starts: list[tuple[int, Path]] = [(0, path)]
         self.problems: dict[Problem, int] = {}
         self.more = 0
 
     def place(self, line: int) -> str:
         """Return file and line."""
-        return f"{self.path.name}:{line}"
+        before, path = next(s for s in reversed(self.starts) if s[0] < max(line, 1))
+        return f"{path.name}:{line - before}"
+
+    def go_on(self, path: Path, lines: int) -> None:
+        """Go on with another file, whose lines are numbered on.
+
+        Args:
+            path: the file.
+            lines: number of lines of all files before it.
+        """
+        self.starts.append((lines, path))
 
     def add(self, line: int, what: str) -> None:
         """Note a problem of a line; the same problem is noted once."""

@@ -7,12 +7,14 @@ article 1120, "STAR*NET data types".
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from ...crs.system import ReferenceSystem
 from ...errors import InputError, Problem, known
 from ...frames import LocalFrame
+from ...network.grid.move import Azimuths, Distances
 from ...network.network import Network
 from ...observations import (
     Azimuth,
@@ -26,22 +28,17 @@ from ...observations import (
 )
 from ..text import read_text
 from .notes import Notes
-from .star_net_lines import BEARING, DMS, Sigma, Values, inline
+from .star_net_gps import StarNetVectors
+from .star_net_grid import grid_system, horizons, lines_of, moved, to_grid
+from .star_net_lines import Sigma, Values, inline
 from .star_net_options import CHOICES, StarNetOptions, star_net_options
 from .star_net_points import StarNetPoints
+from .star_net_traverse import StarNetTraverse
 
 NOT_BUILT = {
-    "CH": "ellipsoidal heights need a geoid",
-    "P": "positions by latitude and longitude: give grid coordinates in C lines",
-    "PH": "positions by latitude and longitude: give grid coordinates in C lines",
-    "EH": "ellipsoidal heights need a geoid",
-    "G": "GPS vectors are geocentric: use a reader of GNSS vectors",
-    "G0": "GPS vectors are geocentric: use a reader of GNSS vectors",
-    "G1": "GPS vectors are geocentric: use a reader of GNSS vectors",
-    "G2": "GPS vectors are geocentric: use a reader of GNSS vectors",
-    "G3": "GPS vectors are geocentric: use a reader of GNSS vectors",
-    "GT": "geoid heights and deflections: use a geoid of factorgraph_adj.crs",
-    "GH": "geoid heights and deflections: use a geoid of factorgraph_adj.crs",
+    "G": "give G1 to G3",
+    "GT": "geoid heights and deflections: use geoid=",
+    "GH": "geoid heights and deflections: use geoid=",
 }
 """Data types of STAR*NET that the reader refuses, and why."""
 PLAIN = {
@@ -60,20 +57,28 @@ PLAIN = {
 """Observations of the data types, in their order on a line."""
 ANGLED = ("A", "M", "SS")
 """Data types whose stations are at, from and to."""
-CODES = ("C", "E", *PLAIN, "L", "DB", "DE", "TB", "TE")
+ON_EARTH = ("CH", "EH", "P", "PH", "G0", "G1", "G2", "G3")
+"""Data types that need the reference system of a project in a grid."""
+CODES = ("C", "E", *PLAIN, "L", "DB", "DE", "TB", "TE", *ON_EARTH)
 
 
 def read_star_net(
     path: str | Path,
     *,
     options: StarNetOptions | Mapping[str, Any] | str | Path | None = None,
+    crs: ReferenceSystem | str | None = None,
+    geoid: str | float | None = None,
+    azimuths: Literal["grid", "true"] = "grid",
+    horizontal_distances: Distances = "measured",
+    files: Sequence[str | Path] = (),
 ) -> Network:
-    """Read a data file of STAR*NET (``.dat``).
+    """Read data files of STAR*NET (``.dat``, ``.gps``).
 
     Read are C, E, A, D, V, DV, B, M, SS, BM, DB, DN, DM, DE, TB, T, TE and L with entered, default,
     fixed (``!``: 0.01″ or 0.01 mm) and free (``*``: 10⁴ times the default) standard errors, ``?``
     for what was not measured, heights of instrument and target, and the inline options .2D, .3D,
-    .UNITS, .ORDER, .DELTA, .REFRACTION, .SEPARATOR, .MULTIPLIER, .ADDCENTERING, .LWEIGHT and .DATA;
+    .UNITS, .ORDER, .DELTA, .REFRACTION, .SEPARATOR, .MULTIPLIER, .ADDCENTERING, .LWEIGHT,
+    .INSTRUMENT, .LONGITUDE, .GPS WEIGHT, .GPS FACTOR and .DATA;
     .LOSTSTATIONS, .PTOLERANCE, .ELLIPSE and .RELATIVE concern what STAR*NET prints and change
     nothing; other options and data types are refused by name. Lines
     between .DATA OFF and .DATA ON, comments (#) and descriptors (') are not read.
@@ -85,9 +90,22 @@ def read_star_net(
     Side shots take part in the adjustment; without redundancy they change nothing. A 2D project
     holds z = 0, LEV holds x and y. Data of a 3D line in a 2D project is reduced to the horizontal.
 
+    With the reference system of a project in a grid, CH, EH, P, PH and GPS vectors (G0 to G3) are
+    read too, and the network is in a topocentric frame (`from_grid`): neither the scale of the grid
+    nor curvature is neglected, distances stay as they were measured, and results come back in the
+    grid (`grid_coordinates`).
+
     Args:
         path: the file.
         options: settings of the project, see `StarNetOptions`, or a TOML file with them.
+        crs: reference system of the grid in metres, such as EPSG:2953; None: a local project.
+        geoid: what elevations are above: the path of a geoid, or the geoid height of the project in
+            metres, 0 where it has none.
+        azimuths: whether bearings and azimuths count from ``grid`` north, as in grid projects
+            without .GRID, or from ``true`` north.
+        horizontal_distances: where horizontal distances are, see `from_grid`.
+        files: further data files of the project, read in this order after the first, with the
+            options that are in force there.
 
     Raises:
         InputError: every problem of the file, each with its line, and every setting that it needs
@@ -102,26 +120,39 @@ def read_star_net(
             "default standard errors that its lines use; state them in options"
         )
         raise InputError(Problem(what, source.name))
-    reader = _Reader(source, settings)
-    for number, text in enumerate(read_text(source).split("\n"), start=1):
-        reader.read(number, text)
-    return reader.network()
+    system = None if crs is None else grid_system(crs, geoid)
+    if system is None and geoid is not None:
+        raise InputError(
+            Problem("geoid= belongs to the reference system of a grid: crs=", str(path))
+        )
+    if system is not None and settings.adjustment == "LEV":
+        raise InputError(Problem("a LEV project has no coordinates of a grid", source.name))
+    reader = _Reader(source, settings, system)
+    before = 0
+    for further in (source, *map(Path, files)):
+        lines = read_text(further).split("\n")
+        if before:
+            reader.notes.go_on(further, before)
+        for number, text in enumerate(lines, start=before + 1):
+            reader.read(number, text)
+        before += len(lines)
+    return reader.network(azimuths, horizontal_distances)
 
 
 class _Reader:
-    def __init__(self, path: Path, options: StarNetOptions) -> None:
+    def __init__(self, path: Path, options: StarNetOptions, system: ReferenceSystem | None) -> None:
         self.path = path
+        self.system = system
         self.notes = Notes(path)
         self.values = Values(self.notes, options)
         self.points = StarNetPoints(self.values)
+        self.vectors = StarNetVectors(self.notes)
         self.observations: list[Observation] = []
         self.refractions: dict[str, float] = {}
         self.reading = True
         self.set_at: tuple[str, str] | None = None
         self.sets: dict[str, int] = {}
-        self.traverse: list[str] | None = None
-        self.backsight: float | None = None
-        self.pending: tuple[int, str, list[str]] | None = None
+        self.traverse = StarNetTraverse(self.values, self.points, self._observe, self._add)
 
     # -- lines ------------------------------------------------------------------------------------
 
@@ -134,6 +165,8 @@ class _Reader:
             return
         if words[0].startswith("."):
             option = inline(self.values, line, words)
+            if option == "GPS" and self.reading:
+                self.vectors.option(line, words[1:])
             if option == "DATA":
                 self.reading = [w.upper() for w in words[1:]] != ["OFF"]
             return
@@ -147,15 +180,24 @@ class _Reader:
                 line,
                 f"unknown data type {words[0][:20]!r}; valid: " + known(CODES, meant=code, most=30),
             )
-        elif code in ("C", "E"):
-            of_code = self.points.coordinates if code == "C" else self.points.elevation
-            of_code(line, rest)
+        elif code in ON_EARTH and self.system is None:
+            what = f"data type {code} needs the reference system of the grid: crs= and geoid="
+            self.notes.add(line, what)
+        elif code in ("C", "E", "CH", "EH"):
+            of_code = self.points.coordinates if code[0] == "C" else self.points.elevation
+            of_code(line, rest, code)
+        elif code in ("P", "PH"):
+            self.points.position(line, rest, code)
+        elif code in ("G1", "G2", "G3"):
+            self._vector(line, code, rest)
+        elif code == "G0":
+            return
         elif code == "L":
             self._level(line, rest)
         elif code in ("DB", "DE", "DN", "DM"):
             self._of_set(line, code, rest)
         elif code in ("TB", "T", "TE"):
-            self._of_traverse(line, code, rest)
+            self.traverse.read(line, code, rest)
         else:
             count = 3 if code in ANGLED else 2
             names = self._names(line, code, rest, count)
@@ -178,6 +220,16 @@ class _Reader:
             self.notes.add(line, f"{code} joins a point to itself: {words[0][:40]}")
             return []
         return names
+
+    def _vector(self, line: int, code: str, words: list[str]) -> None:
+        """Read a line of a GPS vector."""
+        if self.values.options.adjustment != "3D":
+            self.notes.add(line, "GPS vectors need a 3D project")
+        elif code != "G1":
+            self.vectors.weights(line, code, words)
+        elif names := self._names(line, code, words, 2):
+            self.points.use(line, *names)
+            self.vectors.vector(line, names, words[1:])
 
     def _level(self, line: int, words: list[str]) -> None:
         names = self._names(line, "L", words, 2)
@@ -221,64 +273,6 @@ class _Reader:
             self.notes.add(line, f"{code} takes the name of another station than that of the set")
         else:
             self._observe(line, code, [self.set_at[0], words[0]], words[1:])
-
-    # -- traverses --------------------------------------------------------------------------------
-
-    def _of_traverse(self, line: int, code: str, words: list[str]) -> None:
-        if code == "TB":
-            if self.traverse is not None:
-                self.notes.add(line, "TB within a traverse: TE is missing")
-            self.traverse, self.backsight, self.pending = [], None, None
-            if len(words) != 1:
-                self.notes.add(line, "TB takes the backsight, a station or a bearing")
-            elif BEARING.fullmatch(words[0]) or DMS.fullmatch(words[0]):
-                self.backsight = self.values.bearing(line, words[0], "bearing of TB")
-            else:
-                self.traverse.append(words[0])
-            return
-        if self.traverse is None:
-            self.notes.add(line, f"{code} without TB: a traverse begins with TB")
-            return
-        if not words:
-            self.notes.add(line, f"{code} takes the name of the station")
-            return
-        self._leg(words[0])
-        self.traverse.append(words[0])
-        if code == "T":
-            self.pending = (line, words[0], words[1:])
-            return
-        if len(words) > 1:
-            self._closing(line, words)
-        self.traverse = self.pending = None
-
-    def _leg(self, to: str) -> None:
-        """Observe the last T line, whose target is known now."""
-        if self.pending is None or self.traverse is None:
-            return
-        line, at, words = self.pending
-        if to == at:
-            self.notes.add(line, f"T joins {at!r} to itself")
-        elif len(self.traverse) > 1:
-            self._observe(line, "T", [at, self.traverse[-2], to], words)
-        elif words:
-            # The backsight is a bearing: the angle from it is an azimuth.
-            self._observe(line, "T", [at, to], words, azimuth=self.backsight)
-
-    def _closing(self, line: int, words: list[str]) -> None:
-        """Observe the closing angle of a TE line."""
-        at, back = words[0], (self.traverse or ["", ""])[-2:][0]
-        if len(words) not in (3, 4) or len(self.traverse or []) < 2:
-            self.notes.add(line, "TE takes the station, and a closing angle with the foresight")
-            return
-        angle = self.values.angle(line, words[1], "closing angle")
-        sigma = self.values.sigma(line, words[3] if len(words) > 3 else None, "angle")
-        self.points.use(line, at, back)
-        if BEARING.fullmatch(words[2]):
-            value = self.values.bearing(line, words[2], "closing bearing") - angle
-            self._add(line, Azimuth, [at, back], value % (2 * math.pi), sigma)
-            return
-        self.points.use(line, words[2])
-        self._add(line, HorizontalAngle, [at, back, words[2]], angle % (2 * math.pi), sigma)
 
     # -- observations -----------------------------------------------------------------------------
 
@@ -358,7 +352,7 @@ class _Reader:
         value = self.values.length(line, text, "distance")
         sigma = self.values.sigma(line, error, "distance")
         in_space = self.values.now.dimension != "2D"
-        sloping = in_space and self._mode(line) == "slope"
+        sloping = in_space and self._mode(line) != "horizontal"
         if not sloping:
             self._add(line, HorizontalDistance, ends, value, sigma)
         elif flat:
@@ -379,7 +373,7 @@ class _Reader:
         heights: list[float],
     ) -> None:
         text, error = given["vertical"]
-        if self._mode(line) != "slope":
+        if self._mode(line) == "horizontal":
             value = self.values.length(line, text, "elevation difference")
             far = given.get("distance", ("?", None))[0]
             distance = None if far == "?" else self.values.length(line, far, "distance")
@@ -423,28 +417,58 @@ class _Reader:
 
     # -- the network ------------------------------------------------------------------------------
 
-    def network(self) -> Network:
+    def network(self, azimuths: Azimuths, distances: Distances) -> Network:
         """Return the network; raise all problems."""
         if self.set_at is not None:
             self.notes.add(1, f"the set of directions at {self.set_at[0]!r} has no end (DE)")
-        if self.traverse is not None:
+        if self.traverse.stations is not None:
             self.notes.add(1, "the last traverse has no end (TE)")
         if not self.points.points and not self.notes:
             self.notes.add(1, "holds neither points nor observations")
         adjustment = self.values.options.adjustment or "3D"
+        self.vectors.check()
+        if self.system is not None and not self.notes:
+            to_grid(self.points, self.system, self.notes)
+            if adjustment == "2D":
+                self.values.demand(1, "elevation_of_project")
         self.values.note_missing()
         self.notes.raise_problems()
-        held = self.points.anything_held(adjustment)
-        network = Network(
-            self.path.stem,
-            frame=LocalFrame(radius=self.values.options.earth_radius),
-            datum="given" if held else "free",
+        return (
+            self._local(adjustment)
+            if self.system is None
+            else self._in_grid(
+                self.system, adjustment, azimuths=azimuths, horizontal_distances=distances
+            )
         )
-        self.points.add_to(network, adjustment)
+
+    def _local(self, adjustment: str) -> Network:
+        """Return the network of a local project: curvature and refraction are one coefficient."""
+        network = self._plain(adjustment, LocalFrame(radius=self.values.options.earth_radius))
         for group, coefficient in self.refractions.items():
             network.set_refraction(group, value=2.0 * coefficient - 1.0, fixed=True)
+        self._observe_in(network, self.observations)
+        return network
+
+    def _in_grid(self, system: ReferenceSystem, adjustment: str, **options: Any) -> Network:
+        """Return the network of a project in a grid, in a topocentric frame."""
+        network = self._plain(adjustment, LocalFrame())
+        for group, coefficient in self.refractions.items():
+            network.set_refraction(group, value=2.0 * coefficient, fixed=True)
+        with lines_of(self.points, self.notes):
+            vectors = self.vectors.observations(lambda names: horizons(network, system, names))
+        self.notes.raise_problems()
+        self._observe_in(network, [*self.observations, *vectors])
+        return moved(network, system, self.points, self.notes, **options)
+
+    def _plain(self, adjustment: str, frame: LocalFrame) -> Network:
+        held = self.points.anything_held(adjustment)
+        network = Network(self.path.stem, frame=frame, datum="given" if held else "free")
+        height = (self.values.options.elevation_of_project or 0.0) * self.values.options.metres
+        self.points.add_to(network, adjustment, height if self.system is not None else 0.0)
+        return network
+
+    def _observe_in(self, network: Network, observations: Sequence[Observation]) -> None:
         try:
-            network.add(*self.observations)
+            network.add(*observations)
         except InputError as error:
             raise InputError([p.at(self.path.name) for p in error.problems]) from None
-        return network

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
+from typing import Any
 
 from ...errors import known
 from ...stochastic import StandardDeviation
 from ...units import ARCSEC, GON
 from .notes import NUMBER, Notes
-from .star_net_options import KILOMETRE, LINEAR, MILE, StarNetOptions
+from .star_net_options import CHOICES, KILOMETRE, LINEAR, MILE, StarNetOptions
 
 HELD_ANGLE, HELD_LENGTH = 0.01 * ARCSEC, 1e-5
 """σ of an observation that is fixed by ``!``: 0.01″ and 0.01 mm."""
@@ -36,6 +37,8 @@ class Conventions:
     multiplier: float = 1.0
     refraction: float | None = None
     add_centring: bool = False
+    longitude: str | None = None
+    """Sign of longitudes."""
 
 
 class Values:
@@ -44,7 +47,10 @@ class Values:
     def __init__(self, notes: Notes, options: StarNetOptions) -> None:
         """Start with the conventions of the project."""
         self.notes = notes
+        self.stated = options
+        """Settings of the project, to which .INSTRUMENT without a name returns."""
         self.options = options
+        """Settings in force."""
         self.now = self.project()
         self.missing: dict[str, int] = {}
 
@@ -60,6 +66,7 @@ class Values:
             o.distances,
             dimension,
             refraction=o.refraction,
+            longitude=o.longitude,
         )
 
     def demand(self, line: int, name: str) -> float:
@@ -81,7 +88,8 @@ class Values:
         """Note the settings that lines need and nothing states."""
         for name, line in self.missing.items():
             what = f"needs the setting {name!r} of the project, which data files do not have"
-            self.notes.add(line, f"{what}: state it in options")
+            words = " or ".join(repr(word) for word in CHOICES.get(name, ()))
+            self.notes.add(line, f"{what}: state it in options{words and f', {words}'}")
 
     # -- values ---------------------------------------------------------------------------------
 
@@ -100,6 +108,10 @@ class Values:
         unit = self.word(line, "angular", self.now.angular)
         if unit == "GONS":
             return self.notes.number(line, text, what, GON)
+        return self.degrees(line, text, what)
+
+    def degrees(self, line: int, text: str, what: str) -> float:
+        """Return an angle, radians: degrees-minutes-seconds or packed D.MMSSsss in every unit."""
         match = DMS.fullmatch(text)
         if match is not None:
             sign, degrees, minutes, seconds = match[1], *(float(g or 0) for g in match.groups()[1:])
@@ -110,8 +122,8 @@ class Values:
             degrees, minutes = float(head or 0), float(tail[:2])
             seconds = float(f"{tail[2:4]}.{tail[4:]}")
         else:
-            valid = "such as 102-34-12.5" if unit == "DMS" else "degrees-minutes-seconds or gons"
-            self.notes.add(line, f"{what} must be an angle, {valid}, not {text[:40]!r}")
+            shown = f"{what} must be an angle, such as 102-34-12.5, not {text[:40]!r}"
+            self.notes.add(line, shown)
             return math.nan
         if minutes >= 60 or seconds >= 60.5 or degrees > 720:
             self.notes.add(
@@ -259,23 +271,25 @@ APPLIED = (
     "3D",
     "DATA",
     "LWEIGHT",
+    "INSTRUMENT",
+    "LONGITUDE",
+    "GPS",
 )
 """Inline options that change what is read."""
 HARMLESS = ("LOSTSTATIONS", "PTOLERANCE", "ELLIPSE", "RELATIVE")
 """Inline options that change only what STAR*NET prints."""
 REFUSED = {
     "INCLUDE": "put the lines of the other file here",
-    "GRID": "observations are not reduced to a grid; adjust in a local or geocentric frame",
+    "GRID": "what bearings and distances are holds for the whole file: azimuths= and "
+    "horizontal_distances=",
     "SCALE": "distances are not scaled; divide them by the factor",
-    "MEASURE": "distances are not reduced to an ellipsoid",
-    "ELEVATION": "ellipsoidal heights need a geoid",
+    "MEASURE": "what bearings and distances are holds for the whole file: azimuths= and "
+    "horizontal_distances=",
+    "ELEVATION": "elevation_of_project in options",
     "ELLIPSOID": "positions on the ellipsoid are not read",
     "MAPMODE": "bearings in traverse lines are not read; use B and D lines",
-    "INSTRUMENT": "the library of instruments is in the project file; state standard errors",
     "ALIAS": "aliases of names are not read; rename the points",
     "COPY": "copies of points are not read; rename the points",
-    "GPS": "GPS vectors are geocentric; give them to a reader of GNSS vectors",
-    "LONGITUDE": "positions by latitude and longitude are not read",
 }
 """Inline options that are not built, and why."""
 
@@ -298,7 +312,8 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
             elif linear:
                 now.linear = linear[0]
             else:
-                values.notes.add(line, f".UNITS {said}: valid: Meters, FeetUS, FeetInt, DMS, GONS")
+                valid = "Meters, FeetUS, FeetInt, DMS, GONS"
+                values.notes.add(line, f".UNITS {said[:40]}: valid: {valid}")
     elif option == "ORDER":
         for word, said in zip(rest, given, strict=True):
             if word in ("NE", "EN"):
@@ -327,7 +342,29 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
     elif option == "REFRACTION":
         number = values.notes.number(line, given[0], ".REFRACTION") if given else math.nan
         now.refraction = number if given else project.refraction
+    elif option == "INSTRUMENT":
+        _instrument(values, line, given)
+    elif option == "LONGITUDE":
+        said = "".join(rest)
+        signs = {"": project.longitude, "POS": "west positive", "NEG": "east positive"}
+        if said[:3] not in signs:
+            values.notes.add(line, f".LONGITUDE {' '.join(given)}: valid: POS (west), NEG (west)")
+        now.longitude = signs.get(said[:3], project.longitude)
     elif option == "LWEIGHT" and given:
         level = values.notes.number(line, given[0], ".LWEIGHT")
         if level > 0:
             values.options = replace(values.options, level=level)
+
+
+def _instrument(values: Values, line: int, given: list[str]) -> None:
+    """Apply the standard errors of an instrument; without a name those of the project."""
+    level = values.options.level  # .LWEIGHT holds on
+    library = {str(n).upper(): errors for n, errors in values.stated.instruments.items()}
+    errors = library.get(given[0].upper()) if given else {}
+    if errors is None:
+        what = f".INSTRUMENT {given[0][:30]}: its standard errors are in the project of STAR*NET"
+        valid = known(list(values.stated.instruments), meant=given[0]) or "none"
+        values.notes.add(line, f"{what}: state them in options, instruments; stated: {valid}")
+        return
+    changed: dict[str, Any] = {"level": level, **errors}
+    values.options = replace(values.stated, **changed)

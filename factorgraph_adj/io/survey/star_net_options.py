@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "stations": ("AtFromTo", "FromAtTo"),
     "distances": ("slope", "horizontal"),
     "weight_levels_by": ("length", "turns"),
+    "longitude": ("west positive", "east positive"),
 }
 
 
@@ -89,6 +90,13 @@ class StarNetOptions:
     """Coefficient of refraction in STAR*NET's sense, 0.07: half of Gauss's k."""
     earth_radius: float = 6_372_000.0
     """Radius of the Earth, metres."""
+    longitude: str | None = None
+    """Sign of longitudes: west positive or east positive."""
+    elevation_of_project: float | None = None
+    """Elevation of a 2D project in a grid, linear unit."""
+    instruments: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Standard errors of the instruments of the project by name (``.INSTRUMENT``); what one does
+    not state is that of the project."""
 
     def __post_init__(self) -> None:
         """Check words and numbers; InputError lists all that are wrong."""
@@ -96,6 +104,9 @@ class StarNetOptions:
         for f in fields(self):
             value = getattr(self, f.name)
             if value is None:
+                continue
+            if f.name == "instruments":
+                problems += _instruments(value)
                 continue
             if f.name in CHOICES:
                 match = [c for c in CHOICES[f.name] if c.lower() == str(value).lower()]
@@ -105,8 +116,9 @@ class StarNetOptions:
                     valid = known(CHOICES[f.name], meant=str(value))
                     problems.append(Problem(f"{f.name} must be one of {valid}, not {value!r}"))
                 continue
+            least = -1e5 if f.name == "elevation_of_project" else 0
             number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not (number and math.isfinite(value) and 0 <= value <= 1e9):
+            if not (number and math.isfinite(value) and least <= value <= 1e9):
                 problems.append(Problem(f"{f.name} must be a number ≥ 0, not {value!r}"))
         if not (isinstance(self.earth_radius, int | float) and self.earth_radius > 0):
             problems.append(Problem(f"earth_radius must be > 0, not {self.earth_radius!r}"))
@@ -117,6 +129,34 @@ class StarNetOptions:
     def metres(self) -> float:
         """Metres of the linear unit; 1 while it is not stated."""
         return LINEAR[(self.linear or "Meters").lower()]
+
+
+ERRORS = (
+    *("angle", "direction", "azimuth", "zenith", "distance", "distance_ppm", "elevation"),
+    *("elevation_ppm", "centring_instrument", "centring_target", "centring_vertical"),
+)
+"""Settings that an instrument has of its own."""
+
+
+def _instruments(given: Any) -> list[Problem]:
+    """Return what is wrong with the instruments of a project."""
+    if not isinstance(given, Mapping):
+        return [Problem(f"instruments must be tables of standard errors by name, not {given!r}")]
+    problems = []
+    for name, errors in given.items():
+        if not isinstance(errors, Mapping):
+            problems.append(Problem(f"instrument {name!r} must be a table of standard errors"))
+            continue
+        for key, value in errors.items():
+            if key not in ERRORS:
+                valid = known(ERRORS, meant=str(key), most=20)
+                what = f"instrument {name!r} has an unknown setting {key!r}; valid: {valid}"
+                problems.append(Problem(what))
+            elif not (isinstance(value, int | float) and not isinstance(value, bool)) or not (
+                0 <= value <= 1e9
+            ):
+                problems.append(Problem(f"{key} of instrument {name!r} must be a number ≥ 0"))
+    return problems
 
 
 def star_net_options(

@@ -33,9 +33,9 @@ def moved_parameter(
             moves with the object and nothing says how it is converted.
     """
     where = f"{kind.noun} {parameter_name(key)!r}"
-    if kind.motions is None:
-        return parameter
     convert = CONVERSIONS.get(kind.name)
+    if convert is None and kind.motions is None:
+        return parameter
     if convert is None:
         what = (
             f"a {kind.noun} counts from axes of the network, and cannot be converted from a grid: "
@@ -51,6 +51,17 @@ def moved_parameter(
 
 def _kept(parameter: Parameter, move: GridMove, places: Moved, row: int) -> Parameter:
     return parameter
+
+
+def _without_curvature(parameter: Parameter, move: GridMove, places: Moved, row: int) -> Parameter:
+    """Refraction: κ = k − 1 of a flat frame has the curvature of the Earth in it, k has not.
+
+    In a flat frame a zenith angle above the curved Earth takes κ = k − 1; the new frame is curved
+    by itself, and the curvature would count twice. A coefficient below ``CURVATURE_WITHIN`` is
+    taken for k − 1; one above it is k already.
+    """
+    kappa = parameter.values[0]
+    return replace(parameter, values=(kappa + 1.0,)) if kappa < CURVATURE_WITHIN else parameter
 
 
 def _stated(parameter: Parameter) -> bool:
@@ -109,7 +120,11 @@ def _frame(parameter: Parameter, move: GridMove, places: Moved, row: int) -> Par
     return replace(parameter, values=tuple(values.tolist()), constants=tuple(constants.tolist()))
 
 
+CURVATURE_WITHIN = -0.5
+"""Coefficients of refraction below are k − 1: halfway between the usual k of 0 to 0.2 and it."""
+
 CONVERSIONS: dict[str, Convert] = {
+    "refraction": _without_curvature,
     "orientation": _turned,
     "vertical": _kept,
     "edm": _kept,

@@ -199,7 +199,7 @@ def causes(rel: Reliability, found: Iterable[Match] = (), *, sigma0: float | Non
         SingularError: the normal equations are singular at the solution.
     """
     solution, alpha = rel.solution, rel.alpha
-    given = given_values(solution)
+    given = rel.given_values
     variance = solution.variance_factor if sigma0 is None else sigma0**2
     tested = [replace(c, t2=c.t2 / variance) for c in explanations(solution, given)]
     out: list[Cause] = []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .english_epochs import EPOCHS
+
 TEXTS: dict[str, str] = {
     "title": "Adjustment of {name}",
     "unnamed": "a network without a name",
@@ -344,4 +346,5 @@ TEXTS: dict[str, str] = {
     "js.redundancy": "redundancy number r",
     "js.not_found": "There is no point {name}.",
     "js.selected": "Point {name} is marked.",
+    **EPOCHS,
 }

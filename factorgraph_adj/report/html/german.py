@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .german_epochs import EPOCHS
+
 TEXTS: dict[str, str] = {
     "title": "Ausgleichung von {name}",
     "unnamed": "einem Netz ohne Namen",
@@ -341,6 +343,7 @@ TEXTS: dict[str, str] = {
     "js.redundancy": "Redundanzanteil r",
     "js.not_found": "Es gibt keinen Punkt {name}.",
     "js.selected": "Punkt {name} ist markiert.",
+    **EPOCHS,
 }
 
 KINDS: dict[str, str] = {

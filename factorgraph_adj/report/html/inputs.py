@@ -13,6 +13,7 @@ from ...errors import InputError, Problem
 from ...version import __version__
 from ..context import Report
 from ..layout import percent
+from ..options import Run
 from .language import Texts
 from .sheets import Head, Sheet, columns_of, sheet
 
@@ -59,13 +60,24 @@ def _below(path: Path) -> list[Path]:
 
 def run(report: Report, t: Texts) -> list[tuple[str, str]]:
     """Return what was run, with which options, and the versions of what computed it."""
-    said = asdict(report.provenance.run)
     options = report.options
+    tests = f"α0 = {percent(options.alpha)}, 1 − β = {percent(options.power)}"
+    variance = t(f"variance.{report.solution.variance}")
+    return run_of(report.provenance.run, [("run.variance", variance), ("run.tests", tests)], t)
+
+
+def run_of(run: Run, more: Sequence[tuple[str, str]], t: Texts) -> list[tuple[str, str]]:
+    """Return program, run and versions.
+
+    Args:
+        run: the run.
+        more: keys and texts of what else is told.
+        t: texts of the language.
+    """
     parts = [
         ("run.program", f"factorgraph_adj {__version__}"),
-        *((f"run.{name}", text) for name, text in said.items()),
-        ("run.variance", t(f"variance.{report.solution.variance}")),
-        ("run.tests", f"α0 = {percent(options.alpha)}, 1 − β = {percent(options.power)}"),
+        *((f"run.{name}", text) for name, text in asdict(run).items()),
+        *more,
         ("run.versions", ", ".join(_versions())),
     ]
     return [(t(key), text) for key, text in parts if text]

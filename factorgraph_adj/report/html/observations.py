@@ -24,7 +24,7 @@ def test_name(report: Report) -> str:
 
 def observations(report: Report, t: Texts) -> Sheet | None:
     """Return all scalar observations, in the order of the rows of the adjustment."""
-    rows = list(report.rows.all())
+    rows = report.rows.all()
     columns = _columns(report, t, rows)
     return sheet("observations", t("observations.caption"), columns, notes=[t("observations.note")])
 

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from importlib.resources import files as resources
 from pathlib import Path
 from typing import Any
 
-from ...version import __version__
 from ..context import Report
 from ..layout import listed
 from ..text import render
 from . import inputs, observations, places, snooping, statistics, unknowns
 from .language import Language, Texts
-from .libraries import libraries, packed, refuse_missing
+from .libraries import packed
 from .plan import Plan
+from .rendering import Section, capital, rendered
 from .scene import scene
-from .sheets import NONE, PAGE, Sheet
 from .verdict import verdict
 
-SCRIPTS = ("base.js", "tables.js", "plan.js", "figures.js")
-"""Scripts of the page, in the order in which they run."""
+SYMBOLS = ("v", "sigma", "r", "test", "error", "mdb", "ellipse", "partners")
+"""Symbols that the page explains."""
 NAMED = 8
 """Largest number of names in a sentence."""
 
@@ -32,46 +29,8 @@ def html(report: Report, *, language: Language = "en", files: Sequence[str | Pat
     Raises:
         InputError: as `write_report`.
     """
-    refuse_missing()
-    from jinja2 import Environment, FunctionLoader, StrictUndefined
-
-    def text_of(name: str) -> str:
-        return (resources(__package__) / "template" / name).read_text(encoding="utf-8")
-
-    environment = Environment(
-        loader=FunctionLoader(text_of),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     t = Texts(language)
-    content = contents(report, t, files)
-    return environment.get_template("page.html.j2").render(
-        t=t,
-        language=language,
-        program=f"factorgraph_adj {__version__}",
-        style=text_of("style.css"),
-        script="\n".join(text_of(name) for name in SCRIPTS),
-        libraries=libraries(),
-        page_rows=PAGE,
-        none=NONE,
-        **content,
-    )
-
-
-@dataclass(frozen=True)
-class Section:
-    """A part of the page with tables."""
-
-    id: str
-    """Name of the part in the page."""
-    title: str
-    """Its heading."""
-    sheets: Sequence[Sheet]
-    """Its tables."""
-    empty: str = ""
-    """What it says without a table; empty: the part is left out."""
+    return rendered("page.html.j2", t, lambda: contents(report, t, files))
 
 
 def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str, Any]:
@@ -121,11 +80,13 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
     if means:
         data["mean-photos"] = packed(means)
     return {
-        "name": report.network.name or t("unnamed"),
+        "title": t("title", name=report.network.name or t("unnamed")),
         "date": report.provenance.run.date,
         "verdict": verdict(report, t),
+        "symbols": SYMBOLS,
+        "plan_click": t("plan.click"),
         "plan_text": _plan_text(plan, t),
-        "plan_note": _capital(plan.words(plan.plane.note)),
+        "plan_note": capital(plan.words(plan.plane.note)),
         "has_plan": bool(len(plan.points) + len(plan.centres)),
         "has_r": report.reliability is not None,
         "scene_text": None if view is None else _scene_text(plan, view, t),
@@ -140,7 +101,6 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
         "files": listed_files,
         "protocol": render(report),
         "data": data,
-        "script_texts": t.of_script(),
     }
 
 
@@ -174,11 +134,6 @@ def _plan_text(plan: Plan, t: Texts) -> list[str]:
     if plan.schematic:
         out.append(t("plan.schematic"))
     return out
-
-
-def _capital(text: str) -> str:
-    """Return a text with a capital letter at its beginning."""
-    return text[:1].upper() + text[1:]
 
 
 def _scene_text(plan: Plan, view: dict[str, Any], t: Texts) -> str:

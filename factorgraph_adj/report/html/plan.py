@@ -136,11 +136,7 @@ class Plan:
 
     def words(self, text: str) -> str:
         """Return the name of an axis, or the note of the plane, in the language of the report."""
-        for word in WORDS:
-            if word in text:
-                text = text.replace(word, self.t.kind(word))
-                break
-        return text
+        return words(text, self.t)
 
     def data(self) -> dict[str, Any]:
         """Return what the script of the page draws."""
@@ -163,10 +159,10 @@ class Plan:
             "lines": self._lines(found.frames.instruments),
             "photos": self._photos(),
             "shapes": [
-                {"name": self.t.kind(s.name), "lines": [_flat(line) for line in s.lines]}
+                {"name": self.t.kind(s.name), "lines": [flat(line) for line in s.lines]}
                 for s in ([] if self.schematic else found.shapes)
             ],
-            "instruments": {"names": standing, "xy": _flat(found.instruments)},
+            "instruments": {"names": standing, "xy": flat(found.instruments)},
             "relative": self._relative(),
             "doubts": self._doubts(found.frames.instruments, found.instruments),
             "aside": self._aside(found.frames.instruments, found.instruments),
@@ -176,16 +172,16 @@ class Plan:
         report, n = self.report, len(self.points)
         out: dict[str, Any] = {
             "names": list(report.network.points),
-            "xy": _flat(self.points),
+            "xy": flat(self.points),
             "state": [STATES.index(s) for s in states(report)],
-            "test": _rounded(largest_tests(report)),
+            "test": rounded(largest_tests(report)),
             "ellipses": self._ellipses(),
-            "height": [0.0] * n if self.precision is None else _rounded(self.precision.height),
+            "height": [0.0] * n if self.precision is None else rounded(self.precision.height),
         }
         if report.reliability is not None:
             counts = point_redundancy(report.reliability)
             with np.errstate(invalid="ignore"):
-                out["r"] = _rounded(np.maximum(counts.redundancy, 0.0) / counts.rows)
+                out["r"] = rounded(np.maximum(counts.redundancy, 0.0) / counts.rows)
         return out
 
     def _ellipses(self) -> list[list[float | None]]:
@@ -197,7 +193,7 @@ class Plan:
         fits = p.semi[:, 0] * self.factor <= LARGEST * extent
         flat = p.semi[:, 1] ** 2 <= FLAT * p.semi[:, 0] ** 2
         b = np.where(flat, 0.0, p.semi[:, 1])
-        return [_rounded(np.where(fits, v, 0.0)) for v in (p.semi[:, 0], b, p.direction)]
+        return [rounded(np.where(fits, v, 0.0)) for v in (p.semi[:, 0], b, p.direction)]
 
     def too_large(self) -> list[str]:
         """Return points whose ellipses are too large to be drawn, with their sizes."""
@@ -226,11 +222,11 @@ class Plan:
         extent = float(np.max(self.limits[1] - self.limits[0]))
         size = 0.07 * extent / max(1.0, np.sqrt(n / 30))
         shapes = photo_shapes(solution, image_rows(solution), size)
-        flat = self.plane.coordinates(shapes.reshape(-1, 3))[:, :2].reshape(n, -1, 2)
+        outlines = self.plane.coordinates(shapes.reshape(-1, 3))[:, :2].reshape(n, -1, 2)
         return {
             "names": list(self.report.network.photos),
-            "xy": _flat(self.centres),
-            "shapes": [_flat(one) for one in flat],
+            "xy": flat(self.centres),
+            "shapes": [flat(one) for one in outlines],
         }
 
     def _relative(self) -> dict[str, Any]:
@@ -246,7 +242,7 @@ class Plan:
         extent = float(np.max(self.limits[1] - self.limits[0]))
         a = np.where(a * self.factor <= LARGEST * extent, a, 0.0)
         names = [f"{place_name(x.a)} – {place_name(x.b)}" for x in found]
-        return {"names": names, "xy": _flat(at), "ellipses": [_rounded(v) for v in (a, b, turned)]}
+        return {"names": names, "xy": flat(at), "ellipses": [rounded(v) for v in (a, b, turned)]}
 
     def _drawn(self, instruments: Index, at: Array) -> dict[Any, Array]:
         standing = np.full((len(self.report.solution.state["frame"]), 2), np.nan)
@@ -265,7 +261,7 @@ class Plan:
             one = places_of(equations, np.array([row.number]), self.report.solution, drawn)
             value = row.sign * float(values[row.number])
             text = f"{self.t.kind(row.kind_name)} {row.what}: {test_name(self.report)} {value:.2f}"
-            lines, points = [_flat(line) for line in one.lines], _flat(one.points)
+            lines, points = [flat(line) for line in one.lines], flat(one.points)
             out.append({"row": row.number, "text": text, "lines": lines, "points": points})
         return out
 
@@ -284,17 +280,25 @@ class Plan:
             numbers = np.array([row.number])
             one = places_of(aside.rows.equations, numbers, self.report.solution, drawn)
             text = f"{self.t.kind(row.kind_name)} {row.what}"
-            lines, points = [_flat(line) for line in one.lines], _flat(one.points)
+            lines, points = [flat(line) for line in one.lines], flat(one.points)
             out.append({"id": row.id, "text": text, "lines": lines, "points": points})
         return out
 
 
-def _flat(places: Array) -> list[list[float]]:
+def words(text: str, t: Texts) -> str:
+    """Return the name of an axis, or the note of a drawing plane, in a language."""
+    for word in WORDS:
+        if word in text:
+            return text.replace(word, t.kind(word))
+    return text
+
+
+def flat(places: Array) -> list[list[float]]:
     """Return places (k, 2) as the lists of x and y, to a tenth of a millimetre."""
     x, y = np.round(np.asarray(places, dtype=float).reshape(-1, 2), 4).T.tolist()
     return [x, y]
 
 
-def _rounded(values: Array) -> list[float | None]:
+def rounded(values: Array) -> list[float | None]:
     """Return numbers with four significant digits; None for one that is not finite."""
     return [float(f"{v:.4g}") if np.isfinite(v) else None for v in values.tolist()]

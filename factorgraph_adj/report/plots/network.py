@@ -199,7 +199,7 @@ def _plan_view(
         notes += shown.notes
     if outside:
         notes.append(f"{outside} points or photos lie outside, far away from all others")
-    _scales(axes, plan, extent)
+    scales(axes, plan, extent)
     if notes:
         figure.supxlabel("\n".join(notes), fontsize=8.0, x=0.01, ha="left")
     points, photos = unknowns["point"].names, unknowns["pose"].names
@@ -210,7 +210,7 @@ def _plan_view(
     return figure
 
 
-def _scales(axes: Axes, plan: DrawingPlane, extent: float) -> None:
+def scales(axes: Axes, plan: DrawingPlane, extent: float) -> None:
     """Write coordinates with all digits, in kilometres if the network is large."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 

@@ -218,12 +218,12 @@ def draw_precision(
         if fit.any():
             region = (each.semi, each.direction, fit, factor, each.of.colour, line, dashes)
             found.append(_ellipses(axes, each.of.at, *region, each.of.label, more))
-        _enlarge(axes, each.of.at[fit], factor * each.semi[fit, 0])
+        enlarge(axes, each.of.at[fit], factor * each.semi[fit, 0])
         lost = int(np.sum(each.semi[:, 0] * factor > LARGEST * extent))
         if lost:
             notes.append(f"too large to be drawn: error ellipse of {each.of.label} ({lost})")
-    _enlarge(axes, at[fits], factor * precision.sizes[fits])
-    _enlarge(axes, centres[ovals], factor * precision.centre_semi[ovals, 0])
+    enlarge(axes, at[fits], factor * precision.sizes[fits])
+    enlarge(axes, centres[ovals], factor * precision.centre_semi[ovals, 0])
     key = readable(typical)
     while key * factor < 0.04 * extent:
         key = readable(2.6 * key)
@@ -293,7 +293,7 @@ def _ellipses(
     return Line2D([], [], ls="", marker="o", ms=8.0, mfc="none", mec=colour, label=wrapped(label))
 
 
-def _enlarge(axes: Axes, at: Array, radius: Array) -> None:
+def enlarge(axes: Axes, at: Array, radius: Array) -> None:
     """Enlarge the axes so that they contain the whole regions around the positions inside."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     x, y = at.T

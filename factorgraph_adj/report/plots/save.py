@@ -116,6 +116,19 @@ def _names(cameras: list[str]) -> list[str]:
     return [f"mean_photo_{s}" for s in safe]
 
 
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write a figure as .png, .svg or .pdf; equal figures give equal files.
+
+    Raises:
+        InputError: another suffix, or the file cannot be written.
+    """
+    file = Path(path)
+    format = file.suffix.lower().removeprefix(".")
+    if format not in FORMATS:
+        raise InputError(f"unknown format {format!r}; valid: {', '.join(FORMATS)}")
+    write_files(file.parent, {file.name: _bytes(figure, format)})  # type: ignore[arg-type]
+
+
 def _bytes(figure: Figure, format: Format) -> bytes:
     """Return the content of a figure's file; equal figures give equal bytes."""
     import matplotlib

@@ -55,9 +55,9 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
         return ()
     compared = tuple(against_given(equations, length=length, angle=angle))
     return (
-        *(Finding(str(p), "look at the readings of both faces") for p in network.doubts),
         # What whole groups have in common explains what does not fit one by one.
         *compared,
+        *(Finding(str(p), "look at the readings of both faces") for p in network.doubts),
         *(() if compared else traverse_scale(network, length)),
         *beyond_circle(network, angle),
         *level_sights(network, angle, compared_kinds(equations)),

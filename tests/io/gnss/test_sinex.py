@@ -9,7 +9,6 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import ControlPoint, Correlated, GnssPosition
-from tests.hostile.readers import judge
 from tests.support.places import data_dir
 
 SMALL = """%=SNX 2.02 XXX 20:001:00000 XXX 20:001:00000 20:001:00000 C 00006 0 S
@@ -223,7 +222,3 @@ def test_a_topocentric_solution_is_written_geocentric(tmp_path: Path) -> None:
     axes = again.network.frame.basis(again.point("AAAA")[None], np.zeros((1, 2))).enu[0]
     found = axes @ again.covariance("AAAA") @ axes.T
     np.testing.assert_allclose(np.sqrt(np.diag(found)), [0.001, 0.002, 0.003], rtol=1e-3)
-
-
-def test_200_damaged_files(tmp_path: Path) -> None:
-    judge(fga.read_sinex, {"small.snx": SMALL.encode()}, "small.snx", tmp_path, seed=21)

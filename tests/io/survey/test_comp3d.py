@@ -12,7 +12,6 @@ import factorgraph_adj as fga
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.units import ARCSEC, GON
 from tests.hostile.readers import judge
-from tests.support.places import data_dir
 
 POINTS = """* the net
 1 S1 100.000 100.000 50.000 0.001 0.001 0.001 *comment
@@ -204,11 +203,128 @@ def test_observations_without_a_project_need_a_latitude_and_one_file_of_points(
     assert fga.read_comp3d(path, latitude=48.8, points=tmp_path / "other.cor").points
 
 
-@pytest.mark.published
-def test_a_project_in_a_projection_is_refused() -> None:
-    path = data_dir("comp3d_frames") / "geo_mini_L93" / "ex_ref.comp"
-    with pytest.raises(fga.InputError, match="projection 'IGNF:LAMB93'; only local projects"):
-        fga.read_comp3d(path)
+PROJECT = """data=
+{"config": {"root_COR_file": "net.cor", "root_OBS_file": "net.obs", "refraction": 0.13,
+"coord_cov_file": "", "use_proj": true, "proj_def": "EPSG:2154", "use_ellips_height": true,
+"local_center": [657723.0, 6860710.0, 0.0]}}
+"""
+GRID_POINTS = """1 S1 657723.000 6860710.000 150.000 0.001 0.002 0.003
+1 S2 657923.000 6860760.000 161.000 0 0 0
+3 S3 657823.000 6860910.000 155.000 0 0 0.004
+0 T1 657773.000 6860800.000 140.000
+-1 OUT
+"""
+GRID_OBSERVATIONS = """7 S1 S2 0.0000 0.0010
+5 S1 T1 348.0000 0.0010
+3 S2 T1 155.0000 0.001
+4 S2 T1 -21.0000 0.001
+3 S3 S1 224.0000 0.001
+3 S3 S2 182.0000 0.001
+8 S1 S2 84.0000 0.0010
+9 T1 C 0 0.001
+4 T1 C 1.500 0.001
+"""
+
+
+def in_grid(folder: Path, **changed: str) -> Path:
+    (folder / "p.comp").write_text(changed.pop("project", PROJECT), encoding="utf-8")
+    files = {"net_cor": GRID_POINTS, "net_obs": GRID_OBSERVATIONS} | changed
+    write(folder, **files)
+    return folder / "p.comp"
+
+
+def test_points_of_a_grid_are_held_and_weighted_in_a_frame_on_the_ellipsoid(tmp_path: Path) -> None:
+    """East, north, up at the centre; σ of the file are those of the axes at the centre."""
+    pytest.importorskip("pyproj", reason="the extra crs is not installed")
+    network = fga.read_comp3d(in_grid(tmp_path))
+    assert isinstance(network.frame, fga.TopocentricFrame) and network.crs is not None
+    assert network.points["S2"].held == "xyz"
+    control = network.observations["S1 control"]
+    np.testing.assert_allclose(control.value, (0.0, 0.0, 150.0), atol=1e-6)  # type: ignore[attr-defined]
+    k = 1 + 150 / network.frame.radius
+    expected = np.diag([(0.001 * k) ** 2, (0.002 * k) ** 2, 0.003**2])
+    np.testing.assert_allclose(control.covariance, expected, rtol=1e-6, atol=1e-12)  # type: ignore[attr-defined]
+    height = network.observations["S3 height"]
+    assert (height.value, height.sigma) == pytest.approx((155.0, 0.004))  # type: ignore[attr-defined]
+    grid = network.crs.from_frame(network.frame, np.array([network.points["T1"].coordinates]))
+    np.testing.assert_allclose(grid[0], (657773.0, 6860800.0, 140.0), atol=1e-6)
+    assert network.refractions[""].values[0] == 0.13
+    assert network.observations["7"].value == 84 * GON  # type: ignore[attr-defined]
+
+
+def test_a_point_that_is_centred_on_another_needs_no_coordinates(tmp_path: Path) -> None:
+    """Code 9 without a second σ has the first one in both axes; 4 gives the height."""
+    pytest.importorskip("pyproj", reason="the extra crs is not installed")
+    network = fga.read_comp3d(in_grid(tmp_path))
+    sigmas = {network.observations[f"8 {a}"].sigma for a in "xy"}  # type: ignore[attr-defined]
+    assert len(sigmas) == 1
+    grid = fga.grid_coordinates(fga.adjust(network))
+    np.testing.assert_allclose(grid.point("C") - grid.point("T1"), (0, 0, 1.5), atol=1e-4)
+
+
+def test_observations_of_a_grid_need_its_reference_system_alone(tmp_path: Path) -> None:
+    pytest.importorskip("pyproj", reason="the extra crs is not installed")
+    path = in_grid(tmp_path)
+    by_project = fga.adjust(fga.read_comp3d(path))
+    network = fga.read_comp3d(
+        path.with_name("net.obs"),
+        points=path.with_name("net.cor"),
+        crs="EPSG:2154",
+        refraction=0.13,
+    )
+    alone = fga.adjust(network)
+    a, b = (fga.grid_coordinates(s).point("T1") for s in (by_project, alone))
+    # σ of east and north of S1 belong to axes that turn by 1e-5 between both centres.
+    np.testing.assert_allclose(a, b, rtol=0, atol=1e-5)
+    assert alone.sigma0 == pytest.approx(by_project.sigma0, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "options", "message"),
+    [
+        ("EPSG:2154", "EPSG:99999", {}, "unknown reference system 'EPSG:99999'.*crs= states"),
+        ("EPSG:2154", "EPSG:2263", {}, "counts in US survey foot"),
+        ('"EPSG:2154"', '""', {}, "proj_def does not name its projection"),
+        ("657723.0, 6860710.0", "6860710.0, 657723.0", {}, r"p\.comp.*its centre .* is "),
+        ("", "", {"earth": "sphere"}, "computed on the ellipsoid"),
+        ('height": true', 'height": false', {}, "heights are altitudes: give geoid="),
+        ('"use_proj": true', '"use_proj": false', {"geoid": 45.0, "latitude": 48.8}, "no geoid"),
+    ],
+)
+def test_grids_that_cannot_be_used_are_refused(
+    tmp_path: Path, old: str, new: str, options: dict[str, object], message: str
+) -> None:
+    pytest.importorskip("pyproj", reason="the extra crs is not installed")
+    text = PROJECT.replace(old, new).replace(
+        '"refraction"', '"center_latitude": 48.8, "refraction"'
+    )
+    path = in_grid(tmp_path, project=text)
+    with pytest.raises(fga.InputError, match=message):
+        fga.read_comp3d(path, **options)  # type: ignore[arg-type]
+
+
+def test_places_outside_of_the_grid_are_told_with_file_and_line(tmp_path: Path) -> None:
+    pytest.importorskip("pyproj", reason="the extra crs is not installed")
+    points = GRID_POINTS.replace("657823.000 6860910.000", "6860910.000 657823.000")
+    with pytest.raises(fga.InputError, match=r"net\.cor:3: is far outside of the area"):
+        fga.read_comp3d(in_grid(tmp_path, net_cor=points))
+
+
+def test_altitudes_of_a_grid_take_a_geoid(tmp_path: Path) -> None:
+    pytest.importorskip("pyproj", reason="the extra crs is not installed")
+    path = in_grid(tmp_path, project=PROJECT.replace('height": true', 'height": false'))
+    high = fga.read_comp3d(path, geoid=44.0)
+    low = fga.read_comp3d(in_grid(tmp_path))
+    assert high.observations["S3 height"].value == pytest.approx(155.0 + 44.0)  # type: ignore[attr-defined]
+    lifted = high.points["S2"].coordinates[2] - low.points["S2"].coordinates[2]
+    assert lifted == pytest.approx(44.0, abs=1e-6)
+
+
+def test_200_damaged_projects_in_a_grid(tmp_path: Path) -> None:
+    pytest.importorskip("pyproj", reason="the extra crs is not installed")
+    named = {"p.comp": PROJECT, "net.cor": GRID_POINTS, "net.obs": GRID_OBSERVATIONS}
+    files = {name: text.encode() for name, text in named.items()}
+    judge(fga.read_comp3d, files, "p.comp", tmp_path, seed=22)
 
 
 def test_200_damaged_projects(tmp_path: Path) -> None:

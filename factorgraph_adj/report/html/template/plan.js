@@ -2,7 +2,8 @@
 const MOST_POINTS = 1500, MOST_LINES = 3000, MOST_PHOTOS = 400, AROUND = 32;
 let plan, chosen = null;
 
-const styles = () => [
+// Markers of the states of points: those of the data, or those of a network.
+const styles = () => plan.data.marks?.map((mark, state) => ({ state, ...mark, color: colour(mark.color) })) ?? [
   { state: 0, symbol: "triangle-up", size: 11, color: colour("point") },
   { state: 1, symbol: "triangle-down", size: 10, color: colour("sight2") },
   { state: 2, symbol: "triangle-up", size: 10, color: colour("held") },
@@ -34,16 +35,22 @@ function visible([low, high]) {
   return { shown: [...taken].sort((a, b) => a - b), inside: inside.length };
 }
 
-function ellipsesAt(places, regions, numbers) {
-  const [x, y] = places, [a, b, turn] = regions, f = plan.data.factor;
+// Where the region of a point stands: at the point, or at the end of its displacement.
+const endOf = (i) => {
+  const { xy: [x, y], vectors } = plan.data.points, f = plan.data.factor;
+  return vectors ? [x[i] + f * vectors[0][i], y[i] + f * vectors[1][i]] : [x[i], y[i]];
+};
+
+function ellipsesAt(place, regions, numbers) {
+  const [a, b, turn] = regions, f = plan.data.factor;
   const out = { x: [], y: [], customdata: [] };
   for (const i of numbers) {
     if (!(a[i] > 0)) continue;
-    const c = Math.cos(turn[i]), s = Math.sin(turn[i]);
+    const c = Math.cos(turn[i]), s = Math.sin(turn[i]), [x, y] = place(i);
     for (let k = 0; k <= AROUND; k++) {
       const t = (2 * Math.PI * k) / AROUND, u = f * a[i] * Math.cos(t), v = f * b[i] * Math.sin(t);
-      out.x.push(x[i] + u * c - v * s);
-      out.y.push(y[i] + u * s + v * c);
+      out.x.push(x + u * c - v * s);
+      out.y.push(y + u * s + v * c);
       out.customdata.push(i);
     }
     out.x.push(null); out.y.push(null); out.customdata.push(null);
@@ -78,7 +85,7 @@ function sights([low, high]) {
     }
     const step = Math.max(Math.ceil((inside.length * lines.length) / MOST_LINES), 1);
     const shown = inside.filter((_, k) => k % step === 0);
-    const line = { width: shown.length > 300 ? 0.6 : 1.1, color: colour(looks[g % 3]), dash: dashes[g % 3] };
+    const line = { width: shown.length > 300 ? 0.6 : 1.1, color: colour(points.vectors ? "line" : looks[g % 3]), dash: dashes[g % 3] };
     return lineTrace(`${kinds} (${a.length})`, joined(shown), { line });
   });
 }
@@ -111,14 +118,42 @@ function pointTraces(shown, by) {
 const plain = (text) => String(text).replace(/[&<>]/g, (c) => `&#${c.charCodeAt(0)};`);
 
 function hover(i) {
-  const { names, state, test, r, ellipses: [a, b], height } = plan.data.points;
+  const { names, state, test, r, ellipses: [a, b], height, told } = plan.data.points;
   const lines = [`<b>${plain(names[i])}</b>`, plan.data.states[state[i]]];
   const mm = (v) => `${(1000 * v).toPrecision(3)} mm`;
   if (a[i] > 0) lines.push(`a ${mm(a[i])}, b ${mm(b[i])} (${plan.data.level})`);
   if (height[i] > 0) lines.push(`± ${mm(height[i])} (${plan.data.level})`);
-  if (test[i] !== null) lines.push(`max |${plan.data.test}| ${test[i]}`);
+  if (told) lines.push(...told[i].map(plain));
+  if (test && test[i] !== null) lines.push(`max |${plan.data.test}| ${test[i]}`);
   if (r && r[i] !== null) lines.push(`r ${r[i]}`);
   return lines.join("<br>");
+}
+
+// Displacements of two epochs with heads and ellipses, those that are significant last.
+function displacementTraces(shown, dash) {
+  const { xy: [x, y], vectors, moved, ellipses } = plan.data.points;
+  if (!vectors) return [];
+  return [[false, "js.kept", "soft", 1.4], [true, "js.moved", "doubt", 2.4]].flatMap(([own, key, look, width]) => {
+    const some = shown.filter((i) => moved[i] === own && Math.hypot(vectors[0][i], vectors[1][i]) > 0);
+    if (!some.length) return [];
+    const out = { x: [], y: [], customdata: [], text: [] };
+    for (const i of some) {
+      const [ex, ey] = endOf(i), dx = ex - x[i], dy = ey - y[i];
+      const head = (side) => [ex - 0.2 * (dx - side * dy), ey - 0.2 * (dy + side * dx)];
+      for (const [px, py] of [[x[i], y[i]], [(x[i] + ex) / 2, (y[i] + ey) / 2], [ex, ey], head(0.5), [ex, ey], head(-0.5)]) {
+        out.x.push(px); out.y.push(py); out.customdata.push(i); out.text.push(hover(i));
+      }
+      out.x.push(null); out.y.push(null); out.customdata.push(null); out.text.push(null);
+    }
+    const line = { color: colour(look), width };
+    const group = { legendgroup: key, meta: "points" };
+    return [
+      lineTrace(tell("js.region", { level: plan.data.level }), ellipsesAt(endOf, ellipses, some), {
+        ...group, hoverinfo: "none", showlegend: false, line: { ...line, width: 1.3, dash },
+      }),
+      lineTrace(`${tell(key)} (${some.length})`, out, { ...group, hoverinfo: "text", line }),
+    ];
+  });
 }
 
 function doubtTraces() {
@@ -153,13 +188,13 @@ function doubtTraces() {
 function traces(div) {
   const d = plan.data, box = windowOf(div);
   const { shown, inside } = visible(box);
-  const by = byId("plan-colour").value;
+  const by = byId("plan-colour")?.value ?? "state";
   const out = sights(box);
   const kinds = [...new Set(d.shapes.map((s) => s.name))];
   for (const kind of kinds) {
     const own = d.shapes.filter((s) => s.name === kind);
-    const xy = joined(own.flatMap((s) => s.lines));
-    out.push(lineTrace(`${kind} (${own.length})`, xy, { line: { color: colour("shape"), width: 1.5 } }));
+    const xy = joined(own.flatMap((s) => s.lines)), dashed = own[0].dash ?? "solid";
+    out.push(lineTrace(`${kind} (${own.length})`, xy, { line: { color: colour("shape"), width: 1.5, dash: dashed } }));
   }
   if (d.photos.names.length) {
     const step = Math.ceil(d.photos.names.length / MOST_PHOTOS);
@@ -175,22 +210,23 @@ function traces(div) {
   out.push(...doubtTraces());
   // Regions of a doubtful result are dashed, as in the figures of the library.
   const dash = d.doubtful ? "4px,2px" : "solid", doubtful = d.doubtful ? `, ${tell("js.doubtful")}` : "";
-  const every = ellipsesAt(d.points.xy, d.points.ellipses, shown);
-  if (d.points.ellipses[0].some((a) => a > 0))
+  out.push(...displacementTraces(shown, dash));
+  const every = ellipsesAt(endOf, d.points.ellipses, shown);
+  if (!d.points.vectors && d.points.ellipses[0].some((a) => a > 0))
     out.push(lineTrace(`${tell("js.ellipses")} ${d.level}${doubtful}`, every, {
       meta: "points", hoverinfo: "none", line: { color: colour("ellipse"), width: 1.3, dash },
     }));
   if (d.points.height.some((h) => h > 0)) {
     const tall = shown.filter((i) => d.points.height[i] > 0);
     const xy = joined(tall.map((i) => {
-      const [x, y, h] = [d.points.xy[0][i], d.points.xy[1][i], d.factor * d.points.height[i]];
+      const [x, y] = endOf(i), h = d.factor * d.points.height[i];
       return [[x, x], [y - h, y + h]];
     }));
     out.push(lineTrace(`${tell("js.heights")} ${d.level}${doubtful}`, xy, { line: { color: colour("ellipse"), width: 3 } }));
   }
   if (d.relative.names.length) {
     const all = d.relative.names.map((_, i) => i);
-    out.push(lineTrace(tell("js.relative"), ellipsesAt(d.relative.xy, d.relative.ellipses, all), {
+    out.push(lineTrace(tell("js.relative"), ellipsesAt((i) => [d.relative.xy[0][i], d.relative.xy[1][i]], d.relative.ellipses, all), {
       line: { color: colour("sight2"), width: 1.2, dash },
     }));
   }
@@ -229,7 +265,7 @@ function scaleKey(box) {
   const x = low[0] + 0.03 * w, y = low[1] + 0.03 * h, long = size * d.factor;
   const unit = size >= 1 ? [1, "m"] : size >= 1e-3 ? [1e-3, "mm"] : [1e-6, "µm"];
   const line = { color: colour("ink"), width: 3 };
-  const text = tell(d.schematic || !d.points.ellipses[0].some((v) => v > 0) ? "js.scale_heights" : "js.scale", { size: `${+(size / unit[0]).toPrecision(3)} ${unit[1]}`, factor: d.multiple });
+  const text = tell(p.vectors ? "js.scale_displacements" : d.schematic || !d.points.ellipses[0].some((v) => v > 0) ? "js.scale_heights" : "js.scale", { size: `${+(size / unit[0]).toPrecision(3)} ${unit[1]}`, factor: d.multiple });
   return {
     shapes: [{ type: "line", x0: x, y0: y, x1: upright ? x : x + long, y1: upright ? y + long : y, line }],
     annotations: [{
@@ -243,7 +279,7 @@ function planLayout(div, box) {
   const d = plan.data, [low, high] = box, [x, y] = d.axes;
   return layoutOf({
     ...scaleKey(box), hovermode: "closest", dragmode: "pan", uirevision: "plan",
-    legend: { itemsizing: "constant", orientation: "v", font: { size: 11 } },
+    legend: { itemsizing: "constant", font: { size: 11 }, ...(onPaper() ? { orientation: "h", y: -0.12 } : { orientation: "v" }) },
     xaxis: axisOf({ range: [low[0], high[0]], tickformat: ".10~f", title: { text: x && `${x} [m]` }, showticklabels: !d.schematic,
       showgrid: !d.schematic }),
     yaxis: axisOf({ range: [low[1], high[1]], title: { text: `${y} [m]` }, tickformat: ".10~f",
@@ -271,7 +307,15 @@ async function drawPlan(Plotly) {
   const whole = wider(plan.data.limits, 0.08);
   await Plotly.newPlot(div, traces(div), planLayout(div, whole), config);
   await draw();
-  figures.push(() => draw());
+  let seen;
+  figures.push(async () => {
+    if (onPaper()) seen = windowOf(div);
+    await draw();
+    if (onPaper() || !seen) return;
+    const box = seen;
+    seen = undefined;
+    await plan.go(box);
+  });
   let waiting;
   div.on("plotly_relayout", () => {
     if (plan.busy) return;
@@ -279,12 +323,12 @@ async function drawPlan(Plotly) {
     waiting = setTimeout(() => draw(), 60);
   });
   div.on("plotly_click", ({ points: [hit] }) => clicked(hit));
-  byId("plan-colour").addEventListener("change", () => draw());
+  byId("plan-colour")?.addEventListener("change", () => draw());
   byId("plan-in").addEventListener("click", () => plan.go(wider(windowOf(div), -0.25)));
   byId("plan-out").addEventListener("click", () => plan.go(wider(windowOf(div), 0.5)));
   byId("plan-all").addEventListener("click", () => plan.go(whole));
   byId("plan-find").addEventListener("change", (event) => find(event.target.value.trim()));
-  byId("table-points")?.addEventListener("click", (event) => {
+  byId(`table-${plan.data.sheet ?? "points"}`)?.addEventListener("click", (event) => {
     const cell = event.target.closest("tbody tr")?.cells[0];
     if (cell) select(plan.data.points.names.indexOf(cell.textContent));
   });
@@ -296,7 +340,7 @@ function clicked(hit) {
   if (what === undefined || what === null) return;
   if (kind === "points") {
     select(what);
-    showRow("points", (_, i) => i === what);
+    showRow(plan.data.sheet ?? "points", (_, i) => i === what);
   } else if (kind === "photos") showRow("photos", (cells) => cells[0] === what);
   else if (kind === "js.doubts") showRow("observations", (_, i) => i === what);
   else if (kind === "js.aside") {

@@ -1,28 +1,33 @@
-"""The protocol of two epochs, and its table of displacements."""
+"""The protocol of two epochs."""
 
 from __future__ import annotations
 
-import csv
-import io
+from collections.abc import Sequence
 
 import numpy as np
 
-from ..epochs.congruence import Congruence, Displacement
-from ..epochs.hypotheses import Test
-from ..quality.ellipses import confidence_factor
-from ..quality.levels import CONFIDENCE
-from .layout import listed, paragraph, table, title
+from ...epochs.blocks import BlockMotion
+from ...epochs.congruence import Congruence, Displacement
+from ...epochs.hypotheses import Test
+from ..layout import listed, paragraph, short, table, title
 
 LISTED = 12
 """Largest number of names in a sentence."""
 
 
-def render_congruence(found: Congruence) -> str:
-    """Return the protocol of the comparison of two epochs as text."""
+def render_congruence(found: Congruence, *, blocks: Sequence[BlockMotion] = ()) -> str:
+    """Return the protocol of the comparison of two epochs as text.
+
+    Args:
+        found: the comparison.
+        blocks: common motions of points, which are listed too.
+    """
     lines = [*title("Two epochs"), *_variances(found), ""]
     if found.steps:
         lines += [*title("Reference points"), *_reference(found), ""]
     lines += [*title("Displacements"), *_displacements(found)]
+    if blocks:
+        lines += ["", *title("Common motions"), *(line for b in blocks for line in _block(b))]
     return "\n".join(lines) + "\n"
 
 
@@ -125,39 +130,30 @@ def _row(x: Displacement, axes: str) -> list[str]:
     ]
 
 
-def displacement_table(found: Congruence) -> str:
-    """Return the displacements as CSV: metres, with the ellipse of the displacement in plan.
-
-    The ellipse has the semi-axes and the direction of the covariance in x and y, at a probability
-    of 95 %; its azimuth is clockwise from y towards x, radians.
-    """
-    stream = io.StringIO()
-    columns = found.table()
-    extra = ("ellipse_major", "ellipse_minor", "ellipse_azimuth", "confidence")
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([*columns, *extra])
-    for i, x in enumerate(found.displacements.values()):
-        major, minor, azimuth = ellipse(found, x)
-        row = [columns[c][i] for c in columns]
-        cells = [
-            v
-            if isinstance(v, str)
-            else str(v).lower()
-            if isinstance(v, (bool, np.bool_))
-            else repr(float(v))
-            for v in row
-        ]
-        writer.writerow([*cells, repr(major), repr(minor), repr(azimuth), repr(CONFIDENCE)])
-    return stream.getvalue()
+PARAMETER_UNITS = {"t": ("mm", 1e3), "r": ("µrad", 1e6), "s": ("ppm", 1e6), "e": ("ppm", 1e6)}
+"""Unit of a parameter of a common motion by its first letter, and its number in the unit of SI."""
 
 
-def ellipse(found: Congruence, x: Displacement) -> tuple[float, float, float]:
-    """Return semi-axes (metres) and azimuth of the 95 % ellipse of a displacement in plan."""
-    plan = x.covariance[:2, :2]
-    values, vectors = np.linalg.eigh(plan)
-    size = 2 if values[0] > 1e-10 * values[1] else 1
-    freedom = found.scale.freedom
-    k = confidence_factor(size, CONFIDENCE, redundancy=None if np.isinf(freedom) else int(freedom))
-    minor, major = (float(k * np.sqrt(max(v, 0.0))) for v in values)
-    azimuth = float(np.arctan2(vectors[0, 1], vectors[1, 1]) % np.pi)
-    return major, minor, azimuth
+def _block(b: BlockMotion) -> list[str]:
+    moved = "DID NOT move" if b.motion.accepted else "moved"
+    out = paragraph(
+        f"{listed(b.points, LISTED)}: the block {moved}, {b.model}; {_words(b.motion)}."
+    )
+    if b.fit is None:
+        out += paragraph("Its points have no redundancy to test whether they moved like this.")
+    else:
+        fits = "moved" if b.fit.accepted else "DID NOT move"
+        out += paragraph(f"Its points {fits} like this: {_words(b.fit)}.")
+    rows = []
+    for name, value, sigma in zip(b.names, b.values.tolist(), b.sigmas.tolist(), strict=True):
+        unit, size = PARAMETER_UNITS[name[0]]
+        rows.append((f"{name} [{unit}]", short(size * value), short(size * sigma)))
+    out += ["", *table(("parameter", "value", "σ"), rows)]
+    if b.model == "affine":
+        strains, axes = b.principal_strains()
+        told = (
+            f"{1e6 * e:.1f} ppm along ({', '.join(f'{v:.3f}' for v in axis)})"
+            for e, axis in zip(strains.tolist(), axes.tolist(), strict=True)
+        )
+        out += paragraph(f"Principal strains: {'; '.join(told)}.")
+    return out

@@ -1,0 +1,330 @@
+"""Reader of OpenMVG: sfm_data.json with views, intrinsics, poses, structure and control points.
+
+With (x, y, z) of a point in the camera, x right, y down, z ahead, p = (x/z, y/z) and r = |p|:
+
+    camera = rotation (X − center)
+    image = focal_length · d(p) + principal_point
+
+| polymorphic_name | d(p) | lens here |
+| --- | --- | --- |
+| pinhole | p | `NormalisedLens` |
+| pinhole_radial_k1, _k3 | p (1 + k1 r² + k2 r⁴ + k3 r⁶) | the same |
+| pinhole_brown_t2 | the same + t2 (r² + 2x²) + 2 t1 x y; t1 (r² + 2y²) + 2 t2 x y | the same |
+| fisheye | p θ/r (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸), θ = atan r | `FisheyeLens` |
+
+Source: OpenMVG 2 (GitHub: openMVG/openMVG), src/openMVG/cameras/Camera_Pinhole*.hpp and *_io.hpp,
+geometry/pose3.hpp, sfm/*_io.hpp, sfm/sfm_data_BA_ceres.cpp. cereal writes the name of a type and
+the content of a shared pointer at their first use only, with the highest bit of the number set.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ...errors import InputError
+from ...models.lens import Lens, NormalisedLens
+from ...models.ray_lens import FisheyeLens
+from ...network.network import Network
+from ...observations import ControlPoint, PhotoPosition
+from ...types import Array
+from ..json_tree import Node, parse_json
+from ..text import beginning, read_text
+from .pixel import add_pixel_camera
+from .reading import TIE, ImagePoints, Reading, rotation_of
+
+VERSIONS = ("0.1", "0.2", "0.3")
+"""Versions of sfm_data that are read."""
+CONTROL = "control "
+"""Beginning of the names of control points; their number in the file follows."""
+FIRST = 0x80000000
+"""Bit of the number of a type or pointer that is written for the first time."""
+NO_TYPE = 0x40000000
+"""Number of the type of an object that is of the declared type itself."""
+NOTHING = 0xFFFFFFFF
+"""Number of a pose or intrinsic that a view does not have."""
+FAR_OFF = 0.2
+"""Median misfit of control points in images, of the larger side, above which they lie in another
+frame than the reconstruction."""
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """Distortion of one type of intrinsics."""
+
+    member: str | None
+    """Name of the array of its parameters; None: it has none."""
+    parameters: tuple[str, ...]
+    """Names of the parameters here, in the order of the array."""
+    signs: tuple[float, ...]
+    """Factors on the parameters of the file."""
+    lens: type[Lens] = NormalisedLens
+    """The lens model."""
+
+
+TYPES = {
+    "pinhole": Distortion(None, (), ()),
+    "pinhole_radial_k1": Distortion("disto_k1", ("k1",), (1.0,)),
+    "pinhole_radial_k3": Distortion("disto_k3", ("k1", "k2", "k3"), (1.0,) * 3),
+    "pinhole_brown_t2": Distortion(
+        "disto_t2", ("k1", "k2", "k3", "p2", "p1"), (1.0, 1.0, 1.0, -1.0, 1.0)
+    ),
+    "fisheye": Distortion("fisheye", ("k1", "k2", "k3", "k4"), (1.0,) * 4, FisheyeLens),
+}
+"""Types of intrinsics that are read, by polymorphic_name."""
+
+
+def read_openmvg(
+    path: str | Path,
+    *,
+    sigma_px: float = 1.0,
+    sigma_control_px: float = 1.0,
+    sigma_control: tuple[float, float, float] = (0.01, 0.01, 0.01),
+    control: Literal["observe", "check", "leave out"] = "observe",
+    positions: Literal["leave out", "observe"] = "leave out",
+    calibration: Literal["optimised", "held"] = "optimised",
+) -> Network:
+    """Read a reconstruction of OpenMVG as JSON (openMVG_main_ConvertSfM_DataFormat makes it).
+
+    Image coordinates are pixels as in the file, columns to the right and rows down; the file does
+    not say whether the first pixel begins or is centred at 0. Views without a pose, and what was
+    measured in them, are left out. Photos have the names of their files, tie points ``tie NUMBER``,
+    control points ``control NUMBER``. A network without control and positions is free. OpenMVG has
+    no standard deviations: those of image points and of control are options. Not read: root_path,
+    id_feat, colours, rotations of view_priors.
+
+    Args:
+        path: sfm_data.json.
+        sigma_px: σ of image coordinates of tie points, pixels.
+        sigma_control_px: σ of image coordinates of control points, pixels.
+        sigma_control: σ of the coordinates of control points, X, Y, Z.
+        control: whether coordinates of control points are observed, compared only, or left out
+            with their measurements.
+        positions: whether prior positions of views are observed, with σ = 1 / center_weight.
+        calibration: whether focal length, principal point and distortion are unknown.
+
+    Raises:
+        InputError: the file has problems, each with its line: other versions and types of
+            intrinsics (spherical), views that share a pose, repeated names and measurements,
+            control points in another frame than the reconstruction.
+    """
+    source = Path(path)
+    for name, value in (("sigma_px", sigma_px), ("sigma_control_px", sigma_control_px)):
+        if not value > 0:
+            raise InputError(f"{name} must be greater than zero, not {value}")
+    if len(sigma_control) != 3 or not all(s > 0 for s in sigma_control):
+        raise InputError(f"sigma_control must be three numbers > 0, not {sigma_control}")
+    root = parse_json(read_text(source), source.name)
+    version = root.need("sfm_data_version")
+    if version.text() not in VERSIONS:
+        raise version.fail(f"version {version.text()!r}; valid: {', '.join(VERSIONS)}")
+    reading = Reading()
+    network = Network(source.parent.name or source.stem)
+    _cameras(network, root, reading, calibration == "optimised")
+    photos = _photos(network, root, reading, positions == "observe")
+    images = ImagePoints(reading)
+    structure = root.get("structure")
+    if structure is not None:
+        for key, landmark in _entries(structure):
+            with reading.at(landmark.where):
+                _landmark(network, TIE + str(key), landmark, photos, images, sigma_px)
+    marked = root.get("control_points")
+    if marked is not None and control != "leave out":
+        for key, landmark in _entries(marked):
+            name = CONTROL + str(key)
+            with reading.at(landmark.where):
+                xyz = _landmark(network, name, landmark, photos, images, sigma_control_px,
+                                check=control == "check")  # fmt: skip
+                if control == "observe":
+                    observed = ControlPoint(name, xyz, sigma=sigma_control, source=landmark.where)
+                    network.add(observed)
+        _refuse_far_off(network, images, reading, marked)
+    _without_rays(network, images)
+    images.into(network)
+    reading.finish()
+    if not network.observations:
+        network.datum = "free"
+    return network
+
+
+def is_openmvg(path: Path) -> bool:
+    """Tell whether a JSON file is a reconstruction of OpenMVG."""
+    return b'"sfm_data_version"' in beginning(path)
+
+
+def _entries(node: Node) -> Iterator[tuple[int, Node]]:
+    """Iterate over a map of cereal: an array of objects with key and value."""
+    for entry in node.list():
+        yield entry.need("key").integer(), entry.need("value")
+
+
+class _Pointers:
+    """Contents and names of types that are written at their first use."""
+
+    def __init__(self) -> None:
+        self.contents: dict[int, Node] = {}
+        self.types: dict[int, str] = {}
+
+    def content(self, node: Node) -> tuple[str, Node]:
+        """Return name of type and content of a shared pointer to a polymorphic object."""
+        name = ""
+        kind = node.get("polymorphic_id")
+        if kind is not None and (number := kind.integer()) != NO_TYPE:
+            if number & FIRST:
+                self.types[number & ~FIRST] = node.need("polymorphic_name").text()
+            known = self.types.get(number & ~FIRST)
+            if known is None:
+                raise kind.fail(f"type {number} has no name before it is used")
+            name = known
+        pointer = node.need("ptr_wrapper")
+        number = pointer.need("id").integer()
+        if number & FIRST or pointer.get("data") is not None:
+            self.contents[number & ~FIRST] = pointer.need("data")
+        found = self.contents.get(number & ~FIRST)
+        if found is None:
+            raise pointer.fail(f"object {number} has no content before it is used")
+        return name, found
+
+
+def _cameras(network: Network, root: Node, reading: Reading, free: bool) -> None:
+    pointers = _Pointers()
+    for key, value in _entries(root.need("intrinsics")):
+        with reading.at(value.where):
+            name, data = pointers.content(value)
+            kind = TYPES.get(name)
+            if kind is None:
+                valid = ", ".join(TYPES)
+                raise value.fail(f"intrinsics of type {name!r} cannot be read; valid: {valid}")
+            size = tuple(data.need(n).number(positive=True) for n in ("width", "height"))
+            x0, row = data.need("principal_point").numbers(2)
+            values = {"c": data.need("focal_length").number(positive=True), "x0": x0, "y0": -row}
+            if kind.member is not None:
+                given = data.need(kind.member).numbers(len(kind.parameters))
+                rows = zip(kind.parameters, kind.signs, given, strict=True)
+                values |= {n: sign * v for n, sign, v in rows}
+            lens = kind.lens()
+            estimated = {"c", "x0", "y0", *kind.parameters}
+            add_pixel_camera(
+                network,
+                str(key),
+                lens,
+                values,
+                size=(size[0], size[1]),
+                free=tuple(n for n in lens.names if n in estimated) if free else (),
+            )
+
+
+def _poses(root: Node, reading: Reading) -> dict[int, tuple[Array, tuple[float, ...]]]:
+    """Return rotation camera ← world and projection centre by number of pose."""
+    out: dict[int, tuple[Array, tuple[float, ...]]] = {}
+    for key, value in _entries(root.need("extrinsics")):
+        with reading.at(value.where):
+            rows = [row.numbers(3) for row in value.need("rotation").list()]
+            found = rotation_of(np.array(rows)) if len(rows) == 3 else None
+            if found is None or abs(found[1] - 1.0) > 1e-4:
+                raise value.need("rotation").fail("is no rotation matrix")
+            if key in out:
+                raise value.fail(f"pose {key} stands twice")
+            out[key] = found[0], value.need("center").numbers(3)
+    return out
+
+
+def _photos(network: Network, root: Node, reading: Reading, observe: bool) -> dict[int, str]:
+    """Add the photos with a pose; return their names by number of view."""
+    pointers = _Pointers()
+    poses = _poses(root, reading)
+    names: dict[int, str] = {}
+    used: dict[int, str] = {}
+    for key, value in _entries(root.need("views")):
+        with reading.at(value.where):
+            _, view = pointers.content(value)
+            pose = view.need("id_pose").integer()
+            if pose not in poses:
+                continue
+            folder = view.get("local_path")
+            name = view.need("filename").text()
+            if folder is not None and folder.text().strip("./"):
+                name = f"{folder.text().rstrip('/')}/{name}"
+            if pose in used:
+                raise view.fail(f"view {name!r} shares pose {pose} with {used[pose]!r}")
+            used[pose] = name
+            camera = view.need("id_intrinsic").integer()
+            if str(camera) not in network.cameras:
+                if reading.problems:
+                    continue  # the camera may have a problem of its own
+                raise view.fail(f"view {name!r} has unknown intrinsics {camera}")
+            rotation, centre = poses[pose]
+            network.add_photo(name, str(camera), position=centre, rotation=rotation.T)
+            names[key] = name
+            prior = view.get("use_pose_center_prior")
+            if observe and prior is not None and prior.truth():
+                weights = view.need("center_weight").numbers(3)
+                if not all(w > 0 for w in weights):
+                    raise view.need("center_weight").fail("must be three numbers > 0")
+                at = view.need("center").numbers(3)
+                sigma = tuple(1.0 / w for w in weights)
+                network.add(PhotoPosition(name, at, sigma=sigma, source=view.where))
+    return names
+
+
+def _landmark(
+    network: Network,
+    name: str,
+    node: Node,
+    photos: dict[int, str],
+    images: ImagePoints,
+    sigma: float,
+    *,
+    check: bool = False,
+) -> tuple[float, ...]:
+    """Add a point with its measurements; return its coordinates."""
+    xyz = node.need("X").numbers(3)
+    network.add_point(name, xyz, check=xyz if check else None)
+    for key, seen in _entries(node.need("observations")):
+        x, y = seen.need("x").numbers(2)
+        if key in photos:
+            images.add(photos[key], name, (x, -y), (sigma,), seen.where)
+    return xyz
+
+
+def _without_rays(network: Network, images: ImagePoints) -> None:
+    """Leave out tie points that fewer than two photos see."""
+    seen = images.seen()
+    few = [n for n in network.points if n.startswith(TIE) and seen.get(n, 0) < 2]
+    lost = set(few)
+    for photo, rows in images.rows.items():
+        images.rows[photo] = [r for r in rows if r[0] not in lost]
+    for name in few:
+        del network.points[name]
+    network.point_number = {name: i for i, name in enumerate(network.points)}
+
+
+def _refuse_far_off(network: Network, images: ImagePoints, reading: Reading, node: Node) -> None:
+    """Note a problem if control points do not lie where the photos see them."""
+    misfits = []
+    for photo, rows in images.rows.items():
+        held = network.photos[photo]
+        camera = network.cameras[held.camera]
+        c, x0, y0 = (camera.values[camera.lens.names.index(n)] for n in ("c", "x0", "y0"))
+        world_r_camera = np.array(held.rotation)
+        side = max(camera.format) if camera.format else 4.0 * c
+        for point, x, y, *_ in rows:
+            if not point.startswith(CONTROL):
+                continue
+            at_point = np.array(network.points[point].coordinates)
+            q = (world_r_camera.T @ (at_point - np.array(held.position))).tolist()
+            ahead = q[2] if q[2] > 1e-9 * (abs(q[0]) + abs(q[1])) else math.nan
+            at = (x0 + c * q[0] / ahead, y0 - c * q[1] / ahead)
+            misfit = math.hypot(at[0] - x, at[1] - y) / side
+            misfits.append(misfit if math.isfinite(misfit) else math.inf)
+    if misfits and float(np.median(misfits)) > FAR_OFF:
+        what = (
+            "control points lie elsewhere than the photos see them: register the reconstruction "
+            'to them in OpenMVG first, or read it with control="leave out"'
+        )
+        reading.wrong(what, node.where)

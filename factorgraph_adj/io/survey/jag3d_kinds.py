@@ -1,0 +1,242 @@
+"""Observations and additional parameters of each kind of JAG3D, as those here.
+
+| JAG3D (observation/*.java) | here |
+| --- | --- |
+| distance: (S − a) / m | (1 + scale) S + zero: scale = 1/m − 1, zero = −a/m |
+| zenith angle: z − (k − e) D / 2R, e = 1 with curvature of the Earth, otherwise 0 | z − κ D / 2R |
+| height difference, GNSS: m (z_j − z_i), m R (X_j − X_i) | the same with m = 1, R = 1 |
+| deflection of the vertical: rotations r_x, r_y of the horizon | η = r_x, ξ = −r_y |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TypeAlias
+
+from ...errors import InputError, Problem
+from ...observations import (
+    CoordinateDifference,
+    Direction,
+    GnssVector,
+    HeightDifference,
+    HorizontalDistance,
+    Observation,
+    SlopeDistance,
+    ZenithAngle,
+)
+from ...stochastic import StandardDeviation
+from .jag3d_conversion import Conversion, along
+from .jag3d_model import Group, Row
+
+Make: TypeAlias = "Callable[[Conversion, Group, Row], Observation]"
+
+
+def _direction(made: Conversion, group: Group, row: Row) -> Observation:
+    return Direction(
+        row.start,
+        row.end,
+        row.value[0],
+        sigma=made.of_angle(group, row, plan=True),
+        set=group.name,
+        instrument_height=row.ih,
+        target_height=row.th,
+        source=row.source,
+    )
+
+
+def _zenith(made: Conversion, group: Group, row: Row) -> Observation:
+    value = row.value[0] % (2.0 * math.pi)
+    return ZenithAngle(
+        row.start,
+        row.end,
+        value if value <= math.pi else 2.0 * math.pi - value,
+        sigma=made.of_angle(group, row, plan=False),
+        refraction=_refracted(made, group),
+        instrument_height=row.ih,
+        target_height=row.th,
+        source=row.source,
+    )
+
+
+def _distance(kind: type[SlopeDistance]) -> Make:
+    def make(made: Conversion, group: Group, row: Row) -> Observation:
+        sigma = made.of_length(group, row)
+        if kind is HorizontalDistance:
+            row = made.reduction.distance(row)
+        return kind(
+            row.start,
+            row.end,
+            row.value[0],
+            sigma=sigma,
+            instrument=_metered(group),
+            instrument_height=row.ih,
+            target_height=row.th,
+            source=row.source,
+        )
+
+    return make
+
+
+def _levelling(made: Conversion, group: Group, row: Row) -> Observation:
+    for name in (row.start, row.end):
+        if name in made.deflected:
+            what = (
+                f"a height difference at {name!r}, which has a deflection of the vertical: JAG3D "
+                "turns its height about the origin of the coordinates"
+            )
+            raise InputError(Problem(what, row.source))
+    a, b, c = group.uncertainty
+    sigma: float | StandardDeviation = row.sigma[0]
+    length_km = None
+    if not row.sigma[0] > 0:
+        sigma = a
+        if b > 0 or c > 0:
+            d = made.length(row, plan=True)
+            length_km = d / 1000.0
+            sigma = StandardDeviation(a, per_sqrt_km=b, combine="quadratic")
+            if c > 0:
+                sigma, length_km = along(group, d), None
+    m = group.extra("scale").value
+    sigma = sigma.scaled(m) if isinstance(sigma, StandardDeviation) else sigma * m
+    return HeightDifference(
+        row.start,
+        row.end,
+        row.value[0] * m,
+        sigma=sigma,
+        length_km=length_km,
+        instrument_height=row.ih,
+        target_height=row.th,
+        source=row.source,
+    )
+
+
+def _gnss(made: Conversion, group: Group, row: Row) -> Observation:
+    sigma = tuple(
+        s if s > 0 else along(group, abs(v)) for s, v in zip(row.sigma, row.value, strict=True)
+    )
+    m = group.extra("scale").value
+    value, sigma = tuple(v / m for v in row.value), tuple(s / m for s in sigma)
+    if group.kind.axes == "yxz":
+        three = (value[0], value[1], value[2])
+        sigmas = (sigma[0], sigma[1], sigma[2])
+        return GnssVector(row.start, row.end, three, sigma=sigmas, source=row.source)
+    axes = group.kind.axes.translate(_TO_XYZ)
+    return CoordinateDifference(
+        row.start, row.end, value, axes=axes, sigma=sigma, source=row.source
+    )
+
+
+_TO_XYZ = str.maketrans("yxz", "xyz")
+"""Axes of JAG3D, y east and x north, in a frame with axes east, north."""
+
+MAKE: dict[str, Make] = {
+    "levelling": _levelling,
+    "directions": _direction,
+    "horizontal_distances": _distance(HorizontalDistance),
+    "slope_distances": _distance(SlopeDistance),
+    "zenith_angles": _zenith,
+    "gnss_1d": _gnss,
+    "gnss_2d": _gnss,
+    "gnss_3d": _gnss,
+}
+"""Function that makes an observation of a row, by kind."""
+
+
+# -- parameters of groups -------------------------------------------------------------------------
+
+
+def _orient(made: Conversion, group: Group) -> None:
+    orientation = group.extra("orientation")
+    stations = list(dict.fromkeys(row.start for row in group.rows))
+    if orientation.free and len(stations) > 1:
+        what = (
+            f"group {group.name!r} has one unknown orientation for directions of "
+            f"{len(stations)} stations ({', '.join(stations[:4])}): give each station its group"
+        )
+        made.refuse(what, group.source)
+        return
+    if not orientation.free:
+        for station in stations:
+            if station in made.network.points:
+                made.network.set_orientation(
+                    station, set=group.name, value=orientation.value, fixed=True
+                )
+
+
+def _metered(group: Group) -> str | None:
+    """Return the name of the distance meter of a group; None where it has no effect."""
+    scale, zero = group.extra("scale"), group.extra("zero point offset")
+    idle = scale.value == 1.0 and zero.value == 0.0 and not scale.free and not zero.free
+    return None if idle else group.name
+
+
+def _meter(made: Conversion, group: Group) -> None:
+    name = _metered(group)
+    if name is None:
+        return
+    scale, zero = group.extra("scale"), group.extra("zero point offset")
+    if not 0.1 < scale.value < 10.0:
+        made.refuse(f"group {group.name!r}: a scale of {scale.value}; valid: near 1", group.source)
+        return
+    if scale.free and not zero.free and zero.value != 0.0:
+        what = (
+            f"group {group.name!r} has an unknown scale and a zero point offset that is held at "
+            f"{zero.value} m: add the offset to the distances"
+        )
+        made.refuse(what, group.source)
+        return
+    free = [n for n, e in (("scale", scale), ("zero", zero)) if e.free]
+    made.attempt(
+        group.source,
+        lambda: made.network.set_distance_meter(
+            name,
+            scale=1.0 / scale.value - 1.0,
+            zero=-zero.value / scale.value,
+            free=free,  # type: ignore[arg-type]
+        ),
+    )
+
+
+def _refracted(made: Conversion, group: Group) -> str | None:
+    """Return the name of the group of refraction; None where its coefficient is 0 and held."""
+    k = group.extra("refraction")
+    return None if k.value == 0.0 and not k.free and not made.reduction.curvature else group.name
+
+
+def _refract(made: Conversion, group: Group) -> None:
+    name = _refracted(made, group)
+    if name is None:
+        return
+    k = group.extra("refraction")
+    value = k.value - (1.0 if made.reduction.curvature else 0.0)
+    made.attempt(
+        group.source,
+        lambda: made.network.set_refraction(name, value=value, fixed=not k.free),
+    )
+
+
+def _held(made: Conversion, group: Group) -> None:
+    """Refuse unknown scales and rotations of heights and vectors, and rotations that are held."""
+    for name, e in group.extras.items():
+        turned = name.startswith("rotation") and e.value != 0.0
+        if e.free or turned or (name == "scale" and not e.value > 0):
+            what = f"an unknown {name}" if e.free else f"a {name} of {e.value}"
+            made.refuse(
+                f"group {group.name!r} has {what}, which {group.kind.name} do not have here: hold "
+                "it in JAG3D where it has no effect, or correct the values",
+                group.source,
+            )
+
+
+STATE: dict[str, Callable[[Conversion, Group], None]] = {
+    "levelling": _held,
+    "directions": _orient,
+    "horizontal_distances": _meter,
+    "slope_distances": _meter,
+    "zenith_angles": _refract,
+    "gnss_1d": _held,
+    "gnss_2d": _held,
+    "gnss_3d": _held,
+}
+"""Function that states the parameters of a group, by kind."""

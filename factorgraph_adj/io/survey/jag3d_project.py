@@ -1,0 +1,325 @@
+"""Project of JAG3D: the tables of its database, as groups.
+
+Source: JAG3D 2026, jag3d/sql/SQLDatabase.java (tables) and
+adjustment/network/sql/SQLAdjustmentManager.java (which rows take part in an adjustment).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from ...errors import InputError, Problem
+from ...network.network import Network
+from ..text import beginning
+from .hsqldb import Row as TableRow
+from .hsqldb import Table, read_tables
+from .jag3d_model import (
+    BY_NUMBER,
+    EARTH_RADIUS,
+    PARAMETERS,
+    STATUS,
+    Deflection,
+    Extra,
+    Group,
+    Kind,
+    PointRow,
+    Reduction,
+    Row,
+    radius_of,
+)
+from .jag3d_network import as_network, with_set_names
+
+Epoch: TypeAlias = Literal["both", "reference", "control"]
+NEEDED = (
+    "ObservationGroup",
+    "ObservationGroupUncertainty",
+    "ObservationApriori",
+    "GNSSObservationApriori",
+    "AdditionalParameterApriori",
+    "PointGroup",
+    "PointGroupUncertainty",
+    "PointApriori",
+    "ReductionDefinition",
+    "ReductionTask",
+    "VerticalDeflectionGroup",
+    "VerticalDeflectionGroupUncertainty",
+    "VerticalDeflectionApriori",
+)
+"""Tables that are read."""
+ESSENTIAL = ("ObservationGroup", "ObservationApriori", "PointGroup", "PointApriori")
+"""Tables without which a database is no project of JAG3D."""
+PROJECTIONS = {1: "Gauß-Krüger", 2: "UTM", 3: "a local ellipsoidal system"}
+"""Projections by number (ProjectionType.java) with which observations depend on coordinates."""
+HEIGHT, CURVATURE = 2, 4
+"""Numbers of reductions (ReductionTaskType.java)."""
+SIGMA_PARTS = (10, 11, 12)
+"""Numbers of the parts a, b, c of σ of a group (ObservationGroupUncertaintyType.java)."""
+SIGMA_AXES = {"y": 21, "x": 20, "z": 22}
+"""Numbers of σ of the coordinates of a group of points (PointGroupUncertaintyType.java)."""
+SIGMA_DEFLECTION = {"y": 32, "x": 31}
+"""Numbers of σ of deflections (VerticalDeflectionGroupUncertaintyType.java)."""
+DEFLECTION_SIGMA = 0.001 * math.pi / 200.0
+"""σ of a stochastic deflection that states none, radians (DefaultUncertainty.java)."""
+
+
+def is_project(path: Path) -> bool:
+    """Return whether a file is the script of a project of JAG3D."""
+    return path.suffix == ".script" and b'"OpenAdjustment"' in beginning(path)
+
+
+def read_project_of_jag3d(path: Path, *, epoch: Epoch) -> Network:
+    """Return the network of a project; what is switched off in it is left out.
+
+    Args:
+        path: its script.
+        epoch: epoch of the groups of observations.
+
+    Raises:
+        InputError: all problems.
+    """
+    tables = read_tables(path, NEEDED)
+    missing = [name for name in ESSENTIAL if name not in tables]
+    if missing:
+        what = f"is no project of JAG3D 2018 or later: it has no table {', '.join(missing)}"
+        raise InputError(Problem(what, path.name))
+    return _Tables(path, tables).network(epoch)
+
+
+def point_pairs(path: str | Path) -> dict[str, str]:
+    """Return the point pairs of the congruence analysis of a project, for `congruence`.
+
+    Groups and pairs that are switched off are left out.
+
+    Args:
+        path: its script.
+
+    Returns:
+        Names in the control epoch by names in the reference epoch.
+
+    Raises:
+        InputError: the project is damaged, or a point stands in two pairs.
+    """
+    script = Path(path).with_suffix(".script")
+    groups, pairs = "CongruenceAnalysisGroup", "CongruenceAnalysisPointPairApriori"
+    tables = _Tables(script, read_tables(script, (groups, pairs)))
+    on = {tables.get(r, "id") for r in tables.rows(groups)}
+    out: dict[str, str] = {}
+    for row in tables.rows(pairs):
+        if tables.get(row, "group_id") not in on:
+            continue
+        first = str(tables.get(row, "start_point_name", ""))
+        second = str(tables.get(row, "end_point_name", ""))
+        if out.setdefault(first, second) != second:
+            what = f"point {first!r} is compared with {out[first]!r} and {second!r}"
+            tables.problems.append(Problem(what, row.source))
+    if tables.problems:
+        raise InputError(tables.problems)
+    return out
+
+
+class _Tables:
+    def __init__(self, path: Path, tables: Mapping[str, Table]) -> None:
+        self.path = path
+        self.tables = tables
+        self.problems: list[Problem] = []
+
+    def rows(self, name: str) -> Iterable[TableRow]:
+        """Return the rows of a table that are switched on, in the order of their ids."""
+        table = self.tables.get(name)
+        if table is None:
+            return []
+        on = [r for r in table.rows if r.values.get("enable") is not False]
+        return sorted(on, key=lambda r: r.values.get("id") or 0)
+
+    def get(self, row: TableRow, column: str, default: Any = None) -> Any:
+        """Return a value of a row; note a problem where it is missing or not finite."""
+        value = row.values.get(column, default)
+        if value is None or (isinstance(value, float) and not abs(value) < 1e9):
+            self.problems.append(Problem(f"{column} is {value}", row.source))
+            return 0 if default is None else default
+        return value
+
+    def numbers(self, table: str) -> dict[tuple[int, int], float]:
+        """Return the values of a table of uncertainties by group and type."""
+        return {
+            (self.get(r, "group_id"), self.get(r, "type")): self.get(r, "value")
+            for r in self.rows(table)
+        }
+
+    def network(self, epoch: Epoch) -> Network:
+        reduction = self._reduction()
+        points = self._points()
+        groups = self._groups(epoch)
+        known = {p.name for p in points}
+        off = {self.get(r, "name") for r in self._all("PointApriori")} - known
+        # JAG3D takes observations of points that are switched off for switched off.
+        groups = [
+            Group(
+                g.name,
+                g.kind,
+                tuple(r for r in g.rows if r.start not in off and r.end not in off),
+                g.uncertainty,
+                g.extras,
+                g.source,
+            )
+            for g in groups
+        ]
+        return as_network(
+            self.path.stem,
+            points,
+            with_set_names([g for g in groups if g.rows]),
+            deflections=self._deflections(),
+            reduction=reduction,
+            problems=self.problems,
+            where=self.path.name,
+        )
+
+    def _all(self, name: str) -> list[TableRow]:
+        table = self.tables.get(name)
+        return [] if table is None else table.rows
+
+    def _reduction(self) -> Reduction:
+        tasks = {self.get(r, "type") for r in self.rows("ReductionTask")}
+        for row in self.rows("ReductionDefinition"):
+            kind = self.get(row, "projection_type")
+            major = self.get(row, "major_axis", EARTH_RADIUS)
+            minor = self.get(row, "minor_axis", EARTH_RADIUS)
+            latitude = self.get(row, "reference_latitude", 0.0)
+            height = self.get(row, "reference_height", 0.0)
+            if kind == 3 or (kind in PROJECTIONS and tasks):
+                what = (
+                    f"the project reduces observations to {PROJECTIONS[kind]}: give them as they "
+                    "were measured (write flat files without reductions), and state the reference "
+                    "system with fga.from_grid"
+                )
+                self.problems.append(Problem(what, row.source))
+            if not (0 < minor <= major):
+                self.problems.append(Problem(f"axes {major}, {minor} of an ellipsoid", row.source))
+                continue
+            return Reduction(
+                radius_of(major, minor, latitude),
+                CURVATURE in tasks,
+                height if HEIGHT in tasks else None,
+            )
+        return Reduction()
+
+    def _points(self) -> list[PointRow]:
+        uncertainty = self.numbers("PointGroupUncertainty")
+        groups = {self.get(r, "id"): r for r in self.rows("PointGroup")}
+        out = []
+        for row in self.rows("PointApriori"):
+            number = self.get(row, "group_id")
+            if number not in groups:
+                continue
+            status = STATUS.get(self.get(groups[number], "type"))
+            dimension = self.get(groups[number], "dimension")
+            if status is None or dimension not in (1, 2, 3):
+                what = f"type or dimension {dimension} is not one of JAG3D"
+                self.problems.append(Problem(what, groups[number].source))
+                continue
+            sigma = [
+                own
+                if (own := self.get(row, f"sigma_{axis}0", 0.0)) > 0
+                else uncertainty.get((number, SIGMA_AXES[axis]), math.nan)
+                for axis in "yxz"
+            ]
+            out.append(
+                PointRow(
+                    str(self.get(row, "name", "")),
+                    status,
+                    dimension,
+                    tuple(float(self.get(row, f"{axis}0", 0.0)) for axis in "yxz"),  # type: ignore[arg-type]
+                    tuple(sigma),  # type: ignore[arg-type]
+                    row.source,
+                )
+            )
+        return out
+
+    def _groups(self, epoch: Epoch) -> list[Group]:
+        uncertainty = self.numbers("ObservationGroupUncertainty")
+        rows: dict[int, list[Row]] = {}
+        found: dict[int, tuple[Kind, TableRow]] = {}
+        for group in self.rows("ObservationGroup"):
+            kind = BY_NUMBER.get(self.get(group, "type"))
+            if kind is None:
+                what = f"observations of type {group.values.get('type')} are not known"
+                self.problems.append(Problem(what, group.source))
+            elif epoch == "both" or self.get(group, "reference_epoch", True) == (
+                epoch == "reference"
+            ):
+                found[self.get(group, "id")] = kind, group
+        for table in ("ObservationApriori", "GNSSObservationApriori"):
+            for row in self.rows(table):
+                number = self.get(row, "group_id")
+                if number in found:
+                    rows.setdefault(number, []).append(self._row(row, found[number][0]))
+        extras: dict[int, dict[str, Extra]] = {}
+        for row in self._all("AdditionalParameterApriori"):
+            name = PARAMETERS.get(self.get(row, "type"))
+            if name is None:
+                what = f"additional parameter of type {row.values.get('type')} is not known"
+                self.problems.append(Problem(what, row.source))
+                continue
+            extra = Extra(float(self.get(row, "value_0", 0.0)), row.values.get("enable") is True)
+            extras.setdefault(self.get(row, "group_id"), {})[name] = extra
+        out = []
+        for number, (kind, group) in found.items():
+            stated = [uncertainty.get((number, part), -1.0) for part in SIGMA_PARTS]
+            parts = [
+                s if s > 0 or (s == 0 and i > 0) else d
+                for i, (s, d) in enumerate(zip(stated, kind.default, strict=True))
+            ]
+            out.append(
+                Group(
+                    str(self.get(group, "name", "")) or f"{kind.name} {number}",
+                    kind,
+                    tuple(rows.get(number, ())),
+                    tuple(parts),  # type: ignore[arg-type]
+                    extras.get(number, {}),
+                    group.source,
+                )
+            )
+        return out
+
+    def _row(self, row: TableRow, kind: Kind) -> Row:
+        start = str(self.get(row, "start_point_name", ""))
+        end = str(self.get(row, "end_point_name", ""))
+        if kind.axes:
+            value = tuple(float(self.get(row, f"{a}0", 0.0)) for a in kind.axes)
+            sigma = tuple(self.get(row, f"sigma_{a}0", 0.0) for a in kind.axes)
+            return Row(start, end, value, sigma, row.source)
+        return Row(
+            start,
+            end,
+            (float(self.get(row, "value_0")),),
+            (self.get(row, "sigma_0", 0.0),),
+            row.source,
+            ih=self.get(row, "instrument_height", 0.0),
+            th=self.get(row, "reflector_height", 0.0),
+            distance=self.get(row, "distance_0", 0.0),
+        )
+
+    def _deflections(self) -> list[Deflection]:
+        uncertainty = self.numbers("VerticalDeflectionGroupUncertainty")
+        groups = {self.get(r, "id"): r for r in self.rows("VerticalDeflectionGroup")}
+        out = []
+        for row in self.rows("VerticalDeflectionApriori"):
+            number = self.get(row, "group_id")
+            if number not in groups:
+                continue
+            kind = self.get(groups[number], "type")
+            y, x = (float(self.get(row, f"{a}0", 0.0)) for a in "yx")
+            sy, sx = (
+                own
+                if (own := self.get(row, f"sigma_{a}0", 0.0)) > 0
+                else uncertainty.get((number, SIGMA_DEFLECTION[a]), DEFLECTION_SIGMA)
+                for a in "yx"
+            )
+            sigma = (sy, sx) if kind == 2 else None
+            out.append(
+                Deflection(str(self.get(row, "name", "")), (y, x), sigma, kind == 3, row.source)
+            )
+        return out
