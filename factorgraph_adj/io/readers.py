@@ -28,7 +28,7 @@ from .photogrammetry.opencv import is_opencv, read_opencv
 from .photogrammetry.openmvg import is_openmvg, read_openmvg
 from .photogrammetry.opensfm import is_opensfm, read_opensfm
 from .photogrammetry.opf import read_opf
-from .project import PROJECT_FILE, Project, load_project
+from .project import Project, load_project
 from .survey.columns import read_columns
 from .survey.comp3d import read_comp3d
 from .survey.gsi import read_gsi
@@ -279,7 +279,7 @@ READERS = Readers(
             "project",
             load_project,
             folders=True,
-            main_file=PROJECT_FILE,
+            main_file="project.toml",
         ),
         Reader("gama", (".gkf",), "GNU Gama", NetworkAlone(read_gama)),
         Reader(

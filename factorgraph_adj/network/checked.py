@@ -97,15 +97,14 @@ def checked_camera(
                 where,
             )
         )
-    if isinstance(values, Mapping) and names[0] == "c" and "c" not in values:
-        # One that is free and unknown is looked for.
-        side = 0.0 if format is None or "c" not in free else max(_sides(format, where))
-        values = {**values, "c": ASSUMED_DISTANCE * side}
     given = [values.get(n, 0.0) for n in names] if isinstance(values, Mapping) else values
     try:
         numbers = [float(v) for v in given]
     except (TypeError, ValueError):
         numbers = []
+    known_distance = not isinstance(values, Mapping) or "c" in values
+    if numbers and not known_distance and names[0] == "c" and "c" in free and format is not None:
+        numbers[0] = ASSUMED_DISTANCE * max(_sides(format, where))
     if len(numbers) != len(names) or not np.all(np.isfinite(numbers)):
         raise InputError(
             Problem(f"values must be {len(names)} finite numbers ({', '.join(names)})", where)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -108,7 +109,10 @@ def test_the_defaults_of_every_format_are_of_the_kinds_that_are_valid(entry: Any
     """An annotation that cannot be resolved, or that its default contradicts, would refuse all."""
     function = getattr(entry, "write", None) or entry.load
     function = function.read if isinstance(function, NetworkAlone) else function
-    given = {n: v for n, v in (function.__kwdefaults__ or {}).items() if n in entry.options}
+    given = dict(function.__kwdefaults__ or {})
+    for group in [v for v in given.values() if is_dataclass(v)]:
+        given |= {f.name: getattr(group, f.name) for f in fields(group)}
+    given = {n: v for n, v in given.items() if n in entry.options}
     needed = {n: "a" for n in entry.options if n not in given}
     assert fitting(function, given | needed, doing="", where="") == given | needed
     for name in needed:
