@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
+    from .io.survey.accuracies import Accuracies
     from .io.survey.columns import read_columns
     from .io.survey.comp3d import read_comp3d
     from .io.survey.gsi import read_gsi
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from .io.survey.jobxml import read_jobxml
     from .io.survey.landxml import read_landxml
     from .io.survey.lgc2 import read_lgc2
+    from .io.survey.mmvii import read_mmvii
     from .io.survey.sdr33 import read_sdr33
     from .io.survey.star_net import read_star_net
     from .io.survey.star_net_options import StarNetOptions
@@ -74,6 +76,7 @@ if TYPE_CHECKING:
     from .models.variables import register_unknown
     from .network.entities import Camera, Parameter, Photo, Point
     from .network.from_grid import from_grid
+    from .network.join import join
     from .network.network import Network
     from .network.selection import without
     from .observations.airborne import (
@@ -89,7 +92,7 @@ if TYPE_CHECKING:
     from .observations.far_directions import GyroAzimuth, PhotoSight, PhotoTilt
     from .observations.frame_sights import FrameDirection, FrameDistance, FrameZenith
     from .observations.image import ImagePoint
-    from .observations.in_frames import FrameCoordinate
+    from .observations.in_frames import FrameCoordinate, FrameVector
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
     from .observations.registry import ObservationKind, register_observation
     from .observations.relative import RelativePosition, RelativeRotation
@@ -148,6 +151,7 @@ if TYPE_CHECKING:
     from .version import __version__
 
 __all__ = [
+    "Accuracies",
     "AdjustmentError",
     "AntennaVector",
     "ApproximationError",
@@ -165,6 +169,7 @@ __all__ = [
     "FrameCoordinate",
     "FrameDirection",
     "FrameDistance",
+    "FrameVector",
     "FrameZenith",
     "GeocentricFrame",
     "GnssPosition",
@@ -233,6 +238,7 @@ __all__ = [
     "from_grid",
     "grid_coordinates",
     "grid_photos",
+    "join",
     "load_solution",
     "memory_needed",
     "orient",
@@ -259,6 +265,7 @@ __all__ = [
     "read_lgc2",
     "read_metashape",
     "read_micmac",
+    "read_mmvii",
     "read_opencv",
     "read_openmvg",
     "read_opensfm",
@@ -319,6 +326,7 @@ _MODULES = {
     "FrameCoordinate": "observations.in_frames",
     "FrameDirection": "observations.frame_sights",
     "FrameDistance": "observations.frame_sights",
+    "FrameVector": "observations.in_frames",
     "FrameZenith": "observations.frame_sights",
     "AntennaVector": "observations.airborne",
     "GridCoordinates": "solve.grid",
@@ -386,6 +394,7 @@ _MODULES = {
     "from_grid": "network.from_grid",
     "grid_coordinates": "solve.grid",
     "grid_photos": "solve.grid",
+    "join": "network.join",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.batch",
     "orient": "block_orientation.orient",
@@ -435,10 +444,12 @@ _MODULES = {
     "StarNetOptions": "io.survey.star_net_options",
     "covariance_array": "export.arrays",
     "read_columns": "io.survey.columns",
+    "Accuracies": "io.survey.accuracies",
     "read_gsi": "io.survey.gsi",
     "read_jag3d": "io.survey.jag3d",
     "read_jobxml": "io.survey.jobxml",
     "read_landxml": "io.survey.landxml",
+    "read_mmvii": "io.survey.mmvii",
     "read_sdr33": "io.survey.sdr33",
     "read_star_net": "io.survey.star_net",
     "results_schema": "export.results",

@@ -30,6 +30,10 @@ def group_median(group: Index, value: Array, size: int) -> Array:
     return out
 
 
+EARTH = 6_371_000.0
+"""Metres: a place on the Earth where none is known."""
+
+
 def group_angle(group: Index, angle: Array, size: int) -> Array:
     """Return the median of angles in each group about their circular mean, continuous at ±π."""
     s = np.bincount(group, np.sin(angle), size)
@@ -224,7 +228,10 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
         levels,
         steps,
         _with_differences(
-            _join(by_kind.get("gnss_vector", []), value=_vector),
+            _both(
+                _join(by_kind.get("gnss_vector", []), value=_vector),
+                _frame_vectors(by_kind.get("frame_vector", []), equations),
+            ),
             by_kind.get("coordinate_difference", []),
             equations,
         ),
@@ -264,6 +271,45 @@ def _with_differences(vectors: Sighted, blocks: Sequence[Block], equations: Equa
         np.concatenate([vectors.rise, nothing]),
         np.concatenate([vectors.third, nothing.astype(np.intp)]),
     )
+
+
+def _both(a: Sighted, b: Sighted) -> Sighted:
+    return Sighted(
+        np.concatenate([a.station, b.station]),
+        np.concatenate([a.target, b.target]),
+        np.concatenate([a.value, b.value]),
+        np.concatenate([a.rise, b.rise]),
+        np.concatenate([a.third, b.third]),
+    )
+
+
+def _frame_vectors(blocks: Sequence[Block], equations: Equations) -> Sighted:
+    """Return vectors in frames along the axes of the network, with the start values of these.
+
+    A rotation or scale without a start value counts as none. Vectors in the horizon of an unknown
+    station are left out.
+    """
+    out = _join([], value=_vector)
+    given = equations.unknowns["point"].values
+    for block in blocks:
+        (_, number), (_, station), (_, target) = block.variables
+        stored = equations.unknowns["frame"].values[number]
+        rotation = stored[:, :9].reshape(-1, 3, 3)
+        rotation = np.where(np.isfinite(rotation), rotation, np.eye(3))
+        scale = np.exp(np.nan_to_num(stored[:, 12]))[:, None]
+        at = given[station]
+        there = (stored[:, 16] == 0) | np.isfinite(at).all(axis=1)
+        place = np.where(np.isfinite(at), at, [EARTH, 0.0, 0.0])
+        basis = equations.network.frame.basis(place, np.zeros((block.n, 2)))
+        e = horizons(basis, stored[:, 16])
+        value = scale * np.einsum("nji,njk,nk->ni", e, rotation, block.observed)
+        rows = np.flatnonzero(there)
+        zero = np.zeros(len(rows))
+        found = Sighted(
+            station[rows], target[rows], value[rows], zero, np.zeros(len(rows), dtype=np.intp)
+        )
+        out = _both(out, found)
+    return out
 
 
 def _plan_differences(blocks: Sequence[Block], equations: Equations) -> Sighted:

@@ -14,10 +14,12 @@ from ..graph.variables import State
 from ..network.network import DatumChoice, Network
 from ..solve.start import Start
 from ..types import Array, Mask
+from .beside import by_given, stand, why_not
 from .block_start import BlockStart, OrientedPart
 from .build import Part
+from .diagnosis import doubts
 from .focal import Distances
-from .growth import RULES
+from .growth import RULES, Growth
 from .known import Known, given, lengths
 from .place import Placed, place
 from .robust_poses import RAYLEIGH_MEDIAN, ray_misses
@@ -56,7 +58,15 @@ class Assembly:
             new = g.placed & np.isnan(point[:, 0])
             point[new] = at.to_frame.of(g.point[new])
             fits |= part.fits
-        at_once = given(equations).point
+        known = given(equations)
+        whole = self._whole(pose, point)
+        fits |= stand(whole, known)
+        some = np.zeros(len(pose), dtype=bool)
+        if any(at.complete for at in placed):
+            some, agree = by_given(whole, known)
+            fits |= agree
+        pose, point = whole.pose, whole.point
+        at_once = known.point
         stated = np.isfinite(at_once).all(axis=1) & np.isnan(point[:, 0])
         point[stated] = at_once[stated]
         fits |= self._near_stated(pose, point, stated)
@@ -70,10 +80,12 @@ class Assembly:
             tuple(self._told(p, at) for p, at in zip(self.parts, placed, strict=True)),
             tuple(v.label(int(row)) for row in np.flatnonzero(doubtful)),
             doubtful,
-            self._unoriented(pose, point),
+            self._unoriented(pose, point, known),
             unreached,
             distances.found(self.parts[0].growth.calibrations),
             problems,
+            tuple(np.array(v.photos, dtype=object)[some].tolist()),
+            doubts(v, self.parts, distances),
         )
         if state is None:
             return found
@@ -94,7 +106,9 @@ class Assembly:
         out: list[Placed | None] = [None] * len(self.parts)
         open_ = list(range(len(self.parts)))
         while open_:
-            trials = {i: place(self.parts[i].growth, there, measured, joined) for i in open_}
+            trials = {
+                i: place(self.parts[i].growth, equations, there, measured, joined) for i in open_
+            }
             best = max(
                 open_, key=lambda i: (trials[i].complete, np.isfinite(trials[i].misfits).sum(), -i)
             )
@@ -115,6 +129,13 @@ class Assembly:
             joined |= new
             there = Known(moved, there.pose)
         return [p for p in out if p is not None]
+
+    def _whole(self, pose: Array, point: Array) -> Growth:
+        """Return all parts as one, in the frame of the network."""
+        growth = self.parts[0].growth.copy()
+        growth.pose, growth.point = pose.copy(), point.copy()
+        growth.wanted, growth.ended = growth.rays.usable, True
+        return growth
 
     def _near_stated(self, pose: Array, point: Array, stated: Mask) -> Mask:
         """Return the image points of stated points that are near them, (n,).
@@ -170,18 +191,18 @@ class Assembly:
             out[photo] = float(np.median(depth[v.photo[rows] == photo]))
         return out
 
-    def _unoriented(self, pose: Array, point: Array) -> dict[str, str]:
+    def _unoriented(self, pose: Array, point: Array, known: Known) -> dict[str, str]:
         """Return the photos with image points that have no pose, and why."""
         v = self.views
         known_ = np.isfinite(point[v.point, 0])
         every = np.bincount(v.photo, minlength=len(pose))
         count = np.bincount(v.photo[known_], minlength=len(pose))
+        rays = np.bincount(v.point, minlength=len(point))
+        alone = np.bincount(v.photo[rays[v.point] < 2], minlength=len(pose))
         given_ = [f.rotation is not None for f in self.equations.network.photos.values()]
+        centred = np.all(np.isfinite(known.pose[:, 9:]), axis=1)
         return {
-            name: (
-                f"{count[i]} of its {every[i]} image points belong to points of the block; a "
-                f"resection needs {RULES.least_at_end} that fit"
-            )
+            name: why_not(int(every[i]), int(count[i]), int(alone[i]), centred=bool(centred[i]))
             for i, name in enumerate(v.photos)
             if np.isnan(pose[i, 0]) and every[i] and not given_[i]
         }

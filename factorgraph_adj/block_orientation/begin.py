@@ -40,13 +40,16 @@ def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start |
     return found.start
 
 
-def block_of(equations: Equations, datum: DatumChoice, error: ApproximationError) -> BlockStart:
+def block_of(
+    equations: Equations, datum: DatumChoice, error: ApproximationError, *, whole: bool = True
+) -> BlockStart:
     """Return the block that was oriented from image points, with a start of all unknowns.
 
     Args:
         equations: the network in arrays.
         datum: given or free.
         error: what the search for approximate values has missed.
+        whole: whether all photos and points must be found.
 
     Raises:
         ApproximationError: photos are not what was missed; PoseLib is not installed; or photos and
@@ -57,10 +60,13 @@ def block_of(equations: Equations, datum: DatumChoice, error: ApproximationError
     try:
         found = orient_equations(equations, datum=datum)
     except (InputError, ApproximationError) as other:
-        raise ApproximationError([*error.problems, *other.problems], photos=error.photos) from None
-    if found.start is None:
+        raise ApproximationError(
+            [*other.problems, *(p for p in error.problems if "fga.orient" not in p.what)],
+            photos=error.photos,
+        ) from None
+    if found.start is None and whole:
         lost = [Problem(why, f"photo {name!r}") for name, why in found.unoriented.items()]
-        first = " ".join(found.sentences()[: len(found.parts)])
+        first = " ".join([*found.sentences()[: len(found.parts)], *found.doubts])
         raise ApproximationError(
             [
                 Problem(f"not all photos and points were found from image points: {first}"),

@@ -10,7 +10,14 @@ import numpy as np
 from ..approximate.vectors import known_attitudes
 from ..graph.equations import Equations
 from ..graph.variables import DEFAULT, State
-from ..observations import ControlPoint, PhotoPosition, RelativePosition, SlopeDistance
+from ..observations import (
+    ControlPoint,
+    GnssVector,
+    PhotoBase,
+    PhotoPosition,
+    RelativePosition,
+    SlopeDistance,
+)
 from ..types import Array
 
 
@@ -65,13 +72,23 @@ def given(equations: Equations) -> Known:
 
 
 def lengths(equations: Equations) -> Iterator[Length]:
-    """Iterate over known lengths: slope distances, and bases between photos, of rigs too."""
+    """Iterate over known lengths: distances, GNSS vectors, and bases between photos, of rigs too.
+
+    Horizontal distances are among them: the scale is where a fit begins.
+    """
     unknowns = equations.unknowns
     mounts = unknowns["mount"]
     for o in equations.network.observations.values():
         if isinstance(o, SlopeDistance) and o.value > 0:
             number = unknowns["point"].number
             yield Length("point", (number[o.station], number[o.target]), float(o.value))
+        elif isinstance(o, GnssVector):
+            number, size = unknowns["point"].number, float(np.linalg.norm(o.value))
+            if size > 0:
+                yield Length("point", (number[o.station], number[o.target]), size)
+        elif isinstance(o, PhotoBase) and o.value > 0:
+            number = unknowns["pose"].number
+            yield Length("pose", (number[o.photo], number[o.photo2]), float(o.value))
         elif isinstance(o, RelativePosition) and o.instrument is None:
             vector = np.array(o.value, dtype=float)
             if o.mount is not None:

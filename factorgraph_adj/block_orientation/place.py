@@ -7,9 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..graph.equations import Equations
 from ..types import Array, Mask
+from .fitting import fit
 from .growth import Growth
 from .known import Known, Length
+from .scale import scales_by_rays
 from .similarity import (
     Similarity,
     from_components,
@@ -38,11 +41,18 @@ class Placed:
     """Distance of each known place from its given one, metres, (points + photos,); NaN: unknown."""
 
 
-def place(growth: Growth, known: Known, lengths: Sequence[Length], joined: Mask) -> Placed:
+def place(
+    growth: Growth,
+    equations: Equations,
+    known: Known,
+    lengths: Sequence[Length],
+    joined: Mask,
+) -> Placed:
     """Find the transformation of a part into the frame of the network.
 
     Args:
         growth: the part.
+        equations: the network in arrays.
         known: coordinates and attitudes, NaN where unknown.
         lengths: known lengths.
         joined: known points that earlier parts found, (points,), for the words.
@@ -64,18 +74,28 @@ def place(growth: Growth, known: Known, lengths: Sequence[Length], joined: Mask)
         found = with_rotation(x[some], y[some], rotation)
         words = f"attitudes, and {words}"
         if found is None:
-            found, said = _by_lengths(growth, lengths, rotation, x[full], y[full])
+            by_rays: list[float] = []
+            if full.any():
+                at = int(np.flatnonzero(full)[0])
+                by_rays = scales_by_rays(growth, known, rotation, (x[at], y[at]))
+            found, said = _by_lengths(growth, lengths, rotation, x[full], y[full], by_rays)
             words, complete = f"{words}; {said}", bool(full.any()) and said != UNIT
     if found is None and (found := from_components(x[some], y[some])) is not None:
         words = f"{int(np.isfinite(y[some]).sum())} known coordinates of {int(some.sum())} places"
     if found is None:
         complete = False
         found, words = _incomplete(growth, lengths, x[full], y[full], words)
+    fitted = None if complete else fit(growth, equations, known, found)
+    if fitted is not None and fitted.open < ONLY_SCALE:
+        found, complete = fitted.to_frame, fitted.open == 0
+        words = fitted.words if complete else f"{fitted.words}; {fitted.open} of 7 stay open"
     misfits = np.full(len(x), np.nan)
     misfits[full] = np.linalg.norm(found.of(x[full]) - y[full], axis=1)
     return Placed(found, words, complete, misfits)
 
 
+ONLY_SCALE = 6
+"""Number of open parameters of a part of which only the scale is known."""
 UNIT = "the base of the start pair has the length 1"
 NOTHING = "no known coordinates"
 
@@ -91,9 +111,14 @@ def _incomplete(
 
 
 def _by_lengths(
-    growth: Growth, lengths: Sequence[Length], rotation: Array, x: Array, y: Array
+    growth: Growth,
+    lengths: Sequence[Length],
+    rotation: Array,
+    x: Array,
+    y: Array,
+    by_rays: Sequence[float] = (),
 ) -> tuple[Similarity, str]:
-    """Return a transformation with the scale of known lengths, and words."""
+    """Return a transformation with the scale of known lengths, or of rays, and words."""
     ratios = []
     for length in lengths:
         at = growth.point if length.between == "point" else growth.pose[:, 9:]
@@ -104,6 +129,8 @@ def _by_lengths(
     if ratios:
         scale = float(np.median(ratios))
         said = f"scale from {len(ratios)} known length{'s' * (len(ratios) > 1)}"
+    elif by_rays:
+        scale, said = float(np.median(by_rays)), f"scale from {len(by_rays)} rays that leave it"
     shift = np.zeros(3)
     if len(x):
         shift = (y - scale * x @ rotation.T).mean(axis=0)

@@ -166,7 +166,7 @@ def from_components(x: Array, known: Array) -> Similarity | None:
         return np.asarray((moved - target)[there])
 
     best = None
-    for base in _even_rotations(STARTS):
+    for base in even_rotations(STARTS):
         found = least_squares(misfit, np.zeros(7), args=(base,), method="trf", max_nfev=60)
         if best is None or found.cost < best[0].cost:
             best = found, base
@@ -181,7 +181,7 @@ def from_components(x: Array, known: Array) -> Similarity | None:
     return Similarity(factor, rotation, np.asarray(shift, dtype=float))
 
 
-def _even_rotations(n: int) -> list[Array]:
+def even_rotations(n: int = 24) -> list[Array]:
     """Return the 24 rotations of a cube onto itself."""
     out = []
     for i in range(3):

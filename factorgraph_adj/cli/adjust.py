@@ -263,6 +263,7 @@ def _verdict(found: Adjusted, report: Report) -> int:
                 "aside"
             )
     doubts += report.in_common
+    doubts += report.at_check_points
     for doubt in doubts:
         print(doubt, file=sys.stderr)
     return DOUBTFUL if doubts else FINE

@@ -15,6 +15,12 @@ def add_convert(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     """Add the command."""
     parser = commands.add_parser("convert", help="read a network in one format, write another")
     add_project(parser)
+    add_writing(parser)
+    parser.set_defaults(run=_convert)
+
+
+def add_writing(parser: argparse.ArgumentParser) -> None:
+    """Add the file to write, its format and options."""
     parser.add_argument("out", metavar="OUT", help=f"a file: {WRITERS}")
     parser.add_argument(
         "--to",
@@ -31,16 +37,18 @@ def add_convert(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         default=[],
         help="an option of the writer of the format; may be repeated",
     )
-    parser.set_defaults(run=_convert)
 
 
 def _convert(options: argparse.Namespace) -> int:
     writing = settings(options.writing, "--with")
-    WRITERS.of(Path(options.out), options.to)  # before a long reading
+    writer = WRITERS.of(Path(options.out), options.to)  # before a long reading
     project = read_input(options)
     warn(project.warnings)
     WRITERS.write(project.network, options.out, format=options.to, options=writing)
     network = project.network
+    if writer.alone:
+        print(f"{options.out}: {writer.alone} of {options.project}, and nothing else of it")
+        return FINE
     print(
         f"{options.out}: {len(network.points)} points, {len(network.photos)} photos, "
         f"{network.n_image_points} image points and {len(network.observations)} other "

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import json
 import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, Problem
 from ..io.project import Project
 from ..io.readers import READERS
+from .grid import add_grid, moved, options_of_reader, system_of
 
 PROJECT_HELP = f"a file: {READERS}; or a folder"
 """Help of the argument for a project."""
@@ -38,13 +41,15 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="an option of the reader of the format; may be repeated",
+        help="an option of the reader of the format, such as sigma=0.5, calibration=held, "
+        "'accuracy={markers = 0.2}'; may be repeated",
     )
     reading.add_argument(
         "--allow-outside",
         action="store_true",
         help="let project.toml name tables outside its folder",
     )
+    add_grid(parser)
 
 
 def read_input(
@@ -60,17 +65,32 @@ def read_input(
     Raises:
         InputError: an option is malformed, or the file has problems.
     """
-    return READERS.load(
-        options.project if path is None else path,
+    source = options.project if path is None else path
+    given = settings(options.reading, "--set")
+    system = system_of(options)
+    grid = settings(options.grid, "--grid")
+    if system is not None and not Path(source).exists():
+        raise InputError(Problem("no such file or folder", str(source)))
+    reader = None if system is None else READERS.reader(Path(source), options.read_as)
+    if system is not None and reader is not None and reader.own_grid:
+        given |= options_of_reader(reader, system, grid, options.frame)
+    project = READERS.load(
+        source,
         readings=readings,
         allow_outside=options.allow_outside,
         format=options.read_as,
-        options=settings(options.reading, "--set"),
+        options=given,
     )
+    if system is None or reader is None or reader.own_grid:
+        return project
+    return moved(project, system, grid, options.frame)
 
 
 def settings(given: Sequence[str], option: str) -> dict[str, Any]:
-    """Return settings KEY=VALUE by key; a value that TOML does not know is a text.
+    """Return settings KEY=VALUE by key.
+
+    Values are those of TOML, such as ``0.5``, ``["c", "k1"]`` or ``{markers = 0.2}``; tables may
+    also be written as in JSON and Python, ``{"markers": 0.2}``. Everything else is a text.
 
     Args:
         given: the settings as typed.
@@ -95,7 +115,14 @@ def settings(given: Sequence[str], option: str) -> dict[str, Any]:
 
 
 def _value(text: str) -> Any:
-    try:
-        return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
-    except tomllib.TOMLDecodeError:
+    if "\n" in text:
         return text
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        pass
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return text
+    return found if isinstance(found, dict) else text

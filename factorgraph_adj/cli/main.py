@@ -20,6 +20,7 @@ from .check import add_check
 from .compare import add_compare
 from .convert import add_convert
 from .exit_codes import BAD_INPUT, FAULT, FINE, INTERRUPTED
+from .join import add_join
 from .messages import complain
 from .parser import Parser
 from .plan import add_plan
@@ -115,6 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     add_plan(commands)
     add_check(commands)
     add_convert(commands)
+    add_join(commands)
     add_compare(commands)
     return parser
 

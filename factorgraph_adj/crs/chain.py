@@ -129,11 +129,13 @@ class Chain:
             out[:, 2] = height - self.geoid.at(latitude, longitude, names).undulation
         return out
 
-    def plan_geodetic(self, grid: Array) -> tuple[Array, Array, Array]:
+    def plan_geodetic(
+        self, grid: Array, names: Sequence[str] | None = None
+    ) -> tuple[Array, Array, Array]:
         """Return φ, λ (rad) and roughly h (m), without the geoid: of places outside of it too."""
         if self.own_heights:
-            return self.to_geodetic(grid, None)
-        return self._shifted(self._unprojected(grid, None), None)
+            return self.to_geodetic(grid, names)
+        return self._shifted(self._unprojected(grid, names), names)
 
     def geoid_at(
         self, latitude: Array, longitude: Array, names: Sequence[str] | None

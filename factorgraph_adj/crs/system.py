@@ -225,6 +225,18 @@ class ReferenceSystem:
         assert found is not None
         return found
 
+    def refuse_outside(self, grid: Array, names: Sequence[str]) -> None:
+        """Refuse places that are outside of the system, all of them by name.
+
+        Args:
+            grid: E, N, H, (n, 3) metres; rows without E and N take no part.
+            names: names of the places.
+        """
+        at = np.asarray(grid, dtype=float).reshape(-1, 3)
+        rows = np.flatnonzero(np.isfinite(at[:, :2]).all(axis=1)).tolist()
+        if rows:
+            self._projecting.plan_geodetic(np.nan_to_num(at[rows]), [names[i] for i in rows])
+
     def frame_at(self, grid: Array) -> TopocentricFrame:
         """Return the topocentric frame in the middle of grid coordinates (n, 3), metres.
 

@@ -96,11 +96,13 @@ def block_motion(
         model: how they move together.
 
     Raises:
-        InputError: unknown or stable points, an unknown model, one coordinate alone.
+        InputError: no points, unknown or stable points, an unknown model, one coordinate alone.
         DatumError: the points do not determine the parameters.
     """
     if model not in get_args(Model):
         raise InputError(f"unknown model {model!r}; valid: {known(get_args(Model))}")
+    if isinstance(points, str) or not points:
+        raise InputError(f"points of a block must be a list of names, not {points!r}")
     loose = [n for n, x in found.displacements.items() if not x.stable]
     wrong = [n for n in dict.fromkeys(points) if n not in loose]
     if wrong:
@@ -123,8 +125,8 @@ def block_motion(
     scale = np.sqrt(np.diag(normal))
     if (scale == 0).any() or np.linalg.cond(normal / np.outer(scale, scale)) > 1e12:
         raise DatumError(
-            f"{len(names)} points do not determine the {len(parameters)} parameters of a {model} "
-            "motion: take more points, not on one line",
+            f"{', '.join(names)} do not determine the {len(parameters)} parameters of a motion, "
+            f"{model}: take more points, not on one line",
             defect=int(b.shape[1] - np.linalg.matrix_rank(b)),
         )
     q_p = np.linalg.inv(np.asarray(normal, dtype=np.float64))

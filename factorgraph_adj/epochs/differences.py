@@ -29,6 +29,8 @@ class Differences:
 
     names: tuple[str, ...]
     """Names of the points in the first epoch."""
+    later: tuple[str, ...]
+    """Their names in the second epoch."""
     axes: str
     """The coordinates that are compared: those of ``xyz`` that are free in both epochs."""
     places: Array
@@ -72,13 +74,17 @@ def between(first: Solution, second: Solution, pairs: Mapping[str, str]) -> Diff
     one, two = _places(first, tuple(pairs)), _places(second, tuple(pairs.values()))
     axes, free = _axes((one, two), pairs)
     mixture = _basis(np.hstack([one.mixture(free), two.mixture(free)]))
-    moved, turn = aligned(two.coordinates, one.coordinates, mixture)
+    # Grid coordinates of thousands of kilometres are rounded more than the alignment is.
+    origin = one.coordinates.mean(axis=0)
+    there = one.coordinates - origin
+    moved, turn = aligned(two.coordinates - origin, there, mixture)
     turns = np.kron(np.eye(len(one.names)), turn[np.ix_(free, free)])
     return Differences(
         tuple(pairs),
+        tuple(pairs.values()),
         axes,
         one.coordinates,
-        (moved - one.coordinates)[:, free].ravel(),
+        (moved - there)[:, free].ravel(),
         one.cofactor(free) + turns @ two.cofactor(free) @ turns.T,
         _basis(_seven(one.coordinates)[:, free].reshape(-1, 7) @ mixture),
         (first.vtpv, second.vtpv),
@@ -109,6 +115,7 @@ def within(solution: Solution, pairs: Mapping[str, str]) -> Differences:
     open_ones = g[:, np.linalg.norm(g, axis=0) > 1e-2 * size] if g.size else g
     return Differences(
         tuple(pairs),
+        tuple(pairs.values()),
         axes,
         one.coordinates,
         d,

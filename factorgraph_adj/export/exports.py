@@ -13,7 +13,7 @@ from typing import Any
 
 from ..epochs.congruence import Congruence
 from ..errors import InputError, Problem, known
-from ..io.format_options import options_of, refuse_unknown
+from ..io.format_options import fitting, options_of, refuse_unknown
 from ..io.writers import WRITERS
 from ..network.network import Network
 from ..report.context import Report
@@ -111,6 +111,7 @@ class Target:
         """
         doing = f"writing {self.description}"
         refuse_unknown(options, self.options, doing=doing, where=str(self.path))
+        options = fitting(self.function, options, doing=doing, where=str(self.path))
         if isinstance(what, Congruence | EpochsReport):
             self.refuse_epochs()
             self.function(what, self.path, **options)

@@ -214,6 +214,6 @@ def placed(placing: Placing, shapes: Sequence[Array | None]) -> list[Array | Non
 
 def _each(shapes: Sequence[Array] | Array) -> list[Array | None]:
     if isinstance(shapes, np.ndarray):
-        known = np.isfinite(shapes).all(axis=(1, 2)).tolist()
+        known = np.asarray(np.isfinite(shapes).all(axis=(1, 2)))
         return [s if k else None for s, k in zip(shapes, known, strict=True)]
     return [s if len(s) and np.isfinite(s).all() else None for s in shapes]

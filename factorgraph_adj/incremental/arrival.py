@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,6 +26,9 @@ class Arrival:
     """Of every observation given, then of those that entered by themselves."""
     waits: tuple[str, ...] = ()
     """Ids of observations that wait again: something is not determined any more."""
+
+    oriented: Mapping[str, str] = field(default_factory=dict)
+    """How photos that came without poses were oriented, by name."""
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -83,7 +86,7 @@ def arrival_of(
     left = then.ids_of(was[ledger.rows.status[was] != CODE["accepted"]])
     wait = set(ledger.ids_of(ledger.rows.among(ledger.find(left), "waiting")))
     waits = tuple(i for i in left if i not in ids and i in wait)
-    return Arrival((*verdicts, *entered), waits)
+    return Arrival((*verdicts, *entered), waits, dict(ledger.oriented))
 
 
 def waiting_of(state: State, rows: Index) -> Iterator[Waiting]:

@@ -14,15 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..approximate import reach
 from ..block_orientation.begin import start_of
+from ..block_orientation.block_start import BlockStart
 from ..errors import AdjustmentError, DatumError, InputError, Problem
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_network, compile_rows
+from ..graph.variables import State
 from ..models.variables import UNKNOWNS, parameter_kinds
 from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
@@ -32,9 +34,11 @@ from ..solve.linear import LinearSystem
 from ..solve.minimum import adjust_from
 from ..solve.rank import UNDETERMINED, loose
 from ..solve.solution import Solution
+from ..solve.start import Start
 from ..types import NO_ROWS, Index
 from .candidates import Candidates, Nothing
 from .excerpt import excerpt
+from .orienting import DISAGREES, MISMATCH, how_oriented, oriented_block
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,8 @@ class Found:
     """Their adjustment with what is known held; none: nothing enters."""
     lacks: Mapping[Variable | str, str]
     """What the waiting variables lack that do not enter, and observations, by first ids."""
+    oriented: Mapping[str, str] = field(default_factory=dict)
+    """How the photos without poses were oriented that enter, by name."""
 
 
 @dataclass
@@ -87,6 +93,8 @@ class Search:
     """``free`` for the beginning of a free network."""
     lacks: dict[Variable | str, str]
     """What variables lack that do not enter, and observations, by their first ids."""
+    block: BlockStart | None = None
+    """Photos that were oriented from image points; none: there was no need, or no way."""
 
     def find(self, *, blunders: bool, alpha: float, start: Solution | None) -> Found:
         """Find what may enter, and where it is.
@@ -108,6 +116,9 @@ class Search:
             try:
                 equations = compile_rows(local)
                 lost = self._unreachable(equations)
+                if not lost and len(bad := self._mismatches()):
+                    self.left = self.left.only(np.setdiff1d(self.left.rows, bad))
+                    continue
                 if not lost:
                     solution = self._adjusted(local, start)
                     lost = self._anywhere(solution)
@@ -118,7 +129,8 @@ class Search:
                     if not lost and (solution.converged or disturbed or not alone):
                         if blunders and disturbed:
                             solution = _without_blunders(solution, alpha)
-                        return Found(self.left.rows, solution, self.lacks)
+                        how = how_oriented(local, self.block)
+                        return Found(self.left.rows, solution, self.lacks, how)
                     whys = self._disagreeing(solution.reason)
             except OverflowError:
                 whys = dict.fromkeys(self.left.counts, ABSURD)
@@ -148,9 +160,12 @@ class Search:
                     break
                 equations = compile_rows(local)
                 lost = self._unreachable(equations)
-                if not lost:
+                if lost:
+                    self.left = left.without(lost)
+                elif len(bad := self._mismatches()):
+                    self.left = left.only(np.setdiff1d(left.rows, bad))
+                else:
                     return left.rows
-                self.left = left.without(lost)
         return NO_ROWS
 
     def counted(self, about: Collection[Variable] | None = None) -> Candidates:
@@ -192,9 +207,22 @@ class Search:
                 solution = self._adjusted_from(local, start, tolerance)
                 if solution.converged:
                     return solution
-        return self._adjusted_from(local, None, tolerance)
+        return self._adjusted_from(local, self._begun(), tolerance)
 
-    def _adjusted_from(self, local: Network, start: Solution | None, bound: float) -> Solution:
+    def _begun(self) -> Start | None:
+        """Return the start that image points led to; none: approximate values are found."""
+        return None if self.block is None else self.block.start
+
+    def _mismatches(self) -> Index:
+        """Return the image points that do not agree with the block that was oriented."""
+        doubtful = () if self.block is None else self.block.doubtful
+        found = np.intersect1d(self.left.ledger.find(doubtful), self.left.rows)
+        self.lacks |= dict.fromkeys(self.left.ledger.ids_of(found), MISMATCH)
+        return found
+
+    def _adjusted_from(
+        self, local: Network, start: Solution | Start | None, bound: float
+    ) -> Solution:
         equations, free = compile_network(local), self.datum == "free"
         begin = start_of(equations, self.datum, start)
         return adjust_from(equations, begin, free=free, tolerance=bound)
@@ -225,7 +253,12 @@ class Search:
         largest part that it moves as a whole is the network.
         """
         state, problems = reach(equations, datum=self.datum)
-        lost: set[Variable] = {
+        lost: set[Variable]
+        if problems:
+            state, problems, lost = self._oriented(equations, state, problems)
+            if lost:
+                return lost
+        lost = {
             (kind, table.names[i])
             for kind, table in (equations.unknowns.tables if problems else {}).items()
             for i in np.flatnonzero(np.isnan(state[kind]).any(axis=1)).tolist()
@@ -240,6 +273,25 @@ class Search:
             by = f" by {self.left.describe(v)}" if why == UNDETERMINED else ""
             self.lacks[v] = f"{_noun(v)} {why}{by}"
         return set(found)
+
+    def _oriented(
+        self, equations: Equations, state: State, problems: list[Problem]
+    ) -> tuple[State, list[Problem], set[Variable]]:
+        """Return a state from image points, what has no value, and what cannot be oriented."""
+        begun = self._begun()
+        if (found := None if begun is None else begun.carried_to(equations.unknowns)) is not None:
+            return found.state, [], set()
+        self.block = block = oriented_block(equations, self.datum, state, problems)
+        if block is None:
+            return state, problems, set()
+        lost: set[Variable] = {("pose", name) for name in block.unoriented}
+        lost |= {("point", name) for name in block.unreached}
+        lost &= self.left.counts.keys()
+        self.lacks |= {v: f"{_noun(v)}: {block.unoriented.get(v[1], DISAGREES)}" for v in lost}
+        if block.start is None:
+            self.block = None
+            return state, problems, lost
+        return block.start.state, [], lost
 
     def _named(self, error: AdjustmentError) -> tuple[set[Variable], Index]:
         """Return the waiting points that an error is about; observations that have none."""

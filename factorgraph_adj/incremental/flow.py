@@ -248,7 +248,7 @@ class _Loop:
             return
         if isinstance(result, Entered):
             self.told |= {v.id: v for v in result.verdicts}
-            self.state = State(result.ledger, result.system, settled=False)
+            self.state = State(_with_oriented(result, found), result.system, settled=False)
             if result.system is None:
                 return
             # What lies between constants has waited for anything, and while there was no minimum
@@ -348,3 +348,11 @@ class _Loop:
         self.state = replace(before, ledger=ledger.with_lacks(lacks))
         if len(noticing):
             self.tasks.insert(0, task._replace(rows=np.setdiff1d(task.rows, noticing)))
+
+
+def _with_oriented(result: Entered, found: Sequence[Found]) -> Ledger:
+    """Return the ledger with how the photos that have entered were oriented."""
+    entered = {name for kind, name in result.new if kind == "pose"}
+    how = {name: words for e in found for name, words in e.oriented.items() if name in entered}
+    ledger = result.ledger
+    return replace(ledger, oriented={**ledger.oriented, **how}) if how else ledger

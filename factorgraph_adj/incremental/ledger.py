@@ -50,6 +50,8 @@ class Ledger:
     """Approximate values that were found since then."""
     unweighted: tuple[str, ...] = ()
     """Weighted unknowns that lost their weights since then."""
+    oriented: Mapping[str, str] = field(default_factory=dict)
+    """How photos without poses were oriented since then, by name."""
     sizes: dict[Variable, tuple[int, int]] = field(default_factory=dict)
     """What `needs` has found for this network."""
 
@@ -292,7 +294,7 @@ class Ledger:
     def recorded(self) -> tuple[Ledger, Index | None]:
         """Return the ledger without what was noted for the journal, and new numbers of its rows."""
         rows, new = self.rows.compacted()
-        return replace(self, causes={}, filled={}, unweighted=(), rows=rows), new
+        return replace(self, causes={}, filled={}, unweighted=(), oriented={}, rows=rows), new
 
     # -- questions ----------------------------------------------------------------------------
 

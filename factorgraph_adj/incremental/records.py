@@ -3,9 +3,9 @@
 The first line has the options and the network at the start as the files of a project. Every other
 line is one change that counts: what was asked (``do``), new points, photos and cameras, the
 observations that are new or changed, the ids that became ``gone``, ``accepted``, ``waiting``,
-``suspect`` or ``rejected``, and why (``causes``); what is said of what waits (``lacks``). Image
-points stand in ``images``, those of a photo with the same outcome together. Reading back needs no
-test again.
+``suspect`` or ``rejected``, and why (``causes``); what is said of what waits (``lacks``); how
+photos without poses were oriented (``oriented``). Image points stand in ``images``, those of a
+photo with the same outcome together. Reading back needs no test again.
 """
 
 from __future__ import annotations
@@ -118,6 +118,7 @@ def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
     more = {"observations": defined, "images": images, "causes": causes}
     more["found"] = {kind: dict(values) for kind, values in after.filled.items()}
     more["unweighted"] = list(after.unweighted)
+    more["oriented"] = dict(after.oriented)
     more["lacks"] = _lacks(before, after)
     return out | {name: found for name, found in more.items() if found}
 

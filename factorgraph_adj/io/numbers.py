@@ -20,6 +20,8 @@ _PI = Decimal("3.14159265358979323846264338327950288419716939937510582")
 _EXACT = Context(prec=60)
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _COMMA = re.compile(r"[+-]?[0-9.' ]*,[0-9]+(?:[eE][+-]?[0-9]+)?")
+_MOST_QUOTED = 40
+"""Largest number of characters of a number that a message quotes."""
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _PLAIN = {"": Decimal(1), "ppm": Decimal("1e-6"), "km": Decimal(1000), "px": Decimal(1)}
 
@@ -109,17 +111,22 @@ def _parse(text: str, unit: str) -> float:
         return _parse_dms(text)
     if _NUMBER.fullmatch(text) is None:
         if _NOT_FINITE.fullmatch(text):
-            raise ValueError(f"{text!r} is not a finite number")
+            raise ValueError(f"{_quoted(text)} is not a finite number")
         hint = "; write a decimal point" if _COMMA.fullmatch(text) else ""
-        raise ValueError(f"{text!r} is not a number{hint}")
+        raise ValueError(f"{_quoted(text)} is not a number{hint}")
     size = factor(unit)
     try:
         number = float(text) if size == 1 else float(_EXACT.multiply(Decimal(text), size))
     except ArithmeticError:  # the exponent is outside the range of Decimal
-        raise ValueError(f"{text!r} is too large or too small a number") from None
+        raise ValueError(f"{_quoted(text)} is too large or too small a number") from None
     if math.isinf(number):
-        raise ValueError(f"{text!r} is not a finite number")
+        raise ValueError(f"{_quoted(text)} is not a finite number")
     return number
+
+
+def _quoted(text: str) -> str:
+    """Return a text in quotation marks, without its end where it is long."""
+    return repr(text if len(text) <= _MOST_QUOTED else f"{text[:_MOST_QUOTED]}…")
 
 
 def _parse_dms(text: str) -> float:

@@ -42,16 +42,8 @@ from .toml_places import TomlPlaces
 def tables() -> tuple[str, ...]:
     """Return the names of a project's tables; without [files], each is a file NAME.csv."""
     parameters = (table_of(k).file for k in parameter_kinds())
-    return (
-        "points",
-        "photos",
-        "images",
-        "observations",
-        "covariances",
-        "doubts",
-        "readings",
-        *parameters,
-    )
+    named = ("points", "photos", "images", "observations", "covariances", "doubts", "readings")
+    return (*named, *parameters)
 
 
 KEYS = (
@@ -197,17 +189,15 @@ def load_project(
         book = cast(Table, found_tables["readings"])
         observations.complete &= read_readings(network, book, context, faces, problems)
     warnings = tuple(_nearly_tables(path.parent, found_tables))
-    if problems:
-        # The structure can be checked in the same run only if every name is known.
-        whole = reader.complete and observations.complete and None not in found_tables.values()
-        found = check(network, sources=reader.sources) if whole else ()
-        raise InputError([*warnings, *map(places.placed, problems), *found])
-    if section.grid:
-        stated_frame = frame if "frame" in document else None
-        try:
+    with places.placing():
+        if problems:
+            # The structure can be checked in the same run only if every name is known.
+            whole = reader.complete and observations.complete and None not in found_tables.values()
+            found = check(network, sources=reader.sources) if whole else ()
+            raise InputError([*warnings, *problems, *found])
+        if section.grid:
+            stated_frame = frame if "frame" in document else None
             network = section.moved(network, stated_frame, reader.sources)
-        except InputError as error:
-            raise InputError(map(places.placed, error.problems)) from None
     return Project(network, path, context, options, reader.sources, warnings)
 
 
@@ -395,8 +385,13 @@ def _parameters(row: Row, y_down: bool) -> tuple[dict[str, float], list[str], di
         entry = given if isinstance(given, dict) else {"value": given}
         inside = Row(entry, row.where, row.problems, f"{row.of} parameter {name}")
         _only(inside, ("value", "free", "sigma"))
-        value = inside.number("value", required=True)
+        # A principal distance that is unknown is looked for.
+        unknown = name == "c" and given is entry and bool(entry.get("free"))
+        value = inside.number("value", required=not unknown)
         sigma = inside.number("sigma", positive=True)
+        if value is None and unknown:
+            free.append(name)
+            continue
         values[name] = 0.0 if value is None else value
         if y_down and name == "y0":
             values[name] = -values[name]

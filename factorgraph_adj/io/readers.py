@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .bal import read_bal
-from .format_options import options_of, refuse_unknown
+from .format_options import arguments_of, fitting, options_of, refuse_unknown
 from .gama import read_gama
 from .gnss.dynaml import read_dynaml
 from .gnss.gvx import read_gvx
@@ -36,9 +36,15 @@ from .survey.jag3d import is_jag3d, read_jag3d
 from .survey.jobxml import read_jobxml, recognises_jobxml
 from .survey.landxml import read_landxml, recognises_landxml
 from .survey.lgc2 import read_lgc2
+from .survey.mmvii import is_mmvii, read_mmvii
 from .survey.sdr33 import read_sdr33
 from .survey.star_net import read_star_net
 from .text import beginning
+
+LOOKED_AT = 200
+"""Largest number of entries of a folder that are looked at for what it may have."""
+SHOWN = 5
+"""Largest number of folders that a message proposes."""
 
 
 class Load(Protocol):
@@ -72,11 +78,19 @@ class Reader:
     recognises: Callable[[Path], bool] | None = None
     """Tells a file, or folder, of this format from those of other formats with the same suffix;
     None for the format that has the suffix where no other recognises the file."""
+    own_grid: bool = False
+    """Whether the function itself takes the reference system of a grid, as its option ``crs``."""
+    main_file: str = ""
+    """File that every folder of this format has; empty: any folder may be one."""
 
     @property
     def options(self) -> tuple[str, ...]:
         """Names of the options that the function takes beside those of every reader."""
         return self.load.options if isinstance(self.load, NetworkAlone) else ()
+
+    def may_be(self, path: Path) -> bool:
+        """Return whether a path is a file, or a folder with the main file of the format."""
+        return path.is_file() or not self.main_file or (path / self.main_file).is_file()
 
     def claims(self) -> list[str]:
         """Return what the reader reads, in words: suffixes and folders."""
@@ -146,16 +160,23 @@ class Readers:
 
         Raises:
             InputError: the file does not exist, no reader has its suffix or its name, the reader
-                has no such option, or the file has problems (all are listed).
+                has no such option or another kind of value for it, or the file has problems (all
+                are listed).
         """
         source = Path(path)
         if not source.exists():
             raise InputError(Problem("no such file or folder", str(path)))
-        reader = self.of(source) if format is None else self.named(format)
+        reader = self.reader(source, format)
         given = dict(options or {})
         doing = f"reading {reader.description}"
         refuse_unknown(given, reader.options, doing=doing, where=str(path))
+        if isinstance(reader.load, NetworkAlone):
+            given = fitting(reader.load.read, given, doing=doing, where=str(path))
         return reader.load(source, readings=readings, allow_outside=allow_outside, **given)
+
+    def reader(self, path: Path, format: str | None = None) -> Reader:
+        """Return the reader of a format, or of a file. Raises as `named` and `of`."""
+        return self.of(path) if format is None else self.named(format)
 
     def named(self, name: str) -> Reader:
         """Return the reader of a format by its name.
@@ -183,17 +204,44 @@ class Readers:
             longest = max((n for n, _ in ends), default=0)
             fitting = [r for n, r in ends if n == longest]
         sure = [r for r in fitting if r.recognises is not None and r.recognises(path)]
-        rest = [r for r in fitting if r.recognises is None]
+        rest = [r for r in fitting if r.recognises is None and r.may_be(path)]
         for found in (sure, rest):
             if len(found) == 1:
                 return found[0]
         if len(sure) > 1:
-            what = f"could be {' or '.join(r.description for r in sure)}; say which by its name"
+            what = f"could be {' or '.join(r.description for r in sure)}; say format= or --from"
             raise InputError(Problem(f"{what}: {', '.join(r.name for r in sure)}", str(path)))
         if fitting:
             what = f"is none of {', '.join(r.description for r in fitting)} by its content"
-            raise InputError(Problem(f"{what}; or say which by its name", str(path)))
+            inside = self._inside(path)
+            what += f"; valid: {', '.join(inside)}" if inside else "; or say format= or --from"
+            raise InputError(Problem(what, str(path)))
+        outside = self._of_folder(path.parent)
+        if outside:
+            what = f"unknown kind of file; valid: its folder {path.parent} ({outside.description})"
+            raise InputError(Problem(what, str(path)))
         raise InputError(Problem(f"unknown kind of file; valid: {self}", str(path)))
+
+    def _of_folder(self, path: Path) -> Reader | None:
+        """Return the first reader that a folder may belong to; None where it is of none."""
+        for reader in self.entries:
+            if not reader.folders:
+                continue
+            named = bool(reader.main_file) and reader.may_be(path)
+            if named if reader.recognises is None else reader.recognises(path):
+                return reader
+        return None
+
+    def _inside(self, path: Path) -> list[str]:
+        """Return the folders inside a folder that can be read, with their formats."""
+        if not path.is_dir():
+            return []
+        inner = [p for pattern in ("*", "*/*") for p in sorted(path.glob(pattern))[:LOOKED_AT]]
+        return [
+            f"{folder} ({reader.description})"
+            for folder in inner
+            if folder.is_dir() and (reader := self._of_folder(folder))
+        ][:SHOWN]
 
 
 @dataclass(frozen=True)
@@ -208,14 +256,14 @@ class NetworkAlone:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Names of the keyword-only arguments of the function."""
+        """Names of the keyword-only arguments of the function, and of fields of groups."""
         return options_of(self.read)
 
     def __call__(
         self, path: Path, /, *, readings: bool, allow_outside: bool, **options: Any
     ) -> Project:
         """Read a file."""
-        return Project(self.read(path, **options), path)
+        return Project(self.read(path, **arguments_of(self.read, options)), path)
 
 
 def has(word: bytes) -> Callable[[Path], bool]:
@@ -225,7 +273,14 @@ def has(word: bytes) -> Callable[[Path], bool]:
 
 READERS = Readers(
     (
-        Reader("project", (".toml",), "project", load_project, folders=True),
+        Reader(
+            "project",
+            (".toml",),
+            "project",
+            load_project,
+            folders=True,
+            main_file="project.toml",
+        ),
         Reader("gama", (".gkf",), "GNU Gama", NetworkAlone(read_gama)),
         Reader(
             "bal",
@@ -248,7 +303,14 @@ READERS = Readers(
             NetworkAlone(read_gvx),
             recognises=has(b"<GVX"),
         ),
-        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d)),
+        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d), own_grid=True),
+        Reader(
+            "mmvii",
+            (".obs",),
+            "survey of MMVII",
+            NetworkAlone(read_mmvii),
+            recognises=is_mmvii,
+        ),
         Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkAlone(read_lgc2)),
         Reader(
             "colmap", (), "COLMAP", NetworkAlone(read_colmap), folders=True, recognises=is_colmap
@@ -310,7 +372,13 @@ READERS = Readers(
             "AICON 3D Studio",
             NetworkAlone(read_aicon),
         ),
-        Reader("star-net", (".dat", ".gps", ".GPS"), "STAR*NET", NetworkAlone(read_star_net)),
+        Reader(
+            "star-net",
+            (".dat", ".gps", ".GPS"),
+            "STAR*NET",
+            NetworkAlone(read_star_net),
+            own_grid=True,
+        ),
         Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkAlone(read_gsi)),
         Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkAlone(read_sdr33)),
         Reader(

@@ -52,7 +52,7 @@ def read_text(path: Path, name: str = "") -> str:
 
 
 def last_line(text: str) -> int:
-    """Return the number of the last line that is not blank, from 1: where a missing part belongs."""
+    """Return the number of the last line that is not blank, from 1."""
     return text.rstrip().count("\n") + 1
 
 

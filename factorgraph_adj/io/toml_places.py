@@ -7,14 +7,15 @@ the line.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from ..errors import Problem
+from ..errors import InputError, Problem
 
 _HEADER = re.compile(r"\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
-_KEY = re.compile(
-    r"\s*((?:[\w-]+|\"[^\"]*\"|'[^']*')(?:\s*\.\s*(?:[\w-]+|\"[^\"]*\"|'[^']*'))*)\s*="
-)
+_BARE = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
+_KEY = re.compile(rf"\s*({_BARE}(?:\s*\.\s*{_BARE})*)\s*=")
 _PART = re.compile(r"\"([^\"]*)\"|'([^']*)'|([\w-]+)")
 _TABLE = re.compile(r"\[\[?([^\[\]]+?)\]\]?|^: (\w+)")
 _NAMED = re.compile(r"\s'([^']*)'|\s(\d+)\b")
@@ -65,6 +66,14 @@ class TomlPlaces:
         rest = where[len(self.name) :]
         line = self._line(rest, problem.what)
         return Problem(problem.what, f"{self.name}:{line}{rest}")
+
+    @contextmanager
+    def placing(self) -> Iterator[None]:
+        """Give the problems of an InputError inside their lines."""
+        try:
+            yield
+        except InputError as error:
+            raise InputError(map(self.placed, error.problems)) from None
 
     def _line(self, rest: str, what: str) -> int:
         """Return the line of the key that a message is about, or of its table."""

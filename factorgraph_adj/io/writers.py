@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import InputError, Problem, known
 from ..network.network import Network
-from .format_options import options_of, refuse_unknown
+from .format_options import fitting, options_of, refuse_unknown
 from .gnss.write_dynaml import write_dynaml
 from .gnss.write_gvx import write_gvx
 from .gnss.write_sinex import write_sinex
@@ -44,6 +44,9 @@ class Writer:
     """Function of a network and a path that writes files; its keyword-only arguments are options.
     It raises InputError for everything of the network that the format cannot express, and leaves
     no file behind then."""
+
+    alone: str = ""
+    """What it writes, where that is a part of the network; empty: everything."""
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -107,6 +110,7 @@ class Writers:
         given = dict(options or {})
         doing = f"writing {writer.description}"
         refuse_unknown(given, writer.options, doing=doing, where=str(path))
+        given = fitting(writer.write, given, doing=doing, where=str(path))
         writer.write(network, Path(path), **given)
 
 
@@ -114,7 +118,7 @@ WRITERS = Writers(
     (
         Writer("project", (".toml",), "project", write_project),
         Writer("colmap", (), "COLMAP", write_colmap),
-        Writer("opencv", (".yml", ".yaml"), "calibration of OpenCV", write_opencv),
+        Writer("opencv", (".yml", ".yaml"), "calibration of OpenCV", write_opencv, "1 camera"),
         Writer("opf", (".opf",), "Open Photogrammetry Format", write_opf),
         Writer("sinex", (".snx", ".SNX"), "SINEX", write_sinex),
         Writer("dynaml", (), "DynaML of DynAdjust", write_dynaml),

@@ -39,6 +39,8 @@ class XmlSource(Collected):
             valid: names of the children by name of the parent; others may have any.
         """
         for e in element.walk():
+            if e.children and e.text.strip():
+                self.add(e.line, f"<{e.tag}> has the text {e.text.strip()[:40]!r} beside elements")
             for child in e.children:
                 if e.tag in valid and child.tag not in valid[e.tag]:
                     can = known(valid[e.tag], meant=child.tag, most=40)

@@ -212,3 +212,24 @@ def frame_coordinate(
         bent.q[:, rows] - observed,
         tuple(j[:, rows] for j, value in zip(every, given, strict=True) if value is not None),
     )
+
+
+def frame_vector(
+    frame: Frame, stored: Array, station: Array, target: Array, *, observed: Array
+) -> Linearised:
+    """Compute e^{−ℓ} Rᵀ E (X_j − X_i) − observed, unit of the frame, (n, 3).
+
+    E is the identity, and the horizon at X_i in frames that are level. The partials are those of q
+    with the origin X_i, without the offset.
+
+    Args:
+        frame: frame of the network.
+        stored: frames, (n, 17).
+        station: X_i, (n, 3) metres.
+        target: X_j, (n, 3) metres.
+        observed: (n, 3).
+    """
+    there = in_frame(frame, stored, target, station, None)
+    by_frame = there.by_frame.copy()
+    by_frame[:, :, 3:6] = 0.0
+    return Linearised(there.turned - observed, (by_frame, there.by_origin, there.by_place))

@@ -109,10 +109,11 @@ def from_grid(
     xyz = np.array([p.coordinates for p in network.points.values()]).reshape(-1, 3)
     axes = np.vstack([network.frame.east_north, [0.0, 0.0, 1.0]])
     photos = _photo_positions(network)
+    stated.checked().refuse_outside(xyz @ axes.T, names)
     found = new_frame(stated, np.vstack([xyz, photos]) @ axes.T, frame)
     if found is None:
         raise InputError("the new frame must be topocentric or geocentric, not a local one")
-    stated.checked().refuse_other(found)
+    stated.refuse_other(found)
     move = GridMove(stated, network.frame, found, options)
     middle = float(np.nanmean(xyz[:, 2])) if np.isfinite(xyz[:, 2]).any() else 0.0
     filled = np.where(np.isnan(xyz) & [False, False, True], middle, xyz)

@@ -73,8 +73,8 @@ class StatedUnknowns(StatedShapes):
         record = unknown_kind(kind)
         if record.table is None:
             raise InputError(f"a {record.noun} is no parameter: use add_{record.noun}")
-        keys = (key,) if isinstance(key, str) else tuple(key)
-        if len(keys) != len(record.table.keys):
+        keys = (key,) if isinstance(key, str) or not isinstance(key, tuple) else key
+        if len(keys) != len(record.table.keys) or not all(isinstance(k, str) for k in keys):
             what = " and ".join(record.table.keys)
             raise InputError(Problem(f"it is named by {what}, not by {key!r}", record.noun))
         where = f"{record.noun} {parameter_name(key)!r}"

@@ -26,7 +26,7 @@ from .far_directions import GyroAzimuth, PhotoSight, PhotoTilt
 from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .gauss_markov import gauss_markov
 from .image import ImagePoint
-from .in_frames import FrameCoordinate
+from .in_frames import FrameCoordinate, FrameVector
 from .offsets import (
     HydrostaticReading,
     LineOffset,
@@ -98,6 +98,7 @@ __all__ = [
     "FrameDistance",
     "FrameInclination",
     "FrameRoll",
+    "FrameVector",
     "FrameZenith",
     "GnssPosition",
     "GnssVector",

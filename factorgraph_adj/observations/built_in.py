@@ -8,7 +8,7 @@ from math import pi
 from ..models import position, sub_frame, terrestrial
 from . import records_flight, records_models, records_rigs, records_vertical
 from .image import ImagePoint
-from .in_frames import FrameCoordinate
+from .in_frames import FrameCoordinate, FrameVector
 from .positions import ControlPoint, GnssPosition, GnssVector
 from .records_instruments import RECORDS as _INSTRUMENTS
 from .records_metrology import RECORDS as _METROLOGY
@@ -141,6 +141,11 @@ _BUILT_IN: Sequence[ObservationKind] = (
         sub_frame.frame_coordinate,
         ("base",),
         tells="coordinates",
+    ),
+    ObservationKind(
+        FrameVector,
+        (("frame", "frame"), ("point", "station"), ("point", "target")),
+        sub_frame.frame_vector,
     ),
     *_INSTRUMENTS,
     *records_flight.RECORDS,

@@ -68,3 +68,44 @@ class FrameCoordinate(Observation):
     def component_names(self) -> tuple[str, ...]:
         """Return the measured axes."""
         return tuple(self.axes)
+
+
+@dataclass(frozen=True)
+class FrameVector(Observation):
+    """Vector between two points along the axes of a frame: e^{−ℓ} Rᵀ E (X_j − X_i).
+
+    It is a GNSS vector whose reference frame differs from that of the network by an unknown, held
+    or weighted rotation and scale (`Network.add_frame` with free = ("rotation", "scale")); the
+    offset of the frame has no part in it. E is the identity; in a frame that is ``level`` it is the
+    horizon (east, north, up) at the first point. GNSS frames are turned by seconds of arc: state
+    values 0 for free rotations, which vectors alone do not place.
+    """
+
+    kind: ClassVar[str] = "frame_vector"
+    components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    frame: str
+    """The frame."""
+    station: str
+    """First point, i."""
+    target: str
+    """Second point, j."""
+    value: tuple[float, float, float]
+    """Measured components along the axes of the frame, unit of the frame."""
+    _: KW_ONLY
+    sigma: tuple[float, float, float] | None = None
+    """Standard deviations, unit of the frame; None if ``covariance`` is given."""
+    covariance: Array | None = None
+    """Covariance (3, 3), its unit squared; None if ``sigma`` is given."""
+    id: str | None = None
+    """Name of the observation."""
+    source: str | None = None
+    """File and line from which the observation was read."""
+
+    def __post_init__(self) -> None:
+        """Check the observation."""
+        self._check()
+        if not self.frame:
+            self._fail("frame must name a frame")
+        if np.shape(self.value) != (3,):
+            self._fail(f"value must have three components, not {np.size(self.value)}")
+        checked_covariance(self, 3)

@@ -15,13 +15,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from ..solve.update import Update
 from ..types import Array, Index, Mask
 from .candidates import CandidateRows
+from .displacements import DisplacementItems
 from .targets import (
+    DetectableDisplacement,
     DetectableError,
     PointTarget,
     RedundancyNumber,
@@ -75,10 +78,28 @@ class RowItems:
     """Places in Q of the points whose shifts count, −1 for held coordinates, (p, 3)."""
 
 
+@dataclass(frozen=True, eq=False)
+class JointItems:
+    """The points of a target of displacements, whose figures depend on all their covariances."""
+
+    moved: DisplacementItems
+    """Points and reference points."""
+    places: Index
+    """Places of their coordinates in Q, (n,)."""
+
+    @property
+    def target(self) -> DetectableDisplacement:
+        """The target."""
+        return self.moved.target
+
+
+Items: TypeAlias = PointItems | RowItems | JointItems
+
+
 class Covariances:
     """Q of chosen unknowns, and the lack of the targets."""
 
-    def __init__(self, q: Array, watched: Watched, items: Sequence[PointItems | RowItems]) -> None:
+    def __init__(self, q: Array, watched: Watched, items: Sequence[Items]) -> None:
         """Start with the cofactors of a design.
 
         Args:
@@ -115,13 +136,18 @@ class Covariances:
             total += float(lacking(item.target, self._figures(n, item, update)).sum())
         return total
 
-    def _figures(self, n: int, item: PointItems | RowItems, update: Update | None) -> Array:
+    def _figures(self, n: int, item: Items, update: Update | None) -> Array:
         if isinstance(item, PointItems):
             blocks = self._blocks[n]
             assert blocks is not None
             if update is not None:
                 blocks = blocks - update.loss(_spread_to(update, item.places))
             return point_figures(item.target, blocks, item.horizon)
+        if isinstance(item, JointItems):
+            q = self.q[np.ix_(item.places, item.places)]
+            if update is not None:
+                q = q - update.loss(update.spread[item.places])
+            return item.moved.figures(q)
         w, rows = self.watched, item.rows
         r, precision, qa = self.r[rows], self.precision[rows], self._qa[rows]
         if update is not None:

@@ -141,7 +141,7 @@ def _target(given: Mapping[str, Any], where: str, problems: list[Problem]) -> Ta
             problems.append(
                 Problem(f"unknown key {key!r}; known: {known(offered, meant=key, most=40)}", where)
             )
-        elif key in ("points", "observations"):
+        elif key in ("points", "observations", "reference"):
             names = [value] if isinstance(value, str) else value
             if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
                 problems.append(Problem(f"{key} must be a list of names or patterns", where))

@@ -22,9 +22,11 @@ from ..shown import Rows, Shown
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array, Mask
+from .displacements import cofactors_at, displacement_items
 from .patterns import matching
 from .readings import as_planned
 from .targets import (
+    DetectableDisplacement,
     DetectableError,
     RedundancyNumber,
     RowTarget,
@@ -82,6 +84,9 @@ class Plan(Shown):
         """Return the items of a target by name, and their figures."""
         if isinstance(target, RowTarget):
             return self._of_rows(target)
+        if isinstance(target, DetectableDisplacement):
+            moved = displacement_items(self.solution, target)
+            return list(moved.names), moved.figures(cofactors_at(self.solution, moved.columns))
         names = list(self.network.points)
         on = matching(names, target.points)
         points = np.flatnonzero(on)
@@ -152,9 +157,22 @@ def plan(
     problems = limit_problems(wanted, list(network.points))
     found = realised(network, wanted, problems, alpha=alpha, power=power)
     problems += observation_problems(wanted, found.solution.equations)
+    problems = problems or _displacement_problems(found)
     if problems:
         raise InputError(problems)
     return found
+
+
+def _displacement_problems(found: Plan) -> list[Problem]:
+    """Return why displacements cannot be judged."""
+    problems: list[Problem] = []
+    for t in found.targets:
+        if isinstance(t, DetectableDisplacement):
+            try:
+                found.figures(t)
+            except InputError as error:
+                problems += error.problems
+    return problems
 
 
 def realised(

@@ -10,11 +10,13 @@ import numpy as np
 from ..quality.rows import whitened_unit
 from ..types import Array, Index, Mask
 from .candidates import Candidate, LinearCandidates, linearise, partials, with_candidates
-from .covariances import Covariances, PointItems, RowItems, Told, Watched, told
+from .covariances import Covariances, Items, JointItems, PointItems, RowItems, Told, Watched, told
+from .displacements import displacement_items
 from .patterns import matching
 from .plan import Plan, horizons, rows_like
 from .targets import (
     MET,
+    DetectableDisplacement,
     RowTarget,
     Target,
     UndetectedShift,
@@ -73,8 +75,14 @@ class CandidateSearch:
         left, right, weight = _watched_rows(design, a, failing)
         for matrix in (left, right):
             wanted.append(linear.column[np.flatnonzero(np.abs(matrix).sum(axis=0))])
+        joint = {
+            t: displacement_items(solution, t)
+            for t in targets
+            if isinstance(t, DetectableDisplacement)
+        }
+        wanted += [linear.column[found.columns] for found in joint.values()]
         for t in targets:
-            if not isinstance(t, RowTarget) or isinstance(t, UndetectedShift):
+            if t not in joint and (not isinstance(t, RowTarget) or isinstance(t, UndetectedShift)):
                 on = matching(names, t.points) & (point.offset >= 0)
                 wanted.append((point.offset[on, None] + np.arange(3)).ravel())
         columns = np.unique(np.concatenate(wanted))
@@ -97,7 +105,7 @@ class CandidateSearch:
         rows_watched = Watched(
             spread[0], spread[1], weight, sigmas[failing], design.reliability.delta0
         )
-        items: list[PointItems | RowItems] = []
+        items: list[Items] = []
         for t in targets:
             if isinstance(t, RowTarget):
                 rows = np.flatnonzero(rows_like(solution, t.observations)[failing])
@@ -105,6 +113,8 @@ class CandidateSearch:
                 if isinstance(t, UndetectedShift):
                     on = matching(names, t.points) & (point.offset >= 0)
                 items.append(RowItems(t, rows, _places(point.offset[on], place)))
+            elif isinstance(t, DetectableDisplacement):
+                items.append(JointItems(joint[t], place[linear.column[joint[t].columns]]))
             else:
                 # Points of candidates are subject to targets once they are in the design.
                 there = [n in design.network.points for n in names]

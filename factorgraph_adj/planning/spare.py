@@ -26,9 +26,11 @@ from ..shown import Rows, Shown
 from ..solve.update import Update
 from ..types import Array, Index, Mask
 from .candidates import partials
+from .displacements import DisplacementItems, cofactors_at, displacement_items
 from .patterns import matching, patterns_of, unlike
 from .plan import Plan, horizons, plan, realised, rows_like
 from .targets import (
+    DetectableDisplacement,
     DetectableError,
     RedundancyNumber,
     RowTarget,
@@ -195,8 +197,14 @@ class _SpareSearch:
         self.points: dict[Target, Index] = {
             t: np.flatnonzero(matching(list(equations.unknowns["point"].names), t.points))
             for t in targets
-            if not isinstance(t, RedundancyNumber | DetectableError)
+            if not isinstance(t, RedundancyNumber | DetectableError | DetectableDisplacement)
         }
+        self.moved: dict[Target, DisplacementItems] = {
+            t: displacement_items(solution, t)
+            for t in targets
+            if isinstance(t, DetectableDisplacement)
+        }
+        self.joint = {t: cofactors_at(solution, m.columns) for t, m in self.moved.items()}
         self.sigma = solution.observations.sigmas
         self.delta0 = design.reliability.delta0
         table = equations.unknowns["point"]
@@ -260,6 +268,11 @@ class _SpareSearch:
             if isinstance(t, DetectableError):
                 return on, np.asarray(self.delta0 / np.sqrt(safe) / t.at_most)
             return self._shifts(t, on, rows, update, safe)
+        if isinstance(t, DetectableDisplacement):
+            moved = self.moved[t]
+            q = self.joint[t] - update.loss(self.qa[moved.columns][:, rows])
+            names = np.array([self.names.index(n) for n in moved.names], dtype=np.intp)
+            return names, moved.figures(q) / limit_of(t)
         points = self.points[t]
         blocks = self.blocks[points] - update.loss(self._of_points(points, rows))
         return points, np.asarray(point_figures(t, blocks, self.horizon[points]) / limit_of(t))
@@ -291,6 +304,8 @@ class _SpareSearch:
         update = self._without(rows)
         every = np.arange(len(self.names))
         self.blocks = self.blocks - update.loss(self._of_points(every, rows))
+        for t, moved in self.moved.items():
+            self.joint[t] = self.joint[t] - update.loss(self.qa[moved.columns][:, rows])
         self.qa = self.qa - update.loss(self.qa[:, rows], update.spread)
         self.h = self.a @ self.qa
         self.present[rows] = False

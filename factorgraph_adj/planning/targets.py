@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..graph.equations import Equations
 from ..quality.ellipses import confidence_factor
-from ..quality.levels import CONFIDENCE
+from ..quality.levels import ALPHA_OF_MODEL, CONFIDENCE, POWER
 from ..types import Array
 from .patterns import Name, matching, patterns_of, unlike
 
@@ -37,7 +37,7 @@ leave relative variances of about 1e-13. The length of a real axis is more than 
 
 
 def _settle(target: object) -> None:
-    for field in ("points", "observations"):
+    for field in ("points", "observations", "reference"):
         if hasattr(target, field):
             object.__setattr__(target, field, patterns_of(getattr(target, field)))
 
@@ -124,15 +124,42 @@ class UndetectedShift:
         _settle(self)
 
 
+@dataclass(frozen=True)
+class DetectableDisplacement:
+    """Limit for the smallest detectable displacement of a point between two epochs of the design.
+
+    Both epochs are measured as designed, and the points are tested against stable reference points
+    as `congruence` tests them with known σ0. `factorgraph_adj.planning.displacements` has the
+    formulas.
+    """
+
+    at_most: float
+    """Largest allowed displacement, metres, in the direction in which it is hardest to find."""
+    points: tuple[str, ...] = ("*",)
+    """Names of the points that may move, or patterns."""
+    reference: tuple[str, ...] = ("*",)
+    """Names of the reference points, or patterns; those of ``points`` are left out. None: the datum
+    of the design, with its held points, is the reference."""
+    alpha: float = ALPHA_OF_MODEL
+    """Probability of a false alarm of the test of a point."""
+    power: float = POWER
+    """Probability with which a displacement of this size is found."""
+
+    def __post_init__(self) -> None:
+        """Take a string as one pattern."""
+        _settle(self)
+
+
 PointTarget: TypeAlias = SemiAxis | PointPrecision
 RowTarget: TypeAlias = RedundancyNumber | DetectableError | UndetectedShift
-Target: TypeAlias = PointTarget | RowTarget
+Target: TypeAlias = PointTarget | RowTarget | DetectableDisplacement
 TARGETS: dict[str, type[Target]] = {
     "semi_axis": SemiAxis,
     "point_precision": PointPrecision,
     "redundancy_number": RedundancyNumber,
     "detectable_error": DetectableError,
     "undetected_shift": UndetectedShift,
+    "detectable_displacement": DetectableDisplacement,
 }
 """Classes of targets by their names in files."""
 
@@ -191,6 +218,8 @@ def describe(target: Target) -> str:
         return "redundancy number"
     if isinstance(target, DetectableError):
         return "smallest detectable error (σ)"
+    if isinstance(target, DetectableDisplacement):
+        return "smallest detectable displacement between two epochs (m)"
     return "shift by an undetected error (m)"
 
 
@@ -244,6 +273,13 @@ def limit_problems(targets: Sequence[Target], points: Sequence[str]) -> list[Pro
             axes = isinstance(t.axes, str) and t.axes and set(t.axes) <= set("xyz")
             if not axes:
                 wrong.append(f"axes are letters of xyz, not {t.axes!r}")
+        if isinstance(t, DetectableDisplacement):
+            numbers = _number(t.alpha) and _number(t.power)
+            if not numbers or not 0 < t.alpha < t.power < 1:
+                wrong.append(
+                    f"alpha and power must be 0 < alpha < power < 1, not {t.alpha!r}, {t.power!r}"
+                )
+            wrong += unlike("point", t.reference, points) if t.reference else []
         if not isinstance(t, RedundancyNumber | DetectableError):
             wrong += unlike("point", t.points, points)
         problems += [Problem(what, _where(n, t)) for what in wrong]
@@ -311,8 +347,16 @@ def for_points(target: Target, names: Sequence[str]) -> Target:
     """Return the target with its patterns replaced by the names of matching points."""
     if isinstance(target, RedundancyNumber | DetectableError):
         return target
-    chosen = matching(names, target.points)
-    return replace(target, points=tuple(Name(n) for n, on in zip(names, chosen, strict=True) if on))
+    points = _named(target.points, names)
+    if isinstance(target, DetectableDisplacement):
+        return replace(target, points=points, reference=_named(target.reference, names))
+    return replace(target, points=points)
+
+
+def _named(patterns: Sequence[str], names: Sequence[str]) -> tuple[Name, ...]:
+    """Return the names that match patterns, as names that no pattern is read into."""
+    on = matching(names, patterns)
+    return tuple(Name(n) for n, o in zip(names, on, strict=True) if o)
 
 
 def point_figures(target: PointTarget, blocks: Array, horizon: Array) -> Array:

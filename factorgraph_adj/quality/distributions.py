@@ -55,3 +55,8 @@ def chi2_above(x: float, freedom: float) -> float:
 def fisher_quantile(p: float, numerator: float, denominator: float) -> float:
     """Return the quantile p of Fisher's F with these degrees of freedom, both > 0."""
     return float(special.fdtri(numerator, denominator, p))
+
+
+def poisson_from(n: int, mean: float) -> float:
+    """Return the probability that a Poisson variable of this mean > 0 is n or more, n ≥ 1."""
+    return float(special.pdtrc(n - 1, mean))

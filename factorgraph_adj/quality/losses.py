@@ -3,7 +3,8 @@
 Gross errors are few. Where a large part of what one instrument read is set aside, its readings have
 a mistake in common, or they are right and others are not. Where most of what determines a point is
 set aside and its place changes by far more than its standard deviation, nothing tells that those
-readings that stay are the right ones.
+readings that stay are the right ones. The same holds of given coordinates, control and positions,
+where so many are set aside that those that stay only place the network.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..network.network import Network
+from ..observations.registry import KINDS
 from ..solve.solution import Solution
 from ..types import Array
 from .causes.hypotheses import SIGHTS
@@ -82,6 +84,42 @@ def losses(found: Snooping, original: Network, whole: Solution | None) -> tuple[
         if moved > MOVED:
             out.append(Loss("point", name, lost, len(ids), moved))
     return tuple(sorted(out, key=lambda loss: -loss.lost / loss.whole))
+
+
+@dataclass(frozen=True)
+class BarePlace:
+    """Given coordinates that place the network, controlled by nothing after others have gone."""
+
+    lost: int
+    """Number of observations of coordinates set aside."""
+    left: int
+    """Number of scalar coordinates that are left."""
+
+    def __str__(self) -> str:
+        """Return it as a sentence without a stop."""
+        were = "1 given coordinate was" if self.lost == 1 else f"{self.lost} given coordinates were"
+        rest = "the one that is left places" if self.left == 1 else f"the {self.left} left place"
+        return (
+            f"{were} set aside, and {rest} the network without control: nothing tells which of "
+            "them are right (axes exchanged, another system, wrong names?)"
+        )
+
+
+def bare_place(found: Snooping) -> BarePlace | None:
+    """Return what is left of given coordinates, if data snooping took all control from them.
+
+    Args:
+        found: the result of data snooping.
+    """
+    lost = [r for r in found.rejected if r.kind in KINDS and KINDS[r.kind].fixes == "coordinates"]
+    if not lost:
+        return None
+    controlled = found.reliability.controlled
+    own = [b.rows for b in found.solution.equations.blocks if b.fixes == "coordinates"]
+    left = sum(rows.stop - rows.start for rows in own)
+    if not left or any(controlled[rows].any() for rows in own):
+        return None
+    return BarePlace(len(lost), left)
 
 
 def _members(network: Network) -> tuple[dict[tuple[str, str], list[str]], dict[str, list[str]]]:

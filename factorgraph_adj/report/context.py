@@ -16,9 +16,10 @@ from ..models.variables import VariableKind
 from ..network.network import Network
 from ..quality.causes.given import GivenValue
 from ..quality.causes.search import Causes, causes
+from ..quality.check_points import check_points
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
 from ..quality.lines import AdjustedLine, adjusted_lines
-from ..quality.losses import losses
+from ..quality.losses import bare_place, losses
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
@@ -37,7 +38,7 @@ from ..types import Array, Mask
 from ..units import ANGLE, LENGTH
 from ..validate.preliminary.search import mistaken, preliminary
 from . import axes
-from .doubts import above_critical, doubts_about, lost, of_network, reasons
+from .doubts import above_critical, at_check_points, doubts_about, lost, of_network, reasons
 from .options import Provenance, ReportOptions
 from .rows import ReportRows
 from .set_aside import SetAside, set_aside
@@ -165,7 +166,16 @@ class Report:
             *of_network(self.network),
             *above_critical(values, critical, name, self.options.alpha),
             *self.in_common,
+            *self.at_check_points,
         ]
+
+    @property
+    def at_check_points(self) -> list[str]:
+        """The check points that lie far off."""
+        if self.singular:
+            return []
+        free = self.solution.datum is not None
+        return at_check_points(check_points(self.solution), free=free)
 
     @property
     def in_common(self) -> list[str]:
@@ -205,7 +215,9 @@ class Report:
         original = self.provenance.original
         if self.snooping is None or original is None:
             return []
-        return lost(losses(self.snooping, original, self.snooping.whole))
+        place = bare_place(self.snooping)
+        found = lost(losses(self.snooping, original, self.snooping.whole))
+        return [*found, *([str(place)] if place else [])]
 
     @property
     def likelier(self) -> list[str]:

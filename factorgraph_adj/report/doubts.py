@@ -8,6 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from ..network.network import Network
+from ..quality.check_points import CheckPoints
+from ..quality.distributions import normal_quantile, poisson_from
 from ..quality.losses import Loss
 from ..quality.unit_weight import Adjusted, global_test
 from ..types import Array
@@ -16,6 +18,13 @@ from ..validate.preliminary.left_handed import left_handed
 
 NAMED = 6
 """Largest number of names or ids that a doubt lists."""
+CHANCE = 0.01
+"""Probability with which the number, or the largest, of good test values raises a doubt."""
+FAR = 10.0
+"""Largest difference at a check point without a doubt, in its standard deviation.
+
+Known coordinates have errors of their own, which nobody states: differences of some standard
+deviations are common."""
 
 
 class Ended(Adjusted, Protocol):
@@ -101,7 +110,7 @@ def lost(found: Sequence[Loss]) -> list[str]:
 
 
 def above_critical(values: Array, critical: float, name: str, alpha: float) -> list[str]:
-    """Return how many test values are above the critical value.
+    """Return how many test values are above the critical value; nothing if chance makes as many.
 
     Args:
         values: test values, NaN for observations that nothing controls.
@@ -110,8 +119,54 @@ def above_critical(values: Array, critical: float, name: str, alpha: float) -> l
         alpha: probability of a test value above it without an error.
     """
     n = int(np.sum(np.abs(values) > critical))
-    if not n:
+    if not n or by_chance(values, critical, alpha):
         return []
-    by_chance = alpha * np.isfinite(values).sum()
-    chance = f" (chance makes about {by_chance:.0f})" if by_chance >= 1 else ""
+    expected = alpha * np.isfinite(values).sum()
+    chance = f" (chance makes about {expected:.0f})" if expected >= 1 else ""
     return [f"{n} test value{'s' * (n != 1)} above the critical |{name}| {critical:.2f}{chance}"]
+
+
+def by_chance(values: Array, critical: float, alpha: float) -> bool:
+    """Return whether test values above the critical value are what chance makes of good ones.
+
+    Of n test values without an error α n are above it. They are taken for chance if α n is 1 or
+    more, if as many are expected in one of `CHANCE` such networks (Poisson), and if the largest
+    does not exceed what the largest of n does with that probability (Šidák). Of small networks no
+    test value is taken for chance.
+
+    Args:
+        values: test values, NaN for observations that nothing controls.
+        critical: the critical value.
+        alpha: probability of a test value above it without an error.
+    """
+    tested = int(np.isfinite(values).sum())
+    n = int(np.sum(np.abs(values) > critical))
+    if not n or alpha * tested < 1.0:
+        return False
+    each = -np.expm1(np.log1p(-CHANCE) / tested)
+    largest = float(np.nanmax(np.abs(values)))
+    return poisson_from(n, alpha * tested) >= CHANCE and largest <= -normal_quantile(0.5 * each)
+
+
+def at_check_points(found: CheckPoints, *, free: bool = False) -> list[str]:
+    """Return the check points that lie far from where their known coordinates say.
+
+    Args:
+        found: the differences.
+        free: whether the network is free: then they depend on its datum, and nothing is doubted.
+    """
+    off = np.abs(found.normalised)
+    worst = np.nanmax(off, axis=1, initial=0.0)
+    far = np.flatnonzero(worst > FAR)
+    if free or not len(far):
+        return []
+    first = int(far[np.argmax(worst[far])])
+    axis = int(np.nanargmax(off[first]))
+    size = f"{abs(float(found.differences[first, axis])):.3f} m"
+    one = len(far) == 1
+    where = "1 check point lies" if one else f"{len(far)} check points lie"
+    return [
+        f"{where} more than {FAR:.0f} standard deviations off"
+        f"{': ' if one else ', the farthest: '}{found.names[first]} by {size} in {'xyz'[axis]}, "
+        f"σ {float(found.sigmas[first, axis]):.3f} m"
+    ]

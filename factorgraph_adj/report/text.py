@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from math import isfinite
 
+from ..epochs.congruence import Congruence
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..quality.unit_weight import global_test
 from ..solve.solution import Solution
@@ -14,6 +15,7 @@ from .adjusted import observations, weighted_coordinates
 from .causes import causes, exchanges_untested, given, likeliest
 from .context import Report
 from .coordinates import check_points, photos, points
+from .epochs.text import render_congruence
 from .frames import frames
 from .geographic import geographic
 from .grid import grid, grid_photos, reference_system
@@ -30,11 +32,11 @@ DIRECTIONS = {"e": "east", "w": "west", "n": "north", "s": "south"}
 
 
 def protocol(
-    solution: Solution,
+    solution: Solution | Congruence,
     options: ReportOptions | None = None,
     provenance: Provenance | None = None,
 ) -> str:
-    """Return the protocol of an adjustment.
+    """Return the protocol of an adjustment, or of the comparison of two epochs.
 
     The protocol contains: the run, the network, the number of observations of each kind, datum,
     iterations and the reason of their end, σ̂0 and its test, redundancy numbers by kind, weakest
@@ -44,10 +46,12 @@ def protocol(
     largest test values with estimated errors and inseparable observations.
 
     Args:
-        solution: the result of `adjust`.
-        options: units, lengths of lists, probabilities, tests, ellipses.
+        solution: the result of `adjust`, or of `congruence`: what moved, and why it is believed.
+        options: units, lengths of lists, probabilities, tests, ellipses of an adjustment.
         provenance: data snooping or variance components that the solution comes from.
     """
+    if isinstance(solution, Congruence):
+        return render_congruence(solution)
     return render(Report(solution, options or ReportOptions(), provenance or Provenance()))
 
 

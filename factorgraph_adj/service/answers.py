@@ -64,6 +64,7 @@ class Answers:
             "points": points,
             "points_lost": lost,
             "waits_again": list(found.waits),
+            **({"oriented": dict(found.oriented)} if found.oriented else {}),
             "waiting": self.latest_waiting(),
         }
 

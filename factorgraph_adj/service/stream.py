@@ -90,7 +90,7 @@ from ..io.tables import Row
 from ..io.write_project import network_files
 from ..observations import Correlated
 from ..quality.levels import POWER
-from ..report.summary import finite
+from ..report.json_text import finite
 from . import requests
 from .answers import Answer, Answers, fault, fields_of, refusal
 

@@ -20,8 +20,8 @@ from .estimated import Estimated, EstimatedPhotos
 
 ENH = ("easting", "northing", "height")
 NO_SYSTEM = (
-    "the network has no reference system: state one, such as Network(crs='EPSG:25832+7837'), or "
-    "[crs] in project.toml"
+    "the network has no reference system: state one, such as Network(crs='EPSG:25832+7837'), "
+    "[crs] in project.toml, or --crs"
 )
 
 

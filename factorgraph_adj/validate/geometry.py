@@ -52,7 +52,8 @@ def geometry_problems(equations: Equations) -> Iterator[Problem]:
         some = block.select(rows)
         named: set[str] = set()
         try:
-            some.evaluate(equations.network.frame, filled, jacobians=False)
+            with np.errstate(over="ignore", invalid="ignore"):  # coordinates of 1e200 are damage
+                some.evaluate(equations.network.frame, filled, jacobians=False)
         except InputError as error:
             yield from error.problems
             named = {p.where for p in error.problems}

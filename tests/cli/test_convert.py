@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.input import settings
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.models.lens import NormalisedLens
 from tests.networks.projects import write
 from tests.support.places import data_dir
 from tests.support.same import assert_same_network
@@ -20,6 +23,17 @@ def test_a_network_of_gama_becomes_a_project(tmp_path, capsys):
     assert_same_network(fga.read(out), fga.read(source))
     said = capsys.readouterr().out
     assert said.startswith(f"{out}: ") and said.rstrip().endswith(f"observations of {source}")
+
+
+def test_a_format_of_a_camera_says_that_it_has_nothing_else(tmp_path, capsys):
+    network = fga.Network("a")
+    network.add_point("P", (0, 0, 0))
+    network.add_camera("1", NormalisedLens(), {"c": 900.0}, unit="px", format=(640, 480))
+    network.cameras["1"] = replace(network.cameras["1"], origin="upper left", y_down_in_files=True)
+    fga.write_project(network, tmp_path / "project.toml")
+    assert main(["convert", str(tmp_path), str(tmp_path / "camera.yml")]) == 0
+    said = capsys.readouterr().out
+    assert said == f"{tmp_path / 'camera.yml'}: 1 camera of {tmp_path}, and nothing else of it\n"
 
 
 def test_the_format_may_be_named(tmp_path, capsys):
@@ -45,6 +59,14 @@ def test_an_option_that_the_reader_does_not_have_is_refused(tmp_path, capsys):
 def test_settings_are_values_of_toml_or_texts():
     given = settings(["a=1", "b=true", "c=north east", 'd="x"', "e=[1, 2]", "f=1=2"], "--set")
     assert given == {"a": 1, "b": True, "c": "north east", "d": "x", "e": [1, 2], "f": "1=2"}
+    given = settings(["a={b = 1, c = 2}", 'd={"b": 1}', 'e={"b: 1}', "f=null", "g={b: 1}"], "--set")
+    assert given == {
+        "a": {"b": 1, "c": 2},
+        "d": {"b": 1},
+        "e": '{"b: 1}',
+        "f": "null",
+        "g": "{b: 1}",
+    }
     with pytest.raises(InputError) as caught:
         settings(["a", "=1", "b=1", "b=2"], "--set")
     assert [str(p) for p in caught.value.problems] == [

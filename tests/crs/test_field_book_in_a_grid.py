@@ -87,3 +87,22 @@ def test_a_coefficient_without_curvature_is_kept(tmp_path: Path, kappa: float) -
     network = fga.read(_book(tmp_path, system), mapping=tmp_path / "mapping.toml")
     network.set_refraction(value=kappa, fixed=True)
     assert fga.from_grid(network, system).refractions[""].values == (kappa,)
+
+
+def test_another_zone_is_told_where_vectors_of_gnss_say_so() -> None:
+    """Coordinates of zone 32 read in zone 33 are as far apart, and turned: only vectors tell."""
+    right = fga.ReferenceSystem("EPSG:25832", geoid=UNDULATION)
+    phi, lam, h = right.to_geodetic(np.array(list(CONTROL.values())))
+    xyz = right.ellipsoid.to_cartesian(phi, lam, h)
+    network = fga.Network("wrong zone")
+    for name, at in CONTROL.items():
+        network.add_point(name, at, fixed="xyz" if name != "C" else "")
+    for i, j in ((0, 1), (1, 2), (0, 2), (2, 0)):
+        a, b = list(CONTROL)[i], list(CONTROL)[j]
+        network.add(fga.GnssVector(a, b, tuple(xyz[j] - xyz[i]), sigma=(0.003,) * 3))
+    for code, told in (("EPSG:25832", False), ("EPSG:25833", True)):
+        system = fga.ReferenceSystem(code, geoid=UNDULATION)
+        moved = fga.from_grid(network, system, vectors="geocentric")
+        found = [str(f) for f in fga.preliminary(moved)]
+        zone = f"or the coordinates are not those of {system.name}: look at its zone and datum"
+        assert [zone in f for f in found] == [True] * told

@@ -12,7 +12,7 @@ import factorgraph_adj as fga
 from tests.field_mistakes.projects import facade, yard
 from tests.hostile.sources import GAMA, bal
 from tests.io.survey import field_files
-from tests.networks import photo_files, survey_files
+from tests.networks import jag3d, photo_files, survey_files
 
 Files = dict[str, bytes]
 MAPPING = """decimal = ","
@@ -33,6 +33,8 @@ distance = "S"
 instrument_height = "=1.5"
 target_height = "th"
 """
+OPTIONS = ("fixed",)
+"""Options of readers that problems may be about."""
 HELD = {"fixed": "A,B,C", "refraction": None}
 
 
@@ -51,11 +53,11 @@ class Format:
     beside: Mapping[str, str] = field(default_factory=dict)
     """Options that name another file, and its name."""
 
-    def read(self, folder: Path) -> fga.Network:
-        """Read the files in a folder."""
+    def reads(self, path: Path) -> fga.Network:
+        """Read the file with which the reader begins, or the folder."""
+        folder = path.parent if self.begin else path
         other = {name: folder / file for name, file in self.beside.items()}
-        at = folder / self.begin if self.begin else folder
-        return fga.read(at, format=self.reader, **self.options, **other)
+        return fga.read(path, format=self.reader, **self.options, **other)
 
 
 def _texts(**texts: str) -> Callable[[Path], Files]:
@@ -86,6 +88,7 @@ FORMATS: dict[str, Format] = {
     "metashape-xml": Format("metashape-xml", photo_files.metashape, "cameras.xml"),
     "opf": Format("opf", photo_files.opf, "block.opf"),
     "opensfm": Format("opensfm", lambda _: photo_files.opensfm(), "reconstruction.json"),
+    "openmvg": Format("openmvg", lambda _: photo_files.openmvg(), "sfm_data.json"),
     "opencv": Format("opencv", lambda f: photo_files.opencv(".yml", f), "calibration.yml"),
     "opencv xml": Format("opencv", lambda f: photo_files.opencv(".xml", f), "calibration.xml"),
     "micmac": Format(
@@ -97,6 +100,19 @@ FORMATS: dict[str, Format] = {
     "bundler": Format("bundler", _text("b.out", photo_files.BUNDLER), "b.out"),
     "dbat": Format("dbat", lambda _: photo_files.dbat(), "script.xml"),
     "aicon": Format("aicon", lambda _: photo_files.aicon(), "block.obc"),
+    "mmvii": Format(
+        "mmvii",
+        _texts(
+            **{
+                "meas.obs": survey_files.MMVII_OBSERVATIONS,
+                "coords.txt": survey_files.MMVII_POINTS,
+            }
+        ),
+        "meas.obs",
+    ),
+    "jag3d": Format(
+        "jag3d", _text("site.script", lambda: jag3d.script(jag3d.site())), "site.script"
+    ),
     "star-net": Format(
         "star-net",
         _text("job.dat", survey_files.STAR_NET),

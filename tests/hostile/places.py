@@ -9,7 +9,7 @@ from factorgraph_adj.errors import Problem
 
 OF_A_WHOLE_FILE = {
     "absent": r"no such file|cannot be read|cannot be opened",
-    "empty": r"is empty|has no header, or no rows",
+    "empty": r"is empty|has no header, or no rows|there are no points",
     "another encoding": r"UTF-16|is not readable XML",
     "of another format": r"is (no|none of|not a) ",
     "too many problems": r"^and \d+ (further|more) problems",
@@ -18,7 +18,7 @@ OF_A_WHOLE_FILE = {
 """Problems of a file as a whole, which have no line: kind, and how they are said."""
 OF_A_NETWORK = r"network '"
 """Beginning of the place of a problem that no file has alone, such as a missing datum."""
-IN_BYTES = r"\bbyte \d|\bbytes\b|\brecord \d|\brow \d|\bnumber \d|\bvertex \d|\bvertices\b|/\w+"
+IN_BYTES = r"@\d|\bbyte \d|\bbytes\b|\brecord \d|\brow \d|\bnumber \d|\bvertex \d|\bvertices\b|/\w+"
 """How a place in a file that is no text is said: byte, record, or the member of an archive."""
 
 

@@ -120,3 +120,26 @@ def size(network: fga.Network) -> int:
     """Return the number of parts of a network: points, photos, cameras, observations, rays."""
     numbers = (network.points, network.photos, network.cameras, network.observations)
     return sum(map(len, numbers)) + network.n_image_points
+
+
+def cuts(rng: np.random.Generator, content: bytes, count: int) -> Iterator[bytes]:
+    """Iterate over a file of bytes that ends too early, in any of its parts."""
+    for size in rng.permutation(len(content))[:count].tolist():
+        yield content[:size]
+
+
+def skipped(before: fga.Network, change: Change, after: fga.Network) -> str:
+    """Say what a reader has skipped; empty: nothing.
+
+    Args:
+        before: the network of the undamaged files.
+        change: the change.
+        after: the network of the changed files.
+    """
+    if told(after) == told(before):
+        return "the change is skipped"
+    if size(after) < size(before):
+        return f"parts are lost: {size(before)} before, {size(after)} after"
+    if change.way == "value" or (change.way == "line" and size(after) > size(before)):
+        return ""
+    return "what does not belong there changes the network"

@@ -153,6 +153,30 @@ def recognised(word: bytes, name: str) -> Reader:
     )
 
 
+def test_a_folder_around_what_can_be_read_says_what_to_name(tmp_path):
+    """The folder of a COLMAP workspace, its folder sparse, and a file of the model."""
+    for name in ("cameras", "images", "points3D"):
+        path = tmp_path / "work" / "sparse" / "0" / f"{name}.txt"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("")
+    model = tmp_path / "work" / "sparse" / "0"
+    for outer in (tmp_path / "work", tmp_path / "work" / "sparse"):
+        with pytest.raises(InputError) as caught:
+            fga.read(outer)
+        (said,) = messages(caught)
+        assert said.startswith(f"{outer}: is none of project, COLMAP, ")
+        assert said.endswith(f"by its content; valid: {model} (COLMAP)")
+    (model / "cameras.bin").write_bytes(b"")
+    with pytest.raises(InputError) as caught:
+        fga.read(model / "cameras.bin")
+    assert messages(caught) == [
+        f"{model / 'cameras.bin'}: unknown kind of file; valid: its folder {model} (COLMAP)"
+    ]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="by its content; or say format= or --fr"):
+        fga.read(tmp_path / "empty")
+
+
 def test_content_decides_between_formats_of_one_suffix(tmp_path):
     a, b = recognised(b"A", "a"), recognised(b"B", "b")
     path = tmp_path / "x.hgt"

@@ -26,6 +26,8 @@ def built() -> fga.Network:
             r"of a list: add\(\*observations\)",
         ),
         (lambda n: n.add("A"), "not as 'A'"),
+        (lambda n: n.set_refraction(0.13), "refraction group: it is named by name, not by 0.13"),
+        (lambda n: n.set_orientation(1, value=0.0), r"named by station and set, not by \(1, '1'\)"),
     ],
 )
 def test_refused(call, says):

@@ -9,19 +9,20 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.io.gama import read_gama
+from factorgraph_adj.io.survey.mmvii import read_mmvii
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.rotation import world_R_camera
-from tests.loaders import mmvii, snap
+from tests.loaders import snap
 from tests.networks import aicon, dbat
 from tests.networks.comp3d import deflected, network_of_topo
-from tests.networks.mmvii import MILLIMETRE, example_3
+from tests.networks.mmvii import example_3
 from tests.networks.simulated import NETWORKS
 from tests.support.places import data_dir
 
 
 def topo_mini() -> fga.Network:
     folder = data_dir("mmvii_topo") / "TopoMini" / "inputs"
-    return mmvii.read_network(folder / "coords.txt", folder / "meas.obs", sigma=MILLIMETRE)
+    return read_mmvii(folder / "meas.obs")
 
 
 def camcal(model: int = 3) -> fga.Network:

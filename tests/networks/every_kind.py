@@ -123,6 +123,11 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.FrameCoordinate("body", "j", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), **BENT),
         o.FrameCoordinate("tripod", "k", (0.0, 0.0), axes="yx", sigma=(1.0, 2.0), **BENT),
     ],
+    "frame_vector": lambda: [
+        o.FrameVector("body", "i", "j", (0.0, 0.0, 0.0), covariance=COVARIANCE),
+        o.FrameVector("tripod", "j", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
+        o.FrameVector("slanted", "k", "i", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
+    ],
     "strip_coordinate": lambda: [
         o.StripCoordinate("fourth", "j", (0.0, 0.0, 0.0), covariance=COVARIANCE, **PLACE),
         o.StripCoordinate("fourth", "k", (0.0, 0.0), axes="zx", sigma=(1.0, 2.0), **PLACE),

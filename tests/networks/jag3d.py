@@ -12,6 +12,8 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 GON = math.pi / 200.0
 
 COLUMNS: dict[str, dict[str, str]] = {
@@ -107,6 +109,20 @@ COLUMNS: dict[str, dict[str, str]] = {
         "x0": "DOUBLE",
         "sigma_y0": "DOUBLE",
         "sigma_x0": "DOUBLE",
+        "enable": "BOOLEAN",
+    },
+    "CongruenceAnalysisGroup": {
+        "id": "INTEGER",
+        "name": "VARCHAR(256)",
+        "dimension": "TINYINT",
+        "enable": "BOOLEAN",
+        "order": "INTEGER",
+    },
+    "CongruenceAnalysisPointPairApriori": {
+        "id": "INTEGER",
+        "group_id": "INTEGER",
+        "start_point_name": "VARCHAR(256)",
+        "end_point_name": "VARCHAR(256)",
         "enable": "BOOLEAN",
     },
     "ProjectMetadata": {"id": "INTEGER", "name": "VARCHAR(256)", "date": "TIMESTAMP"},
@@ -260,6 +276,49 @@ def deflected_site() -> Rows:
     return rows
 
 
+def two_epochs() -> Rows:
+    """Return the rows of a free network of two epochs: P moved by 5 mm, Q by 0.3 mm in y."""
+    rng = np.random.default_rng(5)
+    places = {
+        "A": (1000, 2000, 50),
+        "B": (1120, 2010, 53),
+        "C": (1060, 2110, 58),
+        "D": (1010, 2090, 52),
+        "P1": (1050, 2050, 52.5),
+        "Q1": (1090, 2065, 61),
+        "P2": (1050.004, 2049.997, 52.502),
+        "Q2": (1090.0003, 2065, 61),
+    }
+    rows: Rows = {name: [] for name in COLUMNS}
+    rows["PointGroup"] = [[0, "Datum", 3, 3, True, 0], [1, "New", 4, 3, True, 0]]
+    for number, (name, xyz) in enumerate(places.items()):
+        group = 0 if name in "ABCD" else 1
+        place = tuple(map(float, xyz))
+        rows["PointApriori"].append([number, group, name, "", *place, 0.0, 0.0, 0.0, True])
+    for group, (epoch, kind) in enumerate((e, k) for e in "12" for k in (4, 5)):
+        rows["ObservationGroup"].append([group, f"{kind} of {epoch}", kind, True, epoch == "1", 0])
+        sigma = 0.001 if kind == 4 else 0.0005 * GON
+        for part, value in ((10, sigma), (11, 0.0), (12, 0.0)):
+            rows["ObservationGroupUncertainty"].append([group, part, value])
+        names = ["A", "B", "C", "D", "P" + epoch, "Q" + epoch]
+        for a, b in ((a, b) for a in names for b in names if a != b):
+            d = np.subtract(places[b], places[a])
+            s = float(np.linalg.norm(d))
+            noise = float(rng.normal())
+            value = round(s + noise * 0.001, 4)
+            if kind == 5:
+                value = round(math.acos(d[2] / s) / GON + noise * 0.0005, 5) * GON
+            number = len(rows["ObservationApriori"])
+            row = [number, group, a, b, 0.0, 0.0, value, 0.0, 0.0, True]
+            rows["ObservationApriori"].append(row)
+    rows["CongruenceAnalysisGroup"] = [[0, "moved", 3, True, 0], [1, "switched off", 3, False, 1]]
+    rows["CongruenceAnalysisPointPairApriori"] = [
+        [0, 0, "P1", "P2", True], [1, 0, "Q1", "Q2", True],
+        [2, 0, "A", "B", False], [3, 1, "A", "C", True],
+    ]  # fmt: skip
+    return rows
+
+
 # -- databases ------------------------------------------------------------------------------------
 
 
@@ -271,7 +330,10 @@ def _sql(value: Any) -> str:
     if isinstance(value, str):
         text = "".join(c if ord(c) < 128 else f"\\u{ord(c):04x}" for c in value.replace("'", "''"))
         return f"'{text}'"
-    return f"{value!r}E0" if isinstance(value, float) and "e" not in repr(value) else repr(value)
+    if isinstance(value, float):
+        text = repr(value).upper()
+        return text if "E" in text else f"{text}E0"
+    return repr(value)
 
 
 def _create(name: str, kind: str) -> str:
@@ -397,3 +459,11 @@ DEFLECTED_POINTS = {
 DEFLECTED_OMEGA, DEFLECTED_REDUNDANCY = 3744.0546, 17
 DEFLECTION_Q = (2.479070521768269e-4, 6.283142766056085 - 2.0 * math.pi)
 """Adjusted rotations r_y, r_x at Q, radians."""
+EPOCHS_OMEGA, EPOCHS_REDUNDANCY = 76.75472104, 100
+EPOCHS_PAIRS = {
+    "P1": ((4.8369109, -2.8983972, 1.9342741), (0.57200765, 0.57582172, 0.19768337),
+           48.22571886, 62.83094799),
+    "Q1": ((0.5171402, -0.5546939, -0.3216263), (0.54273557, 0.62998036, 0.20690555),
+           1.20963450, 1.57597407),
+}  # fmt: skip
+"""Δy, Δx, Δz and their σ (with σ̂0), mm; T prio; T post, of pairs of points."""

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.frames import LocalFrame, TopocentricFrame
+from factorgraph_adj.io.survey.mmvii import read_mmvii
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.solution import Solution
-from tests.loaders import mmvii
 from tests.networks.mmvii import MILLIMETRE, example_3
 from tests.support.places import data_dir
 
@@ -29,7 +29,7 @@ def sigma0_of_mmvii(solution: Solution) -> float:
 def test_topo_mini():
     """Documented: "final 1.7"; an independent program gives 1.764 in a flat frame."""
     folder = data_dir("mmvii_topo") / "TopoMini" / "inputs"
-    network = mmvii.read_network(folder / "coords.txt", folder / "meas.obs", sigma=MILLIMETRE)
+    network = read_mmvii(folder / "meas.obs")
     solution = adjust(network)
     assert solution.converged
     assert (solution.n_observations, solution.n_unknowns, solution.redundancy) == (18, 14, 4)
@@ -48,9 +48,7 @@ def test_topo_mini():
 
 def test_topo_mini_needs_no_coordinates_of_the_unknown_points():
     folder = data_dir("mmvii_topo") / "TopoMini" / "inputs"
-    network = mmvii.read_network(
-        folder / "coords.txt", folder / "meas.obs", sigma=MILLIMETRE, approximate=False
-    )
+    network = read_mmvii(folder / "meas.obs", approximate=False)
     assert sigma0_of_mmvii(adjust(network)) == pytest.approx(1.764, abs=5e-4)
 
 

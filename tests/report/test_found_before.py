@@ -7,8 +7,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.html.verdict import verdict
 from factorgraph_adj.report.html.language import Texts
+from factorgraph_adj.report.html.verdict import verdict
 
 FOOT = 0.3048
 PLACES = {"A": (0, 0), "B": (120, 10), "C": (60, 110), "D": (-70, 95), "P": (45, 50)}

@@ -11,11 +11,12 @@ from typing import Literal
 
 import numpy as np
 
-from ...errors import InputError, Problem, known
+from ...errors import known
 from ...frames import GeocentricFrame
 from ...network.network import Network
 from ...observations import ControlPoint
 from ...types import Array
+from ..collected import raise_all
 from ..xml_source import XmlSource
 from ..xml_tree import Element
 from .dynaml_measurements import DynamlMeasurements, degrees_of
@@ -46,6 +47,10 @@ STATION_TYPES = ("LLH", "LLh", "XYZ")
 CONSTRAINED = 1e-6
 """Standard deviation of constrained components of a station that is free in others, metres:
 DynAdjust's own default."""
+NO_STATIONS = (
+    "has no <DnaStation>: read the file of the stations (…stn.xml), which takes the measurements "
+    "(…msr.xml) beside it or as a second argument"
+)
 
 
 def read_dynaml(
@@ -119,19 +124,13 @@ def read_dynaml(
         file.refuse_children(file.root, CHILDREN)
         for element in file.root.all("DnaStation"):
             _station(file, network, element)
-    for file in files:
-        for element in file.root.all("DnaMeasurement"):
-            reader.read(file, element)
-    if not network.points:
-        files[0].add(0, "has no <DnaStation>")
-    problems: list[Problem] = []
-    for file in files:
-        try:
-            file.raise_all()
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
+    if not any(True for file in files for _ in file.root.all("DnaStation")):
+        files[0].add(0, NO_STATIONS)
+    else:  # without stations every measurement would name an unknown one
+        for file in files:
+            for element in file.root.all("DnaMeasurement"):
+                reader.read(file, element)
+    raise_all(files)
     return network
 
 
@@ -158,6 +157,9 @@ def _station(file: XmlSource, network: Network, element: Element) -> None:
     if kind not in STATION_TYPES:
         what = f"type {kind!r} of a station is not read; valid: {', '.join(STATION_TYPES)}"
         file.add(element.line, f"{what} (DynAdjust's dnaimport exports LLH)")
+    own = "" if at is None else file.text(at, "Name", name)
+    if at is not None and own != name:
+        file.add(at.line, f"coordinates of {own[:40]!r} in the station {name[:40]!r}")
     if at is None or len(file.problems) > before:
         return
     xyz = place_of(file, at, kind, network)

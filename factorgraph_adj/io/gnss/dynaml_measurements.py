@@ -284,7 +284,12 @@ class DynamlMeasurements:
         before = len(file.problems)
         station = file.text(element, "First")
         self.sets[station] = self.sets.get(station, 0) + 1
-        rows = [(element, "Second"), *((e, "Target") for e in element.all("Directions"))]
+        further = list(element.all("Directions"))
+        total = file.text(element, "Total", "")
+        if total and total != str(len(further)):
+            what = f"<Total> is {total[:20]!r}, but there are {len(further)} <Directions>"
+            file.add(element.line, what)
+        rows = [(element, "Second"), *((e, "Target") for e in further)]
         made: list[Direction] = []
         for row, tag in rows:
             if file.text(row, "Ignore", "") == "*":

@@ -215,6 +215,10 @@ def _sessions(file: XmlSource, vectors: dict[str, GvxVector]) -> list[tuple[list
                 blocks[names[0], names[1]] = np.reshape(found, (3, 3))
         named = {n for pair in blocks for n in pair}
         ids = [n for n in vectors if n in named]
+        total = session.attributes.get("TOTAL_VECTORS", "")
+        if total and (not total.isascii() or not total.isdigit() or int(total[:9]) < len(ids)):
+            what = f"TOTAL_VECTORS is {total[:20]!r}, but its correlations are of {len(ids)}"
+            file.add(session.line, what)
         if taken & set(ids):
             file.add(
                 session.line, f"vector {sorted(taken & set(ids))[0][:40]!r} is in two sessions"

@@ -102,6 +102,9 @@ class SinexFile(LinesOfFile):
         block, begun, seen = "", 0, set()
         for number, line in self.numbered()[1:]:
             if line.startswith("%ENDSNX"):
+                behind = next((n for n, text in self.numbered()[number:] if text.strip()), 0)
+                if behind:
+                    self.add(behind, "stands behind %ENDSNX, the end of the file")
                 break
             if not line.strip() or line.startswith("*"):
                 continue
@@ -115,7 +118,10 @@ class SinexFile(LinesOfFile):
                 seen.add(block)
                 self._begin(number, words)
             elif line.startswith("-"):
-                if line[1:].split()[:1] != [block]:
+                words = line[1:].split()
+                if block.startswith("SOLUTION/MATRIX_"):
+                    words = words[:1] + words[3:]  # some writers repeat L COVA
+                if words != [block]:
                     self.add(number, f"ends {line[1:].strip()!r}, but the block is {block!r}")
                 block = ""
             elif not line.startswith(" "):
@@ -131,7 +137,12 @@ class SinexFile(LinesOfFile):
         block = (words or ["?"])[0]
         if block not in READ and not block.startswith(IGNORED):
             known = ", ".join(READ)
-            self.add(number, f"unknown block {block!r}; read are {known}; ignored are {IGNORED}")
+            ignored = ", ".join(f"{i}…" for i in IGNORED)
+            what = f"unknown block {block!r}; read are {known}; not needed are {ignored}"
+            self.add(number, what)
+        size = 3 if block.startswith("SOLUTION/MATRIX_") else 1
+        if len(words) > size:
+            self.add(number, f"words behind {block} are not read: {' '.join(words[size:])[:60]!r}")
         if not block.startswith("SOLUTION/MATRIX_"):
             return
         triangle, kind = (*words[1:3], "?", "?")[:2]

@@ -23,7 +23,7 @@ from ...network.network import Network
 from ...observations import ControlPoint, SlopeDistance
 from ...units import LENGTH
 from ..text import read_text
-from .reading import ImagePoints, Reading, lines_of
+from .reading import ImagePoints, Reading, lines_of, whole
 
 MM = LENGTH["mm"]
 SUFFIXES = (".phc", ".eor", ".obc", ".ior")
@@ -109,8 +109,18 @@ def _stem(path: Path) -> Path:
     return stem
 
 
-def _rows(path: Path, least: int, reading: Reading, what: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield file:line and the fields of each row that has enough of them."""
+def _rows(
+    path: Path, sizes: range, reading: Reading, what: str, flags: Sequence[int] = ()
+) -> Iterator[tuple[str, list[str]]]:
+    """Yield file:line and the fields of each row that has a valid number of them.
+
+    Args:
+        path: the file.
+        sizes: valid numbers of fields.
+        reading: where problems go.
+        what: names of the fields, for messages.
+        flags: indices of fields that are 0 or 1.
+    """
     for number, line in lines_of(read_text(path)):
         if line.lstrip().startswith("#"):
             continue
@@ -120,8 +130,12 @@ def _rows(path: Path, least: int, reading: Reading, what: str) -> Iterator[tuple
         except ValueError:
             reading.wrong("a quotation mark is missing", where)
             continue
-        if len(fields) < least:
-            reading.wrong(f"a row has {least} fields ({what}), not {len(fields)}", where)
+        if len(fields) not in sizes:
+            reading.wrong(f"a row has {sizes[-1]} fields ({what}), not {len(fields)}", where)
+        elif any(fields[i] not in ("0", "1") for i in flags if i < len(fields)):
+            names = [n.strip() for n in what.split(",")]
+            bad = next(i for i in flags if fields[i] not in ("0", "1"))
+            reading.wrong(f"{names[bad]} must be 0 or 1, not {fields[bad][:20]!r}", where)
         else:
             yield where, fields
 
@@ -130,7 +144,7 @@ def _cameras(
     path: Path, network: Network, reading: Reading, calibration: Sequence[str]
 ) -> set[str]:
     """Add the cameras, of five lines each; return their names, also of those with problems."""
-    rows = list(_rows(path, 1, reading, "a camera"))
+    rows = list(_rows(path, range(1, 9), reading, "a camera"))
     names: set[str] = set()
     for begin in range(0, len(rows), len(IOR)):
         part = rows[begin : begin + len(IOR)]
@@ -138,9 +152,10 @@ def _cameras(
         if len(part) < len(IOR) - 1:
             reading.wrong(f"a camera has {len(IOR)} lines, not {len(part)}", where)
             break
-        short = [(w, n) for (w, f), n in zip(part, IOR, strict=False) if len(f) < n]
+        short = [(w, n, len(f)) for (w, f), n in zip(part, IOR, strict=False) if len(f) != n]
         if short:
-            reading.wrong(f"needs {short[0][1]} numbers", short[0][0])
+            where, n, found_size = short[0]
+            reading.wrong(f"this line of a camera has {n} numbers, not {found_size}", where)
             break
         name = part[0][1][0]
         texts = [t for (_, f), n in zip(part, IOR, strict=False) for t in f[:n]]
@@ -171,17 +186,18 @@ def _points(path: Path, network: Network, reading: Reading, marked: bool) -> set
     off: set[str] = set()
     seen: set[str] = set()
     what = "point, X, Y, Z, sX, sY, sZ, rays, active, new, datum"
-    for where, fields in _rows(path, 11, reading, what):
+    for where, fields in _rows(path, range(11, 12), reading, what, (8, 9, 10)):
         name, active, new, datum = fields[0], fields[8], fields[9], fields[10]
         if name in seen:
             reading.wrong(f"point {name!r} is defined twice", where)
             continue
         seen.add(name)
+        if whole(fields[7]) is None:
+            reading.wrong(f"the number of rays must be whole, not {fields[7][:20]!r}", where)
+        found = reading.numbers(fields[1:7], 6, f"point {name!r}", where)
         if active == "0":
             off.add(f"point {name}")
-            continue
-        found = reading.numbers(fields[1:7], 6, f"point {name!r}", where)
-        if found is None:
+        if active == "0" or found is None:
             continue
         at = (MM * found[0], MM * found[1], MM * found[2])
         with reading.at(where):
@@ -209,12 +225,15 @@ def _photos(path: Path, network: Network, reading: Reading, cameras: set[str]) -
     off: set[str] = set()
     seen: set[str] = set()
     what = "photo, camera, X, Y, Z, ω, φ, κ, rotations, active, state"
-    for where, fields in _rows(path, 11, reading, what):
+    for where, fields in _rows(path, range(11, 12), reading, what):
         name, camera = fields[0], fields[1]
         if name in seen:
             reading.wrong(f"photo {name!r} is defined twice", where)
             continue
         seen.add(name)
+        for number, what_for in zip(fields[9:11], ("active", "state"), strict=True):
+            if whole(number) is None:
+                reading.wrong(f"{what_for} must be a whole number, not {number[:20]!r}", where)
         if fields[9] == "0":
             off.add(f"photo {name}")
             continue
@@ -247,8 +266,10 @@ def _image_points(
 ) -> None:
     """Gather the image points of points that the network has, in active photos."""
     what = "photo, point, x, y, sx, sy, vx, vy, method, active, –"
-    for where, fields in _rows(path, 10, reading, what):
+    for where, fields in _rows(path, range(10, 12), reading, what, (9,)):
         photo, point = fields[0], fields[1]
+        if reading.numbers(fields[2:9], 7, f"image point {photo}/{point}", where) is None:
+            continue
         left = point not in network.points or f"photo {photo}" in off
         if left or (fields[9] == "0" and not keep):
             continue
@@ -260,8 +281,11 @@ def _image_points(
 def _scale_bars(path: Path, network: Network, reading: Reading, off: set[str]) -> None:
     """Add the active scale bars between active points."""
     what = 'number, "name", point, point, length, σ, active'
-    for where, fields in _rows(path, 7, reading, what):
+    for where, fields in _rows(path, range(7, 8), reading, what, (6,)):
         name, a, b = fields[1], fields[2], fields[3]
+        if whole(fields[0]) is None:
+            what_is = f"the number of a scale bar must be whole, not {fields[0][:20]!r}"
+            reading.wrong(what_is, where)
         if fields[6] == "0" or f"point {a}" in off or f"point {b}" in off:
             continue
         found = reading.numbers(fields[4:6], 2, f"scale bar {name!r}", where)

@@ -63,7 +63,7 @@ class Archive:
             zipfile.BadZipFile,
             zlib.error,
         ) as error:
-            raise InputError(Problem(f"cannot be unpacked: {error}", where)) from None
+            raise InputError(Problem(f"is damaged, cannot be unpacked: {error}", where)) from None
 
 
 def inside(folder: Path, name: str, where: str) -> Path:

@@ -23,7 +23,7 @@ from ...network.network import Network
 from ...rotation import TURN_ABOUT_X
 from ...types import Array
 from ..text import beginning, read_text
-from .reading import TIE, ImagePoints, Reading, lines_of, rotation_of
+from .reading import TIE, ImagePoints, Reading, lines_of, rotation_of, whole
 
 HEAD = "# Bundle file v0."
 """Beginning of the first line."""
@@ -68,7 +68,8 @@ def read_bundler(
     counts = rows[0][1] if rows else []
     if len(counts) != 2 or not all(c.isascii() and c.isdigit() and len(c) < 10 for c in counts):
         where = rows[0][0] if rows else f"{source.name}:{lines[0][0]}"
-        raise InputError(Problem("the second line has the numbers of cameras and points", where))
+        what = "the second line must be two whole numbers, those of cameras and of points"
+        raise InputError(Problem(what, where))
     n_cameras, n_points = int(counts[0]), int(counts[1])
     size = 1 + PER_CAMERA * n_cameras + PER_POINT * n_points
     if len(rows) != size:
@@ -156,6 +157,7 @@ def _point(
 ) -> None:
     """Add a point and gather its views."""
     at = reading.numbers(rows[0][1], 3, "coordinates of a point", rows[0][0])
+    reading.numbers(rows[1][1], 3, "colour of a point", rows[1][0])
     where, fields = rows[2]
     count = fields[0] if fields else ""
     if not (count.isascii() and count.isdigit()) or len(fields) != 1 + 4 * int(count[:9]):
@@ -165,7 +167,9 @@ def _point(
         return
     seen = []
     for begin in range(1, len(fields), 4):
-        camera, _, *xy = fields[begin : begin + 4]
+        camera, feature, *xy = fields[begin : begin + 4]
+        if whole(feature) is None:
+            reading.wrong(f"the number of a feature must be whole, not {feature[:40]!r}", where)
         found = reading.numbers(xy, 2, "view", where)
         if not (camera.isascii() and camera.isdigit()) or int(camera[:9]) >= len(names):
             reading.wrong(f"there is no camera {camera}; valid: 0 to {len(names) - 1}", where)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
 
-from ...approximate.rays import nearest_to_rays
 from ...errors import InputError, Problem, known
-from ...models.inverse import directions
 from ...network.entities import Point
 from ...network.network import Network
 from ...observations.positions import PhotoPosition
@@ -19,6 +17,7 @@ from ...rotation import TURN_ABOUT_X, log_rotation
 from ...types import Array
 from .colmap_binary import read_binary_model
 from .colmap_cameras import BY_NAME
+from .colmap_marks import intersection, rays, refuse_other_axes
 from .colmap_model import (
     NO_POINT,
     CameraRecord,
@@ -170,6 +169,7 @@ class _Assembly:
         """Return the network."""
         model, tables = self.model, self.tables
         free = not tables.control and not tables.priors
+        refuse_other_axes(model, tables.marks)
         moved = NOTHING if free else self._similarity()
         network = Network(datum="free" if free else "given")
         number_of = {p.number: i for i, p in enumerate(model.points)}
@@ -229,7 +229,8 @@ class _Assembly:
                 continue
             at = places.get(name)
             if at is None:
-                at = self._intersection([(images[m.photo], m) for m in by_point.get(name, ())])
+                measured = [(images[m.photo], m) for m in by_point.get(name, ())]
+                at = intersection(*rays(self.model, measured))
             if at is not None:
                 x.append(at)
                 to.append(point.coordinates)
@@ -242,25 +243,6 @@ class _Assembly:
             )
             raise InputError(Problem(what, "colmap"))
         return found
-
-    def _intersection(self, measured: Sequence[tuple[ImageRecord, Mark]]) -> Array | None:
-        """Return where the rays of marks meet in the system of the model; None: nowhere."""
-        if len(measured) < 2:
-            return None
-        cameras = {c.number: c for c in self.model.cameras}
-        centres, rays = [], []
-        for image, mark in measured:
-            camera = cameras[image.camera]
-            model = BY_NAME[camera.model]
-            assert model.lens is not None
-            values = model.to_lens(camera.parameters)
-            k = np.array([[values.get(n, 0.0) for n in model.lens.names]])
-            ray = directions(model.lens, np.array([[mark.x, -mark.y]]), k)[0]
-            centres.append(image.pose.centre)
-            rays.append(image.pose.rotation.T @ ray)
-        group = np.zeros(len(rays), dtype=np.intp)
-        at, strength = nearest_to_rays(np.array(centres), np.array(rays), group, 1)
-        return at[0] if strength[0] > 1e-3 and np.isfinite(at).all() else None
 
     # -- cameras and photos -------------------------------------------------------------------
 

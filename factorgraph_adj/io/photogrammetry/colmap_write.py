@@ -104,7 +104,7 @@ def _unfit(network: Network, folder: Path, other: str) -> list[Problem]:
     names = list(network.points)
     for i in np.unique(point).tolist():
         if not np.isfinite(network.points[names[i]].coordinates).all():
-            what = "has no coordinates: write the solution"
+            what = "has no coordinates: write the solution (adjust --export colmap:FOLDER)"
             problems.append(Problem(what, f"point {names[i]!r}"))
     used = {network.photos[f].camera for f in network.photos}
     for name in used:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import InputError, Problem
+from ...errors import InputError, Problem, known
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoAngle, PhotoPosition
 from ...units import ANGLE
@@ -30,6 +30,37 @@ PRIOR = (
 )
 """Columns that the tables may have."""
 ANGLE_UNITS = {"radian": 1.0, "degrees": ANGLE["deg"], "gon": ANGLE["gon"]}
+FILES = ("c", "file")
+CHILDREN = {
+    "document": ("c", "meta", "input", "operations", "output"),
+    "input": ("c", "ctrl_pts", "check_pts", "images", "prior_eo", "image_pts", "cameras"),
+    "ctrl_pts": (*FILES, "filter"),
+    "check_pts": (*FILES, "filter"),
+    "images": FILES,
+    "prior_eo": FILES,
+    "image_pts": FILES,
+    "cameras": (*FILES, "camera"),
+    "file": (),
+    "filter": (),
+    "operations": ("c", "operation"),
+}
+"""Elements that may stand in another one; comments <c> may stand in any."""
+ATTRIBUTES = {
+    "document": ("dbat_script_version",),
+    "input": ("base_dir",),
+    "images": ("image_base_dir",),
+    "file": ("format", "units", "sxy", "sx", "sy"),
+    "filter": ("id",),
+    "operation": ("min_rays", "max_op"),
+    "set_datum": ("ref_cam", "ref_base"),
+}
+"""Attributes that an element may have; those of operations that need none have no effect."""
+INSIDE = (
+    *("operation", "set_initial_values", "set_bundle_estimate_params"),
+    *("io", "eo", "op", "camera"),
+)
+"""Elements whose children are checked where they are read; others have texts alone."""
+NOT_READ = ("c", "meta", "output", "calibration_info")
 HARMLESS = ("check_ray_count", "spatial_resection", "forward_intersection", "bundle_adjustment")
 """Operations that an adjustment does by itself."""
 
@@ -92,18 +123,11 @@ class _Script:
 
     def network(self, model: int | None) -> Network:
         """Return the network."""
-        for child in self.root.children:
-            if child.tag not in ("c", "meta", "input", "operations", "output"):
-                self.reading.wrong(f"unknown section <{child.tag}>", self.where(child))
+        self._refuse_strange(self.root)
         given = self.root.first("input")
         if given is None:
             raise InputError(Problem("has no section <input>", self.where(self.root)))
         self.folder = self._folder(given)
-        known = ("c", "ctrl_pts", "check_pts", "images", "prior_eo", "image_pts", "cameras")
-        for child in given.children:
-            if child.tag not in known:
-                what = f"unknown element <{child.tag}> of the input; valid: {', '.join(known)}"
-                self.reading.wrong(what, self.where(child))
         meta = self.root.first("meta")
         title = None if meta is None else meta.first("name")
         network = Network(self.path.stem if title is None else title.text.strip())
@@ -119,6 +143,23 @@ class _Script:
         images.into(network)
         self.reading.finish()
         return network
+
+    def _refuse_strange(self, element: Element) -> None:
+        """Note elements and attributes that may not stand where they stand."""
+        attributes = ATTRIBUTES.get(element.tag, ())
+        for name in element.attributes:
+            if name not in attributes:
+                valid = known(attributes, meant=name)
+                what = f"<{element.tag}> has no attribute {name[:40]!r}; valid: {valid}"
+                self.reading.wrong(what, self.where(element))
+        valid_tags = CHILDREN.get(element.tag, None if element.tag in INSIDE else ())
+        for child in element.children:
+            if valid_tags is not None and child.tag not in valid_tags:
+                valid = known(valid_tags, meant=child.tag)
+                what = f"unknown element <{child.tag}> of <{element.tag}>; valid: {valid}"
+                self.reading.wrong(what, self.where(child))
+            elif child.tag not in NOT_READ:
+                self._refuse_strange(child)
 
     # -- files ------------------------------------------------------------------------------
 
@@ -237,9 +278,6 @@ class _Script:
     def _selected(self, section: Element) -> list[Row]:
         """Return the rows of a section of points that its filters leave."""
         rows = [r for f in section.all("file") for r in self._rows(f, CONTROL)]
-        for child in section.children:
-            if child.tag not in ("file", "filter", "c"):
-                self.reading.wrong(f"unknown element <{child.tag}>", self.where(child))
         for rule in section.all("filter"):
             chosen = {t.strip() for t in rule.attributes.get("id", "").split(",")}
             word = rule.text.strip()

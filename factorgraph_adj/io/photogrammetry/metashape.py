@@ -11,7 +11,7 @@ from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
 from ..text import beginning
 from .metashape_cameras import Choice, add_cameras, add_sensors
-from .metashape_context import Context
+from .metashape_context import Context, check_flags
 from .metashape_points import add_markers, add_scale_bars, add_ties, gather_locations
 from .metashape_source import open_chunk
 from .reading import ImagePoints, Reading
@@ -67,6 +67,9 @@ def read_metashape(
     reading = Reading()
     source = open_chunk(Path(path), chunk)
     context = Context(source, reading, dict(accuracy or {}), crs == "local", geoid, heights)
+    for place in (source.chunk, source.frame):
+        if place is not None:
+            check_flags(place, reading)
     label = source.chunk.element.attributes.get("label", "")
     network = Network(label or Path(path).stem, frame=context.reference.frame)
     sensors = add_sensors(context, network, calibration)

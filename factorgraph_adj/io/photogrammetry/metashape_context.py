@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...types import Array
 from ..xml_tree import Element
 from .metashape_reference import Local, Reference, reference_of
-from .metashape_source import Chunk
+from .metashape_source import Chunk, Place
 from .reading import Reading, rotation_of
 
 ACCURACY = {
@@ -182,6 +182,20 @@ def cameras_of(chunk: Element) -> Iterator[Element]:
             yield child
         elif child.tag == "group":
             yield from child.all("camera")
+
+
+FLAGS = ("enabled", "valid", "pinned")
+"""Attributes that are true or false."""
+
+
+def check_flags(place: Place, reading: Reading) -> None:
+    """Note flags that are neither true nor false."""
+    for element in place.element.walk():
+        for name in FLAGS:
+            word = element.attributes.get(name, "true")
+            if word not in ("true", "false", "1", "0"):
+                what = f"{name} of <{element.tag}> must be true or false, not {word[:20]!r}"
+                reading.wrong(what, place.where(element))
 
 
 def off(element: Element) -> bool:

@@ -11,7 +11,7 @@ from ...errors import InputError, Problem
 from ...network.network import Network
 from ...observations import ControlPoint, SlopeDistance
 from ...types import Array
-from .metashape_context import Context, listed, off
+from .metashape_context import Context, cameras_of, listed, off
 from .metashape_source import Place
 from .ply import read_vertices
 from .reading import TIE, ImagePoints, finite
@@ -69,13 +69,17 @@ def gather_locations(
     if frame is None:
         return
     sigma = (context.accuracy["projections"],)
+    known = _camera_ids(context)
     for marker in listed(frame.element, "markers", "marker"):
         ident = marker.attributes.get("marker_id", "")
         if ident not in markers:
             reading.wrong(f"unknown marker {ident!r}", frame.where(marker))
             continue
         for location in marker.all("location"):
-            photo = cameras.get(location.attributes.get("camera_id", ""))
+            camera = location.attributes.get("camera_id", "")
+            if camera not in known:
+                reading.wrong(f"location in the unknown camera {camera!r}", frame.where(location))
+            photo = cameras.get(camera)
             if photo is None or location.attributes.get("valid") in ("false", "0"):
                 continue
             where = frame.where(location)
@@ -110,6 +114,11 @@ def add_ties(
         raise InputError(Problem("a tie point has coordinates twice", file))
     placed = context.placed(_component(context))
     xyz = np.full_like(xyz, np.nan) if placed is None else placed.points(xyz)
+    known = _camera_ids(context)
+    for strange in ties.element.all("projections"):
+        if (camera := strange.attributes.get("camera_id", "")) not in known:
+            what = f"projections in the unknown camera {camera!r}"
+            raise InputError(Problem(what, ties.where(strange)))
     projected = list(_projections(ties, cameras))
     seen = np.concatenate([np.unique(names) for _, names, _, _ in projected] or [number[:0]])
     values, counts = np.unique(seen, return_counts=True)
@@ -120,6 +129,11 @@ def add_ties(
         kept = np.isin(names, number[used])
         for n, (x, y) in zip(names[kept].tolist(), xy[kept].tolist(), strict=True):
             images.add(photo, f"{TIE}{n}", (x, -y), sigma, where)
+
+
+def _camera_ids(context: Context) -> set[str]:
+    """Return the ids of all cameras of the chunk, also of those that are not read."""
+    return {c.attributes.get("id", "") for c in cameras_of(context.source.chunk.element)}
 
 
 def _component(context: Context) -> str | None:

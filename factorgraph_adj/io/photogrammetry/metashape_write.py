@@ -227,7 +227,7 @@ def _settings(network: Network, refusals: Refusals) -> list[str]:
         return []
     same = one(sigma.ravel())
     if same is None:
-        refusals.refuse("image points with different standard deviations")
+        refusals.refuse("image points with different standard deviations; use content='cameras'")
     return [
         "    <settings>",
         f'      <property name="accuracy_projections" value="{same!r}"/>',

@@ -8,7 +8,7 @@ image is the origin, so that half a pixel is added. Its distortion coefficients 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -26,6 +26,7 @@ from ...rotation import exp_rotation
 from ...types import Array
 from ..atomic import write_files
 from ..text import beginning
+from .opencv_flags import held_by, skewed
 from .opencv_storage import Value, read_storage
 from .pixel import add_pixel_camera
 from .reading import ImagePoints, Reading
@@ -43,6 +44,8 @@ NAMES = {
     "extrinsics": ("extrinsic_parameters", "Extrinsic_Parameters"),
     "image_points": ("image_points", "Image_points"),
     "grid_points": ("grid_points",),
+    "flags": ("flags",),
+    "fisheye": ("fisheye_model",),
 }
 """Names that OpenCV's programs give to what is read."""
 
@@ -50,8 +53,9 @@ NAMES = {
 def read_opencv(
     path: str | Path,
     *,
-    model: Literal["pinhole", "fisheye"] = "pinhole",
+    model: Literal["pinhole", "fisheye"] | None = None,
     sigma_px: float = 1.0,
+    calibration: Literal["as calibrated", "held"] | Sequence[str] = "as calibrated",
     image_width: float | None = None,
     image_height: float | None = None,
 ) -> Network:
@@ -60,14 +64,18 @@ def read_opencv(
     The camera has fx, fy, the principal point and the distortion; its parameters are held where
     the file has the calibration alone. A file of the calibration program that has the views, the
     measured corners and the points of the board (extrinsic_parameters, image_points, grid_points)
-    gives a network of photos, held board points, and unknown fx, fy, cx, cy, k1, k2, p1, p2, k3
-    (of those that the file has). YAML needs PyYAML (the extra ``opencv``). Names, dates, flags
-    and reprojection errors of the program are not read.
+    gives a network of photos, held board points, and an unknown calibration: fx, fy, cx, cy, and
+    the coefficients that the file has, without those that its ``flags`` have held. YAML needs
+    PyYAML (the extra ``opencv``). Names, dates and reprojection errors of the program are not
+    read.
 
     Args:
         path: the file.
-        model: which of OpenCV's two models the coefficients belong to; a file does not tell it.
+        model: which of OpenCV's two models the coefficients belong to; None: ``fisheye_model`` of
+            the file tells it, and ``pinhole`` if it has none.
         sigma_px: standard deviation of the measured corners, pixels; the file has none.
+        calibration: unknown parameters of a file with views: as in OpenCV's calibration, none, or
+            names of the lens model, such as ``["c", "k1"]``.
         image_width: width of the image where the file does not have it, pixels.
         image_height: height of the image where the file does not have it, pixels.
 
@@ -75,8 +83,14 @@ def read_opencv(
         InputError: the file has problems, each with file and line.
     """
     source = Path(path)
-    if not sigma_px > 0:
-        raise InputError(f"sigma_px must be greater than zero, not {sigma_px}")
+    if not isinstance(sigma_px, int | float) or not sigma_px > 0:
+        raise InputError(f"sigma_px must be greater than zero, pixels, not {sigma_px!r}")
+    if model not in (None, "pinhole", "fisheye"):
+        raise InputError(f"unknown model {model!r}; valid: 'pinhole', 'fisheye'")
+    choices = ("as calibrated", "held")
+    if isinstance(calibration, str) and calibration not in choices:
+        what = f"calibration {calibration!r}; valid: {', '.join(map(repr, choices))}, or names"
+        raise InputError(f"unknown {what} such as ['c', 'k1']")
     reading = Reading()
     stored, last = read_storage(source)
     found = _named(stored)
@@ -86,11 +100,13 @@ def read_opencv(
     for i, name in enumerate(("width", "height")):
         if size[i] is None and name in found:
             size[i] = found[name].number(reading, name, positive=True)
-    camera = _camera(found, reading, model, f"{source.name}:{last}")
+    camera = _camera(found, reading, _model(model, found, reading), f"{source.name}:{last}")
     if camera is not None:
         lens, values, estimated = camera
         sides = None if size[0] is None or size[1] is None else (size[0], size[1])
-        free = estimated if views is not None else ()
+        named = {"as calibrated": estimated, "held": []}
+        chosen = named[calibration] if isinstance(calibration, str) else list(calibration)
+        free = chosen if views is not None else ()
         with reading.at(found["camera_matrix"].where):
             add_pixel_camera(network, "camera", lens, values, size=sides, free=free)
     if views is not None and not reading.problems:
@@ -113,6 +129,24 @@ def _named(values: Mapping[str, Value]) -> dict[str, Value]:
         for theirs in names
         if theirs in values
     }
+
+
+def _model(given: str | None, found: Mapping[str, Value], reading: Reading) -> str:
+    """Return pinhole or fisheye: what is asked for, or what the file says."""
+    if given is None and "fisheye" in found:
+        return "fisheye" if found["fisheye"].number(reading, "fisheye_model") else "pinhole"
+    return given or "pinhole"
+
+
+def _flags(found: Mapping[str, Value], reading: Reading) -> int | None:
+    """Return the flags of the calibration; None where the file has none, or after a problem."""
+    value = found["flags"].number(reading, "flags") if "flags" in found else None
+    if value is None:
+        return None
+    if value != int(value) or not 0 <= value < 1 << 31:
+        reading.wrong(f"flags must be a whole number, not {value:g}", found["flags"].where)
+        return None
+    return int(value)
 
 
 def _camera(
@@ -154,18 +188,26 @@ def _camera(
             what = f"{', '.join(lost)} (thin prism, tilt) are not zero; no lens model has them here"
             reading.wrong(what, found["distortion"].where)
             return None
+    flags = _flags(found, reading)
+    held = frozenset[str]() if flags is None else held_by(flags, fisheye=model == "fisheye")
     fy = float(m[1, 1])
     values = {"c": fy, "x0": float(m[0, 2]) + 0.5, "y0": -float(m[1, 2]) - 0.5}
     relative = {"b1": float(m[0, 0]) / fy - 1.0, "b2": 0.0 - float(m[0, 1]) / fy}
     estimated = ["c", "x0", "y0", "b1", *(n for n in stated if n in ("k1", "k2", "p1", "p2", "k3"))]
     if model == "fisheye":
-        return FisheyeLens(), values | relative | k, ["c", "x0", "y0", "b1", *FISHEYE]
+        estimated = ["c", "x0", "y0", "b1", *FISHEYE]
+        estimated += ["b2"] if flags is not None and skewed(flags) else []
+        lens: Lens = FisheyeLens()
+        return lens, values | relative | k, [n for n in estimated if n not in held]
     values |= {"k1": k["k1"], "k2": k["k2"], "k3": k["k3"], "p1": k["p2"], "p2": 0.0 - k["p1"]}
     quotient = {n: k[n] for n in ("k4", "k5", "k6")}
-    if any(quotient.values()):
-        return RationalLens(), values | relative | quotient, [*estimated, *quotient]
+    # A given ratio fx/fy other than 1 needs the relative b1 where c is unknown.
+    ratio = "b1" in held and "c" not in held and relative["b1"] != 0.0
+    if any(quotient.values()) or ratio:
+        estimated += quotient if any(quotient.values()) else {}
+        return RationalLens(), values | relative | quotient, [n for n in estimated if n not in held]
     absolute = {"b1": float(m[0, 0]) - fy, "b2": 0.0 - float(m[0, 1])}
-    return AffineNormalisedLens(), values | absolute, estimated
+    return AffineNormalisedLens(), values | absolute, [n for n in estimated if n not in held]
 
 
 @dataclass(frozen=True)

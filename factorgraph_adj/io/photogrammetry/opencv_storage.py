@@ -49,9 +49,8 @@ class Value:
         found_type = _TYPE.fullmatch(kind)
         sizes = [rows, columns, "-" if found_type is None else found_type[1] or "1"]
         if not all(s.isascii() and s.isdigit() and len(s) < 10 for s in sizes):
-            what = (
-                f"{name} has rows {rows!r}, cols {columns!r}, dt {kind!r}; valid: 3, 3, 'd' or '2f'"
-            )
+            said = f"rows {rows!r}, cols {columns!r}, dt {kind!r}"
+            what = f"{name} has {said}; valid: two whole numbers, a type such as d or 2f"
             reading.wrong(what, self.where)
             return None
         shape = tuple(int(s) for s in sizes)

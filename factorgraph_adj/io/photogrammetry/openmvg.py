@@ -296,12 +296,7 @@ def _without_rays(network: Network, images: ImagePoints) -> None:
     """Leave out tie points that fewer than two photos see."""
     seen = images.seen()
     few = [n for n in network.points if n.startswith(TIE) and seen.get(n, 0) < 2]
-    lost = set(few)
-    for photo, rows in images.rows.items():
-        images.rows[photo] = [r for r in rows if r[0] not in lost]
-    for name in few:
-        del network.points[name]
-    network.point_number = {name: i for i, name in enumerate(network.points)}
+    images.leave_out(network, few)
 
 
 def _refuse_far_off(network: Network, images: ImagePoints, reading: Reading, node: Node) -> None:
@@ -317,8 +312,8 @@ def _refuse_far_off(network: Network, images: ImagePoints, reading: Reading, nod
             if not point.startswith(CONTROL):
                 continue
             at_point = np.array(network.points[point].coordinates)
-            q = world_r_camera.T @ (at_point - np.array(held.position))
-            ahead = q[2] if q[2] > 0 else math.nan
+            q = (world_r_camera.T @ (at_point - np.array(held.position))).tolist()
+            ahead = q[2] if q[2] > 1e-9 * (abs(q[0]) + abs(q[1])) else math.nan
             at = (x0 + c * q[0] / ahead, y0 - c * q[1] / ahead)
             misfit = math.hypot(at[0] - x, at[1] - y) / side
             misfits.append(misfit if math.isfinite(misfit) else math.inf)

@@ -26,6 +26,8 @@ TRACKS = "OPENSFM_TRACKS_VERSION_v"
 """Beginning of the first line of tracks.csv."""
 GROUND = ("gcp_list.txt", "ground_control_points.json")
 """Files of ground control beside a reconstruction."""
+FARTHEST = 100e3
+"""Largest level distance of ground control from the origin of a reconstruction, metres."""
 
 
 def read_opensfm(
@@ -253,12 +255,7 @@ def _without_rays(network: Network, images: ImagePoints) -> None:
         if seen.get(n, 0) < 2 and p.check is None and not any(p.fixed)
     ]
     control = {o.point for o in network.observations.values() if isinstance(o, ControlPoint)}
-    lost = set(few) - control
-    for photo, rows in images.rows.items():
-        images.rows[photo] = [r for r in rows if r[0] not in lost]
-    for name in lost:
-        del network.points[name]
-    network.point_number = {name: i for i, name in enumerate(network.points)}
+    images.leave_out(network, set(few) - control)
 
 
 def _control(
@@ -341,6 +338,12 @@ def _add_ground(
     x, y, height = point.xyz
     known = not np.isnan(height)
     at = tuple(_place(frame, grid, (x, y, height if known else frame.height)).tolist())
+    if np.hypot(at[0], at[1]) > FARTHEST:
+        away = np.linalg.norm(at) / 1e3
+        origin = f"{np.rad2deg(frame.latitude):g}°, {np.rad2deg(frame.longitude):g}°"
+        what = f"lies {away:.0f} km from latitude, longitude {origin} of reference_lla"
+        need = "longitude or easting comes first, and the first line of the list names the zone"
+        raise InputError(Problem(f"{what}; valid: up to {FARTHEST / 1e3:.0f} km; {need}"))
     if point.check:
         network.add_point(point.name, check=at if known else (*at[:2], np.nan))
         return

@@ -229,6 +229,15 @@ def _control(
         n.need("id").text(): n.need("coordinates").numbers(3)
         for n in project.list("calibrated-control-points", "points")
     }
+    stated = {
+        n.need("id").text()
+        for key in ("gcps", "mtps")
+        for n in project.list("input-control-points", key)
+    }
+    for name, node in projected.items():
+        if name not in stated:
+            what = f"point {name[:40]!r} is none of the input control points"
+            reading.wrong(what, node.need("id").where)
     for node in project.list("input-control-points", "gcps"):
         with reading.at(node.where):
             name = node.need("id").text()

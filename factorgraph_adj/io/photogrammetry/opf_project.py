@@ -14,6 +14,8 @@ from .archive import inside
 JSON = "application/opf-{}+json"
 """Format of a resource by the name of what it holds."""
 GLTF = "model/gltf+json"
+EXTENSION = "application/ext-"
+"""Beginning of the formats of vendors, which are not read."""
 BUFFER = "application/gltf-buffer+bin"
 """Format of the tables of a glTF file, which names them itself."""
 VERSION = "1"
@@ -23,6 +25,8 @@ ITEMS = (
     *("projected_control_points", "constraints", "scene_reference_frame", "calibration"),
 )
 """Items that are read; others are products, or belong to vendors (ext_…)."""
+PRODUCTS = ("point_cloud",)
+"""Items of products, which are not read."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,10 @@ def open_project(path: Path) -> OpfProject:
     for item in root.need("items").list():
         kind = item.need("type").text()
         if kind not in ITEMS:
+            if kind not in PRODUCTS and not kind.startswith("ext_"):
+                valid = ", ".join((*ITEMS, *PRODUCTS, "ext_…"))
+                what = f"unknown type {kind[:40]!r} of an item; valid: {valid}"
+                raise item.need("type").fail(what)
             continue
         for resource in item.need("resources").list():
             form = resource.need("format").text()
@@ -77,7 +85,7 @@ def open_project(path: Path) -> OpfProject:
                 if name in resources:
                     raise resource.fail(f"the project has {name} twice; valid: one calibration")
                 resources[name] = _document(_file(path.parent, resource.need("uri")), name)
-            elif form not in (GLTF, BUFFER):
+            elif form not in (GLTF, BUFFER) and not form.startswith(EXTENSION):
                 what = f"format {form!r} of {kind} is not read; valid: {JSON.format('…')}, {GLTF}"
                 raise resource.need("format").fail(what)
     return OpfProject(path, root, resources, tuple(clouds))

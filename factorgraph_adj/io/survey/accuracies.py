@@ -1,10 +1,10 @@
-"""Accuracies that field books do not have, and what else of a survey the reader is told."""
+"""Accuracies that field books do not have, and how their readings are reduced."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import get_args
 
 from ...errors import InputError, Problem, known
@@ -24,19 +24,30 @@ REFRACTION = 0.13
 """Default coefficient of refraction k (Gauss)."""
 
 
+STATED = ("sigma_direction_mgon", "sigma_zenith_mgon", "sigma_distance_mm")
+"""Standard deviations that a file may state."""
+
+
 @dataclass(frozen=True)
 class Accuracies:
     """Standard deviations of the readings of a field book, and how they are reduced.
 
-    They are options of every reader of field books, because the files do not have them.
+    Every reader of field books takes them as ``accuracies``, because the files do not have them.
+    `factorgraph_adj.read` and the commands (``--set``) also take each field as an option of its
+    own.
+
+    Raises:
+        InputError: numbers that are no standard deviations, all of them.
     """
 
-    sigma_direction_mgon: float = DIRECTION_MGON
-    """σ of a horizontal reading in one face, mgon."""
-    sigma_zenith_mgon: float = ZENITH_MGON
-    """σ of a zenith reading in one face, mgon."""
-    sigma_distance_mm: float = DISTANCE_MM
-    """Constant part of σ of a distance, mm."""
+    sigma_direction_mgon: float | None = None
+    """σ of a horizontal reading in one face, mgon; None: that of the file, which JobXML may have,
+    or 1."""
+    sigma_zenith_mgon: float | None = None
+    """σ of a zenith reading in one face, mgon; None: that of the file, or 1."""
+    sigma_distance_mm: float | None = None
+    """Constant part of σ of a distance, mm; None: that of the file, which then has no part that
+    grows, or 2."""
     ppm: float = PPM
     """Part of σ of a distance that grows with it, mm/km."""
     centring_mm: float | None = None
@@ -48,20 +59,14 @@ class Accuracies:
     refraction: float | None = REFRACTION
     """Coefficient of refraction k. None: heights are above a plane, neither curvature nor
     refraction."""
-    fixed: str | Iterable[str] = field(default=())
-    """Names of the points that are held at the coordinates of the file; in a text with commas."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers that are no standard deviations; InputError lists all of them."""
+        """Refuse numbers that are no standard deviations."""
         problems = []
-        for name in (
-            "sigma_direction_mgon",
-            "sigma_zenith_mgon",
-            "sigma_distance_mm",
-            "sigma_levelling_mm",
-        ):
-            if not _within(getattr(self, name), 1e-9, 1e6):
-                problems.append(_wrong(name, "a number > 0", getattr(self, name)))
+        for name in (*STATED, "sigma_levelling_mm"):
+            value = getattr(self, name)
+            if not (value is None and name in STATED) and not _within(value, 1e-9, 1e6):
+                problems.append(_wrong(name, "a number > 0", value))
         for name in ("ppm", "centring_mm"):
             value = getattr(self, name)
             if not (value is None and name == "centring_mm") and not _within(value, 0.0, 1e6):
@@ -72,25 +77,48 @@ class Accuracies:
             problems.append(_wrong("refraction", "a number such as 0.13", self.refraction))
         if problems:
             raise InputError(problems)
-        if self.centring_mm is None:
-            object.__setattr__(self, "centring_mm", CENTRING_MM if self.faces == "means" else 0.0)
 
     @property
-    def held(self) -> tuple[str, ...]:
-        """Names of the points that are held."""
-        return names_of(self.fixed)
+    def centring(self) -> float:
+        """σ of the centring of instrument and of target, metres."""
+        usual = CENTRING_MM if self.faces == "means" else 0.0
+        return (usual if self.centring_mm is None else self.centring_mm) * LENGTH["mm"]
 
-    def angle(self, mgon: float) -> float | StandardDeviation:
-        """Return σ of a reading of a circle, with the centring of both ends."""
-        constant, c = mgon * ANGLE["mgon"], (self.centring_mm or 0.0) * LENGTH["mm"]
+    def direction(self, stated: float | None) -> float | StandardDeviation:
+        """Return σ of a horizontal reading, with the centring of both ends.
+
+        Args:
+            stated: σ that the file states, radians; it counts where none is given.
+        """
+        return self._angle(self.sigma_direction_mgon, stated, DIRECTION_MGON)
+
+    def zenith(self, stated: float | None) -> float | StandardDeviation:
+        """Return σ of a zenith reading as `direction` does."""
+        return self._angle(self.sigma_zenith_mgon, stated, ZENITH_MGON)
+
+    def _angle(
+        self, given: float | None, stated: float | None, usual: float
+    ) -> float | StandardDeviation:
+        c = self.centring
+        constant = (usual if given is None else given) * ANGLE["mgon"]
+        if given is None and stated is not None:
+            constant = stated
         if c == 0.0:
             return constant
         return StandardDeviation(constant, centring_instrument=c, centring_target=c)
 
-    def distance(self, mm: float, ppm: float) -> StandardDeviation:
-        """Return σ of a distance, with the centring of both ends."""
-        c = (self.centring_mm or 0.0) * LENGTH["mm"]
-        constant = mm * LENGTH["mm"]
+    def distance(self, stated: float | None) -> StandardDeviation:
+        """Return σ of a distance, with the centring of both ends.
+
+        Args:
+            stated: σ that the file states, metres; it has no part that grows, and counts where
+                none is given.
+        """
+        c, given = self.centring, self.sigma_distance_mm
+        constant = (DISTANCE_MM if given is None else given) * LENGTH["mm"]
+        ppm = self.ppm
+        if given is None and stated is not None:
+            constant, ppm = stated, 0.0
         return StandardDeviation(constant, ppm=ppm, centring_instrument=c, centring_target=c)
 
     def levelling(self) -> StandardDeviation:
@@ -115,3 +143,7 @@ def _within(value: object, low: float, high: float) -> bool:
 
 def _wrong(name: str, valid: str, value: object) -> Problem:
     return Problem(f"must be {valid}, not {value!r}", name)
+
+
+USUAL = Accuracies()
+"""Accuracies of an instrument of 3″ and 2 mm + 2 ppm on tripods, and means of both faces."""

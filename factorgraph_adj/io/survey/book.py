@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,8 @@ from ...frames import LocalFrame
 from ...network.network import Network
 from ...observations import HeightDifference, HorizontalDistance, Observation
 from ...stochastic import StandardDeviation
-from ...units import ANGLE, LENGTH
-from .accuracies import Accuracies
+from ...units import LENGTH
+from .accuracies import Accuracies, names_of
 from .notes import Notes
 
 UNKNOWN = (math.nan, math.nan, math.nan)
@@ -55,9 +56,17 @@ class Stated:
 class FieldBook:
     """Points, set-ups, sights and height differences of a file."""
 
-    def __init__(self, path: Path, accuracies: Accuracies) -> None:
-        """Start an empty book of a file."""
+    def __init__(self, path: Path, accuracies: Accuracies, fixed: str | Iterable[str] = ()) -> None:
+        """Start an empty book of a file.
+
+        Args:
+            path: the file.
+            accuracies: standard deviations, and how readings are reduced.
+            fixed: names of the points that are held at the coordinates of the file; in a text
+                they are separated by commas.
+        """
         self.path = path
+        self.held = names_of(fixed)
         self.notes = Notes(path)
         self.accuracies = accuracies
         self.points: dict[str, tuple[float, float, float]] = {}
@@ -138,6 +147,9 @@ class FieldBook:
             return
         self.point(line, target)
         self.sighted |= {at.station, target}
+        read = (direction, zenith, distance, horizontal, target_height)
+        if self.notes and any(v is not None and math.isnan(v) for v in read):
+            return  # what is no number has been noted
         if face is None:
             face = 2 if zenith is not None and zenith > math.pi else 1
         place = self.notes.place(line)
@@ -149,7 +161,7 @@ class FieldBook:
                     at.station,
                     target,
                     horizontal,
-                    sigma=self._of_distance(stated.distance),
+                    sigma=self.accuracies.distance(stated.distance),
                     source=place,
                     **of_sight,
                 ),
@@ -184,6 +196,8 @@ class FieldBook:
         for name in (back, fore):
             self.levelled_points.add(name)
             self.point(line, name)
+        if self.notes and math.isnan(value):
+            return  # what is no number has been noted
         known_length = length if length > 0 else None
         sigma = self.accuracies.levelling()
         if known_length is None:
@@ -213,14 +227,14 @@ class FieldBook:
         reduced = [self._reduced(k, list(v)) for k, v in self.readings.items()]
         if not self.notes and not reduced and not self.others and not self.points:
             self.notes.add(1, "holds neither points nor observations")
-        held = self.accuracies.held
+        held = self.held
         for name in held:
             if name not in self.points:
                 names = known(self.points, meant=name)
                 self.notes.add(1, f"fixed: there is no point {name!r}; known: {names}")
             elif all(math.isnan(v) for v in self.points[name]):
                 self.notes.add(1, f"fixed: the file has no coordinates of point {name!r}")
-        self.notes.raise_problems()
+        self.notes.raise_all()
         network = Network(self.path.stem, frame=LocalFrame(), datum="given" if held else "free")
         self._add_points(network, held)
         if self.accuracies.refraction is not None and reduced:
@@ -250,15 +264,12 @@ class FieldBook:
         """Return the observations of a set; a reading in one face alone needs no σ of its own."""
         a = self.accuracies
         stated = [s for _, _, s in found]
-        mgon = ANGLE["mgon"]
-        direction = _mean([s.direction for s in stated]) or a.sigma_direction_mgon * mgon
-        zenith = _mean([s.zenith for s in stated]) or a.sigma_zenith_mgon * mgon
         try:
             return reduce_faces(
                 [r for _, r, _ in found],
-                sigma_direction=a.angle(direction / mgon),
-                sigma_zenith=a.angle(zenith / mgon),
-                sigma_distance=self._of_distance(_mean([s.distance for s in stated])),
+                sigma_direction=a.direction(_mean([s.direction for s in stated])),
+                sigma_zenith=a.zenith(_mean([s.zenith for s in stated])),
+                sigma_distance=a.distance(_mean([s.distance for s in stated])),
                 faces=a.faces,
             )
         except InputError as error:
@@ -267,13 +278,6 @@ class FieldBook:
                 of = next((n for label, n in lines.items() if p.where == label), found[0][0])
                 self.notes.add(of, f"station {key[0]!r}, set {key[1]!r}: {p.what}")
             return None
-
-    def _of_distance(self, stated: float | None) -> StandardDeviation:
-        """Return σ of a distance; one that the file states has no part that grows."""
-        a = self.accuracies
-        if stated is None:
-            return a.distance(a.sigma_distance_mm, a.ppm)
-        return a.distance(stated / LENGTH["mm"], 0.0)
 
 
 def _mean(stated: list[float | None]) -> float | None:

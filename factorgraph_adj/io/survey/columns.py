@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem, known
-from ...field.faces import Faces
 from ...frames import LocalFrame
 from ...network.network import Network
 from ...observations import Observation
 from .. import numbers
 from ..context import RecordContext
 from ..records import observation
-from .accuracies import DIRECTION_MGON, DISTANCE_MM, PPM, REFRACTION, ZENITH_MGON, Accuracies
+from .accuracies import USUAL, Accuracies
 from .book import FieldBook
 from .column_map import TEXTS, ColumnMap, Section, column_map
 from .notes import Notes
@@ -25,6 +24,8 @@ HELD = {"yes": "xyz", "true": "xyz", "1": "xyz", "x": "x", "no": "", "false": ""
 """Words in the column ``fixed``, beside axes such as xyz, xy and z."""
 FACES = {"1": 1, "i": 1, "f1": 1, "l": 1, "2": 2, "ii": 2, "f2": 2, "r": 2}
 """Words in the column ``face``."""
+READ = ("direction", "zenith", "distance", "horizontal_distance")
+"""Columns of what is read to a target; a reading has one of them at least."""
 MOST_CELLS = 500
 """Characters of a cell; more are a missing quotation mark."""
 
@@ -34,13 +35,7 @@ def read_columns(
     *,
     mapping: ColumnMap | Mapping[str, Any] | str | Path,
     fixed: str | Iterable[str] = (),
-    sigma_direction_mgon: float = DIRECTION_MGON,
-    sigma_zenith_mgon: float = ZENITH_MGON,
-    sigma_distance_mm: float = DISTANCE_MM,
-    ppm: float = PPM,
-    centring_mm: float | None = None,
-    faces: Faces = "means",
-    refraction: float | None = REFRACTION,
+    accuracies: Accuracies = USUAL,
 ) -> Network:
     """Read points, readings and observations from tables of any program.
 
@@ -64,38 +59,27 @@ def read_columns(
         path: the table.
         mapping: the mapping, or a TOML file with it.
         fixed: names of points that are held, beside those whose column says so.
-        sigma_direction_mgon: σ of a horizontal reading in one face, mgon.
-        sigma_zenith_mgon: σ of a zenith reading in one face, mgon.
-        sigma_distance_mm: constant part of σ of a distance, mm.
-        ppm: part of σ of a distance that grows with it, mm/km.
-        centring_mm: σ of the centring of instrument and target, mm; None: 1, for both faces 0.
-        faces: means of two faces, or both readings with index and collimation errors as unknowns.
-        refraction: coefficient k, with the curvature of the Earth, for readings and observations
-            of zenith angles; None: neither.
+        accuracies: standard deviations, faces and refraction, see `factorgraph_adj.Accuracies`.
 
     Raises:
         InputError: every problem of mapping and tables, each with file and line.
     """
-    accuracies = Accuracies(
-        sigma_direction_mgon,
-        sigma_zenith_mgon,
-        sigma_distance_mm,
-        ppm,
-        centring_mm,
-        faces=faces,
-        refraction=refraction,
-        fixed=fixed,
-    )
     source = Path(path)
-    return _Reader(source, column_map(mapping), accuracies).network()
+    return _Reader(source, column_map(mapping), accuracies, fixed).network()
 
 
 class _Reader:
-    def __init__(self, path: Path, mapping: ColumnMap, accuracies: Accuracies) -> None:
+    def __init__(
+        self,
+        path: Path,
+        mapping: ColumnMap,
+        accuracies: Accuracies,
+        fixed: str | Iterable[str],
+    ) -> None:
         self.path = path
         self.map = mapping
         self.accuracies = accuracies
-        self.book = FieldBook(path, accuracies)
+        self.book = FieldBook(path, accuracies, fixed)
         self.problems: list[Problem] = []
         self.held: dict[str, str] = {}
         self.observations: list[Observation] = []
@@ -115,7 +99,7 @@ class _Reader:
             self.book.current = None
             for line, row in self._rows(file, section):
                 read(line, row)
-            self.problems += list(self.book.notes.problems)
+            self.problems += self.book.notes.problems
         self.book.notes = Notes(self.path)
         for o in self.observations:
             for name in o.points():
@@ -133,7 +117,7 @@ class _Reader:
         """Return the network with the axes of the mapping and the points that the table holds."""
         if not any(self.held.values()) and self.map.axes == "en":
             return network
-        held = any(self.held.values()) or bool(self.accuracies.held)
+        held = any(self.held.values()) or bool(self.book.held)
         out = Network(
             network.name,
             frame=LocalFrame(axes=self.map.axes),  # type: ignore[arg-type]
@@ -240,7 +224,9 @@ class _Reader:
         try:
             return numbers.parse(row[name], unit)
         except ValueError as error:
-            self.book.notes.add(line, f"{name}: {error}")
+            comma = self.map.decimal == "." and "," in row[name]
+            hint = ", or state decimal = ',' in the mapping" if comma else ""
+            self.book.notes.add(line, f"{name}: {error}{hint}")
             return math.nan
 
     def _point(self, line: int, row: dict[str, str]) -> None:
@@ -280,6 +266,8 @@ class _Reader:
                 "target_height",
             )
         }
+        if not any(n in row for n in READ):
+            self.book.notes.add(line, f"a reading needs one of {', '.join(READ)}")
         height, own = value["instrument_height"] or 0.0, row.get("set", "")
         key = (station, height, own)
         if self.book.current is None or key != self.at:

@@ -182,10 +182,11 @@ def _in_grid(
     if earth == "sphere":
         what = "a project in a grid is computed on the ellipsoid: leave earth='sphere' out"
         raise InputError(Problem(what, path.name))
-    system = grid_system(project, crs, geoid, path.name)
+    place = path.name if crs is not None else project.place or path.name
+    system = grid_system(project, crs, geoid, place)
     files = Comp3dFiles()
     given = read_points(files, project.points, cartesian=np.copy, radius=math.inf)
-    grid = grid_of(system, project.centre, given, path.name)
+    grid = grid_of(system, project.centre, given, place)
     given = projected(grid, given)
     used = {n: p for n, p in given.items() if p.code != IGNORED}
     files.raise_all()
@@ -213,6 +214,7 @@ def _project(
             found.covariance,
             found.projection,
             found.ellipsoidal,
+            found.place,
         )
     if latitude is None and not in_grid:
         what = (

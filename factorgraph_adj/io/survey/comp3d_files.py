@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem
-from ..collected import LinesOfFile
+from ..collected import LinesOfFile, raise_all
 
 DEEPEST = 8
 """Largest depth of files in files."""
@@ -96,14 +96,7 @@ class Comp3dFiles:
 
     def raise_all(self) -> None:
         """Raise InputError with the problems of all files, if there are any."""
-        problems: list[Problem] = []
-        for file in self.files:
-            try:
-                file.raise_all()
-            except InputError as error:
-                problems += error.problems
-        if problems:
-            raise InputError(problems)
+        raise_all(self.files)
 
 
 def _plain(name: str) -> bool:
@@ -133,6 +126,8 @@ class Comp3dProject:
     """Reference system of its grid, a definition of PROJ; None: a local project."""
     ellipsoidal: bool = True
     """Whether heights are above the ellipsoid."""
+    place: str = ""
+    """File and line of the definition of the projection."""
 
 
 def read_project(path: Path) -> Comp3dProject:
@@ -144,33 +139,48 @@ def read_project(path: Path) -> Comp3dProject:
     file = LinesOfFile(path, latin=True)
     text = "\n".join(file.lines)
     begin = text.find("{")
+
+    def at(key: str) -> int:
+        """Return the line of a key, or the last one."""
+        found = text.find(f'"{key}"')
+        return text.count("\n", 0, found) + 1 if found >= 0 else 0
+
     try:
         found = json.loads(text[begin:]) if begin >= 0 else None
         config = found["config"] if isinstance(found, dict) else None
     except (ValueError, KeyError, RecursionError) as error:
-        raise InputError(Problem(f"is not a project of Comp3D: {error}", path.name)) from None
+        line = 0
+        if isinstance(error, json.JSONDecodeError):
+            line = text.count("\n", 0, begin) + error.lineno
+        where = file.place(line)
+        raise InputError(Problem(f"is not a project of Comp3D: {error}", where)) from None
     if not isinstance(config, dict):
-        raise InputError(Problem("is not a project of Comp3D: it has no config", path.name))
+        raise InputError(Problem("is not a project of Comp3D: it has no config", file.place(0)))
     projection = config.get("proj_def") if config.get("use_proj") else None
     if config.get("use_proj") and not (isinstance(projection, str) and projection.strip()):
-        file.add(0, "the project is in a grid, and proj_def does not name its projection")
+        file.add(
+            at("use_proj"), "the project is in a grid, and proj_def does not name its projection"
+        )
     if config.get("internal_constraints"):
-        file.add(0, "internal constraints are not read: give datum='free' to the network")
+        file.add(
+            at("internal_constraints"),
+            "internal constraints are not read: give datum='free' to the network",
+        )
     names = {}
     for key in ("root_COR_file", "root_OBS_file", "coord_cov_file"):
         name = config.get(key) or ""
         if not isinstance(name, str) or not (_plain(name) or name == ""):
-            file.add(0, f"{key} must name a file beside this one, not {str(name)[:60]!r}")
+            file.add(at(key), f"{key} must name a file beside this one, not {str(name)[:60]!r}")
         elif key != "coord_cov_file" and not (name and (path.parent / name).is_file()):
-            file.add(0, f"{key} names the file {name!r}, which is not beside this one")
+            file.add(at(key), f"{key} names the file {name!r}, which is not beside this one")
         names[key] = str(name)
     wanted = dict(config) if projection is None else {**config, "center_latitude": 0.0}
-    numbers = [file.number(0, k, str(wanted.get(k))) for k in ("center_latitude", "refraction")]
+    numbers = [file.number(at(k), k, str(wanted.get(k))) for k in ("center_latitude", "refraction")]
     centre = config.get("local_center") or [0.0, 0.0]
     if not isinstance(centre, list) or len(centre) < 2:
-        file.add(0, "local_center must be two numbers")
+        file.add(at("local_center"), "local_center must be two numbers")
         centre = [0.0, 0.0]
-    x, y = (file.number(0, "local_center", str(v)) for v in centre[:2])
+    x, y = (file.number(at("local_center"), "local_center", str(v)) for v in centre[:2])
     file.raise_all()
     covariance = names["coord_cov_file"]
     return Comp3dProject(
@@ -182,4 +192,5 @@ def read_project(path: Path) -> Comp3dProject:
         path.parent / covariance if covariance else None,
         projection,
         config.get("use_ellips_height", True) is not False,
+        file.place(at("proj_def")),
     )

@@ -10,18 +10,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ...errors import known
-from ...field.faces import Faces
 from ...network.network import Network
 from ..text import read_text
-from .accuracies import (
-    DIRECTION_MGON,
-    DISTANCE_MM,
-    LEVELLING_MM,
-    PPM,
-    REFRACTION,
-    ZENITH_MGON,
-    Accuracies,
-)
+from .accuracies import USUAL, Accuracies
 from .book import FieldBook
 from .gsi_levels import Levelling
 from .gsi_words import Block, blocks
@@ -44,14 +35,7 @@ def read_gsi(
     station: str | None = None,
     station_code: str | int | None = None,
     fixed: str | Iterable[str] = (),
-    sigma_direction_mgon: float = DIRECTION_MGON,
-    sigma_zenith_mgon: float = ZENITH_MGON,
-    sigma_distance_mm: float = DISTANCE_MM,
-    ppm: float = PPM,
-    centring_mm: float | None = None,
-    sigma_levelling_mm: float = LEVELLING_MM,
-    faces: Faces = "means",
-    refraction: float | None = REFRACTION,
+    accuracies: Accuracies = USUAL,
 ) -> Network:
     """Read a field book of a Leica total station or level, GSI-8 or GSI-16.
 
@@ -79,32 +63,13 @@ def read_gsi(
         station: name of the only station of a file that names none.
         station_code: code of the blocks that begin a set-up.
         fixed: names of points that are held at the coordinates of the file; none: a free network.
-        sigma_direction_mgon: σ of a horizontal reading in one face, mgon.
-        sigma_zenith_mgon: σ of a zenith reading in one face, mgon.
-        sigma_distance_mm: constant part of σ of a distance, mm.
-        ppm: part of σ of a distance that grows with it, mm/km.
-        centring_mm: σ of the centring of instrument and target, mm; None: 1, for both faces 0.
-        sigma_levelling_mm: σ of 1 km of levelled line, mm.
-        faces: means of two faces, or both readings with index and collimation errors as unknowns.
-        refraction: coefficient k; the refraction group of the network is held at κ = k − 1, which
-            also has the curvature of the Earth. None: neither.
+        accuracies: standard deviations, faces and refraction, see `factorgraph_adj.Accuracies`.
 
     Raises:
         InputError: every problem of the file, each with its line.
     """
-    accuracies = Accuracies(
-        sigma_direction_mgon,
-        sigma_zenith_mgon,
-        sigma_distance_mm,
-        ppm,
-        centring_mm,
-        sigma_levelling_mm,
-        faces,
-        refraction,
-        fixed,
-    )
     source = Path(path)
-    book = FieldBook(source, accuracies)
+    book = FieldBook(source, accuracies, fixed)
     reader = _Reader(book, None if station_code is None else str(station_code))
     if station is not None:
         book.begin(1, str(station), math.nan)
@@ -160,7 +125,7 @@ class _Reader:
             self.book.notes.add(block.line, what)
             return
         digits = height.data[1:].strip()
-        value = self.book.notes.number(block.line, digits, "word 43, the height in mm,", 1e-3)
+        value = self.book.notes.finite(block.line, digits, "word 43, the height in mm,", 1e-3)
         station = self.book.notes.name(block.line, name.text, "word 42, the station,")
         self.book.begin(block.line, station, value if height.data[0] == "+" else -value)
 

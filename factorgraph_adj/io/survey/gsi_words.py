@@ -16,8 +16,15 @@ from ...units import ANGLE
 from .notes import Notes
 
 WORD = re.compile(r"(\d\d)([0-9?./ ]{4})([+-])(.{1,16})", re.ASCII)
-LENGTHS = {"0": 1e-3, "6": 1e-4, "8": 1e-5, "1": 0.3048e-3, "7": 0.3048e-4}
-"""Metres of one unit of the last digit, by the sixth character; 1 and 7 are feet."""
+LENGTHS = {
+    "0": (1.0, 1e3),
+    "6": (1.0, 1e4),
+    "8": (1.0, 1e5),
+    "1": (0.3048, 1e3),
+    "7": (0.3048, 1e4),
+}
+"""Metres of the unit, and how many of the last digit make one, by the sixth character; 1 and 7 are
+feet. A division gives the float of the decimal number, 151.2 and not 151.20000000000002."""
 ANGLES = {"2": 1e-5 * ANGLE["gon"], "3": 1e-5 * ANGLE["deg"], "5": 1e-4 * math.pi / 3200}
 """Radians of one unit of the last digit; 4 is DDDMMSSs, 5 are mils, 6400 of a circle."""
 DMS = "4"
@@ -56,7 +63,8 @@ class Word:
             valid = "2 gon, 3 degrees, 4 degrees-minutes-seconds, 5 mil"
         else:
             if unit in LENGTHS:
-                return sign * int(digits) * LENGTHS[unit]
+                metres, parts = LENGTHS[unit]
+                return sign * int(digits) * metres / parts
             valid = "0 mm, 6 1/10 mm, 8 1/100 mm, 1 and 7 feet"
         notes.add(self.line, f"word {self.index} has unit {unit!r}; valid: {valid}")
         return math.nan

@@ -38,8 +38,11 @@ _INSERT = re.compile(r'INSERT INTO (?:"?\w+"?\.)?"?(\w+)"? VALUES\s*\((.*)\)\s*;
 _INDEX = re.compile(r"SET TABLE (?:\"?\w+\"?\.)?\"?(\w+)\"? INDEX\s*'([\d ]+)'")
 _SCALE = re.compile(r"SET FILES SCALE (\d+)")
 _VALUE = re.compile(r"\s*(?:'((?:[^']|'')*)'|([^,']*))\s*(,|$)")
+_NUMBER = re.compile(r"-?\d+(\.\d*)?(E-?\d+)?", re.ASCII)
 _ESCAPE = re.compile(r"\\u([0-9a-fA-F]{4})")
 _NOT_FINITE = {"1E0/0": math.inf, "-1E0/0": -math.inf, "0E0/0E0": math.nan}
+STATEMENTS = ("SET", "CREATE", "ALTER", "INSERT", "GRANT", "REVOKE", "COMMENT", "DECLARE")
+"""First words of the statements of a script; read are tables, their columns and their rows."""
 CONSTRAINTS = ("PRIMARY", "CONSTRAINT", "UNIQUE", "FOREIGN", "CHECK")
 """Words with which an entry of CREATE TABLE begins that is no column."""
 MOST_ROWS = 10_000_000
@@ -83,10 +86,12 @@ def read_tables(path: Path, wanted: Collection[str]) -> dict[str, Table]:
     lines = LinesOfFile(path)
     tables: dict[str, Table] = {}
     roots: dict[str, tuple[int, list[int]]] = {}
+    named: set[str] = set()
     scale = 1
     for number, line in lines.numbered():
         if found := _CREATE.match(line):
             name = found[2]
+            named.add(name)
             if name in wanted:
                 tables[name] = Table(name, _columns(found[3]), found[1] == "CACHED ")
         elif (found := _ADDED.match(line)) and found[1] in tables:
@@ -97,8 +102,14 @@ def read_tables(path: Path, wanted: Collection[str]) -> dict[str, Table]:
             roots[found[1]] = number, [int(w) for w in found[2].split()]
         elif (found := _INSERT.match(line)) and found[1] in tables:
             _insert(lines, number, tables[found[1]], found[2])
-        elif line.startswith("INSERT INTO") and not found:
+        elif line.startswith("INSERT") and not found:
             lines.add(number, "an INSERT statement is cut or damaged")
+        elif found and found[1] not in named:
+            what = f"a row of the table {found[1][:40]!r}, which the file does not create"
+            lines.add(number, what)
+        elif line.strip() and line.split(None, 1)[0] not in STATEMENTS:
+            word = line.split(None, 1)[0][:40]
+            lines.add(number, f"unknown statement {word!r}; valid: {', '.join(STATEMENTS)}")
     _refuse_waiting(path, lines)
     cached = {n: r for n, r in roots.items() if n in tables and tables[n].cached}
     if cached and not lines.problems:
@@ -140,10 +151,11 @@ def _insert(lines: LinesOfFile, number: int, table: Table, text: str) -> None:
         what = f"a row of table {table.name} has {len(table.columns)} values, not {len(values)}"
         lines.add(number, what)
         return
-    row = dict(zip(table.columns, values, strict=True))
+    row: dict[str, Any] = {}
     for (name, kind), value in zip(table.columns.items(), values, strict=True):
-        if value is not None and not _fits(kind, value):
-            lines.add(number, f"{name} of table {table.name} is no {kind}: {value!r}")
+        row[name] = _typed(kind, value)
+        if isinstance(row[name], _Damaged):
+            lines.add(number, f"{name} of table {table.name} is no {kind}: {str(value)[:40]!r}")
             return
     table.rows.append(Row(row, lines.place(number)))
 
@@ -158,33 +170,40 @@ def _literal(quoted: str | None, bare: str | None) -> Any:
         return None
     if word in _NOT_FINITE:
         return _NOT_FINITE[word]
-    for kind in (int, float):
-        try:
-            return kind(word)
-        except ValueError:
-            continue
-    return _Damaged(word)
+    if _NUMBER.fullmatch(word) is None or len(word) > 400:
+        return _Damaged(word)
+    value = int(word) if word.lstrip("-").isdigit() else float(word)
+    return value if abs(value) < _LARGEST else _Damaged(word)
+
+
+_LARGEST = 1e18
+"""Size from which a number is taken for damage."""
 
 
 class _Damaged(str):
     """A word that is no literal of SQL."""
 
 
-def _fits(kind: str, value: Any) -> bool:
-    """Return whether a value may stand in a column."""
-    if isinstance(value, _Damaged):
-        return False
-    wanted: dict[str, tuple[type, ...]] = {
-        "DOUBLE": (float, int),
-        "INTEGER": (int,),
-        "SMALLINT": (int,),
-        "TINYINT": (int,),
-        "BOOLEAN": (bool,),
-        "VARCHAR": (str,),
-    }
-    return isinstance(value, bool) == (kind == "BOOLEAN") and isinstance(
-        value, wanted.get(kind, (object,))
-    )
+_TYPES: dict[str, type] = {
+    "DOUBLE": float,
+    "INTEGER": int,
+    "SMALLINT": int,
+    "TINYINT": int,
+    "BOOLEAN": bool,
+    "VARCHAR": str,
+}
+
+
+def _typed(kind: str, value: Any) -> Any:
+    """Return a value of a column of a type; `_Damaged` if it cannot stand there."""
+    wanted = _TYPES.get(kind)
+    if value is None or wanted is None:
+        return value
+    if wanted is float and type(value) is int:
+        value = float(value) if abs(value) < 2**1000 else _Damaged(value)
+    if wanted is int and type(value) is int and abs(value) >= 2**63:
+        value = _Damaged(value)
+    return value if type(value) is wanted else _Damaged(value)
 
 
 def _refuse_waiting(path: Path, lines: LinesOfFile) -> None:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import get_args
 
 from ...errors import InputError, Problem, known
 from ...network.network import Network
 from ...units import ANGLE, LENGTH
-from .jag3d_flat import FILE_KINDS, FlatFiles, files_of, kind_of_file, units_of
-from .jag3d_model import KINDS
+from .accuracies import names_of
+from .jag3d_flat import ESTIMATED, FILE_KINDS, FlatFiles, files_of, kind_of_file, units_of
 from .jag3d_network import as_network, with_set_names
 from .jag3d_project import Epoch, is_project, read_project_of_jag3d
 
@@ -31,6 +31,7 @@ def read_jag3d(
     gnss_ppm: float = 50.0,
     point_mm: float = 2.0,
     separate: bool = True,
+    estimate: str | Iterable[str] = (),
     epoch: Epoch = "both",
 ) -> Network:
     """Read a project of JAG3D, or flat files of its groups.
@@ -39,8 +40,9 @@ def read_jag3d(
     the statement ``SCRIPT 'name.script'`` of HSQLDB writes. Everything that takes part in its
     adjustment is read: points, observations, σ, additional parameters, deflections of the vertical,
     reductions for the curvature of the Earth and for height. Groups, points and observations that
-    are switched off are left out, as are results, point pairs of the congruence analysis, settings
-    of tests and of display; the options on σ and units have no effect.
+    are switched off are left out, as are results, point pairs of the congruence analysis (see
+    `factorgraph_adj.io.survey.jag3d_project.point_pairs`), settings of tests and of display; the
+    options on σ and units have no effect.
 
     Flat files have one group each. Names tell what they hold: the kinds are
     ``reference_points_3d`` (also ``stochastic_``, ``datum_``, ``new_``; ``_1d``, ``_2d``),
@@ -68,6 +70,8 @@ def read_jag3d(
         gnss_ppm: part of its σ that grows with the component, mm/km.
         point_mm: σ of the coordinates of stochastic points without one, mm.
         separate: whether directions of each station in a file have an orientation of their own.
+        estimate: additional parameters of each flat file that are unknown: some of ``scale``,
+            ``zero`` (of distances), ``refraction`` (of zenith angles); in a text with commas.
         epoch: observations of a project: of both epochs, or of the reference or control epoch.
 
     Returns:
@@ -96,6 +100,11 @@ def read_jag3d(
     ]
     if epoch not in (valid := get_args(Epoch)):
         problems.append(Problem(f"must be one of {known(valid)}, not {epoch!r}", "epoch"))
+    estimated = names_of(estimate)
+    for word in estimated:
+        if word not in ESTIMATED:
+            what = f"unknown parameter {word!r}; valid: {known(ESTIMATED, meant=word)}"
+            problems.append(Problem(what, "estimate"))
     if problems:
         raise InputError(problems)
     if isinstance(path, str | Path) and Path(path).suffix in (".script", ".data"):
@@ -114,7 +123,7 @@ def read_jag3d(
         "gnss_2d": gnss,
         "gnss_3d": gnss,
     }
-    read = FlatFiles(units_of(length, angle), {k: parts[k] for k in KINDS}, separate)
+    read = FlatFiles(units_of(length, angle), parts, separate, estimated)
     files = files_of(path)
     for file, kind in _kinds(files, dict(kinds or {}), read.problems):
         read.read(file, kind)

@@ -13,6 +13,9 @@ from ...network.network import Network
 from ...stochastic import StandardDeviation
 from .jag3d_model import Deflection, Group, PointRow, Reduction, Row
 
+SHORTEST = 1e-6
+"""Shortest length for which σ is computed, metres; JAG3D takes shorter ones for unstated."""
+
 
 class Conversion:
     """A network that is made of rows of JAG3D, and the problems found so far."""
@@ -112,7 +115,7 @@ class Conversion:
 
     def length(self, row: Row, *, plan: bool) -> float:
         """Return the length for σ, metres: the stated one, or that of the coordinates."""
-        if math.isfinite(row.distance) and row.distance > 0:
+        if row.distance > SHORTEST:
             return row.distance
         ends = [self.rows[name] for name in (row.start, row.end)]
         start, end = (np.array(p.yxz) for p in ends)
@@ -120,7 +123,7 @@ class Conversion:
             start, end = start * math.nan, end
         d = end - start + (0.0, 0.0, row.th - row.ih)
         size = math.hypot(d[0], d[1]) if plan else float(np.linalg.norm(d))
-        if not size > 0:
+        if not size > SHORTEST:
             what = (
                 "its σ depends on its length, which neither the row nor coordinates of its points "
                 "state: write a σ or the length at the end of the row"
@@ -133,9 +136,9 @@ class Conversion:
         if row.sigma[0] > 0:
             return row.sigma[0]
         a, b, c = group.uncertainty
-        if b == 0.0 and not row.distance > 0:
+        if b == 0.0 and not row.distance > SHORTEST:
             return StandardDeviation(a, ppm=1e6 * c, combine="quadratic") if c > 0 else a
-        d = row.distance if row.distance > 0 else row.value[0]
+        d = row.distance if row.distance > SHORTEST else row.value[0]
         return along(group, d)
 
     def of_angle(self, group: Group, row: Row, *, plan: bool) -> float | StandardDeviation:
@@ -145,7 +148,7 @@ class Conversion:
         a, b, c = group.uncertainty
         if b == c == 0.0:
             return a
-        if b == 0.0 and not row.distance > 0:
+        if b == 0.0 and not row.distance > SHORTEST:
             return StandardDeviation(a, centring_target=c, combine="quadratic")
         d = self.length(row, plan=plan)
         return math.sqrt(a * a + b * b / d + c * c / (d * d))

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias, get_args
@@ -34,7 +34,7 @@ from typing import TypeAlias, get_args
 from ...errors import InputError, Problem, known
 from ...units import ANGLE, LENGTH
 from ..collected import LinesOfFile
-from .jag3d_model import KINDS, Deflection, Extra, Group, Kind, PointRow, Row, Status
+from .jag3d_model import KINDS, NEUTRAL, Deflection, Extra, Group, Kind, PointRow, Row, Status
 
 POINT_KINDS = tuple(f"{s}_points_{d}d" for s in get_args(Status) for d in (1, 2, 3))
 DEFLECTION_KINDS = tuple(f"{s}_deflections" for s in ("reference", "stochastic", "unknown"))
@@ -63,6 +63,14 @@ FORMS = {
     3: {3: ("012", "---"), 4: ("012", "333"), 5: ("012", "334"), 6: ("012", "345")},
 }
 """Which of the numbers of a line are y, x, z and their σ, by dimension and count of numbers."""
+_DISTANCES = ("horizontal_distances", "slope_distances")
+ESTIMATED: dict[str, tuple[str, tuple[str, ...]]] = {
+    "orientation": ("orientation", ("directions",)),
+    "scale": ("scale", _DISTANCES),
+    "zero": ("zero point offset", _DISTANCES),
+    "refraction": ("refraction", ("zenith_angles",)),
+}
+"""Additional parameter and the kinds that have it, by the word of the option."""
 MOST_NAME = 256
 """Largest number of characters of a name of JAG3D's tables."""
 _SPLIT_POINTS = re.compile(r"[\s;]+")
@@ -139,6 +147,8 @@ class FlatFiles:
     """Parts of σ by kind, for rows without a σ of their own."""
     separate: bool
     """Whether directions of each station are a group of their own."""
+    estimate: Collection[str] = ()
+    """Additional parameters to be estimated, see `ESTIMATED`."""
     points: list[PointRow] = field(default_factory=list)
     """Points."""
     groups: list[Group] = field(default_factory=list)
@@ -224,7 +234,11 @@ class FlatFiles:
             runs[-1].append(row)
         stem = lines.path.stem
         for run in runs:
-            extras = {"orientation": Extra(0.0, free=True)} if kind.name == "directions" else {}
+            extras = {
+                parameter: Extra(NEUTRAL.get(parameter, 0.0), free=True)
+                for word, (parameter, kinds) in ESTIMATED.items()
+                if kind.name in kinds and (word in self.estimate or word == "orientation")
+            }
             self.groups.append(
                 Group(
                     stem,

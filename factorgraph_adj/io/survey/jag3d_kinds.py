@@ -98,8 +98,7 @@ def _levelling(made: Conversion, group: Group, row: Row) -> Observation:
             if c > 0:
                 sigma, length_km = along(group, d), None
     m = group.extra("scale").value
-    if isinstance(sigma, float):
-        sigma *= m
+    sigma = sigma.scaled(m) if isinstance(sigma, StandardDeviation) else sigma * m
     return HeightDifference(
         row.start,
         row.end,

@@ -88,6 +88,38 @@ def read_project_of_jag3d(path: Path, *, epoch: Epoch) -> Network:
     return _Tables(path, tables).network(epoch)
 
 
+def point_pairs(path: str | Path) -> dict[str, str]:
+    """Return the point pairs of the congruence analysis of a project, for `congruence`.
+
+    Groups and pairs that are switched off are left out.
+
+    Args:
+        path: its script.
+
+    Returns:
+        Names in the control epoch by names in the reference epoch.
+
+    Raises:
+        InputError: the project is damaged, or a point stands in two pairs.
+    """
+    script = Path(path).with_suffix(".script")
+    groups, pairs = "CongruenceAnalysisGroup", "CongruenceAnalysisPointPairApriori"
+    tables = _Tables(script, read_tables(script, (groups, pairs)))
+    on = {tables.get(r, "id") for r in tables.rows(groups)}
+    out: dict[str, str] = {}
+    for row in tables.rows(pairs):
+        if tables.get(row, "group_id") not in on:
+            continue
+        first = str(tables.get(row, "start_point_name", ""))
+        second = str(tables.get(row, "end_point_name", ""))
+        if out.setdefault(first, second) != second:
+            what = f"point {first!r} is compared with {out[first]!r} and {second!r}"
+            tables.problems.append(Problem(what, row.source))
+    if tables.problems:
+        raise InputError(tables.problems)
+    return out
+
+
 class _Tables:
     def __init__(self, path: Path, tables: Mapping[str, Table]) -> None:
         self.path = path

@@ -11,10 +11,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ...errors import InputError, Problem, known
-from ...field.faces import Faces
 from ...network.network import Network
 from ..xml_tree import Element
-from .accuracies import DIRECTION_MGON, DISTANCE_MM, PPM, REFRACTION, ZENITH_MGON, Accuracies
+from .accuracies import USUAL, Accuracies
 from .book import FieldBook, Stated
 from .xml_book import begins_with, first, known_or_nan, number_of, root_of, text_of
 
@@ -27,13 +26,7 @@ def read_jobxml(
     path: str | Path,
     *,
     fixed: str | Iterable[str] = (),
-    sigma_direction_mgon: float | None = None,
-    sigma_zenith_mgon: float | None = None,
-    sigma_distance_mm: float | None = None,
-    ppm: float = PPM,
-    centring_mm: float | None = None,
-    faces: Faces = "means",
-    refraction: float | None = REFRACTION,
+    accuracies: Accuracies = USUAL,
 ) -> Network:
     """Read a field book of Trimble Access, JobXML.
 
@@ -42,7 +35,7 @@ def read_jobxml(
     ``PointRecord`` that is not deleted. A raw distance D becomes D (1 + ppm) + prism constant.
     Coordinates of a ``PointRecord`` (``Grid``) and of ``Reductions`` are approximate ones, held
     where ``fixed`` names the point. Standard errors of the file count (of a set their root mean
-    square) unless the options state others. Refraction and curvature that the instrument has
+    square) unless ``accuracies`` states others. Refraction and curvature that the instrument has
     applied do not concern raw readings.
 
     Means of several rounds (``MTA``, ``Method`` MeanTurnedAngle), GNSS records, notes, units and
@@ -51,45 +44,23 @@ def read_jobxml(
     Args:
         path: the file.
         fixed: names of points that are held at the coordinates of the file; none: a free network.
-        sigma_direction_mgon: σ of a horizontal reading in one face, mgon; None: that of the file,
-            or 1.
-        sigma_zenith_mgon: σ of a zenith reading in one face, mgon; None: that of the file, or 1.
-        sigma_distance_mm: constant part of σ of a distance, mm; None: that of the file, which then
-            has no part that grows, or 2.
-        ppm: part of σ of a distance that grows with it, mm/km.
-        centring_mm: σ of the centring of instrument and target, mm; None: 1, for both faces 0.
-        faces: means of two faces, or both readings with index and collimation errors as unknowns.
-        refraction: coefficient k, with the curvature of the Earth; None: neither.
+        accuracies: standard deviations, faces and refraction, see `factorgraph_adj.Accuracies`.
 
     Raises:
         InputError: every problem of the file, each with its line.
     """
-    accuracies = Accuracies(
-        DIRECTION_MGON if sigma_direction_mgon is None else sigma_direction_mgon,
-        ZENITH_MGON if sigma_zenith_mgon is None else sigma_zenith_mgon,
-        DISTANCE_MM if sigma_distance_mm is None else sigma_distance_mm,
-        ppm,
-        centring_mm,
-        faces=faces,
-        refraction=refraction,
-        fixed=fixed,
-    )
     source = Path(path)
     root = root_of(source, "JOBFile")
     if root is None:
         raise InputError(Problem("is no JobXML: its root must be <JOBFile>", f"{source.name}:1"))
-    reader = _Reader(
-        FieldBook(source, accuracies),
-        (sigma_direction_mgon is None, sigma_zenith_mgon is None, sigma_distance_mm is None),
-    )
+    reader = _Reader(FieldBook(source, accuracies, fixed))
     reader.read(root)
     return reader.book.network()
 
 
 class _Reader:
-    def __init__(self, book: FieldBook, stated: tuple[bool, bool, bool]) -> None:
+    def __init__(self, book: FieldBook) -> None:
         self.book = book
-        self.use_stated = stated
         self.records: dict[str, dict[str, Element]] = {}
         self.at: str | None = None
 
@@ -156,12 +127,11 @@ class _Reader:
         if distance:
             distance = distance * (1.0 + self._ppm(station)) + (constant or 0.0)
         errors = [
-            number_of(notes, circle, f"{part}StandardError", scale=scale) if use else None
-            for part, scale, use in zip(
-                ("HorizontalCircle", "VerticalCircle", "EDMDistance"),
-                (DEG, DEG, 1.0),
-                self.use_stated,
-                strict=True,
+            number_of(notes, circle, f"{part}StandardError", scale=scale)
+            for part, scale in (
+                ("HorizontalCircle", DEG),
+                ("VerticalCircle", DEG),
+                ("EDMDistance", 1.0),
             )
         ]
         self.book.sight(

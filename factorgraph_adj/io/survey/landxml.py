@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Literal
 
 from ...errors import InputError, Problem, known
-from ...field.faces import Faces
 from ...network.network import Network
 from ...units import GON
 from ..xml_tree import Element
-from .accuracies import DIRECTION_MGON, DISTANCE_MM, PPM, REFRACTION, ZENITH_MGON, Accuracies
+from .accuracies import USUAL, Accuracies
 from .book import FieldBook
 from .xml_book import attribute, begins_with, first, root_of
 
@@ -47,13 +46,7 @@ def read_landxml(
     *,
     order: Literal["NE", "EN"] = "NE",
     fixed: str | Iterable[str] = (),
-    sigma_direction_mgon: float = DIRECTION_MGON,
-    sigma_zenith_mgon: float = ZENITH_MGON,
-    sigma_distance_mm: float = DISTANCE_MM,
-    ppm: float = PPM,
-    centring_mm: float | None = None,
-    faces: Faces = "means",
-    refraction: float | None = REFRACTION,
+    accuracies: Accuracies = USUAL,
 ) -> Network:
     """Read the survey of a LandXML or HeXML file.
 
@@ -73,34 +66,18 @@ def read_landxml(
         path: the file.
         order: order of coordinates: NE, north first, as the schema says; some programs write EN.
         fixed: names of points that are held at the coordinates of the file; none: a free network.
-        sigma_direction_mgon: σ of a horizontal reading in one face, mgon.
-        sigma_zenith_mgon: σ of a zenith reading in one face, mgon.
-        sigma_distance_mm: constant part of σ of a distance, mm.
-        ppm: part of σ of a distance that grows with it, mm/km.
-        centring_mm: σ of the centring of instrument and target, mm; None: 1, for both faces 0.
-        faces: means of two faces, or both readings with index and collimation errors as unknowns.
-        refraction: coefficient k, with the curvature of the Earth; None: neither.
+        accuracies: standard deviations, faces and refraction, see `factorgraph_adj.Accuracies`.
 
     Raises:
         InputError: every problem of the file, each with its line.
     """
-    accuracies = Accuracies(
-        sigma_direction_mgon,
-        sigma_zenith_mgon,
-        sigma_distance_mm,
-        ppm,
-        centring_mm,
-        faces=faces,
-        refraction=refraction,
-        fixed=fixed,
-    )
     if order not in ("NE", "EN"):
         raise InputError(Problem(f"must be NE or EN, not {order!r}", "order"))
     source = Path(path)
     root = root_of(source, "LandXML")
     if root is None:
         raise InputError(Problem("is no LandXML: its root must be <LandXML>", f"{source.name}:1"))
-    reader = _Reader(FieldBook(source, accuracies), order == "EN")
+    reader = _Reader(FieldBook(source, accuracies, fixed), order == "EN")
     reader.read(root)
     return reader.book.network()
 
@@ -187,7 +164,7 @@ class _Reader:
             what = f"<{e.tag}> needs north, east and elevation, not {len(words)} numbers"
             self.book.notes.add(e.line, what)
             return
-        a, b, *up = (self.book.notes.number(e.line, w, "coordinate", self.length) for w in words)
+        a, b, *up = (self.book.notes.finite(e.line, w, "coordinate", self.length) for w in words)
         east, north = (a, b) if self.east_first else (b, a)
         self.book.point(e.line, name, east, north, *up, agree=False)
 

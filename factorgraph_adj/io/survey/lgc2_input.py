@@ -197,9 +197,8 @@ class Lgc2Input:
                     if self._section in POINTS:
                         self._point(row)
                     elif self._section in ("", *WITHOUT_LINES):
-                        row.wrong(
-                            f"the line does not belong to *{self._section or 'WORD'} before it"
-                        )
+                        before = self._section or "WORD"
+                        row.wrong(f"the line does not belong to *{before} before it")
             except InputError as error:
                 self.file.problems += error.problems
         if self._node is not self.root:

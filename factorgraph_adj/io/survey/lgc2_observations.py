@@ -21,6 +21,11 @@ from .lgc2_input import Block, Row, turned
 MM = 1e-3
 _PLACE = re.compile(r"[^:]*:(\d+)(?:: |$)")
 """File and line in front of a place."""
+MOST_WORDS = {
+    **{"TSTN": 3, "ECTH": 4, "ECVE": 2, "OBSXYZ": 0, "INCLY": 1, "ROLLY": 1},
+    **dict.fromkeys(("ANGL", "ZEND", "DIST", "DSPT", "UVEC", "UVD"), 2),
+}
+"""Largest number of words behind a keyword; of blocks at a station, with station and instrument."""
 NO_ROLL = 1e-4
 """Standard deviation of the roll of a wire, radians, which has no effect."""
 
@@ -58,6 +63,10 @@ class Lgc2Observations:
         """Add all blocks; problems are noted in the file, the first one of each block."""
         for block in self.found.blocks:
             try:
+                most = MOST_WORDS.get(block.key)
+                if most is not None and len(block.head.words) > most:
+                    behind = " ".join(block.head.words[most:])
+                    block.head.wrong(f"words behind *{block.key} are not read: {behind[:60]!r}")
                 self.readers[block.key](block)
             except InputError as error:
                 for p in error.problems:

@@ -13,11 +13,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ...errors import known
-from ...field.faces import Faces
 from ...network.network import Network
 from ...units import GON
 from ..text import read_text
-from .accuracies import DIRECTION_MGON, DISTANCE_MM, PPM, REFRACTION, ZENITH_MGON, Accuracies
+from .accuracies import USUAL, Accuracies
 from .book import FieldBook
 
 FEET_US, FEET = 1200.0 / 3937.0, 0.3048
@@ -39,13 +38,7 @@ def read_sdr33(
     path: str | Path,
     *,
     fixed: str | Iterable[str] = (),
-    sigma_direction_mgon: float = DIRECTION_MGON,
-    sigma_zenith_mgon: float = ZENITH_MGON,
-    sigma_distance_mm: float = DISTANCE_MM,
-    ppm: float = PPM,
-    centring_mm: float | None = None,
-    faces: Faces = "means",
-    refraction: float | None = REFRACTION,
+    accuracies: Accuracies = USUAL,
 ) -> Network:
     """Read a field book of Sokkia, SDR33 or SDR2x.
 
@@ -60,29 +53,13 @@ def read_sdr33(
     Args:
         path: the file.
         fixed: names of points that are held at the coordinates of the file; none: a free network.
-        sigma_direction_mgon: σ of a horizontal reading in one face, mgon.
-        sigma_zenith_mgon: σ of a zenith reading in one face, mgon.
-        sigma_distance_mm: constant part of σ of a distance, mm.
-        ppm: part of σ of a distance that grows with it, mm/km.
-        centring_mm: σ of the centring of instrument and target, mm; None: 1, for both faces 0.
-        faces: means of two faces, or both readings with index and collimation errors as unknowns.
-        refraction: coefficient k, with the curvature of the Earth; None: neither.
+        accuracies: standard deviations, faces and refraction, see `factorgraph_adj.Accuracies`.
 
     Raises:
         InputError: every problem of the file, each with its line.
     """
-    accuracies = Accuracies(
-        sigma_direction_mgon,
-        sigma_zenith_mgon,
-        sigma_distance_mm,
-        ppm,
-        centring_mm,
-        faces=faces,
-        refraction=refraction,
-        fixed=fixed,
-    )
     source = Path(path)
-    reader = _Reader(FieldBook(source, accuracies))
+    reader = _Reader(FieldBook(source, accuracies, fixed))
     for number, line in enumerate(read_text(source).split("\n"), start=1):
         reader.read(number, line.lstrip("\x02\x03").rstrip("\x03\x1a\x00"))
     return reader.book.network()
@@ -147,7 +124,7 @@ class _Reader:
 
     def _number(self, line: int, text: str, what: str, scale: float) -> float | None:
         """Return a number; None for an empty field, which was not measured."""
-        return self.book.notes.number(line, text, what, scale) if text else None
+        return self.book.notes.finite(line, text, what, scale) if text else None
 
     def _header(self, line: int, text: str) -> None:
         notes, match = self.book.notes, HEADER.fullmatch(text)

@@ -29,7 +29,7 @@ from ...observations import (
 from ..text import read_text
 from .notes import Notes
 from .star_net_gps import StarNetVectors
-from .star_net_grid import grid_system, horizons, moved, to_grid
+from .star_net_grid import grid_system, horizons, lines_of, moved, to_grid
 from .star_net_lines import Sigma, Values, inline
 from .star_net_options import CHOICES, StarNetOptions, star_net_options
 from .star_net_points import StarNetPoints
@@ -246,7 +246,7 @@ class _Reader:
         value = self.values.length(line, rest[0], "L difference")
         size = None
         if len(rest) > 1:
-            size = self.notes.number(line, rest[1], "length or turns of L")
+            size = self.notes.finite(line, rest[1], "length or turns of L")
             if size <= 0:
                 self.notes.add(line, f"length or turns of L must be > 0, not {rest[1]}")
                 return
@@ -352,7 +352,7 @@ class _Reader:
         value = self.values.length(line, text, "distance")
         sigma = self.values.sigma(line, error, "distance")
         in_space = self.values.now.dimension != "2D"
-        sloping = in_space and self._mode(line) == "slope"
+        sloping = in_space and self._mode(line) != "horizontal"
         if not sloping:
             self._add(line, HorizontalDistance, ends, value, sigma)
         elif flat:
@@ -373,7 +373,7 @@ class _Reader:
         heights: list[float],
     ) -> None:
         text, error = given["vertical"]
-        if self._mode(line) != "slope":
+        if self._mode(line) == "horizontal":
             value = self.values.length(line, text, "elevation difference")
             far = given.get("distance", ("?", None))[0]
             distance = None if far == "?" else self.values.length(line, far, "distance")
@@ -432,7 +432,7 @@ class _Reader:
             if adjustment == "2D":
                 self.values.demand(1, "elevation_of_project")
         self.values.note_missing()
-        self.notes.raise_problems()
+        self.notes.raise_all()
         return (
             self._local(adjustment)
             if self.system is None
@@ -454,8 +454,9 @@ class _Reader:
         network = self._plain(adjustment, LocalFrame())
         for group, coefficient in self.refractions.items():
             network.set_refraction(group, value=2.0 * coefficient, fixed=True)
-        vectors = self.vectors.observations(lambda names: horizons(network, system, names))
-        self.notes.raise_problems()
+        with lines_of(self.points, self.notes):
+            vectors = self.vectors.observations(lambda names: horizons(network, system, names))
+        self.notes.raise_all()
         self._observe_in(network, [*self.observations, *vectors])
         return moved(network, system, self.points, self.notes, **options)
 

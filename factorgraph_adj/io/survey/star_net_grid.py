@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,7 @@ def to_grid(points: StarNetPoints, system: ReferenceSystem, notes: Notes) -> Non
             return
         try:
             grid = np.array([[*p.values[:2], 0.0] for p in placed.values()])
-            latitude, longitude, _ = system.chain.plan_geodetic(grid)
+            latitude, longitude, _ = system.chain.plan_geodetic(grid, list(placed))
             n = system.geoid_at(latitude, longitude, list(placed)).undulation
         except InputError as error:
             _note(error, placed, notes)
@@ -100,7 +101,7 @@ def horizons(network: Network, system: ReferenceSystem, names: list[str]) -> Arr
     middle = xyz[there].mean(axis=0)
     at = np.where(there[rows, None], xyz[rows], middle)
     at[:, 2] = 0.0
-    latitude, longitude, _ = system.chain.plan_geodetic(at)
+    latitude, longitude, _ = system.chain.plan_geodetic(at, names)
     cp, sp, cl, sl = np.cos(latitude), np.sin(latitude), np.cos(longitude), np.sin(longitude)
     zero = np.zeros_like(cp)
     east = np.stack([-sl, cl, zero], axis=1)
@@ -117,13 +118,21 @@ def moved(
     Raises:
         InputError: as `from_grid`, with file and line of points and observations.
     """
-    places = {f"point {n!r}": notes.place(p.line) for n, p in points.points.items()}
     sources = {("point", n): notes.place(p.line) for n, p in points.points.items()}
-    try:
+    with lines_of(points, notes):
         return from_grid(network, system, vectors="geocentric", sources=sources, **options)
+
+
+@contextmanager
+def lines_of(points: StarNetPoints, notes: Notes) -> Iterator[None]:
+    """Put file and line before problems of points."""
+    try:
+        yield
     except InputError as error:
+        places = {f"point {n!r}": notes.place(p.line) for n, p in points.points.items()}
         raise InputError(
-            p.at(places[p.where]) if p.where in places else p for p in error.problems
+            p.at(places.get(p.where, notes.path.name)) if ":" not in p.where else p
+            for p in error.problems
         ) from None
 
 

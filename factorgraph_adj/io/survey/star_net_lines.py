@@ -11,7 +11,7 @@ from ...errors import known
 from ...stochastic import StandardDeviation
 from ...units import ARCSEC, GON
 from .notes import NUMBER, Notes
-from .star_net_options import KILOMETRE, LINEAR, MILE, StarNetOptions
+from .star_net_options import CHOICES, KILOMETRE, LINEAR, MILE, StarNetOptions
 
 HELD_ANGLE, HELD_LENGTH = 0.01 * ARCSEC, 1e-5
 """σ of an observation that is fixed by ``!``: 0.01″ and 0.01 mm."""
@@ -88,7 +88,8 @@ class Values:
         """Note the settings that lines need and nothing states."""
         for name, line in self.missing.items():
             what = f"needs the setting {name!r} of the project, which data files do not have"
-            self.notes.add(line, f"{what}: state it in options")
+            words = " or ".join(repr(word) for word in CHOICES.get(name, ()))
+            self.notes.add(line, f"{what}: state it in options{words and f', {words}'}")
 
     # -- values ---------------------------------------------------------------------------------
 
@@ -100,13 +101,13 @@ class Values:
     def length(self, line: int, text: str, what: str) -> float:
         """Return a length, metres."""
         self.word(line, "linear", self.now.linear)
-        return self.notes.number(line, text, what, self.metres)
+        return self.notes.finite(line, text, what, self.metres)
 
     def angle(self, line: int, text: str, what: str) -> float:
         """Return an angle, radians: degrees-minutes-seconds, packed D.MMSSsss, or gons."""
         unit = self.word(line, "angular", self.now.angular)
         if unit == "GONS":
-            return self.notes.number(line, text, what, GON)
+            return self.notes.finite(line, text, what, GON)
         return self.degrees(line, text, what)
 
     def degrees(self, line: int, text: str, what: str) -> float:
@@ -160,7 +161,7 @@ class Values:
             return HELD_ANGLE if angular else HELD_LENGTH
         if entered:
             scale = self._angular_error(line) if angular else self.metres
-            value = self.notes.number(line, text or "", f"standard error of the {kind}", scale)
+            value = self.notes.finite(line, text or "", f"standard error of the {kind}", scale)
             if value == 0:
                 return HELD_ANGLE if angular else HELD_LENGTH
             if not value > 0:
@@ -311,7 +312,8 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
             elif linear:
                 now.linear = linear[0]
             else:
-                values.notes.add(line, f".UNITS {said}: valid: Meters, FeetUS, FeetInt, DMS, GONS")
+                valid = "Meters, FeetUS, FeetInt, DMS, GONS"
+                values.notes.add(line, f".UNITS {said[:40]}: valid: {valid}")
     elif option == "ORDER":
         for word, said in zip(rest, given, strict=True):
             if word in ("NE", "EN"):
@@ -333,12 +335,12 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
     elif option == "SEPARATOR":
         now.separator = given[0] if given and len(given[0]) == 1 else "-"
     elif option == "MULTIPLIER":
-        now.multiplier = values.notes.number(line, given[0], ".MULTIPLIER") if given else 1.0
+        now.multiplier = values.notes.finite(line, given[0], ".MULTIPLIER") if given else 1.0
         if not now.multiplier > 0:
             values.notes.add(line, f".MULTIPLIER must be > 0, not {given[0]!r}")
             now.multiplier = 1.0
     elif option == "REFRACTION":
-        number = values.notes.number(line, given[0], ".REFRACTION") if given else math.nan
+        number = values.notes.finite(line, given[0], ".REFRACTION") if given else math.nan
         now.refraction = number if given else project.refraction
     elif option == "INSTRUMENT":
         _instrument(values, line, given)
@@ -349,7 +351,7 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
             values.notes.add(line, f".LONGITUDE {' '.join(given)}: valid: POS (west), NEG (west)")
         now.longitude = signs.get(said[:3], project.longitude)
     elif option == "LWEIGHT" and given:
-        level = values.notes.number(line, given[0], ".LWEIGHT")
+        level = values.notes.finite(line, given[0], ".LWEIGHT")
         if level > 0:
             values.options = replace(values.options, level=level)
 

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
+
 from ...errors import InputError, Problem
-from ...frames import LocalFrame
+from ...frames import LocalFrame, TopocentricFrame
 from ...models.variables import UNKNOWNS
 from ...network.entities import Point
 from ...network.network import Network
 from ...observations import (
     Azimuth,
+    ControlPoint,
     Direction,
+    GnssVector,
     HeightDifference,
     HorizontalAngle,
     HorizontalDistance,
@@ -24,6 +29,7 @@ from ...observations import (
 )
 from ..atomic import write_files
 from ..numbers import write
+from .grid_points import grid_points
 from .sigmas import sigmas_of
 
 SEPARATORS = "-:|~+"
@@ -32,6 +38,10 @@ INSTRUMENTS = ("instrument", "index_error", "collimation_error")
 """Attributes of observations that name unknowns of instruments."""
 SPECIAL = "#'‘\"&!*?"
 """Characters that mean something else in a line."""
+CORRELATED = 1e-3
+"""Correlation of control up to which it is written as none: that of turning axes."""
+AWAY = 1e-4
+"""Distance (m) up to which a position of control is that of its point."""
 Lines: TypeAlias = "dict[str, list[str]]"
 
 
@@ -44,13 +54,18 @@ def write_star_net(network: Network, path: str | Path) -> None:
     as they are at the coordinates of the network, given or approximate ones that its observations
     determine; an adjusted one is `Solution.as_network`.
 
+    A network on the Earth with the reference system of a grid is written as a grid project:
+    easting, northing and elevation, bearings from grid north, GNSS vectors as G1 to G3, control
+    with its standard errors. State the coordinate system and the geoid in STAR*NET.
+
     Args:
         network: the network.
         path: the file.
 
     Raises:
         InputError: everything that the format cannot express, all at once: another frame than a
-            local one with axes en or ne and no curvature, a free datum, cameras and photos,
+            local one with axes en or ne and no curvature, or one on the Earth without a grid; a
+            free datum, cameras and photos,
             correlations, kinds of observations other than directions, angles, azimuths, distances,
             zenith angles and height differences, unknowns of instruments, refraction that is not
             held, names with characters of the format. Nothing is written then.
@@ -66,6 +81,8 @@ def write_star_net(network: Network, path: str | Path) -> None:
 class _Writer:
     def __init__(self, network: Network) -> None:
         self.network = network
+        self.grid = grid_points(network)
+        self.control: dict[str, ControlPoint] = {}
         self.problems: list[Problem] = []
         self.separator = "-"
 
@@ -76,8 +93,11 @@ class _Writer:
         """Return the file; what it cannot hold is noted."""
         network = self.network
         frame = network.frame
-        if not isinstance(frame, LocalFrame) or frame.curvature or frame.axes not in ("en", "ne"):
-            self.refuse("this frame: it takes a flat local one with axes en or ne", network.name)
+        local = isinstance(frame, LocalFrame) and not frame.curvature and frame.axes in ("en", "ne")
+        if not local and self.grid is None:
+            what = "this frame: it takes a flat local one with axes en or ne, or one with the "
+            self.refuse(f"{what}reference system of a grid", network.name)
+            return ""
         if network.datum == "free":
             self.refuse("a free network: hold or weight coordinates", network.name)
         for many, noun in ((network.cameras, "cameras"), (network.photos, "photos")):
@@ -87,6 +107,7 @@ class _Writer:
             self.refuse(f"correlated observations ({len(network.clusters)} clusters)", network.name)
         self._unknowns()
         self._names()
+        self._control()
         head = [
             f"# {' '.join(network.name.split())}",
             "# 3D adjustment; metres, gons; standard errors in metres and milligons",
@@ -96,6 +117,10 @@ class _Writer:
         ]
         if self.separator != "-":
             head.append(f".SEPARATOR {self.separator}")
+        if self.grid is not None:
+            system = self.grid.system
+            head.insert(2, f"# grid: {system.name}; elevations above: {system.vertical}")
+            head.append(".GPS WEIGHT COVARIANCE")
         body = [line for p in network.points.values() for line in self._point(p)]
         return "\n".join([*head, *body, *self._observations()]) + "\n"
 
@@ -121,13 +146,53 @@ class _Writer:
         elif names:
             self.refuse(f"names of which some have each of {SEPARATORS}", self.network.name)
 
+    def _control(self) -> None:
+        """Find the control points of a grid, whose standard errors stand in C lines."""
+        if self.grid is None:
+            return
+        for o in self.network.observations.values():
+            if isinstance(o, ControlPoint):
+                if o.point in self.control or set(o.axes) != set("enu"):
+                    self.refuse("control other than one position along east, north, up", o.label())
+                self.control[o.point] = o
+
+    def _grid_sigma(self, p: Point) -> tuple[float, float, float]:
+        """Return σ of E, N, H of a point; what is no diagonal covariance is refused."""
+        grid, o = self.grid, self.control.get(p.name)
+        if p.sigma is not None or any(p.fixed) != all(p.fixed):
+            self.refuse("coordinates that are weighted or held in part", f"point {p.name!r}")
+        if grid is None or o is None or grid.places is None or p.name not in grid.rows:
+            return (math.inf,) * 3
+        given = o.covariance if o.sigma is None else np.diag(np.square(o.sigma))
+        assert given is not None
+        order = ["enu".index(a) for a in o.axes]
+        of_enu = np.zeros((3, 3))
+        of_enu[np.ix_(order, order)] = given
+        xyz = np.array([p.coordinates])
+        enu = self.network.frame.basis(xyz, np.zeros((1, 2))).enu[0]
+        j = grid.places.jacobians[grid.rows[p.name]] @ enu.T
+        covariance = j @ of_enu @ j.T
+        sigma = np.sqrt(np.diag(covariance))
+        off = covariance / np.outer(sigma, sigma) - np.eye(3)
+        if np.abs(off).max() > CORRELATED:
+            self.refuse("correlated control", o.label())
+        if np.linalg.norm(np.array(o.value) - xyz[0]) > AWAY:
+            self.refuse("control whose position differs from that of its point", o.label())
+        east, north, up = (float(v) for v in sigma)
+        return east, north, up
+
     def _point(self, p: Point) -> list[str]:
         if p.datum or p.check is not None:
             self.refuse("datum and check points", f"point {p.name!r}")
         east, north = (0, 1) if getattr(self.network.frame, "axes", "en") == "en" else (1, 0)
         order = (east, north, 2)
-        known = [not math.isnan(v) for v in p.coordinates]
         sigma = p.sigma or (math.inf,) * 3
+        coordinates = p.coordinates
+        if self.grid is not None:
+            sigma = self._grid_sigma(p)
+            east, north, up = self.grid.coordinates[p.name].tolist()
+            order, coordinates = (0, 1, 2), (east, north, up)
+        known = [not math.isnan(v) for v in coordinates]
 
         def error(k: int) -> str:
             if p.fixed[k]:
@@ -135,13 +200,13 @@ class _Writer:
             return write(sigma[k]) if math.isfinite(sigma[k]) else "*"
 
         if all(known):
-            values = [write(p.coordinates[k]) for k in order]
+            values = [write(coordinates[k]) for k in order]
             return [" ".join(["C", p.name, *values, *(error(k) for k in order)])]
         if known == [True, True, False]:
-            values = [write(p.coordinates[k]) for k in order[:2]]
+            values = [write(coordinates[k]) for k in order[:2]]
             return [".2D", " ".join(["C", p.name, *values, *(error(k) for k in order[:2])]), ".3D"]
         if known == [False, False, True]:
-            return [f"E {p.name} {write(p.coordinates[2])} {error(2)}"]
+            return [f"E {p.name} {write(coordinates[2])} {error(2)}"]
         if any(known):
             self.refuse("a single horizontal coordinate", f"point {p.name!r}")
         return []
@@ -152,18 +217,26 @@ class _Writer:
         sets: Lines = {}
         lines: list[str] = []
         mode, refraction = "", math.nan
-        kinds = [o for o in self.network.observations.values() if type(o) in _FORMS]
-        for o in self.network.observations.values():
+        observed = self.network.observations.items()
+        written = {i: o for i, o in observed if not (self.grid and isinstance(o, ControlPoint))}
+        vectors = GnssVector if self.grid is not None else ()
+        for o in written.values():
+            if isinstance(o, vectors):
+                continue
             if type(o) not in _FORMS:
                 self.refuse(f"a {o.kind.replace('_', ' ')}", o.label())
             elif any(getattr(o, a, None) for a in INSTRUMENTS):
                 self.refuse("unknowns of instruments", o.label())
             elif getattr(o, "face", 1) != 1 and isinstance(o, Direction):
                 self.refuse("directions of the second face", o.label())
-        if self.problems or not kinds:
+        if self.problems or not written:
             return []
         sigmas = sigmas_of(self.network)
-        for ident, o in self.network.observations.items():
+        for ident, of_network in written.items():
+            if isinstance(of_network, GnssVector):
+                lines += self._vector(of_network)
+                continue
+            o = self._in_grid(of_network)
             sigma = sigmas[ident]
             if math.isnan(sigma):
                 what = "a σ that depends on unknown coordinates: write the adjusted network"
@@ -187,10 +260,39 @@ class _Writer:
         return lines
 
     def _coefficient(self, o: ZenithAngle) -> float:
-        """Return STAR*NET's coefficient c of the group: κ = 2 c − 1."""
+        """Return STAR*NET's coefficient c of the group: κ = 2 c − 1, and k = 2 c on the Earth."""
         group = self.network.refractions.get(o.refraction or "")
         kappa = 0.0 if group is None else group.values[0]
-        return (kappa + 1.0) / 2.0
+        return (kappa + (1.0 if self.grid is None else 0.0)) / 2.0
+
+    def _in_grid(self, o: Observation) -> Observation:
+        """Return an azimuth from grid north, or a height difference without the geoid's."""
+        if self.grid is None or not isinstance(o, Azimuth | HeightDifference):
+            return o
+        rows, places = self.grid.rows, self.grid.places
+        if places is None or not {o.station, o.target} <= set(rows):
+            self.refuse("an azimuth or height difference of a point without coordinates", o.label())
+            return o
+        i, j = rows[o.station], rows[o.target]
+        if isinstance(o, Azimuth):
+            return replace(o, value=(o.value - float(places.convergence[i])) % (2 * math.pi))
+        return replace(o, value=o.value - float(places.undulation[j] - places.undulation[i]))
+
+    def _vector(self, o: GnssVector) -> list[str]:
+        """Return the lines of a GNSS vector, geocentric."""
+        frame = self.network.frame
+        turn = frame.axes_in_geocentric.T if isinstance(frame, TopocentricFrame) else np.eye(3)
+        if o.instrument_height or o.target_height:
+            self.refuse("heights of antennas", o.label())
+        given = o.covariance if o.sigma is None else np.diag(np.square(o.sigma))
+        assert given is not None
+        c = turn @ given @ turn.T
+        value = " ".join(write(float(v)) for v in turn @ np.array(o.value))
+        return [
+            f"G1 {_ends(o, self.separator)} {value}",
+            "G2 " + " ".join(repr(float(v)) for v in np.diag(c)),
+            "G3 " + " ".join(repr(float(v)) for v in (c[0, 1], c[0, 2], c[1, 2])),
+        ]
 
 
 def _ends(o: Observation, separator: str) -> str:

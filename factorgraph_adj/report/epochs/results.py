@@ -12,7 +12,8 @@ from typing import Any
 from ...epochs.blocks import BlockMotion
 from ...epochs.hypotheses import Test
 from ...version import __version__
-from ..summary import COVARIANCE, finite, frame_record, system_record
+from ..json_text import finite
+from ..summary import COVARIANCE, frame_record, system_record
 from .context import EpochsReport
 
 FORMAT = 1
@@ -84,10 +85,13 @@ def record_of_test(test: Test) -> dict[str, Any]:
 
 
 def _displacements(report: EpochsReport) -> list[dict[str, Any]]:
-    every = zip(report.found.displacements.values(), report.states, report.ellipses, strict=True)
+    found = report.found
+    later = dict(zip(found.differences.names, found.differences.later, strict=True))
+    every = zip(found.displacements.values(), report.states, report.ellipses, strict=True)
     return [
         {
             "name": x.name,
+            "name_later": later[x.name],
             "state": state,
             "place": x.place.tolist(),
             "vector": x.vector.tolist(),

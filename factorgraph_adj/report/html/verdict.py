@@ -11,7 +11,7 @@ import numpy as np
 from ...quality.check_points import check_points
 from ...quality.unit_weight import global_test
 from ..context import Report
-from ..doubts import above_critical, doubts_about, of_network
+from ..doubts import above_critical, by_chance, doubts_about, of_network
 from ..layout import listed, percent
 from ..weakest import point_redundancy
 from .language import Texts
@@ -128,10 +128,11 @@ def _tests(report: Report, t: Texts) -> Light:
     if not above:
         return Light("green", title, t("light.tests.fine", **figures), link=link)
     text = t.number("light.tests.above", above, **figures)
-    by_chance = report.options.alpha * tested
-    if by_chance >= 1:
-        text += " " + t("light.tests.chance", n=f"{by_chance:.0f}")
-    return Light("red", title, text, link=link)
+    expected = report.options.alpha * tested
+    if expected >= 1:
+        text += " " + t("light.tests.chance", n=f"{expected:.0f}")
+    chance = by_chance(values, critical, report.options.alpha)
+    return Light("green" if chance else "red", title, text, link=link)
 
 
 def _snooping(report: Report, t: Texts) -> list[Light]:
@@ -183,6 +184,7 @@ def _of_network(report: Report, t: Texts) -> list[Light]:
         *doubts_about(report.solution),
         *above_critical(values, critical, test_name(report), report.options.alpha),
         *report.likelier,
+        *report.at_check_points,
     }
     rest = [d for d in report.doubts if d not in told]
     assert set(of_network(report.network)) <= set(rest) | told
@@ -213,7 +215,9 @@ def _check(report: Report, t: Texts) -> list[Light]:
     )
     figures = {"rms": rms, "expected": expected, "unit": report.units.sigma_length}
     text = t.number("light.check.text", len(found.names), **figures)
-    return [Light("none", t("light.check"), text, link="table-check")]
+    doubts = report.at_check_points
+    colour: Colour = "red" if doubts else "none"
+    return [Light(colour, t("light.check"), text, "; ".join(doubts), "table-check")]
 
 
 def _figures(report: Report, t: Texts) -> list[tuple[str, str]]:

@@ -141,6 +141,15 @@ class EpochsDrawing:
         return np.asarray(self.factor * self.sizes <= TOO_LARGE * self.extent)
 
     @cached_property
+    def reach(self) -> tuple[Array, Array]:
+        """Corners of the plan with all displacements and ellipses that are drawn."""
+        low, high = self.limits
+        ends = (self.at + self.factor * self.vectors)[self.fits]
+        size = 1.1 * self.factor * self.ellipses[self.fits, :1]
+        every = np.concatenate([[low, high], ends - size, ends + size])
+        return every.min(axis=0), every.max(axis=0)
+
+    @cached_property
     def outlines(self) -> list[tuple[Array, Array]]:
         """Each block as a closed line through its points, and how its motion moves this line.
 

@@ -15,7 +15,6 @@ from ..epochs.context import EpochsReport
 from .displaced import EpochsDrawing
 from .names import Named, legend_with_names
 from .network import scales
-from .precision import enlarge
 from .sights import lines_by_kinds
 from .style import (
     BLACK,
@@ -47,6 +46,8 @@ MARKS = {
     "kept": ("o", 14.0, BLACK, BLACK, "point without a significant displacement"),
 }
 """Marker, area, face, edge and name of each state of a point."""
+LONGEST_KEY = 0.12
+"""Largest length of the bar of the scale key, in the larger side of the plan."""
 MOST_LABELS = 60
 """Largest number of points whose names stand below a diagram of heights."""
 
@@ -89,7 +90,7 @@ def plot_displacements(
     report = EpochsReport(found, tuple(blocks), confidence=confidence)
     plan = EpochsDrawing(report, factor)
     both = plan.tall and not plan.schematic
-    low, high = plan.limits
+    low, high = plan.reach
     width, height = (high - low).tolist()
     across = float(np.clip(7.5 * max(width / height, 0.55), 4.5, 8.0))
     up = 3.2 if plan.schematic else float(np.clip(across * height / width + 1.0, 4.0, 9.0))
@@ -137,7 +138,7 @@ def _plan(axes: Axes, plan: EpochsDrawing) -> list[Artist]:
     """Draw the plan; return the entries of the legend."""
     from matplotlib.collections import LineCollection
 
-    report, (low, high) = plan.report, plan.limits
+    report, (low, high) = plan.report, plan.reach
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlim(float(low[0]), float(high[0]))
     axes.set_ylim(float(low[1]), float(high[1]))
@@ -149,8 +150,10 @@ def _plan(axes: Axes, plan: EpochsDrawing) -> list[Artist]:
     if lines:
         axes.add_collection(sights)
         legend.append(sights)
-    compared = {tuple(x) for x in np.round(plan.at, 6).tolist()}
-    rest = [i for i, x in enumerate(np.round(plan.others, 6).tolist()) if tuple(x) not in compared]
+    compared = {*report.found.differences.names}
+    if len(report.found.solutions) == 1:
+        compared |= {*report.found.differences.later}
+    rest = [i for i, n in enumerate(report.network.points) if n not in compared]
     if rest:
         x, y = plan.others[rest].T
         label = f"point that is not compared ({len(rest)})"
@@ -163,13 +166,10 @@ def _plan(axes: Axes, plan: EpochsDrawing) -> list[Artist]:
     ):
         legend += _vectors(axes, plan, mask, colour, what)
     legend += _state_entries(axes, plan)
-    enlarge(axes, plan.at[plan.fits], plan.factor * 1.9 * plan.sizes[plan.fits])
-    typical = float(np.quantile(plan.sizes, 0.9)) if len(plan.sizes) else 0.0
-    if typical > 0:
-        key = readable(typical)
-        while key * plan.factor < 0.04 * plan.extent:
-            key = readable(2.6 * key)
-        label = f"displacements and ellipses:\n{length(key)}, {exaggeration(plan.factor)}"
+    if plan.sizes.any():
+        key = readable(LONGEST_KEY * plan.extent / plan.factor)
+        what = "displacements and ellipses" if plan.flat else "displacements and intervals"
+        label = f"{what}:\n{length(key)}, {exaggeration(plan.factor)}"
         scale_key(axes, key * plan.factor, label, upright=not plan.flat)
     scales(axes, plan.plane, plan.extent)
     return legend

@@ -21,6 +21,7 @@ from .geographic import exchanged_latitudes
 from .given_rows import BETTER, LEAST, computed_values, given_rows, median
 from .given_units import wrong_units
 from .gnss_frames import vector_frames
+from .gnss_heights import mixed_heights
 from .photo_axes import photo_axes
 
 FAR = 100_000.0
@@ -47,6 +48,7 @@ def against_given(
     yield from wrong_units(equations, length, angle)
     yield from _signs(equations)
     yield from vector_frames(equations)
+    yield from mixed_heights(equations.network)
     yield from _axes(equations)
     yield from _origin(equations.network)
     yield from photo_axes(equations)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...crs.system import ReferenceSystem
 from ...frames import Frame, GeocentricFrame, TopocentricFrame
 from ...graph.blocks import Block
 from ...graph.equations import Equations
@@ -156,8 +157,17 @@ def _by_lengths(equations: Equations) -> Iterator[Finding]:
                 f"{len(rows)} GNSS vectors have the lengths of the given coordinates, but other "
                 "components",
                 "they are geocentric, or in another frame: give the frame of the network, or turn "
-                "the vectors into it",
+                "the vectors into it" + _other_zone(equations.network.crs),
                 by_components,
                 by_length,
                 "m",
             )
+
+
+def _other_zone(system: ReferenceSystem | None) -> str:
+    """Return that grid coordinates may be those of another zone, which keeps lengths."""
+    return (
+        ""
+        if system is None
+        else f"; or the coordinates are not those of {system.name}: look at its zone and datum"
+    )

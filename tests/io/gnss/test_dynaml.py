@@ -264,3 +264,18 @@ def test_what_dynaml_cannot_express_is_refused_all_at_once(tmp_path: Path) -> No
 def test_200_damaged_files(tmp_path: Path) -> None:
     files = {"combined.xml": (HEAD + STATIONS + MEASUREMENTS + TAIL).encode()}
     judge(fga.read_dynaml, files, "combined.xml", tmp_path, seed=22)
+
+
+def test_measurements_without_stations_are_one_problem(tmp_path: Path) -> None:
+    """Not one unknown point for each end of a vector."""
+    path = tmp_path / "netmsr.xml"
+    ends = "<First>A</First><Second>B</Second><Value>10</Value><StdDev>0.01</StdDev>"
+    measurement = f"<DnaMeasurement><Type>S</Type><Ignore/>{ends}</DnaMeasurement>"
+    path.write_text(
+        '<?xml version="1.0"?>\n<DnaXmlFormat type="Measurement File" referenceframe="GDA2020">\n'
+        f"{measurement}\n{measurement}\n</DnaXmlFormat>\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(fga.InputError, match="has no <DnaStation>: read the file of the") as caught:
+        fga.read_dynaml(path)
+    assert len(caught.value.problems) == 1

@@ -9,7 +9,6 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import Correlated
-from tests.hostile.readers import judge
 
 PLACES = {"A": (4e6, 1e6, 4.8e6), "B": (4e6 + 100, 1e6 + 200, 4.8e6), "C": (4e6, 1e6 + 300, 4.8e6)}
 
@@ -126,7 +125,3 @@ def test_what_gvx_cannot_express_is_refused_all_at_once(tmp_path: Path) -> None:
     for part in ("held or weighted marks", "no slope distance", "no instrument_height"):
         assert part in str(caught.value)
     assert not list(tmp_path.iterdir())
-
-
-def test_200_damaged_files(written: Path, tmp_path: Path) -> None:
-    judge(fga.read_gvx, {"n.gvx": written.read_bytes()}, "n.gvx", tmp_path / "damaged", seed=23)

@@ -9,26 +9,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import ControlPoint, Correlated, GnssPosition
-from tests.hostile.readers import judge
+from tests.networks.survey_files import SINEX as SMALL
 from tests.support.places import data_dir
 
-SMALL = """%=SNX 2.02 XXX 20:001:00000 XXX 20:001:00000 20:001:00000 C 00006 0 S
-*-------------------------------------------------------------------------------
-+SOLUTION/ESTIMATE
-*INDEX TYPE__ CODE PT SOLN _REF_EPOCH__ UNIT S __ESTIMATED VALUE____ _STD_DEV___
-     1 STAX   AAAA  A    1 20:001:00000 m    2 0.400000000000000E+07 .200000E-02
-     2 STAY   AAAA  A    1 20:001:00000 m    2 0.100000000000000E+07 .100000E-02
-     3 STAZ   AAAA  A    1 20:001:00000 m    2 0.480000000000000E+07 .300000E-02
-     4 TROTOT AAAA  A    1 20:001:00000 m    2 0.240000000000000E+01 .100000E-02
--SOLUTION/ESTIMATE
-+SOLUTION/MATRIX_ESTIMATE L COVA
-     1     1  0.40000000000000E-05
-     2     1  0.10000000000000E-05  0.10000000000000E-05
-     3     1  0.00000000000000E+00  0.00000000000000E+00  0.90000000000000E-05
-     4     3  0.20000000000000E-05  0.10000000000000E-05
--SOLUTION/MATRIX_ESTIMATE L COVA
-%ENDSNX
-"""
 CORRELATIONS = """+SOLUTION/MATRIX_ESTIMATE L CORR
      1     1  0.20000000000000E-02
      2     1  0.50000000000000E+00  0.10000000000000E-02
@@ -223,7 +206,3 @@ def test_a_topocentric_solution_is_written_geocentric(tmp_path: Path) -> None:
     axes = again.network.frame.basis(again.point("AAAA")[None], np.zeros((1, 2))).enu[0]
     found = axes @ again.covariance("AAAA") @ axes.T
     np.testing.assert_allclose(np.sqrt(np.diag(found)), [0.001, 0.002, 0.003], rtol=1e-3)
-
-
-def test_200_damaged_files(tmp_path: Path) -> None:
-    judge(fga.read_sinex, {"small.snx": SMALL.encode()}, "small.snx", tmp_path, seed=21)

@@ -61,7 +61,7 @@ def test_cameras_that_were_not_registered_are_left_out(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ("v0.3", "v1", r"bundle\.out:1: is no file of Bundler"),
-        ("3 2", "3", r"bundle\.out:2: the second line has the numbers"),
+        ("3 2", "3", r"bundle\.out:2: the second line must be two whole"),
         ("3 2", "3 4", r"3 cameras and 4 points take 29 lines, not 23"),
         ("500 -0.1 0.01", "-500 -0.1 0.01", r"bundle\.out:3: f must not be negative"),
         ("1 0 0\n0 1 0", "1 0 0\n0 2 0", r"bundle\.out:3: R is no rotation matrix"),

@@ -254,6 +254,43 @@ def test_model_in_a_system_of_its_own_is_carried_to_that_of_the_tables(tmp_path:
     assert "True.csv:2" in network.images.sources.values()
 
 
+@pytest.mark.parametrize(
+    ("axes", "message"),
+    [
+        (lambda x, y, h: (x, y), None),
+        (lambda x, y, h: (x + 0.5, y + 0.5), None),
+        (lambda x, y, h: (x, h - y), "with y counted upwards from the lower edge by 0"),
+        (lambda x, y, h: (y, x), "with x and y exchanged by 0"),
+        (lambda x, y, h: (0.5 * x, 0.5 * y), None),  # wrong, and no reason is known
+    ],
+)
+def test_marks_along_other_axes_are_refused(tmp_path: Path, axes: Any, message: str | None) -> None:
+    """The poses of the model tell it; an adjustment of such marks has no sense."""
+    made = synthetic(8, frames=5)
+    true = {i: elsewhere(p.xyz)[0] for i, p in made.points3D.items()}
+    rng, rows = np.random.default_rng(1), ["photo,point,x,y"]
+    for image in made.images.values():
+        height = made.cameras[image.camera_id].height
+        for i in sorted(true)[:5]:
+            x, y = image.project_point(made.points3D[i].xyz) + rng.normal(0.0, PIXELS, 2)
+            x, y = axes(x, y, height)
+            rows.append(f"{image.name},G{i},{x},{y}")
+    (tmp_path / "marks.csv").write_text("\n".join(rows) + "\n")
+    control = {f"G{i}": true[i] for i in sorted(true)[:5]}
+    tables = {
+        "control": control_table(tmp_path / "control.csv", control),
+        "marks": tmp_path / "marks.csv",
+    }
+    folder = written(made, tmp_path / "m")
+    if message is None:
+        assert read_colmap(folder, **tables).n_image_points == len(rows) - 1 + sum(
+            p.track.length() for p in made.points3D.values()
+        )
+        return
+    with pytest.raises(InputError, match=r"^marks\.csv: the rays of the marks miss .*" + message):
+        read_colmap(folder, **tables)
+
+
 def test_shift_brings_grid_coordinates_near_the_origin(tmp_path: Path) -> None:
     made = synthetic(9)
     control = {str(i): elsewhere(p.xyz)[0] for i, p in made.points3D.items()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import struct
 from pathlib import Path
 
@@ -17,7 +16,6 @@ from factorgraph_adj.io.photogrammetry.colmap_model import Pose
 from factorgraph_adj.io.photogrammetry.colmap_text import text_files
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import exp_rotation
-from tests.hostile.damage import bomb, cut, double, flip, lines, numbers, scale
 
 CAMERAS = """# a comment
 1 SIMPLE_PINHOLE 100 80 100 50 40
@@ -378,39 +376,3 @@ def test_rig_of_two_equal_cameras_is_written_as_single_images(tmp_path: Path) ->
     model = read_sparse_model(tmp_path / "out")
     assert [len(r.others) for r in model.rigs] == [0]
     assert [f.data for f in model.frames] == [((("CAMERA", 1), i),) for i in (1, 2, 3)]
-
-
-# -- damage ---------------------------------------------------------------------------------------
-
-TEXT_DAMAGE = (flip, cut, double, numbers, scale, lines, bomb)
-BINARY_DAMAGE = (flip, cut, double)
-
-
-@pytest.mark.parametrize("files", ["text", "binary"])
-def test_damaged_files_are_refused_with_file_and_place_or_read(files: str, tmp_path: Path) -> None:
-    """200 damaged models: a message, or a network whose numbers are finite."""
-    model = read_sparse_model(rig_folder(tmp_path))
-    whole: dict[str, bytes] = {}
-    for name, content in (text_files(model) if files == "text" else binary_files(model)).items():
-        whole[name] = content if isinstance(content, bytes) else content.encode()
-    ways = TEXT_DAMAGE if files == "text" else BINARY_DAMAGE
-    out = tmp_path / "damaged"
-    out.mkdir()
-    refusals = 0
-    for seed, name in zip(range(100), itertools.cycle(whole), strict=False):
-        rng = np.random.default_rng(seed)
-        for each, data in whole.items():
-            way = ways[int(rng.integers(len(ways)))]
-            (out / each).write_bytes(way(rng, each, data) if each == name else data)
-        try:
-            network = read_colmap(out, repeated="leave out")
-        except InputError as error:
-            refusals += 1
-            for problem in error.problems:
-                assert any(each in problem.where for each in whole), problem
-        else:
-            assert np.isfinite(network.images.columns()[2]).all()
-            for photo in network.photos.values():
-                assert np.isfinite(photo.position).all()
-                np.testing.assert_allclose(photo.rotation @ photo.rotation.T, np.eye(3), atol=1e-9)
-    assert refusals > 50

@@ -364,6 +364,8 @@ def test_accuracies_are_those_of_the_chunk_or_those_that_are_asked_for(tmp_path:
     assert isinstance(control, fga.ControlPoint) and control.sigma == (0.5,) * 3
     with pytest.raises(InputError, match=r"accuracy 'marker' = 0\.5; valid: numbers > 0 for tiep"):
         read(tmp_path, chunk(inside=marker), accuracy={"marker": 0.5})
+    with pytest.raises(InputError, match=r"accuracy must be a table, such as .* not '0\.5'"):
+        read(tmp_path, chunk(inside=marker), accuracy="0.5")
 
 
 def test_the_chunk_is_the_one_that_is_asked_for(tmp_path: Path) -> None:

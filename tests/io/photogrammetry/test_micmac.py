@@ -143,12 +143,7 @@ def test_parameters_that_are_named_are_unknown(folder: Path) -> None:
         ("Ori-X/AutoCal_Foc-50000.xml", "DistM2C", "DistC2M", "convention 'eConvApero_DistC2M'"),
         ("Ori-X/AutoCal_Foc-50000.xml", "ModPhgrStd", "ModUnif", "distortion <ModUnif> cannot"),
         ("Ori-X/AutoCal_Foc-50000.xml", "<F>8668.7", "<F>-1", "<F> must be greater than zero"),
-        (
-            "Ori-X/Orientation-1.tif.xml",
-            "<I00>0 0",
-            "<I00>1 0",
-            "Orientation-1.tif.xml:3: an inter",
-        ),
+        ("Ori-X/Orientation-1.tif.xml", "<I00>0 0", "<I00>1 0", "1.tif.xml:3: an inter"),
         ("Ori-X/Orientation-1.tif.xml", "<L1>", "<L1>9", "<CodageMatr> is no rotation matrix|numb"),
         ("measures.xml", "<NameIm>0", "<NameIm>9", r"measures\.xml:2: image '9\.tif' has no or"),
         ("control.xml", "<Pt>-6.0", "<Pt>x", r"control\.xml:1: <Pt>: 'x' is not a number"),

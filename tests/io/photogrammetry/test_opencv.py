@@ -188,3 +188,77 @@ def test_what_opencv_has_no_lens_for_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has 2 cameras; choose one: film, second"):
         fga.write_opencv(film, tmp_path / "no.yml")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("flags", "held"),
+    [
+        (0, ""),
+        (2, "b1"),
+        (4, "x0 y0"),
+        (8, "p1 p2"),
+        (8 + 128, "p1 p2 k3"),
+        (32 + 64, "k1 k2"),
+        (16, "c b1"),
+        (1 << 21, "p1 p2"),
+        (256, "c x0 y0 b1 k1 k2 k3 p1 p2"),
+    ],
+)
+def test_what_the_flags_held_is_held(tmp_path: Path, flags: int, held: str) -> None:
+    """The flags of cv::calibrateCamera; all others stay unknown."""
+    pytest.importorskip("yaml")
+    path, _ = views(tmp_path, 0.1)
+    path.write_text(path.read_text().replace("flags: 0", f"flags: {flags}"))
+    camera = fga.read(path).cameras["camera"]
+    free = {n for n, fixed in zip(camera.lens.names, camera.fixed, strict=True) if not fixed}
+    assert free == {*["c", "x0", "y0", "b1", "k1", "k2", "k3", "p1", "p2"]} - set(held.split())
+
+
+def test_a_given_ratio_of_focal_lengths_stays(tmp_path: Path) -> None:
+    pytest.importorskip("yaml")
+    path, _ = views(tmp_path, 0.1)
+    path.write_text(path.read_text().replace("flags: 0", "flags: 2"))
+    network = fga.read(path, sigma_px=0.1)
+    solution = fga.adjust(network)
+    assert network.cameras["camera"].lens.kind == "rational"
+    fga.write_opencv(solution.as_network(), tmp_path / "out.yml")
+    text = (tmp_path / "out.yml").read_text()
+    numbers = [float(v) for v in text.split("data: [ ")[1].split("]")[0].split(",")]
+    assert numbers[0] / numbers[4] == pytest.approx(FX / FY, rel=1e-14)
+    assert abs(numbers[4] - FY) > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("flags", "held"),
+    [
+        (2 + 8, ""),  # RECOMPUTE_EXTRINSIC, FIX_SKEW of OpenCV 4
+        (2 + 8 + 16 + 512, "k1 x0 y0"),
+        ((1 << 23) + (1 << 25), ""),  # the same two of OpenCV 5
+        ((1 << 23) + (1 << 25) + 16 + 32, "c b1 k1"),
+    ],
+)
+def test_a_fisheye_file_says_that_it_is_one(tmp_path: Path, flags: int, held: str) -> None:
+    pytest.importorskip("yaml")
+    path, _ = views(tmp_path, 0.1)
+    text = path.read_text().replace("flags: 0", f"flags: {flags}\nfisheye_model: 1")
+    text = text.replace("rows: 5", "rows: 4").replace(", 2.5e-01 ]", " ]")
+    path.write_text(text)
+    camera = fga.read(path).cameras["camera"]
+    assert camera.lens.kind == "fisheye"
+    free = {n for n, fixed in zip(camera.lens.names, camera.fixed, strict=True) if not fixed}
+    assert free == {*["c", "x0", "y0", "b1", "k1", "k2", "k3", "k4"]} - set(held.split())
+    with pytest.raises(InputError, match=r"has 5 distortion coefficients|rows|valid: 4"):
+        path.write_text(text.replace("rows: 4", "rows: 5").replace("-3.0e-04 ]", "-3.0e-04, 0 ]"))
+        fga.read(path)
+
+
+def test_the_unknown_parameters_can_be_chosen(tmp_path: Path) -> None:
+    pytest.importorskip("yaml")
+    path, _ = views(tmp_path, 0.1)
+    for choice, free in (("held", 0), (["c", "k1"], 2)):
+        assert fga.adjust(fga.read(path, calibration=choice)).n_unknowns == 36 + free
+    for wrong in ({"calibration": "k1"}, {"model": "wide"}, {"sigma_px": "a"}):
+        with pytest.raises(InputError, match=str(*wrong)):
+            fga.read(path, **wrong)
+    with pytest.raises(InputError, match="k9"):
+        fga.read(path, calibration=["k9"])

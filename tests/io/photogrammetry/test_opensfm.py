@@ -263,6 +263,8 @@ def test_an_unknown_system_of_ground_control_is_refused(folder: Path) -> None:
         ("13.4 52.5 x 10 20 0.jpg", r"gcp_list\.txt:3: row: 'x' is not a number"),
         ("13.4 95 40 10 20 0.jpg N", r"gcp_list\.txt:3: latitude 95°"),
         ("13.4 52.5 40 10 20 0.jpg G0", r"point 'G0' has another place"),
+        ("52.5 13.4 40 10 20 0.jpg N", r"gcp_list\.txt:3: lies \d{4} km .* longitude or easting"),
+        ("13.4 54.5 40 10 20 0.jpg CHK-1 x", r"gcp_list\.txt:3: lies 223 km from latitude, lo"),
     ],
 )
 def test_wrong_ground_control_is_refused(folder: Path, line: str, message: str) -> None:

@@ -12,7 +12,7 @@ from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
 from factorgraph_adj.units import GON
-from tests.hostile.damage import BOMB, DAMAGES
+from tests.hostile.damage import BOMB
 from tests.io.survey.field_files import (
     COLLIMATION,
     FILES,
@@ -20,7 +20,6 @@ from tests.io.survey.field_files import (
     KNOWN,
     MAPPING,
     STATION,
-    columns,
     gsi,
     landxml,
     sights,
@@ -29,9 +28,6 @@ from tests.io.survey.field_files import (
 
 TENTH_MM = 1e-4
 NAMES = [*FILES, "book.csv"]
-DAMAGED = 200
-SMALL = tuple(d for d in DAMAGES if d.__name__ not in ("long_line", "nest", "bomb", "paths"))
-"""Kinds of damage that leave files short; the others are tried once."""
 FORMAT = {"book.xml": "landxml"}
 """Formats that damage may hide."""
 
@@ -116,7 +112,7 @@ def test_curvature_and_refraction_lower_a_height_by_d_squared_over_2r(tmp_path):
     path.write_text(text, encoding="utf-8")
     heights = []
     for k in (None, 0.13):
-        network = fga.read_landxml(path, fixed="A,B,C", refraction=k)
+        network = fga.read(path, fixed="A,B,C", refraction=k)
         network.set_orientation("A", set="1", value=0.0, fixed=True)
         heights.append(fga.adjust(network).point("P")[2])
     radius = network.frame.radius
@@ -154,36 +150,6 @@ def test_convert_writes_a_field_book_as_a_project_and_for_star_net(tmp_path, cap
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_damaged_files_are_refused_with_file_and_line_or_read(tmp_path, name):
-    files = columns() if name.endswith(".csv") else {name: FILES[name]()}
-    files = {n: t.encode() for n, t in files.items()}
-    rng = np.random.default_rng(21)
-    refused = 0
-    write(tmp_path, name)
-    for i in range(DAMAGED):
-        which = sorted(files)[int(rng.integers(len(files)))]
-        content, done = files[which], []
-        for _ in range(1 + int(rng.random() < 0.3)):
-            damage = SMALL[int(rng.integers(len(SMALL)))]
-            content = damage(rng, which, content)
-            done.append(damage.__name__)
-        for other, data in files.items():
-            (tmp_path / other).write_bytes(content if other == which else data)
-        try:
-            network = fga.read(tmp_path / name, format=FORMAT.get(name), **options(name))
-        except InputError as error:
-            refused += 1
-            text = str(error)
-            assert "book" in text or "points.csv" in text or "fixed" in text, (done, text)
-            assert len(error.problems) <= 102
-            continue
-        except Exception as error:
-            raise AssertionError(f"{i}: {done}") from error
-        assert all(math.isfinite(o.value) for o in network.observations.values())
-    assert refused > DAMAGED // 4
-
-
-@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("content", [b"", b"\x00\xff\xfe" * 99, b"\n\n", "Größe".encode("latin-1")])
 def test_binary_empty_and_other_text_is_refused(tmp_path, name, content):
     write(tmp_path, name).write_bytes(content)
@@ -216,3 +182,41 @@ def test_the_readings_of_the_tests_are_those_of_an_instrument_with_errors():
     one, two = sights()[0], sights()[3]
     assert (one.target, two.target) == ("A", "A")
     assert abs(0.5 * (one.zenith + two.zenith - 2 * math.pi) - INDEX) < 1e-12
+
+
+# -- accuracies -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_accuracies_in_one_object_or_each_by_its_name_give_one_network(tmp_path, name):
+    path = write(tmp_path, name)
+    stated = {"sigma_direction_mgon": 0.3, "sigma_distance_mm": 1.0, "faces": "both"}
+    together = fga.Accuracies(**stated)
+    reader = {"gsi": fga.read_gsi, "sdr": fga.read_sdr33, "jxl": fga.read_jobxml}
+    read = reader.get(name.rpartition(".")[2], fga.read_landxml)
+    one = read(path, fixed="A", accuracies=together)
+    other = fga.read(path, fixed="A", **stated)
+    mixed = fga.read(path, fixed="A", accuracies=fga.Accuracies(faces="both"), **stated)
+    assert one.observations == other.observations == mixed.observations
+    sigma = next(o.sigma for o in one.observations.values() if isinstance(o, Direction))
+    assert sigma == pytest.approx(0.3e-3 * GON)  # a single face, without centring
+
+
+def test_centring_follows_the_faces_where_a_field_is_stated_alone(tmp_path):
+    path = write(tmp_path, "book.gsi")
+    network = fga.read(path, faces="both")
+    assert all(o.sigma == pytest.approx(1e-3 * GON) for o in network.observations.values()
+               if isinstance(o, Direction))  # fmt: skip
+
+
+def test_an_object_that_is_no_accuracies_is_refused_with_the_fields(tmp_path):
+    path = write(tmp_path, "book.gsi")
+    with pytest.raises(InputError, match=r"accuracies: must be Accuracies\(…\), not 3; or"):
+        fga.read(path, accuracies=3)
+
+
+def test_a_row_of_readings_without_a_reading_is_refused(tmp_path):
+    path = write(tmp_path, "book.csv")
+    path.write_text(path.read_text(encoding="utf-8") + "B;;;;1,6;x\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"book\.csv:8: a reading needs one of direction, zenith"):
+        fga.read(path, **options("book.csv"))

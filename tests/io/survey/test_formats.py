@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.io.survey.gsi_words import blocks
+from factorgraph_adj.io.survey.notes import Notes
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
 from factorgraph_adj.units import GON, LENGTH
 from tests.io.survey.field_files import MAPPING, columns, gsi, jobxml, landxml, sdr33, write
@@ -436,3 +439,29 @@ def test_the_circle_of_a_backsight_counts_where_no_raw_observation_repeats_it(tm
             assert math.isclose(found[0].value, 12.5 * GON, rel_tol=1e-3)
     assert [k for k, _ in kinds["A"]] == ["direction", "zenith_angle", "slope_distance"]
     assert kinds["D"] == [("direction", "1")]
+
+
+@pytest.mark.parametrize(
+    ("word", "metres"),
+    [
+        ("83..10+0000000000151200", 151.2),
+        ("31...6+0000000000250795", 25.0795),
+        ("83..28+0000000010000001", 100.00001),
+        ("87...1+0000000000001000", 0.3048),
+    ],
+)
+def test_lengths_of_gsi_are_the_floats_of_their_decimals(word, metres):
+    """151.2, not 151.20000000000002, so that a project written from it reads as the book does."""
+    (block,) = blocks("*" + word + " ", Notes(Path("book.gsi")))
+    assert block.words[0].number(Notes(Path("book.gsi"))) == metres
+
+
+def test_a_table_without_a_mapping_and_with_commas_says_what_to_state(tmp_path):
+    """A missing option is an error of the input, not of the program."""
+    (tmp_path / "book.csv").write_text("P;H\nA;1,5\n", encoding="utf-8")
+    with pytest.raises(InputError, match="table with a mapping needs the option mapping: "):
+        fga.read(tmp_path / "book.csv")
+    mapping = '[points]\nname = "P"\nz = "H"\n'
+    (tmp_path / "map.toml").write_text(mapping, encoding="utf-8")
+    with pytest.raises(InputError, match="write a decimal point, or state decimal = ',' in the"):
+        fga.read(tmp_path / "book.csv", mapping=tmp_path / "map.toml")

@@ -12,6 +12,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.survey.jag3d_model import radius_of
+from factorgraph_adj.io.survey.jag3d_project import point_pairs
 from factorgraph_adj.observations import (
     CoordinateDifference,
     Direction,
@@ -25,7 +26,16 @@ from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.units import GON
 from tests.hostile.readers import judge
 from tests.networks import jag3d
-from tests.networks.jag3d import Rows, column, database, deflected_site, reduced_site, script, site
+from tests.networks.jag3d import (
+    Rows,
+    column,
+    database,
+    deflected_site,
+    reduced_site,
+    script,
+    site,
+    two_epochs,
+)
 
 TENTH_MICRON = 2e-7
 WEIGHTS = 1e-3
@@ -158,6 +168,34 @@ def test_cached_tables_are_those_of_the_script(tmp_path, indexes):
         assert b.source.startswith("site.script:")
 
 
+def test_a_congruence_analysis_has_the_result_of_jag3d(tmp_path):
+    """Both epochs in one adjustment; T = ∇ᵀQ⁻¹∇ / 3, divided by σ̂0² in T post."""
+    path = project(tmp_path, two_epochs())
+    pairs = point_pairs(path)
+    assert pairs == {"P1": "P2", "Q1": "Q2"}
+    solution = fga.adjust(fga.read_jag3d(path))
+    assert solution.redundancy == jag3d.EPOCHS_REDUNDANCY
+    assert math.isclose(solution.vtpv, jag3d.EPOCHS_OMEGA, rel_tol=1e-8)
+    post = fga.congruence(solution, pairs=pairs, alpha=0.001)
+    prio = fga.congruence(solution, pairs=pairs, alpha=0.001, variance="a-priori")
+    for name, (vector, sigma, t_prio, t_post) in jag3d.EPOCHS_PAIRS.items():
+        found = post.displacement(name)
+        assert np.allclose(1e3 * found.vector, vector, atol=2e-7)
+        assert np.allclose(1e3 * found.sigmas, sigma, rtol=1e-6)
+        assert math.isclose(found.test.value, t_post, rel_tol=1e-7)
+        assert math.isclose(prio.displacement(name).test.value, t_prio, rel_tol=1e-7)
+    assert post.moved == ("P1",)
+    first, second = (fga.read_jag3d(path, epoch=e) for e in ("reference", "control"))
+    assert len(first.observations) == len(second.observations) == 60
+
+
+def test_a_point_in_two_pairs_is_refused(tmp_path):
+    rows = two_epochs()
+    rows["CongruenceAnalysisPointPairApriori"].append([4, 0, "P1", "Q2", True])
+    with pytest.raises(InputError, match="is compared with 'P2' and 'Q2'"):
+        point_pairs(project(tmp_path, rows))
+
+
 # -- σ and radius by hand -------------------------------------------------------------------------
 
 
@@ -242,6 +280,23 @@ def test_groups_without_sigma_have_the_default_of_jag3d(tmp_path):
                                                 combine="quadratic")  # fmt: skip
 
 
+def test_scales_that_are_held_are_taken_out_of_heights_and_vectors(tmp_path):
+    """DeltaZ.java: Δz / m; GNSSBaselineDeltaX3D.java: m Δx."""
+    plain = fga.read_jag3d(project(tmp_path, site()))
+    rows = site()
+    for group in (6, 7):
+        where = {"group_id": group, "type": 2}
+        column(rows, "AdditionalParameterApriori", "value_0", 1.001, where)
+    scaled = fga.read_jag3d(project(tmp_path, rows))
+    for a, b in zip(plain.observations.values(), scaled.observations.values(), strict=True):
+        if isinstance(a, HeightDifference):
+            assert math.isclose(b.value, 1.001 * a.value)
+            assert b.sigma == a.sigma.scaled(1.001)
+        elif isinstance(a, GnssVector):
+            assert np.allclose(b.value, np.divide(a.value, 1.001))
+            assert np.allclose(b.sigma, np.divide(a.sigma, 1.001))
+
+
 def test_an_orientation_that_is_held_is_given_to_every_station(tmp_path):
     rows = site()
     column(rows, "AdditionalParameterApriori", "enable", False, {"group_id": 0})
@@ -283,7 +338,7 @@ def test_what_cannot_be_expressed_is_refused_with_its_line(tmp_path, change, sai
     rows = site()
     column(rows, change["table"], change["name"], change["value"], change["where"])
     if math.isinf(change["value"]) if isinstance(change["value"], float) else False:
-        text = script(rows).replace("infE0", "1E0/0")
+        text = script(rows).replace("INFE0", "1E0/0")
         path = tmp_path / "site.script"
         path.write_text(text)
     else:
@@ -473,6 +528,17 @@ def test_units_of_flat_files_are_options(tmp_path):
     assert math.isclose(o.sigma, math.radians(0.001))
     assert len(refused(tmp_path, length="cubit", angle="turn")) == 2
     assert "distance_mm" in refused(tmp_path, distance_mm=0)[0]
+
+
+def test_additional_parameters_of_flat_files_are_estimated_where_asked(tmp_path):
+    folder = flat(tmp_path, FLAT)
+    network = fga.read_jag3d(folder, estimate="zero,refraction")
+    meters = network.parameters["edm"]
+    assert set(meters) == {"Schrägstrecken", "horizontal_distances"}
+    assert meters["Schrägstrecken"].fixed == (True, False)
+    assert not network.refractions["zenith"].fixed[0]
+    assert fga.adjust(network).redundancy == 20 - 3
+    assert "unknown parameter 'tilt'" in refused(folder, estimate=["tilt"])[0]
 
 
 def test_names_that_do_not_tell_the_kind_are_stated(tmp_path):

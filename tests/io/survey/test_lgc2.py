@@ -8,7 +8,6 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.units import CC, GON
-from tests.hostile.readers import judge
 
 TEXT = """*TITR
 a small network
@@ -93,9 +92,3 @@ def test_what_is_wrong_is_told_with_its_line(
     with pytest.raises(fga.InputError) as caught:
         read(tmp_path, text)
     assert message in str(caught.value)
-
-
-def test_200_damaged_files(tmp_path: Path) -> None:
-    framed = TEXT.replace("*POIN\n", "*FRAME F 0 0 0 0 0 0 1 TX TY TZ RX RY RZ\n*CALA\nE 1 2 3\n"
-                          "*OBSXYZ\nE 1 2 3 0.1 0.1 0.1\n*ENDFRAME\n*POIN\n")  # fmt: skip
-    judge(fga.read_lgc2, {"net.lgc2": framed.encode()}, "net.lgc2", tmp_path, seed=25)

@@ -536,3 +536,25 @@ def test_damaged_files_are_refused_with_file_and_line_or_read(tmp_path, text):
             continue
         assert all(math.isfinite(o.value) for o in network.observations.values())
     assert refused > 50
+
+
+def test_a_setting_that_is_not_stated_is_told_once_with_its_words(tmp_path):
+    """Zenith angles are no elevation differences: only what is missing is told."""
+    path = tmp_path / "job.dat"
+    path.write_text(
+        "C A 0 0 0 ! ! !\nC B 50 0 0 ! ! !\nDB A\n"
+        "DM B 0-00-00 50.000 89-47-52.2 1.5/1.5\nDM P 33-00-00 40.0 88-01-53.1 1.5/1.5\nDE\n",
+        encoding="utf-8",
+    )
+    stated = {
+        **{"adjustment": "3D", "linear": "Meters", "angular": "DMS", "order": "EN"},
+        **{"direction": 3, "zenith": 3, "distance": 0.002, "distance_ppm": 2, "refraction": 0.07},
+        **{"centring_instrument": 0.001, "centring_target": 0.001, "centring_vertical": 0.001},
+    }
+    with pytest.raises(fga.InputError) as caught:
+        fga.read_star_net(path, options=stated)
+    (problem,) = caught.value.problems
+    assert str(problem) == (
+        "job.dat:4: needs the setting 'distances' of the project, which data files do not have: "
+        "state it in options, 'slope' or 'horizontal'"
+    )

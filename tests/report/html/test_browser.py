@@ -33,6 +33,8 @@ PLACE = """(div, [meta, number]) => {
 }"""
 """Where a place of a line of the plan is on the screen: of an ellipse, or of an observation."""
 RANGE = "div => [...div._fullLayout.xaxis.range, ...div._fullLayout.yaxis.range].map(Number)"
+WIDEST = "Math.max(...[...document.querySelectorAll('.plot .main-svg')].map(s => s.clientWidth))"
+"""Width of the widest figure, pixels."""
 DRAWN = (
     "div => div.data.filter(t => t.meta === 'points' && t.mode === 'markers').map(t => t.x.length)"
 )
@@ -279,11 +281,21 @@ def test_paper_has_the_plan_and_the_first_rows_and_no_tools(browser, folder):
         assert found.page.locator("#plan .main-svg").first.is_visible()
         assert _grey(found.page.evaluate("getComputedStyle(document.body).backgroundColor")) == 255
         ink = "d => d.layout.font.color"
+        shown = found.page.eval_on_selector("#plan", RANGE)
         found.page.evaluate("dispatchEvent(new Event('beforeprint'))")
         assert found.page.eval_on_selector("#plan", ink) == "#000000"
+        # A4 has 186 mm, 703 pixels, between the margins: no figure is wider, no number is broken.
+        assert found.page.evaluate(WIDEST) <= 703
+        cell = "getComputedStyle(document.querySelector('td.number')).whiteSpace"
+        assert found.page.evaluate(cell) == "nowrap"
         found.page.emulate_media(media="screen", color_scheme="dark")
         found.page.evaluate("dispatchEvent(new Event('afterprint'))")
         assert found.page.eval_on_selector("#plan", ink) == "#e8eaed"
+        # The screen has its width and its part of the plan again.
+        found.page.wait_for_function(f"{WIDEST} > 703")
+        found.page.wait_for_timeout(300)
+        again = found.page.eval_on_selector("#plan", RANGE)
+        assert again == pytest.approx(shown, rel=1e-9)
         printed = "addEventListener('beforeprint', () => (document.title = 'printed'))"
         found.page.evaluate(printed)
         paper = found.page.pdf(format="A4")

@@ -8,12 +8,15 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.html import page
+from factorgraph_adj.report.epochs.context import EpochsReport
+from factorgraph_adj.report.html import page as page_module
+from factorgraph_adj.report.html.epochs_page import epochs_html
 from factorgraph_adj.report.html.page import html
+from tests.networks import moved
 from tests.networks.small_block import small_block
 from tests.support.pages import elements
 
-STYLE = (Path(page.__file__).parent / "template" / "style.css").read_text(encoding="utf-8")
+STYLE = (Path(page_module.__file__).parent / "template" / "style.css").read_text(encoding="utf-8")
 TEXT, GRAPHIC = 4.5, 3.0
 """Smallest contrasts of text and of graphics, WCAG 2.2, 1.4.3 and 1.4.11."""
 PAIRS = [
@@ -63,8 +66,15 @@ def test_text_and_graphics_stand_out(theme):
     assert not weak
 
 
-def test_the_structure_is_that_of_a_document():
-    found = elements(html(Report(fga.adjust(small_block()))))
+PAGES = {
+    "adjustment": lambda: html(Report(fga.adjust(small_block()))),
+    "epochs": lambda: epochs_html(EpochsReport(moved.in_plan(), (moved.block(),))),
+}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_structure_is_that_of_a_document(page):
+    found = elements(PAGES[page]())
     tags = [e.tag for e in found]
     assert tags.count("h1") == tags.count("main") == tags.count("header") == tags.count("nav") == 1
     levels = [int(t[1]) for t in tags if re.fullmatch(r"h[1-6]", t)]
@@ -79,10 +89,11 @@ def test_the_structure_is_that_of_a_document():
             assert e.attributes["href"][1:] in ids, e
 
 
-def test_tables_have_captions_and_scopes_and_plots_have_words():
-    found = elements(html(Report(fga.adjust(small_block()))))
+@pytest.mark.parametrize(("page", "most", "figures"), [("adjustment", 8, 5), ("epochs", 5, 1)])
+def test_tables_have_captions_and_scopes_and_plots_have_words(page, most, figures):
+    found = elements(PAGES[page]())
     tables = sum(e.tag == "table" for e in found)
-    assert tables == sum(e.tag == "caption" and bool(e.text.strip()) for e in found) > 8
+    assert tables == sum(e.tag == "caption" and bool(e.text.strip()) for e in found) > most
     for e in found:
         if e.tag == "th":
             assert e.attributes.get("scope") in ("col", "row"), e
@@ -91,7 +102,7 @@ def test_tables_have_captions_and_scopes_and_plots_have_words():
         if "plot" in e.attributes.get("class", "").split():
             assert e.attributes["role"] == "group" and e.attributes["aria-labelledby"]
     captions = [e.text.strip() for e in found if e.tag == "figcaption"]
-    assert len(captions) >= 5 and all(len(c) > 40 for c in captions)
+    assert len(captions) >= figures and all(len(c) > 40 for c in captions)
 
 
 def test_the_first_link_leads_to_the_content():

@@ -55,7 +55,12 @@ const paper = (on) => () => {
 addEventListener("beforeprint", paper(true));
 addEventListener("afterprint", paper(false));
 
+// Width of a figure on A4, pixels: 186 mm between the margins.
+const PAPER_WIDTH = 695;
+const onPaper = () => document.documentElement.hasAttribute("data-paper");
+
 const layoutOf = (more) => ({
+  ...(onPaper() ? { width: PAPER_WIDTH, autosize: false } : { autosize: true }),
   paper_bgcolor: "rgba(0,0,0,0)",
   plot_bgcolor: "rgba(0,0,0,0)",
   font: { color: colour("ink"), size: 12, family: "system-ui, DejaVu Sans, sans-serif" },

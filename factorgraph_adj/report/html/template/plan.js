@@ -279,7 +279,7 @@ function planLayout(div, box) {
   const d = plan.data, [low, high] = box, [x, y] = d.axes;
   return layoutOf({
     ...scaleKey(box), hovermode: "closest", dragmode: "pan", uirevision: "plan",
-    legend: { itemsizing: "constant", orientation: "v", font: { size: 11 } },
+    legend: { itemsizing: "constant", font: { size: 11 }, ...(onPaper() ? { orientation: "h", y: -0.12 } : { orientation: "v" }) },
     xaxis: axisOf({ range: [low[0], high[0]], tickformat: ".10~f", title: { text: x && `${x} [m]` }, showticklabels: !d.schematic,
       showgrid: !d.schematic }),
     yaxis: axisOf({ range: [low[1], high[1]], title: { text: `${y} [m]` }, tickformat: ".10~f",
@@ -307,7 +307,15 @@ async function drawPlan(Plotly) {
   const whole = wider(plan.data.limits, 0.08);
   await Plotly.newPlot(div, traces(div), planLayout(div, whole), config);
   await draw();
-  figures.push(() => draw());
+  let seen;
+  figures.push(async () => {
+    if (onPaper()) seen = windowOf(div);
+    await draw();
+    if (onPaper() || !seen) return;
+    const box = seen;
+    seen = undefined;
+    await plan.go(box);
+  });
   let waiting;
   div.on("plotly_relayout", () => {
     if (plan.busy) return;

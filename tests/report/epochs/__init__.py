@@ -1,0 +1,1 @@
+"""Tests of what a comparison of two epochs says."""

@@ -1,0 +1,143 @@
+"""Protocol, table and results.json of two epochs say what the comparison found."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.report.epochs.context import EpochsReport
+from factorgraph_adj.report.epochs.results import epochs_text
+from factorgraph_adj.report.epochs.tables import displacement_table
+from factorgraph_adj.report.epochs.text import render_congruence
+from tests.networks import moved
+
+jsonschema = pytest.importorskip("jsonschema")
+
+
+def strained():
+    found, motion = moved.strained()
+    return EpochsReport(found, (motion,))
+
+
+CASES = {
+    "plan": lambda: EpochsReport(moved.in_plan(), (moved.block(),)),
+    "strain": strained,
+    "joint": lambda: EpochsReport(moved.joint()),
+    "kept": lambda: EpochsReport(moved.kept()),
+    "doubtful": lambda: EpochsReport(moved.doubtful()),
+    "heights": lambda: EpochsReport(moved.heights()),
+    "space": lambda: EpochsReport(moved.in_space()),
+    "geocentric": lambda: EpochsReport(moved.in_space(geocentric=True)),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_results_are_as_their_schema_says(name):
+    schema = fga.results_schema("epochs")
+    jsonschema.Draft202012Validator.check_schema(schema)
+    report = CASES[name]()
+    found = json.loads(epochs_text(report))
+    jsonschema.validate(found, schema)
+    assert (found["$schema"], found["format"]) == (schema["$id"], 1)
+    assert [x["moved"] for x in found["displacements"]] == [
+        x.moved for x in report.found.displacements.values()
+    ]
+    for x in found["displacements"]:
+        own = report.found.displacement(x["name"])
+        assert x["vector"] == own.vector.tolist()
+        assert x["test"]["value"] == own.test.value
+    assert [b["points"] for b in found["blocks"]] == [list(b.points) for b in report.blocks]
+    second = {"B": "B2", "P": "P2", "Q": "Q2"} if name == "joint" else {}
+    assert [x["name_later"] for x in found["displacements"]] == [
+        second.get(n, n) for n in report.names
+    ]
+    assert bool(found["doubts"]) == (not report.found.fine)
+
+
+def test_an_unknown_schema_is_refused():
+    with pytest.raises(InputError, match="valid: adjustment, epochs"):
+        fga.results_schema("epoch")
+
+
+def test_the_table_has_the_ellipses_of_the_comparison():
+    report = CASES["plan"]()
+    rows = list(csv.DictReader(io.StringIO(displacement_table(report))))
+    assert [r["name"] for r in rows] == report.names
+    for row, e in zip(rows, report.found.ellipses(confidence=0.95), strict=True):
+        assert float(row["ellipse_major"]) == e.semi_axes[0]
+        assert float(row["ellipse_azimuth"]) == e.azimuth
+        assert float(row["confidence"]) == 0.95
+
+
+def test_a_displacement_in_plan_is_significant_outside_of_its_ellipse():
+    for found in (moved.in_plan(), moved.kept(), moved.doubtful()):
+        for x, e in zip(found.displacements.values(), found.ellipses(), strict=True):
+            turn = np.array([np.sin(e.azimuth), np.cos(e.azimuth)])
+            along, across = x.vector[:2] @ turn, x.vector[0] * turn[1] - x.vector[1] * turn[0]
+            size = (along / e.semi_axes[0]) ** 2 + (across / e.semi_axes[1]) ** 2
+            assert size == pytest.approx(x.test.value / x.test.critical, rel=1e-9)
+            assert (size > 1) == x.moved
+
+
+def test_ellipses_lie_in_the_horizon_of_their_points():
+    """In a geocentric frame they are those of the same vectors in a local one, turned."""
+    found = moved.in_space(geocentric=True)
+    (e,) = (e for e in found.ellipses() if e.a == "P")
+    x = found.displacement("P")
+    enu = found.network.frame.basis(x.place[None], np.zeros((1, 2))).enu[0]
+    values = np.linalg.eigvalsh((enu @ x.covariance @ enu.T)[:2, :2])
+    assert np.array(e.semi_axes) == pytest.approx(e.factor * np.sqrt(values[::-1]), rel=1e-9)
+
+
+def test_axes_of_the_frame_turn_the_azimuth():
+    """With x to the north, the azimuth of the same ellipse counts from north too."""
+    found = moved.in_plan()
+    (e,) = (e for e in found.ellipses() if e.a == "B")
+    turned = []
+    for solution in found.solutions:
+        plain = solution.network
+        network = fga.Network(plain.name, frame=fga.LocalFrame(axes="ne"), datum="free")
+        for n, p in plain.points.items():
+            east, north, up = p.coordinates
+            network.add_point(n, (north, east, up), fixed="z")
+        network.add(*plain.observations.values())
+        turned.append(fga.adjust(network))
+    other = fga.congruence(*turned, objects=["P", "Q"], variance="a-priori")
+    (same,) = (e for e in other.ellipses() if e.a == "B")
+    assert same.semi_axes == pytest.approx(e.semi_axes, rel=1e-6)
+    assert same.azimuth == pytest.approx(e.azimuth, abs=1e-5)
+    assert other.displacement("B").vector[[1, 0]] == pytest.approx(
+        found.displacement("B").vector[:2], abs=1e-7
+    )
+
+
+def test_grid_coordinates_of_thousands_of_kilometres_are_compared_alike():
+    """The alignment of free epochs came to no rest where coordinates are rounded to 1 nm."""
+    here, there = moved.in_plan(), moved.with_system(known=False)
+    for n, x in here.displacements.items():
+        assert there.displacement(n).vector == pytest.approx(x.vector, abs=1e-7)
+        assert there.displacement(n).test.value == pytest.approx(x.test.value, rel=1e-4, abs=1e-4)
+
+
+def test_the_protocol_lists_blocks_and_strains():
+    text = render_congruence(moved.in_plan(), blocks=[moved.block()])
+    b = moved.block()
+    assert "P, Q: the block moved, rigid" in text
+    assert (
+        f"tx [mm]  {1000 * b['tx']:8.3g}".split()
+        == [w for line in text.splitlines() if line.strip().startswith("tx") for w in line.split()][
+            :3
+        ]
+    )
+    found, motion = moved.strained()
+    told = " ".join(render_congruence(found, blocks=[motion]).split())
+    for strain in motion.principal_strains()[0]:
+        assert f"{1e6 * strain:.1f} ppm along" in told
+    assert "have no redundancy to test" in told
+    assert fga.protocol(moved.in_plan()) == render_congruence(moved.in_plan())
