@@ -119,13 +119,14 @@ def columns_of_vector(name: str) -> tuple[str, ...]:
 def _constants_of(kind: str) -> dict[str, Quantity]:
     """Return the fields of a kind that its model takes, with their physical quantities."""
     record = observation_kind(kind)
-    stated = _stated(record.observation)
+    stated = _stated(record.observation)  # type: ignore[arg-type]  # classes are hashable
     return {n: stated[n][0] for n in record.constants if n in stated}
 
 
 def _is_vector(kind: str, name: str) -> bool:
     """Return whether a field holds several numbers; postponed annotations are strings."""
-    found = _stated(observation_kind(kind).observation).get(name)
+    of_class = observation_kind(kind).observation
+    found = _stated(of_class).get(name)  # type: ignore[arg-type]  # classes are hashable
     return found is not None and found[1]
 
 

@@ -141,7 +141,7 @@ class Observation:
 
     def _check(self) -> None:
         """Check values, standard deviations and names."""
-        for name, text, optional in _fields(type(self)):
+        for name, text, optional in _fields(type(self)):  # type: ignore[arg-type]  # hashable
             value = getattr(self, name)
             if text:
                 if not isinstance(value, str) and (value is not None or not optional):
