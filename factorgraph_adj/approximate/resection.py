@@ -211,15 +211,23 @@ def resections(progress: Progress, rays: ImageRays, *, least: int) -> bool:
     found = False
     for photo, own in zip(photos, np.split(rows, first[1:]), strict=True):
         x = progress.horizon.from_plan(progress.plan[rays.point[own]])
-        pose = _pose(progress.pose[photo], x, rays.direction[own], least)
+        pose = pose_from(progress.pose[photo], x, rays.direction[own], least)
         if pose is not None:
             progress.pose[photo] = pose
             found = True
     return found
 
 
-def _pose(given: Array, x: Array, d: Array, least: int) -> Array | None:
-    """Return the pose (12,) of one photo, given components kept; none: it cannot be found."""
+def pose_from(given: Array, x: Array, d: Array, least: int) -> Array | None:
+    """Return the pose (12,) of one photo, given components kept; none: it cannot be found.
+
+    Args:
+        given: stored pose, (12,), NaN where unknown. With a given projection centre or attitude
+            two rays are enough.
+        x: points, (n, 3).
+        d: unit vectors of their rays in the axes of the camera, (n, 3).
+        least: smallest number of rays of a photo of which nothing is given.
+    """
     r, x0 = given[:9].reshape(3, 3), given[9:]
     if np.isfinite(r).all():
         # With known attitude, the centre is nearest to the reversed rays from the points.

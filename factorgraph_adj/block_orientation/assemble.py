@@ -14,9 +14,10 @@ from ..graph.variables import State
 from ..network.network import DatumChoice, Network
 from ..solve.start import Start
 from ..types import Array, Mask
-from .beside import by_centre, stand, why_not
+from .beside import by_given, stand, why_not
 from .block_start import BlockStart, OrientedPart
 from .build import Part
+from .diagnosis import doubts
 from .focal import Distances
 from .growth import RULES, Growth
 from .known import Known, given, lengths
@@ -60,9 +61,9 @@ class Assembly:
         known = given(equations)
         whole = self._whole(pose, point)
         fits |= stand(whole, known)
-        by_centres = np.zeros(len(pose), dtype=bool)
+        some = np.zeros(len(pose), dtype=bool)
         if any(at.complete for at in placed):
-            by_centres, agree = by_centre(whole, known)
+            some, agree = by_given(whole, known)
             fits |= agree
         pose, point = whole.pose, whole.point
         at_once = known.point
@@ -83,7 +84,8 @@ class Assembly:
             unreached,
             distances.found(self.parts[0].growth.calibrations),
             problems,
-            tuple(np.array(v.photos, dtype=object)[by_centres].tolist()),
+            tuple(np.array(v.photos, dtype=object)[some].tolist()),
+            doubts(v, self.parts, distances),
         )
         if state is None:
             return found

@@ -60,10 +60,13 @@ def block_of(
     try:
         found = orient_equations(equations, datum=datum)
     except (InputError, ApproximationError) as other:
-        raise ApproximationError([*error.problems, *other.problems], photos=error.photos) from None
+        raise ApproximationError(
+            [*other.problems, *(p for p in error.problems if "fga.orient" not in p.what)],
+            photos=error.photos,
+        ) from None
     if found.start is None and whole:
         lost = [Problem(why, f"photo {name!r}") for name, why in found.unoriented.items()]
-        first = " ".join(found.sentences()[: len(found.parts)])
+        first = " ".join([*found.sentences()[: len(found.parts)], *found.doubts])
         raise ApproximationError(
             [
                 Problem(f"not all photos and points were found from image points: {first}"),

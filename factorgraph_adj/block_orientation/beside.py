@@ -1,21 +1,22 @@
-"""Photos beside the parts of a block: those that stand, and those whose projection centre is known.
+"""Photos beside the parts of a block: those that stand, and those of which a part is known.
 
-A photo with too few image points for a resection still has a pose if its projection centre is
-known: two rays to points of the block give its rotation. One ray leaves the rotation about itself
-open.
+A photo with too few image points for a resection still has a pose if its projection centre or its
+attitude is known: two rays to points of the block give the rest. One ray leaves the rotation about
+itself open.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..types import Array, Mask
+from ..approximate.resection import pose_from
+from ..types import Mask
 from .growth import RULES, Growth
 from .known import Known
 from .robust_poses import ray_misses
 
-LEAST_ANGLE = 0.01
-"""Smallest angle between two rays, radians, that give the rotation of a photo."""
+NEVER = 10**9
+"""Number of rays of a photo of which nothing is given: it is oriented otherwise."""
 NEAR = 10.0
 """Multiple of the limit of misses within which an image point agrees with a photo that a known
 projection centre places: the centre has an error of its own."""
@@ -39,8 +40,8 @@ def stand(growth: Growth, known: Known) -> Mask:
     return np.asarray(growth.fitting() & (new[v.point] | stands[v.photo]))
 
 
-def by_centre(growth: Growth, known: Known) -> tuple[Mask, Mask]:
-    """Orient photos with known projection centres from two rays or more, in place.
+def by_given(growth: Growth, known: Known) -> tuple[Mask, Mask]:
+    """Orient photos with known projection centres or attitudes from two rays or more, in place.
 
     Args:
         growth: as for `stand`.
@@ -51,23 +52,25 @@ def by_centre(growth: Growth, known: Known) -> tuple[Mask, Mask]:
     """
     v = growth.views
     done = np.zeros(len(growth.pose), dtype=bool)
+    with_centre: Mask = np.all(np.isfinite(known.pose[:, 9:]), axis=1)
+    with_attitude: Mask = np.all(np.isfinite(known.pose[:, :9]), axis=1)
     agree = np.zeros(v.n, dtype=bool)
     while True:
-        open_: Mask = ~growth.posed & np.all(np.isfinite(known.pose[:, 9:]), axis=1)
+        open_ = ~growth.posed & (with_centre | with_attitude)
         found = False
         for photo in np.flatnonzero(open_).tolist():
             rows = np.flatnonzero(growth.wanted & (v.photo == photo) & growth.placed[v.point])
-            centre = known.pose[photo, 9:]
-            rotation = _rotation(growth.rays.tangent[rows], growth.point[v.point[rows]] - centre)
-            if rotation is None:
+            x, t = growth.point[v.point[rows]], growth.rays.tangent[rows]
+            d = np.column_stack([t[:, 0], -t[:, 1], np.ones(len(t))])
+            d /= np.linalg.norm(d, axis=1, keepdims=True)
+            pose = pose_from(known.pose[photo], x, d, NEVER)
+            if pose is None:
                 continue
-            miss = ray_misses(
-                rotation[None], centre[None], growth.point[v.point[rows]], growth.rays.tangent[rows]
-            )
+            miss = ray_misses(pose[:9].reshape(1, 3, 3), pose[None, 9:], x, t)
             fits = miss / growth.rays.unit[rows] <= NEAR * growth.limit
             if fits.sum() < 2:
                 continue
-            growth.pose[photo] = np.concatenate([rotation.ravel(), centre])
+            growth.pose[photo] = pose
             agree[rows[fits]] = done[photo] = found = True
         if not found:
             return done, agree
@@ -100,22 +103,5 @@ def why_not(every: int, of_block: int, alone: int, *, centred: bool) -> str:
         )
     return (
         f"{found}{lone}; a resection needs {RULES.least_at_end} that fit, or two with a known "
-        "projection centre: measure more points of other photos in it, or take it out"
+        "projection centre or attitude: measure more points of other photos in it, or take it out"
     )
-
-
-def _rotation(tangent: Array, to_point: Array) -> Array | None:
-    """Return world_R_camera from rays and directions to their points; none: too few or too narrow.
-
-    Minimises Σ |R d − u|² over rotations (Wahba's problem).
-    """
-    if len(tangent) < 2:
-        return None
-    d = np.column_stack([tangent[:, 0], -tangent[:, 1], np.ones(len(tangent))])
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-    u = to_point / np.linalg.norm(to_point, axis=1, keepdims=True)
-    if np.linalg.norm(d - d[0], axis=1).max() < LEAST_ANGLE:
-        return None
-    left, _, right = np.linalg.svd(u.T @ d)
-    flip = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
-    return np.asarray(left @ flip @ right)

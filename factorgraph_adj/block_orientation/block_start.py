@@ -70,13 +70,15 @@ class BlockStart(Shown):
     """Principal distance by camera where another than the given one was found, image units."""
     problems: tuple[str, ...] = ()
     """Why there is no start: what has no values."""
-    by_centre: tuple[str, ...] = ()
+    by_given: tuple[str, ...] = ()
     """Photos with too few image points for a resection that were oriented from their known
-    projection centres."""
+    projection centres or attitudes."""
+    doubts: tuple[str, ...] = ()
+    """What may be wrong where parts share many points and do not fit one another."""
 
     def headline(self) -> str:
         """Return how many photos and points were found, and what was left out."""
-        n = sum(len(p.photos) for p in self.parts) + len(self.by_centre)
+        n = sum(len(p.photos) for p in self.parts) + len(self.by_given)
         return (
             f"BlockStart: {n} of {len(self.network.photos)} photos in {len(self.parts)} "
             f"part{'s' * (len(self.parts) != 1)}, {len(self.doubtful)} of "
@@ -107,10 +109,11 @@ class BlockStart(Shown):
             f"Principal distance of camera {name}: {value:.6g} was found by a search."
             for name, value in self.found_distances.items()
         ]
-        if self.by_centre:
+        out += self.doubts
+        if self.by_given:
             out.append(
-                "Oriented from known projection centres and two rays or more: "
-                f"{_listed(self.by_centre, most)}."
+                "Oriented from known projection centres or attitudes, and two rays or more: "
+                f"{_listed(self.by_given, most)}."
             )
         if self.doubtful:
             out.append(

@@ -66,7 +66,7 @@ class Distances:
             yield self._with({n: float(v[min(i, len(v) - 1)]) for n, v in self.stated.items()})
         guessed = {n: self._longer_side(n) for n in self.guessed if n not in self.stated}
         if guessed and not most:
-            for way in (self._by_control, self._by_pairs):
+            for way in (self._by_control, self.by_pairs):
                 if found := {n: c for n in guessed if (c := way(n)) is not None}:
                     yield self._with(found)
             for factor in FACTORS:
@@ -104,7 +104,7 @@ class Distances:
         found = [c for c in found if SHORTEST < c / side < LONGEST]
         return float(np.median(found)) if found else None
 
-    def _by_pairs(self, name: str) -> float | None:
+    def by_pairs(self, name: str) -> float | None:
         """Return the median principal distance of pairs of photos of a camera; none: no pair."""
         v = self.views
         number = self._number(name)

@@ -17,6 +17,7 @@ from ..network.network import DatumChoice, Network
 from .assemble import Assembly
 from .block_start import BlockStart
 from .build import build_parts
+from .diagnosis import why_none
 from .focal import Distances
 from .known import given
 from .robust_poses import solvers
@@ -86,18 +87,7 @@ def orient_equations(
     distances = Distances(views, principal_distances or {}, given(equations).point)
     parts = build_parts(views, distances)
     if not parts:
-        raise ApproximationError([Problem(*_why_none(views))])
+        raise ApproximationError(
+            [Problem(why_none(views, views.rays(distances.first())), "network")]
+        )
     return Assembly(equations, views, parts, datum).start(distances)
-
-
-def _why_none(views: Views) -> tuple[str, str]:
-    common = views.table(np.ones(views.n, dtype=bool))
-    both = (common @ common.T).tolil()
-    both.setdiag(0)
-    most = int(both.tocsr().max()) if both.nnz else 0
-    return (
-        f"no pair of photos could be oriented from image points: two photos have {most} common "
-        "points at most that fit each other or not; eight that fit are needed, seen from two "
-        "places, with a calibration that is right to a few per cent",
-        "network",
-    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -86,16 +86,33 @@ class Collected:
                 self.add(line, f"{where}: {p.what}" if where else p.what)
             return None
 
+    def order(self, problem: Problem) -> tuple[int, int]:
+        """Return by what problems are ordered: a number of the file, the line."""
+        found = _LINE.search(problem.where)
+        return 0, int(found.group(1)) if found else 0
+
     def raise_all(self) -> None:
         """Raise InputError with all problems in the order of lines, if there are any."""
         if not self.problems:
             return
-        ordered = sorted(self.problems, key=_line)
+        ordered = sorted(self.problems, key=self.order)
         rest = len(ordered) - MOST_LISTED
         if rest > 0:
             more = Problem(f"and {rest} further problems", self.path.name)
             ordered = [*ordered[:MOST_LISTED], more]
         raise InputError(ordered)
+
+
+def raise_all(files: Iterable[Collected]) -> None:
+    """Raise InputError with the problems of several files, file by file, if there are any."""
+    problems: list[Problem] = []
+    for file in files:
+        try:
+            file.raise_all()
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
 
 
 class LinesOfFile(Collected):
@@ -133,8 +150,3 @@ def _text(path: Path, latin: bool) -> str:
             raise
         text = path.read_bytes().decode("latin-1")
         return text.replace("\r\n", "\n").replace("\r", "\n")
-
-
-def _line(problem: Problem) -> int:
-    found = _LINE.search(problem.where)
-    return int(found.group(1)) if found else 0

@@ -42,16 +42,8 @@ from .toml_places import TomlPlaces
 def tables() -> tuple[str, ...]:
     """Return the names of a project's tables; without [files], each is a file NAME.csv."""
     parameters = (table_of(k).file for k in parameter_kinds())
-    return (
-        "points",
-        "photos",
-        "images",
-        "observations",
-        "covariances",
-        "doubts",
-        "readings",
-        *parameters,
-    )
+    named = ("points", "photos", "images", "observations", "covariances", "doubts", "readings")
+    return (*named, *parameters)
 
 
 KEYS = (
@@ -393,8 +385,13 @@ def _parameters(row: Row, y_down: bool) -> tuple[dict[str, float], list[str], di
         entry = given if isinstance(given, dict) else {"value": given}
         inside = Row(entry, row.where, row.problems, f"{row.of} parameter {name}")
         _only(inside, ("value", "free", "sigma"))
-        value = inside.number("value", required=True)
+        # A principal distance that is unknown is looked for.
+        unknown = name == "c" and given is entry and bool(entry.get("free"))
+        value = inside.number("value", required=not unknown)
         sigma = inside.number("sigma", positive=True)
+        if value is None and unknown:
+            free.append(name)
+            continue
         values[name] = 0.0 if value is None else value
         if y_down and name == "y0":
             values[name] = -values[name]

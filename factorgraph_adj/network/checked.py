@@ -60,6 +60,11 @@ def checked_point(
     )
 
 
+ASSUMED_DISTANCE = 1.2
+"""Principal distance of a camera of which none is known, parts of the longer side of the image: an
+angle of view of 45°."""
+
+
 def checked_camera(
     name: str,
     lens: Lens,
@@ -77,7 +82,7 @@ def checked_camera(
     if not isinstance(lens, Lens):
         what = f"lens must be a lens model such as BrownLens(), not {lens!r}"
         raise InputError(Problem(what, where))
-    names = lens.names
+    names, free = lens.names, set(free)
     weights = dict(sigma or {})
     unknown = [
         n
@@ -97,20 +102,26 @@ def checked_camera(
         numbers = [float(v) for v in given]
     except (TypeError, ValueError):
         numbers = []
+    known_distance = not isinstance(values, Mapping) or "c" in values
+    if numbers and not known_distance and names[0] == "c" and "c" in free and format is not None:
+        numbers[0] = ASSUMED_DISTANCE * max(_sides(format, where))
     if len(numbers) != len(names) or not np.all(np.isfinite(numbers)):
         raise InputError(
             Problem(f"values must be {len(names)} finite numbers ({', '.join(names)})", where)
         )
     if not numbers[0] > 0:
         raise InputError(
-            Problem(f"the principal distance must be positive, not {numbers[0]}", where)
+            Problem(
+                f"the principal distance must be positive, not {numbers[0]}; one that is unknown "
+                "may be left out if it is free and the format is given",
+                where,
+            )
         )
     bad = [n for n, s in weights.items() if not s > 0]
     if bad:
         raise InputError(Problem(f"sigma of {', '.join(bad)} must be > 0", where))
     if origin not in ORIGINS:
         raise InputError(Problem(f"unknown origin {origin!r}; valid: {', '.join(ORIGINS)}", where))
-    free = set(free)
     return Camera(
         name,
         lens,

@@ -165,7 +165,9 @@ class Network(StatedUnknowns, Shown):
             name: its name.
             lens: the lens model, see `factorgraph_adj.models.lens`.
             values: calibration parameters by name (absent: 0) or in the order of ``lens.names``;
-                image units.
+                image units. A free principal distance c that is unknown may be absent if the
+                format is given: 1.2 times the longer side is taken, and `orient` looks for a
+                better one.
             free: names of parameters to estimate without a prior.
             sigma: standard deviations of weighted parameters by name; all others are held.
             unit: unit of its image coordinates, for reports.

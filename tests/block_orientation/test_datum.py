@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.network.selection import filtered
 from factorgraph_adj.observations import (
     Azimuth,
     ControlPoint,
@@ -245,3 +246,28 @@ def test_rays_to_known_points_give_the_scale_beside_a_photo_that_stands():
     assert "scale from 2 rays that leave it" in found.parts[0].datum
     centre = fga.adjust(network).pose("F1").position
     assert np.linalg.norm(centre - block.centres[1]) < 0.02
+
+
+def test_two_rays_and_a_known_projection_centre_orient_a_photo():
+    """Too few rays for a resection; a photo with one ray turns about it, and is told so."""
+    block = ring(3, photos=7, control=3)
+    photo, point, _, _ = block.network.images.columns()
+    few = (photo == 5) & (point > 1) | (photo == 6) & (point > 0)
+    for network in (block.network, block.truth):
+        network.image_mask(~few)
+        for f in (5, 6):
+            at = tuple(block.centres[f])
+            network.add(PhotoPosition(f"F{f}", at, sigma=(0.01,) * 3))
+    found = fga.orient(block.network)
+    assert found.by_given == ("F5",)
+    assert list(found.unoriented) == ["F6"]
+    assert "1 of its 1 image points" in found.unoriented["F6"]
+    assert "one leaves the rotation about its ray open" in found.unoriented["F6"]
+    for network in (block.network, block.truth):
+        last = next(i for i, o in network.observations.items() if "F6" in o.photos())
+        del network.observations[last]
+        photos = network.images.columns()[0]
+        network.image_mask(photos != 6)
+    clean = [filtered(n, lambda kind, name: name != "F6") for n in (block.network, block.truth)]
+    vtpv = [fga.adjust(n).vtpv for n in clean]
+    assert vtpv[0] == pytest.approx(vtpv[1], rel=SAME)

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import factorgraph_adj as fga
 from factorgraph_adj.block_orientation.focal import FACTORS, Distances
 from factorgraph_adj.block_orientation.views import Views
+from factorgraph_adj.models.lens import BrownLens
 from tests.networks.image_blocks import CAMERA, HALF, ImageBlock, aerial, ring
 
 
@@ -55,3 +57,28 @@ def test_a_held_principal_distance_is_not_changed():
 def test_stated_ones_are_tried_in_their_order_and_nothing_else():
     given = distances(ring(0, guess=60.0), stated={CAMERA: [50.0, 35.0, 28.0]})
     assert [c[0][0] for c in (given.first(), *given.others())] == [50.0, 35.0, 28.0]
+
+
+def test_a_camera_without_a_principal_distance_begins_at_a_multiple_of_its_format():
+    network = fga.Network("no EXIF")
+    network.add_camera("a", BrownLens(), {}, free=["c"], format=(36.0, 24.0))
+    assert network.cameras["a"].values[0] == pytest.approx(1.2 * 36.0)
+    for options in ({"free": ["c"]}, {"format": (36.0, 24.0)}):
+        with pytest.raises(fga.InputError, match="may be left out if it is free and the format"):
+            network.add_camera("b", BrownLens(), {}, **options)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_block_finds_the_principal_distance_that_nobody_knows(seed, tmp_path):
+    block = ring(seed, photos=8, control=0, guess=28.0)
+    fga.write_project(block.network, tmp_path / "ring" / "project.toml")
+    file = tmp_path / "ring" / "project.toml"
+    text = file.read_text()
+    given = "c = { value = 28.0, free = true }"
+    assert given in text
+    file.write_text(text.replace(given, "c = { free = true }"))
+    network = fga.read_project(tmp_path / "ring")
+    assert network.cameras[CAMERA].values[0] == pytest.approx(43.2)
+    solution = fga.adjust(network)
+    assert solution.vtpv == pytest.approx(fga.adjust(block.truth).vtpv, rel=1e-9)
+    assert "was found by a search" in " ".join(solution.begun)

@@ -100,6 +100,16 @@ FORMATS: dict[str, Format] = {
     "bundler": Format("bundler", _text("b.out", photo_files.BUNDLER), "b.out"),
     "dbat": Format("dbat", lambda _: photo_files.dbat(), "script.xml"),
     "aicon": Format("aicon", lambda _: photo_files.aicon(), "block.obc"),
+    "mmvii": Format(
+        "mmvii",
+        _texts(
+            **{
+                "meas.obs": survey_files.MMVII_OBSERVATIONS,
+                "coords.txt": survey_files.MMVII_POINTS,
+            }
+        ),
+        "meas.obs",
+    ),
     "jag3d": Format(
         "jag3d", _text("site.script", lambda: jag3d.script(jag3d.site())), "site.script"
     ),

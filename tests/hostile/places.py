@@ -18,7 +18,7 @@ OF_A_WHOLE_FILE = {
 """Problems of a file as a whole, which have no line: kind, and how they are said."""
 OF_A_NETWORK = r"network '"
 """Beginning of the place of a problem that no file has alone, such as a missing datum."""
-IN_BYTES = r"\bbyte \d|\bbytes\b|\brecord \d|\brow \d|\bnumber \d|\bvertex \d|\bvertices\b|/\w+"
+IN_BYTES = r"@\d|\bbyte \d|\bbytes\b|\brecord \d|\brow \d|\bnumber \d|\bvertex \d|\bvertices\b|/\w+"
 """How a place in a file that is no text is said: byte, record, or the member of an archive."""
 
 

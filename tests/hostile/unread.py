@@ -61,6 +61,7 @@ PATTERNS: dict[str, tuple[str, ...]] = {
         r"\|(SET|GRANT|ALTER|CREATE) ",  # the schema of the database
         r"VersionTable|\|value\|.*INSERT INTO \"(Average|Principal|TestStatistic)",
     ),
+    "mmvii": (r"\|[^|]*\*[^|]*$", r" -1$"),  # comments; observations that are switched off
     "star-net": (r"\|#|#   held|# held", r"'a point", r"\|word\| qz7x\|DE$"),
     "sdr33": (
         r"\|00NM|\|10NM|\|01NM",  # header without options, job, instrument

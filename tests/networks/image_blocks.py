@@ -203,3 +203,16 @@ KINDS = {
     ),
 }
 """Blocks of each kind by seed."""
+
+
+def images_alone(network: fga.Network, *, datum: str | None = None) -> fga.Network:
+    """Return a network without poses, and without coordinates of points that are not held."""
+    out = network.copy()
+    for name, p in network.points.items():
+        if not p.held:
+            out.points[name] = replace(p, coordinates=(np.nan,) * 3)
+    for name, f in network.photos.items():
+        out.photos[name] = replace(f, position=None, rotation=None, fixed=(False,) * 6)
+    if datum is not None:
+        out.datum = datum
+    return out

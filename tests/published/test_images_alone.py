@@ -14,27 +14,16 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.network.selection import filtered
+from factorgraph_adj.rotation import exp_rotation, omega_phi_kappa
 from tests.loaders.borea import Block, read_borea
 from tests.networks.aicon import CAMERA as AICON_CAMERA
 from tests.networks.aicon import read_aicon
 from tests.networks.dbat import CAMCAL, read_camcal, read_roma, read_sxb
+from tests.networks.image_blocks import images_alone
 from tests.support.dbat_report import read_report
 from tests.support.places import data_dir
 
 pytestmark = pytest.mark.published
-
-
-def images_alone(network: fga.Network, *, datum: str | None = None) -> fga.Network:
-    """Return a network without poses, and without coordinates of points that are not held."""
-    out = network.copy()
-    for name, p in network.points.items():
-        if not p.held:
-            out.points[name] = replace(p, coordinates=(np.nan,) * 3)
-    for name, f in network.photos.items():
-        out.photos[name] = replace(f, position=None, rotation=None, fixed=(False,) * 6)
-    if datum is not None:
-        out.datum = datum
-    return out
 
 
 def from_images(network: fga.Network, photos: int) -> tuple[fga.Solution, object]:
@@ -182,3 +171,81 @@ def test_two_flights_of_ign_end_where_their_delivered_orientation_leads(borea: B
     assert solution.vtpv == pytest.approx(expected.vtpv, rel=1e-9)
     d = [solution.pose(n).position - expected.pose(n).position for n in network.photos]
     assert np.abs(d).max() < 1e-4
+
+
+FEW = {
+    "23FD1305x00026_01300": 1,
+    "23FD1305x00054_05621": 1,
+    "23FD1305x00054_05622": 2,
+    "23FD1305x00054_05623": 3,
+    "23FD1305x00054_05624": 1,
+    "23FD1305x00054_05675": 1,
+    "23FD1305x00055_05940": 1,
+    "23FD1305x00055_05991": 1,
+}
+"""Photos with fewer than four image points, and how many they have."""
+
+
+def all_photos(block: Block, *, delivered: bool, attitudes: bool = False) -> fga.Network:
+    """Return all 68 photos with observed centres (σ = 5 cm), and attitudes (σ = 0.005°)."""
+    network = block.network(coordinates=delivered, poses=delivered)
+    rng = np.random.default_rng(1)
+    turned = np.random.default_rng(2)
+    for name, p in block.photos.items():
+        at = tuple(p.position + rng.normal(0, 0.05, 3))
+        network.add(fga.PhotoPosition(name, at, sigma=(0.05,) * 3))
+        if attitudes:
+            wrong = exp_rotation(turned.normal(0, np.radians(0.005), 3))
+            attitude = tuple(omega_phi_kappa(p.rotation @ wrong))
+            network.add(fga.PhotoAttitude(name, attitude, sigma=(np.radians(0.005),) * 3))
+    return network
+
+
+def test_eight_photos_of_ign_are_not_determined_by_their_centres(borea: Block) -> None:
+    """Defect 11, from the delivered orientation: three photos turn about their only ray (3); five
+    share three points with one another only: 5 · 6 + 3 · 3 unknowns, 8 · 2 + 5 · 3 readings (8).
+    """
+    with pytest.raises(fga.DatumError) as error:
+        fga.adjust(all_photos(borea, delivered=True))
+    assert error.value.defect == 11
+    assert {name for kind, name in error.value.unknowns if kind == "pose"} == set(FEW)
+
+
+def test_from_images_these_photos_are_named_with_the_reason(borea: Block) -> None:
+    found = fga.orient(all_photos(borea, delivered=False))
+    assert set(found.unoriented) == set(FEW)
+    for name, n in FEW.items():
+        assert f"of its {n} image points" in found.unoriented[name]
+        assert "observe its attitude" in found.unoriented[name]
+    assert sum(len(p.photos) for p in found.parts) == 60
+
+
+def test_with_observed_attitudes_all_sixty_eight_begin(borea: Block) -> None:
+    expected = fga.adjust(all_photos(borea, delivered=True, attitudes=True))
+    solution = fga.adjust(all_photos(borea, delivered=False, attitudes=True))
+    assert solution.converged
+    assert len(solution.network.photos) == 68 and not solution.datum_defect
+    assert solution.vtpv == pytest.approx(expected.vtpv, rel=1e-9)
+
+
+@pytest.mark.parametrize("given", [None, 75.0, 310.0])
+def test_an_aerial_block_without_its_principal_distance_finds_it(given: float | None) -> None:
+    """DBAT states 123.9392 mm. Given is nothing, or 0.6 or 2.5 times as much: one minimum."""
+    network = images_alone(read_sxb(data_dir("dbat_sxb")))
+    ((name, camera),) = network.cameras.items()
+    free = replace(camera, fixed=(False, *camera.fixed[1:]))
+    truth = network.copy()
+    truth.cameras[name] = free
+    if given is None:
+        del network.cameras[name]
+        values = dict(zip(camera.lens.names[1:], camera.values[1:], strict=True))
+        network.add_camera(name, camera.lens, values, free=["c"], format=camera.format)
+    else:
+        network.cameras[name] = replace(free, values=(given, *camera.values[1:]))
+    solution, found = from_images(network, 5)
+    assert found.found_distances[name] == pytest.approx(123.9392, rel=0.1)  # a start
+    expected = fga.adjust(truth)
+    assert solution.vtpv == pytest.approx(expected.vtpv, rel=1e-9)
+    c = solution.calibration(name)["c"]
+    sigma = np.sqrt(solution.variable_covariance(("calibration", name))[0, 0])
+    assert abs(c - 123.9392) < 4 * sigma

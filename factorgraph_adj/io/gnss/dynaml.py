@@ -11,11 +11,12 @@ from typing import Literal
 
 import numpy as np
 
-from ...errors import InputError, Problem, known
+from ...errors import known
 from ...frames import GeocentricFrame
 from ...network.network import Network
 from ...observations import ControlPoint
 from ...types import Array
+from ..collected import raise_all
 from ..xml_source import XmlSource
 from ..xml_tree import Element
 from .dynaml_measurements import DynamlMeasurements, degrees_of
@@ -129,14 +130,7 @@ def read_dynaml(
         for file in files:
             for element in file.root.all("DnaMeasurement"):
                 reader.read(file, element)
-    problems: list[Problem] = []
-    for file in files:
-        try:
-            file.raise_all()
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
+    raise_all(files)
     return network
 
 

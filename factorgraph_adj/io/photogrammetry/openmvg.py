@@ -296,12 +296,7 @@ def _without_rays(network: Network, images: ImagePoints) -> None:
     """Leave out tie points that fewer than two photos see."""
     seen = images.seen()
     few = [n for n in network.points if n.startswith(TIE) and seen.get(n, 0) < 2]
-    lost = set(few)
-    for photo, rows in images.rows.items():
-        images.rows[photo] = [r for r in rows if r[0] not in lost]
-    for name in few:
-        del network.points[name]
-    network.point_number = {name: i for i, name in enumerate(network.points)}
+    images.leave_out(network, few)
 
 
 def _refuse_far_off(network: Network, images: ImagePoints, reading: Reading, node: Node) -> None:

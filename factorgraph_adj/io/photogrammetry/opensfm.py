@@ -255,12 +255,7 @@ def _without_rays(network: Network, images: ImagePoints) -> None:
         if seen.get(n, 0) < 2 and p.check is None and not any(p.fixed)
     ]
     control = {o.point for o in network.observations.values() if isinstance(o, ControlPoint)}
-    lost = set(few) - control
-    for photo, rows in images.rows.items():
-        images.rows[photo] = [r for r in rows if r[0] not in lost]
-    for name in lost:
-        del network.points[name]
-    network.point_number = {name: i for i, name in enumerate(network.points)}
+    images.leave_out(network, set(few) - control)
 
 
 def _control(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -95,7 +95,7 @@ class Reading:
         shown = self.problems[:MOST_PROBLEMS]
         rest = len(self.problems) - len(shown)
         if rest:
-            shown.append(Problem(f"and {rest} more problems", shown[-1].where))
+            shown.append(Problem(f"and {rest} further problems", shown[-1].where))
         raise InputError(shown)
 
 
@@ -129,6 +129,15 @@ class ImagePoints:
             for row in rows:
                 count[row[0]] = count.get(row[0], 0) + 1
         return count
+
+    def leave_out(self, network: Network, names: Iterable[str]) -> None:
+        """Take points out of the network, with their image points."""
+        lost = set(names)
+        for photo, rows in self.rows.items():
+            self.rows[photo] = [r for r in rows if r[0] not in lost]
+        for name in lost:
+            del network.points[name]
+        network.point_number = {name: i for i, name in enumerate(network.points)}
 
     def into(self, network: Network) -> None:
         """Add all image points to a network that has their photos and points.

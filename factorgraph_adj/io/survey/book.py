@@ -234,7 +234,7 @@ class FieldBook:
                 self.notes.add(1, f"fixed: there is no point {name!r}; known: {names}")
             elif all(math.isnan(v) for v in self.points[name]):
                 self.notes.add(1, f"fixed: the file has no coordinates of point {name!r}")
-        self.notes.raise_problems()
+        self.notes.raise_all()
         network = Network(self.path.stem, frame=LocalFrame(), datum="given" if held else "free")
         self._add_points(network, held)
         if self.accuracies.refraction is not None and reduced:

@@ -99,7 +99,7 @@ class _Reader:
             self.book.current = None
             for line, row in self._rows(file, section):
                 read(line, row)
-            self.problems += list(self.book.notes.problems)
+            self.problems += self.book.notes.problems
         self.book.notes = Notes(self.path)
         for o in self.observations:
             for name in o.points():
@@ -224,7 +224,9 @@ class _Reader:
         try:
             return numbers.parse(row[name], unit)
         except ValueError as error:
-            self.book.notes.add(line, f"{name}: {error}")
+            comma = self.map.decimal == "." and "," in row[name]
+            hint = ", or state decimal = ',' in the mapping" if comma else ""
+            self.book.notes.add(line, f"{name}: {error}{hint}")
             return math.nan
 
     def _point(self, line: int, row: dict[str, str]) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem
-from ..collected import LinesOfFile
+from ..collected import LinesOfFile, raise_all
 
 DEEPEST = 8
 """Largest depth of files in files."""
@@ -96,14 +96,7 @@ class Comp3dFiles:
 
     def raise_all(self) -> None:
         """Raise InputError with the problems of all files, if there are any."""
-        problems: list[Problem] = []
-        for file in self.files:
-            try:
-                file.raise_all()
-            except InputError as error:
-                problems += error.problems
-        if problems:
-            raise InputError(problems)
+        raise_all(self.files)
 
 
 def _plain(name: str) -> bool:

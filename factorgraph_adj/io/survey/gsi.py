@@ -125,7 +125,7 @@ class _Reader:
             self.book.notes.add(block.line, what)
             return
         digits = height.data[1:].strip()
-        value = self.book.notes.number(block.line, digits, "word 43, the height in mm,", 1e-3)
+        value = self.book.notes.finite(block.line, digits, "word 43, the height in mm,", 1e-3)
         station = self.book.notes.name(block.line, name.text, "word 42, the station,")
         self.book.begin(block.line, station, value if height.data[0] == "+" else -value)
 

@@ -164,7 +164,7 @@ class _Reader:
             what = f"<{e.tag}> needs north, east and elevation, not {len(words)} numbers"
             self.book.notes.add(e.line, what)
             return
-        a, b, *up = (self.book.notes.number(e.line, w, "coordinate", self.length) for w in words)
+        a, b, *up = (self.book.notes.finite(e.line, w, "coordinate", self.length) for w in words)
         east, north = (a, b) if self.east_first else (b, a)
         self.book.point(e.line, name, east, north, *up, agree=False)
 

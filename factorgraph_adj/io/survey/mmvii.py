@@ -172,8 +172,9 @@ class _Observations:
         for number, words in _words(self.lines):
             if words[0].startswith("#"):
                 self._status(number, words)
-            elif len(words) < 5:
-                self.lines.add(number, "an observation has code, station, target, value, σ")
+            elif len(words) != 5:
+                what = f"an observation has code, station, target, value, σ, not {len(words)} words"
+                self.lines.add(number, what)
             else:
                 self._observe(number, words)
 

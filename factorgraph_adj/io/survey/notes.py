@@ -7,32 +7,28 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 
-from ...errors import InputError, Problem
-from ...observations.base import Observation
+from ...errors import Problem
+from ..collected import Collected
 
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 LARGEST = 1e12
 """Size from which a number of a survey file is taken for damage: metres, or units of angle."""
-MOST_PROBLEMS = 100
-"""Number of problems of a file that are listed; a file of another format has one in each line."""
 
 
-class Notes:
-    """The problems found in a file so far."""
+class Notes(Collected):
+    """The problems found so far in a file, or in several whose lines are numbered on."""
 
     def __init__(self, path: Path) -> None:
         """Start without problems."""
-        self.path = path
+        super().__init__(path)
         self.starts: list[tuple[int, Path]] = [(0, path)]
-        self.problems: dict[Problem, int] = {}
-        self.more = 0
 
     def place(self, line: int) -> str:
         """Return file and line."""
-        before, path = next(s for s in reversed(self.starts) if s[0] < max(line, 1))
+        line = max(line, 1)
+        before, path = next(s for s in reversed(self.starts) if s[0] < line)
         return f"{path.name}:{line - before}"
 
     def go_on(self, path: Path, lines: int) -> None:
@@ -44,28 +40,16 @@ class Notes:
         """
         self.starts.append((lines, path))
 
-    def add(self, line: int, what: str) -> None:
-        """Note a problem of a line; the same problem is noted once."""
-        problem = Problem(what, self.place(line))
-        if problem not in self.problems and len(self.problems) >= MOST_PROBLEMS:
-            self.more += 1
-        else:
-            self.problems.setdefault(problem, line)
+    def order(self, problem: Problem) -> tuple[int, int]:
+        """Return the number of the file and the line of a problem."""
+        named = [i for i, (_, p) in enumerate(self.starts) if problem.where.startswith(p.name)]
+        return (named or [0])[-1], super().order(problem)[1]
 
     def __bool__(self) -> bool:
         """Return whether there are problems."""
         return bool(self.problems)
 
-    def raise_problems(self) -> None:
-        """Raise InputError with the problems in the order of lines, if there are any."""
-        if not self.problems:
-            return
-        listed = sorted(self.problems, key=lambda p: self.problems[p])
-        if self.more:
-            listed.append(Problem(f"and {self.more} more problems", self.path.name))
-        raise InputError(listed)
-
-    def number(self, line: int, text: str, what: str, scale: float = 1.0) -> float:
+    def finite(self, line: int, text: str, what: str, scale: float = 1.0) -> float:
         """Return a finite number times ``scale``; otherwise note a problem and return NaN."""
         value = float(text) if NUMBER.fullmatch(text) else math.nan
         if abs(value) < LARGEST:
@@ -80,12 +64,3 @@ class Notes:
             return name
         self.add(line, f"{what} must be a name, not {text[:40]!r}")
         return ""
-
-    def attempt(self, line: int, make: Callable[[], Observation]) -> Observation | None:
-        """Return an observation; note what its kind refuses, and return None then."""
-        try:
-            return make()
-        except InputError as error:
-            for p in error.problems:
-                self.add(line, p.what)
-        return None

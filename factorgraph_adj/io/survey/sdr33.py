@@ -124,7 +124,7 @@ class _Reader:
 
     def _number(self, line: int, text: str, what: str, scale: float) -> float | None:
         """Return a number; None for an empty field, which was not measured."""
-        return self.book.notes.number(line, text, what, scale) if text else None
+        return self.book.notes.finite(line, text, what, scale) if text else None
 
     def _header(self, line: int, text: str) -> None:
         notes, match = self.book.notes, HEADER.fullmatch(text)

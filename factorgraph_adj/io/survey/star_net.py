@@ -246,7 +246,7 @@ class _Reader:
         value = self.values.length(line, rest[0], "L difference")
         size = None
         if len(rest) > 1:
-            size = self.notes.number(line, rest[1], "length or turns of L")
+            size = self.notes.finite(line, rest[1], "length or turns of L")
             if size <= 0:
                 self.notes.add(line, f"length or turns of L must be > 0, not {rest[1]}")
                 return
@@ -432,7 +432,7 @@ class _Reader:
             if adjustment == "2D":
                 self.values.demand(1, "elevation_of_project")
         self.values.note_missing()
-        self.notes.raise_problems()
+        self.notes.raise_all()
         return (
             self._local(adjustment)
             if self.system is None
@@ -456,7 +456,7 @@ class _Reader:
             network.set_refraction(group, value=2.0 * coefficient, fixed=True)
         with lines_of(self.points, self.notes):
             vectors = self.vectors.observations(lambda names: horizons(network, system, names))
-        self.notes.raise_problems()
+        self.notes.raise_all()
         self._observe_in(network, [*self.observations, *vectors])
         return moved(network, system, self.points, self.notes, **options)
 

@@ -86,7 +86,7 @@ class StarNetVectors:
                 return
             self.notes.add(line, f".GPS WEIGHT {words[1][:30]}: valid: {', '.join(WEIGHTS)}")
         elif word == "FACTOR" and (len(words) <= 2 or (len(words) == 4 and _vertical(words[2]))):
-            given = [self.notes.number(line, w, "factor of .GPS") for w in words[1::2]] or [1.0]
+            given = [self.notes.finite(line, w, "factor of .GPS") for w in words[1::2]] or [1.0]
             if any(v <= 0 for v in given):
                 self.notes.add(line, f"factors of .GPS must be > 0, not {' '.join(words[1:])}")
                 return
@@ -102,7 +102,7 @@ class StarNetVectors:
         """Begin a vector: the words of a G1 line behind its names."""
         if len(words) != 3:
             self.notes.add(line, f"G1 takes From-To, ΔX, ΔY and ΔZ, not {len(words)} numbers")
-        value = [self.notes.number(line, w, "component of G1") for w in words[:3]]
+        value = [self.notes.finite(line, w, "component of G1") for w in words[:3]]
         self.vectors.append(Vector(line, names, (value + [0.0] * 3)[:3], self.weight, self.factors))
 
     def weights(self, line: int, code: str, words: list[str]) -> None:
@@ -114,7 +114,7 @@ class StarNetVectors:
         if len(words) != 3:
             self.notes.add(line, f"{code} takes three numbers, not {len(words)}")
             return
-        numbers = [self.notes.number(line, w, f"number of {code}") for w in words]
+        numbers = [self.notes.finite(line, w, f"number of {code}") for w in words]
         if code == "G2":
             if any(v <= 0 for v in numbers):
                 what = "variances" if last.weight == "COVARIANCE" else "standard errors"
@@ -154,12 +154,13 @@ class StarNetVectors:
             f, up = v.factors
             scale = e.T @ np.diag([f, f, up]) @ e
             covariance = scale @ v.covariance() @ scale
-            source = self.notes.place(v.line)
             made = self.notes.attempt(
                 v.line,
-                lambda v=v, c=(covariance + covariance.T) / 2.0, source=source: GnssVector(  # type: ignore[misc]
-                    *v.names, tuple(v.value), covariance=c, source=source
-                ),
+                GnssVector,
+                *v.names,
+                tuple(v.value),
+                covariance=(covariance + covariance.T) / 2.0,
+                source=self.notes.place(v.line),
             )
             if isinstance(made, GnssVector):
                 out.append(made)

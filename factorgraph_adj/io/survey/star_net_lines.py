@@ -101,13 +101,13 @@ class Values:
     def length(self, line: int, text: str, what: str) -> float:
         """Return a length, metres."""
         self.word(line, "linear", self.now.linear)
-        return self.notes.number(line, text, what, self.metres)
+        return self.notes.finite(line, text, what, self.metres)
 
     def angle(self, line: int, text: str, what: str) -> float:
         """Return an angle, radians: degrees-minutes-seconds, packed D.MMSSsss, or gons."""
         unit = self.word(line, "angular", self.now.angular)
         if unit == "GONS":
-            return self.notes.number(line, text, what, GON)
+            return self.notes.finite(line, text, what, GON)
         return self.degrees(line, text, what)
 
     def degrees(self, line: int, text: str, what: str) -> float:
@@ -161,7 +161,7 @@ class Values:
             return HELD_ANGLE if angular else HELD_LENGTH
         if entered:
             scale = self._angular_error(line) if angular else self.metres
-            value = self.notes.number(line, text or "", f"standard error of the {kind}", scale)
+            value = self.notes.finite(line, text or "", f"standard error of the {kind}", scale)
             if value == 0:
                 return HELD_ANGLE if angular else HELD_LENGTH
             if not value > 0:
@@ -335,12 +335,12 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
     elif option == "SEPARATOR":
         now.separator = given[0] if given and len(given[0]) == 1 else "-"
     elif option == "MULTIPLIER":
-        now.multiplier = values.notes.number(line, given[0], ".MULTIPLIER") if given else 1.0
+        now.multiplier = values.notes.finite(line, given[0], ".MULTIPLIER") if given else 1.0
         if not now.multiplier > 0:
             values.notes.add(line, f".MULTIPLIER must be > 0, not {given[0]!r}")
             now.multiplier = 1.0
     elif option == "REFRACTION":
-        number = values.notes.number(line, given[0], ".REFRACTION") if given else math.nan
+        number = values.notes.finite(line, given[0], ".REFRACTION") if given else math.nan
         now.refraction = number if given else project.refraction
     elif option == "INSTRUMENT":
         _instrument(values, line, given)
@@ -351,7 +351,7 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
             values.notes.add(line, f".LONGITUDE {' '.join(given)}: valid: POS (west), NEG (west)")
         now.longitude = signs.get(said[:3], project.longitude)
     elif option == "LWEIGHT" and given:
-        level = values.notes.number(line, given[0], ".LWEIGHT")
+        level = values.notes.finite(line, given[0], ".LWEIGHT")
         if level > 0:
             values.options = replace(values.options, level=level)
 

@@ -30,13 +30,13 @@ def number_of(notes: Notes, element: Element, *tags: str, scale: float = 1.0) ->
     text = "" if found is None else found.text.strip()
     if found is None or not text:
         return None
-    return notes.number(found.line, text, f"<{found.tag}>", scale)
+    return notes.finite(found.line, text, f"<{found.tag}>", scale)
 
 
 def attribute(notes: Notes, element: Element, name: str, scale: float = 1.0) -> float | None:
     """Return the number in an attribute; None where it is absent or empty."""
     text = element.attributes.get(name, "")
-    return notes.number(element.line, text, name, scale) if text else None
+    return notes.finite(element.line, text, name, scale) if text else None
 
 
 def root_of(path: Path, tag: str) -> Element | None:

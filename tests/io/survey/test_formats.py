@@ -454,3 +454,14 @@ def test_lengths_of_gsi_are_the_floats_of_their_decimals(word, metres):
     """151.2, not 151.20000000000002, so that a project written from it reads as the book does."""
     (block,) = blocks("*" + word + " ", Notes(Path("book.gsi")))
     assert block.words[0].number(Notes(Path("book.gsi"))) == metres
+
+
+def test_a_table_without_a_mapping_and_with_commas_says_what_to_state(tmp_path):
+    """A missing option is an error of the input, not of the program."""
+    (tmp_path / "book.csv").write_text("P;H\nA;1,5\n", encoding="utf-8")
+    with pytest.raises(InputError, match="table with a mapping needs the option mapping: "):
+        fga.read(tmp_path / "book.csv")
+    mapping = '[points]\nname = "P"\nz = "H"\n'
+    (tmp_path / "map.toml").write_text(mapping, encoding="utf-8")
+    with pytest.raises(InputError, match="write a decimal point, or state decimal = ',' in the"):
+        fga.read(tmp_path / "book.csv", mapping=tmp_path / "map.toml")

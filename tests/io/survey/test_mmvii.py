@@ -11,29 +11,9 @@ import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.observations import CoordinateDifference, Direction, SlopeDistance
 from factorgraph_adj.units import GON
-from tests.hostile.readers import judge
+from tests.networks.survey_files import MMVII_OBSERVATIONS as OBSERVATIONS
+from tests.networks.survey_files import MMVII_POINTS as POINTS
 from tests.support.places import data_dir
-
-POINTS = """* 0 is a free point
-1 A 100.0 100.0 10.0
-1 B 160.0 100.0 12.0 * given
-0 C 130.0 150.0 11.0
-"""
-OBSERVATIONS = """ 7 A B 100.0000 0.0010
- 5 A C 34.4042 0.0010 * clockwise
- 6 A C 98.9085 0.0010
- 3 A C 58.3180 0.0020
- 4 A C 1.0 0.001
- 3 B C 58.3180 -1
-#NEW
- 5 A B 0.0 0.001
- 5 A C 334.4042 0.001
-#FIX
- 5 B C 365.5958 0.001
- 14 B C -30.001 0.005
- 15 B C 50.002 0.005
- 16 B C -1.0 0.005
-"""
 
 
 def write(folder: Path, observations: str = OBSERVATIONS, points: str = POINTS) -> Path:
@@ -110,8 +90,3 @@ def test_points_are_found_beside_the_observations_or_named(tmp_path):
     assert "C" in fga.read_mmvii(path, points=tmp_path / "other.txt").points
     with pytest.raises(InputError, match=r"coords\.txt:1: a point has"):
         fga.read_mmvii(write(tmp_path, points="A 1 2 3\n"))
-
-
-def test_damaged_files_are_refused_or_read(tmp_path):
-    files = {"meas.obs": OBSERVATIONS.encode(), "coords.txt": POINTS.encode()}
-    judge(fga.read_mmvii, files, "meas.obs", tmp_path, seed=6)

@@ -172,9 +172,7 @@ def test_a_click_on_a_displacement_shows_its_row(tmp_path):
         assert found.chosen()[:2] == ["Q", "moved"]
         found.page.fill("#plan-find", "B")
         found.page.press("#plan-find", "Enter")
-        found.page.wait_for_function(
-            "document.getElementById('plan-told').textContent.includes('B')"
-        )
+        found.page.get_by_text("Point B is marked.").wait_for()
         for table in found.page.locator("table.sheet").all():
             found.alive(table.get_attribute("data-sheet"))
         assert found.said == []
