@@ -90,7 +90,7 @@ def test_a_point_that_is_held_must_be_there(tmp_path, name):
     [
         ({"sigma_direction_mgon": 0}, "sigma_direction_mgon: must be a number > 0"),
         ({"ppm": -1}, "ppm: must be a number ≥ 0"),
-        ({"faces": "one"}, "faces: must be means, both"),
+        ({"faces": "one"}, "option faces must be 'means' or 'both', not 'one'"),
         ({"refraction": math.nan}, "refraction: must be a number such as 0.13"),
         ({"faces": "both", "centring_mm": 1.0}, "centring"),
     ],
