@@ -78,6 +78,7 @@ if TYPE_CHECKING:
     from .network.from_grid import from_grid
     from .network.join import join
     from .network.network import Network
+    from .network.own_datum import vectors_in_own_datum
     from .network.selection import without
     from .observations.airborne import (
         AntennaVector,
@@ -286,6 +287,7 @@ __all__ = [
     "significance",
     "snoop",
     "to_xarray",
+    "vectors_in_own_datum",
     "wgs84_coordinates",
     "without",
     "write",
@@ -453,6 +455,7 @@ _MODULES = {
     "read_sdr33": "io.survey.sdr33",
     "read_star_net": "io.survey.star_net",
     "results_schema": "export.results",
+    "vectors_in_own_datum": "network.own_datum",
     "to_xarray": "export.arrays",
     "write": "export.exports",
     "write_colmap": "io.photogrammetry.colmap_write",

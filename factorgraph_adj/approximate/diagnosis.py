@@ -86,6 +86,11 @@ def _why_no_frame(progress: Progress, frames: InFrames, frame: int) -> str:
         for a, v, s in zip("xyz", frames.given[frame, 3:6], seen, strict=True)
         if np.isnan(v) and not s
     ]
+    if not len(point) and frame in progress.survey.of_vectors:
+        return (
+            "only vectors are observed in it, which do not place its rotation: state values of rx, "
+            "ry, rz, such as 0 for reference frames of GNSS"
+        )
     if not len(point) and not partly.any():
         return "nothing is observed in it: hold its components, or take it out"
     if blind and len(point):

@@ -163,6 +163,8 @@ class Survey:
     """GNSS vectors."""
     plan_steps: Sighted
     """Differences of the two plan coordinates alone, as vectors (n, 3) with any height."""
+    of_vectors: frozenset[int]
+    """Numbers of the frames in which vectors are observed."""
     edges: Edges
     """Lengths and height differences by pairs of points."""
     above: AboveSurfaces
@@ -236,6 +238,7 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
             equations,
         ),
         _plan_differences(by_kind.get("coordinate_difference", []), equations),
+        frozenset(n for b in by_kind.get("frame_vector", []) for n in b.variables[0][1].tolist()),
         _edges(n, slopes, levels, zeniths, steps, curvature),
         read_surfaces(equations),
     )

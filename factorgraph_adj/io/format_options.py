@@ -29,21 +29,16 @@ def arguments_of(function: Callable[..., object], options: Mapping[str, Any]) ->
 
     Args:
         function: the function.
-        options: values of its options by name, as `options_of` lists them.
+        options: values of its options by name, as `fitting` returns them.
 
     Raises:
-        InputError: a group refuses the value of a field, or is given as something else.
+        InputError: a group refuses the value of a field.
     """
     out = {n: v for n, v in options.items() if n in _arguments(function)}
     for name, usual in _groups(function).items():
         stated = {f.name: options[f.name] for f in fields(usual) if f.name in options}
-        group = out.get(name, usual)
-        if not isinstance(group, type(usual)):
-            valid = known([f.name for f in fields(usual)], most=20)
-            what = f"must be {type(usual).__name__}(…), not {group!r}; or give its fields: {valid}"
-            raise InputError(Problem(what, name))
         if stated:
-            out[name] = replace(group, **stated)
+            out[name] = replace(out.get(name, usual), **stated)
     return out
 
 

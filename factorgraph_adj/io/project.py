@@ -35,8 +35,7 @@ from .read_observations import ObservationsReader
 from .read_readings import read_readings
 from .read_unknowns import Dimension, UnknownsReader
 from .tables import Row, Table, read_table
-from .text import parse_toml, read_text
-from .toml_places import TomlPlaces
+from .toml_places import read_toml
 
 
 def tables() -> tuple[str, ...]:
@@ -126,12 +125,10 @@ def load_project(
     if path.is_dir():
         path = path / "project.toml"
     problems: list[Problem] = []
-    text = read_text(path)
-    document, places = parse_toml(text, path.name), TomlPlaces(text, path.name)
+    document, places = read_toml(path)
     top = Row(document, path.name, problems)
-    for key in document:
-        if key not in KEYS:
-            top.wrong(f"unknown key {key!r}; known: {known(KEYS, meant=key, most=40)}")
+    for key in (k for k in document if k not in KEYS):
+        top.wrong(f"unknown key {key!r}; known: {known(KEYS, meant=key, most=40)}")
     units = _units(_table(document, "units", path.name, problems))
     datum = top.choice("datum", ("given", "free"), "given")
     frame = _frame(_table(document, "frame", path.name, problems), units)
@@ -196,8 +193,8 @@ def load_project(
             found = check(network, sources=reader.sources) if whole else ()
             raise InputError([*warnings, *problems, *found])
         if section.grid:
-            stated_frame = frame if "frame" in document else None
-            network = section.moved(network, stated_frame, reader.sources)
+            own = frame if "frame" in document else None
+            network = section.moved(network, own, reader.sources)
     return Project(network, path, context, options, reader.sources, warnings)
 
 

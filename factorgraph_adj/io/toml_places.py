@@ -10,8 +10,11 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 from ..errors import InputError, Problem
+from .text import parse_toml, read_text
 
 _HEADER = re.compile(r"\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
 _BARE = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
@@ -106,6 +109,16 @@ class TomlPlaces:
             begun = own[0].line if own else 0
             return own + [s for s in inside if s.line > begun] or fitting
         return fitting + inside or self.sections[:1]
+
+
+def read_toml(path: Path) -> tuple[dict[str, Any], TomlPlaces]:
+    """Return the document of a TOML file, and the places of its keys.
+
+    Raises:
+        InputError: the file cannot be read, or is not TOML.
+    """
+    text = read_text(path)
+    return parse_toml(text, path.name), TomlPlaces(text, path.name)
 
 
 def _plain(name: str) -> str:

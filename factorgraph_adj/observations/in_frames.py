@@ -78,7 +78,9 @@ class FrameVector(Observation):
     or weighted rotation and scale (`Network.add_frame` with free = ("rotation", "scale")); the
     offset of the frame has no part in it. E is the identity; in a frame that is ``level`` it is the
     horizon (east, north, up) at the first point. GNSS frames are turned by seconds of arc: state
-    values 0 for free rotations, which vectors alone do not place.
+    values 0 for free rotations, which vectors alone do not place. The axes of the frame are then
+    nearly those of the network: geocentric vectors of a topocentric network are turned into its
+    axes first, which `factorgraph_adj.vectors_in_own_datum` does with those of a network.
     """
 
     kind: ClassVar[str] = "frame_vector"

@@ -111,3 +111,51 @@ def test_a_geocentric_network_finds_the_same_similarity() -> None:
     assert found[6] == pytest.approx(PPM * 1e-6, abs=1e-6)
     np.testing.assert_allclose(found[:3], k @ TURN, rtol=0, atol=0.3 * ARCSEC)
     assert np.abs(solution.point("P") - xyz[4]).max() < 4 * SIGMA
+
+
+def test_vectors_of_a_network_get_a_datum_of_their_own() -> None:
+    """With their ids, covariances and sources; the result is that of vectors stated in a frame."""
+    network, stated = old_control(), old_control()
+    stated.add_frame("GNSS", free=("rotation", "scale"), values={"rx": 0.0, "ry": 0.0, "rz": 0.0})
+    for (a, b), d in vectors().items():
+        network.add(fga.GnssVector(a, b, tuple(d.tolist()), sigma=(SIGMA,) * 3, source="a.gvx:1"))
+    moved = fga.vectors_in_own_datum(network)
+    assert list(moved.observations) == list(network.observations)
+    assert {o.source for o in moved.observations.values()} == {"a.gvx:1"}  # type: ignore[attr-defined]
+    one, two = fga.adjust(moved), fga.adjust(in_frame(stated))
+    assert one.vtpv == pytest.approx(two.vtpv, rel=1e-9)
+    assert fga.adjust(network).sigma0 > 10.0 > one.sigma0
+
+
+def test_what_has_no_datum_of_its_own_is_told() -> None:
+    network = old_control()
+    with pytest.raises(fga.InputError, match="has no GNSS vectors"):
+        fga.vectors_in_own_datum(network)
+    network.add(fga.GnssVector("A", "P", (1, 2, 3), sigma=(1, 1, 1), target_height=1.5))
+    with pytest.raises(fga.InputError, match="has heights of antennas"):
+        fga.vectors_in_own_datum(network)
+    with pytest.raises(fga.InputError, match="there is no GNSS vector 'x'; known: 1"):
+        fga.vectors_in_own_datum(network, ids=["x"])
+    with pytest.raises(fga.AdjustmentError, match="only vectors are observed in it"):
+        free = old_control()
+        free.add_frame("GNSS", free=("rotation", "scale"))
+        fga.adjust(in_frame(free))
+
+
+def test_a_frame_of_vectors_goes_with_a_network_from_a_grid() -> None:
+    """A held offset beside free rotations, which count from axes of the grid, is converted."""
+    pytest.importorskip("pyproj", reason="the extra crs is not installed")
+    grid = fga.Network("UTM")
+    places = ((686e3, 5319e3, 500.0), (688e3, 5319e3, 550.0), (686e3, 5322e3, 520.0))
+    for name, at in zip("ABC", places, strict=True):
+        grid.add_point(name, at, fixed="xyz")
+    zero = {"rx": 0.0, "ry": 0.0, "rz": 0.0}
+    grid.add_frame("local", free=("rotation", "scale"), values=zero, origin=places[0])
+    for a, b in ("AB", "AC", "BC"):
+        d = np.subtract(places["ABC".index(b)], places["ABC".index(a)])
+        grid.add(fga.FrameVector("local", a, b, tuple(d.tolist()), sigma=(0.01,) * 3))
+    system = fga.ReferenceSystem("EPSG:25832", geoid=46.0)
+    found = fga.adjust(fga.from_grid(grid, system)).unknown("frame", "local")
+    # The axes of the grid, 1.85° west of north here, and its combined factor of 0.999936.
+    assert np.degrees(np.array(found.values[:3])) == pytest.approx([0, 0, -1.85], abs=0.03)
+    assert found.values[6] == pytest.approx(1 - 0.999936, abs=4e-6)

@@ -346,7 +346,7 @@ def test_geocentric_and_topocentric_ellipses_are_the_same():
     """Of the same points 5 and 40 km from the origin, in the horizon of each point."""
     frame = TopocentricFrame(47 * DEGREE, 11 * DEGREE, 250.0)
     geo = frame.geocentric
-    _, rows = frame._origin()
+    _, rows = frame._origin
     rng = np.random.default_rng(5)
     local = Network("topocentric", frame=frame)
     world = Network("geocentric", frame=geo)

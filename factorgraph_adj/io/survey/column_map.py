@@ -9,8 +9,7 @@ from typing import Any
 
 from ...errors import InputError, Problem, known
 from ..numbers import Units
-from ..text import parse_toml, read_text
-from ..toml_places import TomlPlaces
+from ..toml_places import read_toml
 
 SECTIONS = ("points", "readings", "observations")
 POINT_COLUMNS = ("name", "x", "y", "z", "fixed")
@@ -86,9 +85,8 @@ def column_map(given: ColumnMap | Mapping[str, Any] | str | Path) -> ColumnMap:
         return given
     where, places = "mapping", None
     if isinstance(given, str | Path):
-        path = Path(given)
-        text, where = read_text(path), path.name
-        given, places = parse_toml(text, where), TomlPlaces(text, where)
+        where = Path(given).name
+        given, places = read_toml(Path(given))
     problems = [
         Problem(f"unknown key {k!r}; valid: {known(KEYS, meant=k, most=20)}", where)
         for k in given

@@ -103,7 +103,13 @@ def _frame(parameter: Parameter, move: GridMove, places: Moved, row: int) -> Par
     if np.isnan(values[:6]).all() and (parameter.origin or not constants[:3].any()):
         return parameter
     held = np.array(parameter.fixed[:6]) | np.isfinite(parameter.sigma[:6])
-    if held.any() and _stated(replace(parameter, values=parameter.values[:6])):
+    motion = replace(
+        parameter,
+        values=parameter.values[:6],
+        fixed=parameter.fixed[:6],
+        sigma=parameter.sigma[:6],
+    )
+    if held.any() and _stated(motion):
         what = "is held or weighted in axes of the grid: state it in a topocentric frame"
         raise InputError(Problem(what))
     if not parameter.origin:

@@ -367,6 +367,7 @@ KINDS: dict[str, str] = {
     "frame direction": "Richtung im System",
     "frame zenith": "Zenitwinkel im System",
     "frame distance": "Strecke im System",
+    "frame vector": "Vektor im System",
     "photo attitude": "Fotolage",
     "navigation attitude": "Navigationslage",
     "photo angle": "Fotowinkel",
