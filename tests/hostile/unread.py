@@ -52,7 +52,7 @@ PATTERNS: dict[str, tuple[str, ...]] = {
         r"block\.obc\|value\|\d\|",  # points that no photo sees
         r"block\.phc\|value\|\d\|",  # points that .obc does not have; method
     ),
-    "star-net": (r"\|#|#   held|# held", r"'a point", r"\|word\| qz7x\|DE$"),
+    "star-net": (r"\|#|#   held|# held", r"'a point"),
     "sdr33": (
         r"\|00NM|\|10NM|\|01NM",  # header without options, job, instrument
         r"\|value\|control\||\|word\|",  # descriptions behind the fields
@@ -74,7 +74,7 @@ PATTERNS: dict[str, tuple[str, ...]] = {
         r"SOURCE_DATA|REFERENCE_SYSTEM|EQUIPMENT|SURVEY_SETUP|EPOCH|GEODETIC|<SESSION ID",
         r"\|value\|unknown\|",
     ),
-    "comp3d": (r"\|\*|\*comment", r"\|-1 OUT", r"\|word\| qz7x\|.*@"),
+    "comp3d": (r"\|\*|\*comment", r"\|-1 OUT", r"word\| qz7x\|\d+ @"),
     "lgc2": (
         r"\|a small network|\|\*TITR|\|\*PREC|\*OLOC$",  # title, printing; a plane is the default
         r"% a comment",
