@@ -74,7 +74,7 @@ PATTERNS: dict[str, tuple[str, ...]] = {
         r"SOURCE_DATA|REFERENCE_SYSTEM|EQUIPMENT|SURVEY_SETUP|EPOCH|GEODETIC|<SESSION ID",
         r"\|value\|unknown\|",
     ),
-    "comp3d": (r"\|\*|\*comment", r"\|-1 OUT", r"word\| qz7x\|\d+ @"),
+    "comp3d": (r"\|\*|\*comment", r"\|-1 OUT"),
     "lgc2": (
         r"\|a small network|\|\*TITR|\|\*PREC|\*OLOC$",  # title, printing; a plane is the default
         r"% a comment",
