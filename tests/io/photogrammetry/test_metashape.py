@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,9 @@ import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.photogrammetry.metashape import read_metashape
 from factorgraph_adj.io.photogrammetry.metashape_write import write_metashape
+from factorgraph_adj.models.lens import Lens
+from factorgraph_adj.models.rational_lens import RationalLens
+from factorgraph_adj.models.ray_lens import FisheyeLens
 from factorgraph_adj.solve.solution import Solution
 from tests.support.dbat_report import Report, read_report
 from tests.support.places import data_dir
@@ -444,3 +448,53 @@ def test_archives_that_are_none_are_refused(tmp_path: Path) -> None:
     (tmp_path / "q.psx").write_text('<document path="../../etc/x.zip"/>', encoding="utf-8")
     with pytest.raises(InputError, match="must lead into the folder of the project"):
         fga.read(tmp_path / "q.psx")
+
+
+@pytest.mark.parametrize(
+    ("lens", "more"),
+    [
+        (
+            RationalLens(),
+            {"k1": -0.02, "k2": 0.01, "p1": 1e-4, "p2": -2e-4, "b1": 0.002, "b2": 1e-4},
+        ),
+        (
+            FisheyeLens(),
+            {"k1": 0.02, "k2": -0.01, "k4": 1e-3, "p1": 1e-4, "p2": -2e-4, "b1": 0.002, "b2": 1e-4},
+        ),
+    ],
+    ids=lambda x: getattr(x, "kind", ""),
+)
+def test_lenses_of_colmap_are_written_where_metashape_has_the_same(
+    tmp_path: Path, lens: Lens, more: dict[str, float]
+) -> None:
+    """What is read again projects points as what was written."""
+    network = fga.Network("lens")
+    values = {"c": 900.0, "x0": 510.0, "y0": -380.0, **more}
+    network.add_camera(
+        "1",
+        lens,
+        values,
+        unit="px",
+        format=(1024, 768),
+        origin="upper left",
+        y_down_in_files=True,
+    )
+    network.add_photo("a", "1", position=(0, 0, 5), omega_phi_kappa=(0, 0, 0))
+    fga.write_metashape(network, tmp_path / "out.xml", content="cameras")
+    back = next(iter(fga.read(tmp_path / "out.xml").cameras.values()))
+    rng = np.random.default_rng(1)
+    local, zero = np.column_stack([rng.uniform(-0.5, 0.5, (40, 2)), np.ones(40)]), np.zeros(40)
+    written, read_again = (
+        camera.lens.seen(tuple(local.T), zero, zero, np.array([camera.values]), jacobians=False)[0]
+        for camera in (network.cameras["1"], back)
+    )
+    np.testing.assert_allclose(read_again, written, atol=1e-9)
+    lost = "s1" if lens.kind == "fisheye" else "k5"
+    camera = network.cameras["1"]
+    stated = dict(zip(lens.names, camera.values, strict=True)) | {lost: 0.1}
+    network.cameras["1"] = replace(camera, values=tuple(stated.values()))
+    free = tuple(n != lost for n in lens.names)
+    for wrong in (network.cameras["1"], replace(camera, fixed=free)):
+        network.cameras["1"] = wrong
+        with pytest.raises(InputError, match=r"cannot express the lens model .* = 0, held"):
+            fga.write_metashape(network, tmp_path / "none.xml", content="cameras")
