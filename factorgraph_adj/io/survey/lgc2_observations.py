@@ -382,13 +382,14 @@ class Lgc2Observations:
             )
 
     def _coordinates(self, block: Block) -> None:
+        """Add coordinates in the frame of the block, metres, with σ in millimetres."""
         frame, r, t, _ = self.builder.body(block.node)
         for row in block.rows:
             target = row.word(0, "a point")
             self._stated(row, target)
             x, sigma = np.array(row.numbers(1, 6)).reshape(2, 3)
             row.options(7, ())
-            covariance = r @ np.diag(sigma**2) @ r.T
+            covariance = r @ np.diag((sigma * MM) ** 2) @ r.T
             value = tuple((r @ x + t).tolist())
             self.network.add(
                 o.FrameCoordinate(
