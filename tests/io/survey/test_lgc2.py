@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.errors import InputError
 from factorgraph_adj.units import CC, GON
 
 TEXT = """*TITR
@@ -106,3 +107,22 @@ def test_standard_deviations_of_coordinates_are_millimetres(tmp_path: Path) -> N
     (o,) = [o for o in fga.read_lgc2(path).observations.values() if o.source == f"{path.name}:11"]
     assert o.value == (-1.0, -1.0, -1.0)
     assert np.sqrt(np.diag(o.covariance)) == pytest.approx([0.001, 0.002, 0.003])
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("*POLAR T P1 0 0 0", "*POLAR T P1 0 0.5 0"),
+        ("P1 5 7 0.1 2 0 0 0 0", "P1 5 7 0.1 2 0.033 0 0 0"),
+        ("P1 5 7 0.1 2 0 0 0 0", "P1 5 7 0.1 2 0 0 0 0.5"),
+        ("*SCALE R 0.2 0 0.01 0 0", "*SCALE R 0.2 0 0.01 0.1 0"),
+    ],
+)
+def test_corrections_and_centring_that_are_not_read_are_refused(
+    before: str, after: str, tmp_path: Path
+) -> None:
+    assert before in TEXT
+    path = tmp_path / "net.lgc2"
+    path.write_text(TEXT.replace(before, after), encoding="ascii")
+    with pytest.raises(InputError, match=r"net\.lgc2:\d+: .*not read|only zeros are read"):
+        fga.read_lgc2(path)
