@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -62,8 +63,8 @@ class StandardDeviation:
         if self.combine not in COMBINATIONS:
             valid = ", ".join(COMBINATIONS)
             raise InputError(f"unknown combination {self.combine!r} of parts; valid: {valid}")
-        parts = np.array([getattr(self, name) for name in ("constant", *PARTS)])
-        if not np.all(np.isfinite(parts)) or np.any(parts < 0) or not np.any(parts > 0):
+        parts = [getattr(self, name) for name in ("constant", *PARTS)]
+        if not all(map(isfinite, parts)) or min(parts) < 0 or not max(parts) > 0:
             raise InputError(
                 f"the parts of a standard deviation must be finite, not negative and not all "
                 f"zero: {self}"

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import fields
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import product
 
 from ..errors import known, similar
 from ..models.variables import Quantity
-from ..observations import KINDS, observation_kind
+from ..observations import KINDS, Observation, observation_kind
 from ..units import ANGLE, LENGTH
 
 NAMES = ("station", "target", "target2", "point", "photo")
@@ -119,14 +119,24 @@ def columns_of_vector(name: str) -> tuple[str, ...]:
 def _constants_of(kind: str) -> dict[str, Quantity]:
     """Return the fields of a kind that its model takes, with their physical quantities."""
     record = observation_kind(kind)
-    stated = {f.name: f.metadata.get("quantity", "length") for f in fields(record.observation)}
-    return {n: stated[n] for n in record.constants if n in stated}
+    stated = _stated(record.observation)  # type: ignore[arg-type]  # classes are hashable
+    return {n: stated[n][0] for n in record.constants if n in stated}
 
 
 def _is_vector(kind: str, name: str) -> bool:
     """Return whether a field holds several numbers; postponed annotations are strings."""
-    every = fields(observation_kind(kind).observation)
-    return any(f.name == name and str(f.type).startswith("tuple") for f in every)
+    of_class = observation_kind(kind).observation
+    found = _stated(of_class).get(name)  # type: ignore[arg-type]  # classes are hashable
+    return found is not None and found[1]
+
+
+@cache
+def _stated(observation: type[Observation]) -> dict[str, tuple[Quantity, bool]]:
+    """Return the fields of a class: their physical quantity, and whether they are tuples."""
+    return {
+        f.name: (f.metadata.get("quantity", "length"), str(f.type).startswith("tuple"))
+        for f in fields(observation)
+    }
 
 
 @lru_cache

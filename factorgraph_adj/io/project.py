@@ -382,14 +382,11 @@ def _parameters(row: Row, y_down: bool) -> tuple[dict[str, float], list[str], di
         entry = given if isinstance(given, dict) else {"value": given}
         inside = Row(entry, row.where, row.problems, f"{row.of} parameter {name}")
         _only(inside, ("value", "free", "sigma"))
-        # A principal distance that is unknown is looked for.
-        unknown = name == "c" and given is entry and bool(entry.get("free"))
+        unknown = name == "c" and bool(entry.get("free"))  # it is looked for
         value = inside.number("value", required=not unknown)
         sigma = inside.number("sigma", positive=True)
-        if value is None and unknown:
-            free.append(name)
-            continue
-        values[name] = 0.0 if value is None else value
+        if value is not None or not unknown:
+            values[name] = value or 0.0
         if y_down and name == "y0":
             values[name] = -values[name]
         if sigma is not None:

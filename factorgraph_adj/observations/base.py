@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, Field, dataclass, fields, replace
+from functools import cache
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -41,6 +42,12 @@ def _positive(value: Any) -> bool:
 def _is_text(f: Field[Any]) -> bool:
     """Return whether a field holds text; postponed annotations are compared as strings."""
     return f.type in (str, "str", "str | None") or str(f.type) == "str | None"
+
+
+@cache
+def _fields(kind: type[Observation]) -> tuple[tuple[str, bool, bool], ...]:
+    """Return name of each field of a class, whether it holds text, and whether it may be None."""
+    return tuple((f.name, _is_text(f), "None" in str(f.type)) for f in fields(kind))
 
 
 def _name(observation: Observation) -> str:
@@ -134,21 +141,21 @@ class Observation:
 
     def _check(self) -> None:
         """Check values, standard deviations and names."""
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if _is_text(f):
-                if not isinstance(value, str) and (value is not None or "None" not in str(f.type)):
-                    self._fail(f"{f.name} must be text, not {value!r}")
+        for name, text, optional in _fields(type(self)):  # type: ignore[arg-type]  # hashable
+            value = getattr(self, name)
+            if text:
+                if not isinstance(value, str) and (value is not None or not optional):
+                    self._fail(f"{name} must be text, not {value!r}")
                 continue
             if isinstance(value, StandardDeviation):
                 self._check_parts(value)
                 continue
-            if value is None and "None" in str(f.type):
+            if value is None and optional:
                 continue
             if not _finite(value):
                 shown = repr(value) if isinstance(value, str) else value
-                self._fail(f"{f.name} must be a finite number, not {shown}")
-            if f.name == "sigma" and not _positive(value):
+                self._fail(f"{name} must be a finite number, not {shown}")
+            if name == "sigma" and not _positive(value):
                 self._fail(f"sigma must be greater than zero, not {value}")
         if self.nonnegative and getattr(self, "value", 0.0) < 0:
             self._fail(f"a distance cannot be negative: {getattr(self, 'value', None)}")

@@ -88,7 +88,12 @@ FORMATS: dict[str, Format] = {
     "metashape-xml": Format("metashape-xml", photo_files.metashape, "cameras.xml"),
     "opf": Format("opf", photo_files.opf, "block.opf"),
     "opensfm": Format("opensfm", lambda _: photo_files.opensfm(), "reconstruction.json"),
-    "openmvg": Format("openmvg", lambda _: photo_files.openmvg(), "sfm_data.json"),
+    "openmvg": Format(
+        "openmvg",
+        lambda _: photo_files.openmvg(),
+        "sfm_data.json",
+        {"positions": "observe"},
+    ),
     "opencv": Format("opencv", lambda f: photo_files.opencv(".yml", f), "calibration.yml"),
     "opencv xml": Format("opencv", lambda f: photo_files.opencv(".xml", f), "calibration.xml"),
     "micmac": Format(
@@ -100,19 +105,6 @@ FORMATS: dict[str, Format] = {
     "bundler": Format("bundler", _text("b.out", photo_files.BUNDLER), "b.out"),
     "dbat": Format("dbat", lambda _: photo_files.dbat(), "script.xml"),
     "aicon": Format("aicon", lambda _: photo_files.aicon(), "block.obc"),
-    "mmvii": Format(
-        "mmvii",
-        _texts(
-            **{
-                "meas.obs": survey_files.MMVII_OBSERVATIONS,
-                "coords.txt": survey_files.MMVII_POINTS,
-            }
-        ),
-        "meas.obs",
-    ),
-    "jag3d": Format(
-        "jag3d", _text("site.script", lambda: jag3d.script(jag3d.site())), "site.script"
-    ),
     "star-net": Format(
         "star-net",
         _text("job.dat", survey_files.STAR_NET),
@@ -146,6 +138,10 @@ FORMATS: dict[str, Format] = {
     "dynaml": Format("dynaml", lambda _: survey_files.dynaml(), "combined.xml"),
     "gvx": Format("gvx", survey_files.gvx, "n.gvx"),
     "comp3d": Format("comp3d", _texts(**survey_files.COMP3D), "net.obs", {"latitude": 48.8}),
+    "mmvii": Format("mmvii", _texts(**survey_files.MMVII), "meas.obs"),
+    "jag3d": Format("jag3d", _text("site.script", jag3d.script(jag3d.site())), "site.script"),
+    "jag3d database": Format("jag3d", lambda _: jag3d.files(jag3d.site()), "site.script"),
+    "jag3d flat": Format("jag3d", _texts(**jag3d.FLAT)),
     "lgc2": Format("lgc2", _text("net.lgc2", survey_files.LGC2), "net.lgc2"),
 }
 """One set of files at least for each row of the table of formats."""

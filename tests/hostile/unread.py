@@ -52,17 +52,7 @@ PATTERNS: dict[str, tuple[str, ...]] = {
         r"block\.obc\|value\|\d\|",  # points that no photo sees
         r"block\.phc\|value\|\d\|",  # points that .obc does not have; method
     ),
-    "openmvg": (
-        r"id_feat|polymorphic|ptr_wrapper|root_path|local_path|filename",  # of OpenMVG's own memory
-        r"\|\"(width|height|id_view|id_intrinsic)\":",  # of views: their keys and cameras count
-        r"use_pose_center_prior|\|value\|-?[\d.]+\|-?[\d.]+,?$",  # positions, which are an option
-    ),
-    "jag3d": (
-        r"\|(SET|GRANT|ALTER|CREATE) ",  # the schema of the database
-        r"VersionTable|\|value\|.*INSERT INTO \"(Average|Principal|TestStatistic)",
-    ),
-    "mmvii": (r"\|[^|]*\*[^|]*$", r" -1$"),  # comments; observations that are switched off
-    "star-net": (r"\|#|#   held|# held", r"'a point", r"\|word\| qz7x\|DE$"),
+    "star-net": (r"\|#|#   held|# held", r"'a point"),
     "sdr33": (
         r"\|00NM|\|10NM|\|01NM",  # header without options, job, instrument
         r"\|value\|control\||\|word\|",  # descriptions behind the fields
@@ -84,13 +74,23 @@ PATTERNS: dict[str, tuple[str, ...]] = {
         r"SOURCE_DATA|REFERENCE_SYSTEM|EQUIPMENT|SURVEY_SETUP|EPOCH|GEODETIC|<SESSION ID",
         r"\|value\|unknown\|",
     ),
-    "comp3d": (r"\|\*|\*comment", r"\|-1 OUT", r"\|word\| qz7x\|.*@"),
+    "comp3d": (r"\|\*|\*comment", r"\|-1 OUT"),
     "lgc2": (
         r"\|a small network|\|\*TITR|\|\*PREC|\*OLOC$",  # title, printing; a plane is the default
         r"% a comment",
         r"\*POLAR|\|P1 |\*SCALE",  # targets that are not used, further numbers of instruments
     ),
     "gama": (),
+    "jag3d": (
+        r"\|#",
+        r"\|(SET|CREATE|ALTER) ",  # statements without rows; words of columns
+        r"ProjectMetadata|ReductionDefinition",  # what no task reduces
+    ),
+    "mmvii": (r"\|\*|\* (given|clockwise)", r" -1$"),  # comments; what is switched off
+    "openmvg": (
+        r"root_path|\"(id_feat|id_view|width|height|polymorphic_id)\"",
+        r"\"(local_path|filename|id_intrinsic)\"",  # of views without a pose
+    ),
     "project": (r"\|\|",),
 }
 """Patterns by reader of what may change without an effect."""

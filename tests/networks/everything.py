@@ -112,6 +112,7 @@ def everything(frame_name: str) -> Network:
         ),
         o.ControlPoint('"D"', (3.0, 1.0, 2.0), axes="nu", sigma=(0.01, 0.02)),
         o.FrameCoordinate("model, 1", "A", (1, 2, 1 / 3), covariance=np.diag([1e-6, 2e-6, 3.1])),
+        o.FrameVector("model, 1", "A", "B, 2", (1, 2, 1 / 3), sigma=(0.1, 0.2, 1 / 3)),
         o.FrameCoordinate("model, 1", None, (1, 1 / 3), axes="zx", photo="f1", sigma=(0.1, 0.2)),
         o.FrameCoordinate("tripod", '"D"', (1, 2, 1 / 3), sigma=(1e-3, 2e-3, 3e-3)),
         o.FrameCoordinate("wall", "#C", (1 / 3,), axes="x", sigma=(1e-3,)),

@@ -276,6 +276,24 @@ def deflected_site() -> Rows:
     return rows
 
 
+def turned_site() -> Rows:
+    """Return the site with GNSS vectors of unknown scale and rotation: 2, −3, 5·10⁻⁴, 200 ppm."""
+    rows = site()
+    for number in range(len(rows["AdditionalParameterApriori"])):
+        column(rows, "AdditionalParameterApriori", "enable", True, {"id": number, "group_id": 7})
+    rows["GNSSObservationApriori"] = [r for r in rows["GNSSObservationApriori"] if r[1] != 7]
+    for a, b, y, x, z in (
+        ("A", "P", 49.986, 50.0341, 2.4722), ("B", "Q", -30.0296, 54.9997, 7.9902),
+        ("A", "B", 120.0201, 10.0638, 2.9728), ("B", "C", -60.0651, 99.9898, 4.9858),
+        ("C", "P", -9.968, -60.0187, -5.4794), ("Q", "C", -30.0304, 44.9936, -3.0053),
+        ("P", "Q", 40.0053, 15.0245, 8.4884), ("C", "A", -59.9616, -110.054, -7.9519),
+    ):  # fmt: skip
+        number = 10 + len(rows["GNSSObservationApriori"])
+        row = [number, 7, a, b, y, x, z, 0.002, 0.002, 0.002, True]
+        rows["GNSSObservationApriori"].append(row)
+    return rows
+
+
 def two_epochs() -> Rows:
     """Return the rows of a free network of two epochs: P moved by 5 mm, Q by 0.3 mm in y."""
     rng = np.random.default_rng(5)
@@ -317,6 +335,29 @@ def two_epochs() -> Rows:
         [2, 0, "A", "B", False], [3, 1, "A", "C", True],
     ]  # fmt: skip
     return rows
+
+
+# -- flat files ----------------------------------------------------------------------------------
+
+FLAT = {
+    "Festpunkte 3D.txt": "# name y x z\n\nA 1000 2000 50\nB;1120,0;2010;53\n",
+    "stochastic_points_3d.txt": "C 1059.9954 2110.0027 57.9996 0.003 0.002\n",
+    "new_points_3d.txt": "P 1049.978 2049.989 52.511\nQ\t1090.007\t2065.009\t60.986\n",
+    "neupunkte_2d.txt": "N1 1030.026 2080.03\n",
+    "neupunkte-1D.txt": "M 1020.02 2030.038 50.742\n",
+    "reference_points_1d.txt": "R 1005 2005 49.5\n",
+    "Richtungen.txt": "P A 205.43606\nP B 88.486\nP C 365.94979\nP N1 318.00379 0.0004\n"
+    "A B 144.56591\nA P 99.85931\nP Q 12.1\nP A 184.9397\n",
+    "Schrägstrecken.txt": "P A 1.52 1.5 70.7319 0.001\nP B 1.52 1.7 80.6024\n"
+    "P C 61.06 0.001\nP Q 43.55\n",
+    "horizontal_distances.txt": "A N1 85.4404 0.002\nP N1 36.0571\nB N1 114.0149 5.0\n",
+    "zenith.txt": "P A 1.52 1.5 102.26769\nP Q 1.52 1.6 87.38258 0.0004\nQ P 290\n",
+    "nivellement.txt": "R M 1.20018 30\nM P 1.79994 0.0002\nA M 0.70012 37\nP Q 8.50014\n",
+    "gnss3d.txt": "A P 50.006 50.007 2.505 0.01 0.015\nB Q -29.996 55.007 7.986\n",
+    "gnss_2d.txt": "C N1 -30.003 -29.996 0.01\n",
+    "gnss-1d.txt": "M Q 10.292\nM P 0 0 1.8 0.02\n",
+}  # fmt: skip
+"""Flat files of every kind, by name."""
 
 
 # -- databases ------------------------------------------------------------------------------------
@@ -407,6 +448,12 @@ def database(rows: Rows, *, indexes: int = 2) -> tuple[str, bytes]:
     return "\n".join([*lines, ""]), bytes(data)
 
 
+def files(rows: Rows) -> dict[str, bytes]:
+    """Return the files of a database with cached tables."""
+    text, data = database(rows)
+    return {"site.script": text.encode(), "site.data": data}
+
+
 # -- results of JAG3D -----------------------------------------------------------------------------
 
 SITE_POINTS = {
@@ -467,3 +514,11 @@ EPOCHS_PAIRS = {
            1.20963450, 1.57597407),
 }  # fmt: skip
 """Δy, Δx, Δz and their σ (with σ̂0), mm; T prio; T post, of pairs of points."""
+TURNED_OMEGA, TURNED_REDUNDANCY = 42.917603, 43
+TURNED_FRAME = {
+    "rx": (2.2913198635565708e-4, 1.2091e-5),
+    "ry": (6.2828714579945615 - 2.0 * math.pi, 1.30708e-5),
+    "rz": (5.052760143631758e-4, 9.0715e-6),
+    "m": (1.0002045548111367, 9.0160e-6),
+}
+"""Rotations and scale of the GNSS vectors, and their σ (with σ̂0)."""

@@ -89,26 +89,6 @@ COMP3D = {
     "T1 20.0 0.0 0.0 0.0010 -1 0.0001\n",
     "pairs.eq": "S1 S2 0.001\nS1 S3 0.002\n",
 }
-MMVII_POINTS = """* 0 is a free point
-1 A 100.0 100.0 10.0
-1 B 160.0 100.0 12.0 * given
-0 C 130.0 150.0 11.0
-"""
-MMVII_OBSERVATIONS = """ 7 A B 100.0000 0.0010
- 5 A C 34.4042 0.0010 * clockwise
- 6 A C 98.9085 0.0010
- 3 A C 58.3180 0.0020
- 4 A C 1.0 0.001
- 3 B C 58.3180 -1
-#NEW
- 5 A B 0.0 0.001
- 5 A C 334.4042 0.001
-#FIX
- 5 B C 365.5958 0.001
- 14 B C -30.001 0.005
- 15 B C 50.002 0.005
- 16 B C -1.0 0.005
-"""
 STAR_NET = """# a traverse
 .UNITS Meters GONS
 C A 100.000 200.000 10.000 ! ! !   # held
@@ -239,3 +219,28 @@ def gvx(folder: Path) -> dict[str, bytes]:
     n.add(Correlated(two, np.kron([[1.0, 0.4], [0.4, 1.0]], one)))
     fga.write_gvx(n, folder / "n.gvx", reference_system_id=126, reference_system="NAD 83(2011)")
     return {"n.gvx": (folder / "n.gvx").read_bytes()}
+
+
+MMVII = {
+    "coords.txt": """* 0 is a free point
+1 A 100.0 100.0 10.0
+1 B 160.0 100.0 12.0 * given
+0 C 130.0 150.0 11.0
+""",
+    "meas.obs": """ 7 A B 100.0000 0.0010
+ 5 A C 34.4042 0.0010 * clockwise
+ 6 A C 98.9085 0.0010
+ 3 A C 58.3180 0.0020
+ 4 A C 1.0 0.001
+ 3 B C 58.3180 -1
+#NEW
+ 5 A B 0.0 0.001
+ 5 A C 334.4042 0.001
+#FIX
+ 5 B C 365.5958 0.001
+ 14 B C -30.001 0.005
+ 15 B C 50.002 0.005
+ 16 B C -1.0 0.005
+""",
+}
+"""A survey of MMVII: points, observations."""

@@ -53,7 +53,7 @@ def test_the_legend_counts_each_kind():
         "point that moved (2)",
     ):
         assert expected in said
-    assert "3 of 3 points moved; ellipses 95 %" in figure.axes[0].get_title(loc="left")
+    assert "3 of 7 points moved; ellipses 95 %" in figure.axes[0].get_title(loc="left")
 
 
 def test_second_places_of_one_adjustment_are_no_further_points():

@@ -19,9 +19,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from ...models.affine_normalised import AffineNormalisedLens
 from ...models.lens import Lens, NormalisedLens
+from ...models.rational_lens import RationalLens
 from ...models.ray_lens import FisheyeLens
 from ..xml_tree import Element
 from .reading import Reading
@@ -123,6 +125,23 @@ def read_calibration(
     return Calibration(lens, values, size, tuple(n for n in lens.names if n in wanted))
 
 
+LOST: Mapping[type[Lens], tuple[str, ...]] = MappingProxyType(
+    {
+        Lens: (),
+        NormalisedLens: (),
+        AffineNormalisedLens: (),
+        RationalLens: ("k4", "k5", "k6"),
+        FisheyeLens: ("s1", "s2"),
+    }
+)
+"""Lens models that are the same function as one of Metashape's, where these parameters are zero."""
+
+
+def type_of(lens: Lens) -> str:
+    """Return Metashape's type of a sensor with a lens that it has."""
+    return FISHEYES[0] if type(lens) is FisheyeLens else TYPES[0]
+
+
 def write_calibration(
     lens: Lens, values: Mapping[str, float], size: tuple[float, float]
 ) -> dict[str, float] | None:
@@ -133,9 +152,12 @@ def write_calibration(
         values: its parameters by name, from the upper left corner, y up.
         size: width and height of the image, pixels.
     """
-    if type(lens) not in (Lens, NormalisedLens, AffineNormalisedLens):
+    lost = LOST.get(type(lens))
+    if lost is None or any(values.get(n, 0.0) for n in lost):
         return None
     k = {n: values.get(n, 0.0) for n in AffineNormalisedLens().names}
+    if "b1" in lens.names and type(lens) is not AffineNormalisedLens:  # relative to c
+        k |= {"b1": k["b1"] * k["c"], "b2": k["b2"] * k["c"]}
     out = {"f": k["c"], "cx": k["x0"] - size[0] / 2, "cy": -k["y0"] - size[1] / 2}
     out |= {"b1": k["b1"], "b2": -k["b2"] if k["b2"] else 0.0}
     out |= {n: k[n] for n in ("k1", "k2", "k3", "k4")}

@@ -10,12 +10,11 @@ import numpy as np
 
 from ...errors import InputError, Problem
 from ...frames import LocalFrame
-from ...models.affine_normalised import AffineNormalisedLens
 from ...network.entities import Camera
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, SlopeDistance
 from ..atomic import write_files
-from .metashape_lens import write_calibration
+from .metashape_lens import LOST, type_of, write_calibration
 from .writing import Refusals, calibration, in_pixels, one, text
 
 LOCAL = (
@@ -104,16 +103,21 @@ def _sensors(network: Network, refusals: Refusals) -> list[str]:
             )
         else:
             values = write_calibration(camera.lens, calibration(camera), size)
-            if values is None:
-                known = AffineNormalisedLens.kind
-                refusals.refuse(f"the lens model {camera.lens.kind!r}; valid: {known}", where)
+            lost = LOST.get(type(camera.lens), ())
+            held = dict(zip(camera.lens.names, camera.fixed, strict=True))
+            if values is None or not all(held[n] for n in lost):
+                kinds = ", ".join(
+                    k.kind + (f" with {' = '.join(n)} = 0, held" if n else "")
+                    for k, n in LOST.items()
+                )
+                refusals.refuse(f"the lens model {camera.lens.kind!r}; valid: {kinds}", where)
         w, h = size or (0.0, 0.0)
         resolution = f'<resolution width="{w:.12g}" height="{h:.12g}"/>'
         lines += [
-            f'      <sensor id="{i}" label={quoteattr(name)} type="frame">',
+            f'      <sensor id="{i}" label={quoteattr(name)} type="{type_of(camera.lens)}">',
             f"        {resolution}",
             f'        <property name="fixed" value="{"false" if _free(camera) else "true"}"/>',
-            '        <calibration type="frame" class="adjusted">',
+            f'        <calibration type="{type_of(camera.lens)}" class="adjusted">',
             f"          {resolution}",
             *(f"          <{n}>{v!r}</{n}>" for n, v in (values or {}).items()),
             "        </calibration>",

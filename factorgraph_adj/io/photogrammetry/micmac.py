@@ -159,7 +159,8 @@ class _Orientations:
             return
         at = [a + b for a, b in zip(centre, shift, strict=True)]
         name = file.name.removeprefix(PREFIX).removesuffix(".xml")
-        self.network.add_photo(name, camera, position=at, rotation=matrix)
+        with self.reading.at(where):
+            self.network.add_photo(name, camera, position=at, rotation=matrix)
 
     def _conventions(self, element: Element, part: str) -> list[str]:
         inner = element.first(part)
@@ -237,7 +238,8 @@ class _Orientations:
             values |= {"xd": centre[0] - pp[0], "yd": -(centre[1] - pp[1])}
         sides = (size[0], size[1])
         lens = CentredBrownLens()
-        add_pixel_camera(self.network, name, lens, values, size=sides, free=self.free)
+        with reading.at(where):
+            add_pixel_camera(self.network, name, lens, values, size=sides, free=self.free)
 
 
 def _distortion(

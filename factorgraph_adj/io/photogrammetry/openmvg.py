@@ -42,6 +42,8 @@ VERSIONS = ("0.1", "0.2", "0.3")
 """Versions of sfm_data that are read."""
 CONTROL = "control "
 """Beginning of the names of control points; their number in the file follows."""
+VIEWS = ("", "view_priors")
+"""Types of views; without a name it is a plain view."""
 FIRST = 0x80000000
 """Bit of the number of a type or pointer that is written for the first time."""
 NO_TYPE = 0x40000000
@@ -242,7 +244,9 @@ def _photos(network: Network, root: Node, reading: Reading, observe: bool) -> di
     used: dict[int, str] = {}
     for key, value in _entries(root.need("views")):
         with reading.at(value.where):
-            _, view = pointers.content(value)
+            kind, view = pointers.content(value)
+            if kind not in VIEWS:
+                raise value.fail(f"a view of type {kind!r} cannot be read; valid: {VIEWS[1]}")
             pose = view.need("id_pose").integer()
             if pose not in poses:
                 continue

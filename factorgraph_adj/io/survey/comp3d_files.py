@@ -73,6 +73,8 @@ class Comp3dFiles:
                 continue
             line = Line(file, number, words)
             if words[0].startswith("@"):
+                if len(words) > 1:
+                    line.wrong(f"{words[0][:40]} takes no words, not {words[1][:40]!r}")
                 inner = self.beside(line, words[0])
                 if depth >= DEEPEST:
                     line.wrong(f"is a file in more than {DEEPEST} files, or in itself")

@@ -266,6 +266,10 @@ def add_equalities(files: Comp3dFiles, network: Network, line: Line) -> None:
     Rows: two points and the σ of their value. n pairs are n − 1 differences of neighbours, which
     are correlated by what they share: the unknown value is eliminated.
     """
+    if len(line.words) > 3:
+        line.wrong("equal distances or height differences have a code, @file, a number or none")
+    elif len(line.words) == 3:
+        line.number_at(2, "the number behind @file, which has no part in the observation")
     pairs = []
     for row in _rows(files, line, 1):
         if len(row.words) != 3:

@@ -80,7 +80,7 @@ def read_jag3d(
     Raises:
         InputError: all problems with file and line: malformed rows, unknown points and those of a
             wrong dimension, points that stand twice, reference beside datum points, unknown scales
-            and rotations of GNSS and levelling, orientations that several stations share,
+            and rotations of levelling, GNSS 1-D and 2-D, orientations that stations share,
             reductions to Gauß-Krüger, UTM and ellipsoidal systems, damaged databases.
     """
     problems = [
@@ -135,7 +135,7 @@ def read_jag3d(
         deflections=read.deflections,
         point_sigma=point_mm * mm,
         problems=read.problems,
-        where=", ".join(f.name for f in files[:20]),
+        where=read.end or files[0].name,
     )
 
 

@@ -157,6 +157,8 @@ class FlatFiles:
     """Deflections of the vertical."""
     problems: list[Problem] = field(default_factory=list)
     """Problems of all files."""
+    end: str = ""
+    """End of the last file, for what all files lack."""
 
     def read(self, path: Path, kind: str) -> None:
         """Read a file; its problems are noted."""
@@ -165,6 +167,7 @@ class FlatFiles:
         except InputError as error:
             self.problems += error.problems
             return
+        self.end = lines.place(0)
         if kind in POINT_KINDS:
             word, _, dimension = kind.split("_")
             status = next(s for s in get_args(Status) if s == word)
@@ -246,7 +249,7 @@ class FlatFiles:
                     tuple(run),
                     self.uncertainties[kind.name],
                     extras,
-                    lines.path.name,
+                    run[0].source,
                 )
             )
 

@@ -4,7 +4,8 @@
 | --- | --- |
 | distance: (S − a) / m | (1 + scale) S + zero: scale = 1/m − 1, zero = −a/m |
 | zenith angle: z − (k − e) D / 2R, e = 1 with curvature of the Earth, otherwise 0 | z − κ D / 2R |
-| height difference, GNSS: m (z_j − z_i), m R (X_j − X_i) | the same with m = 1, R = 1 |
+| height difference: (z_j − z_i) / m | the same with m = 1 |
+| GNSS: m R (X_j − X_i) | the same; unknown and turned ones e^{−ℓ} Rᵀ (X_j − X_i) in a frame |
 | deflection of the vertical: rotations r_x, r_y of the horizon | η = r_x, ξ = −r_y |
 """
 
@@ -14,10 +15,13 @@ import math
 from collections.abc import Callable
 from typing import TypeAlias
 
+import numpy as np
+
 from ...errors import InputError, Problem
 from ...observations import (
     CoordinateDifference,
     Direction,
+    FrameVector,
     GnssVector,
     HeightDifference,
     HorizontalDistance,
@@ -25,6 +29,7 @@ from ...observations import (
     SlopeDistance,
     ZenithAngle,
 )
+from ...rotation import log_rotation
 from ...stochastic import StandardDeviation
 from .jag3d_conversion import Conversion, along
 from .jag3d_model import Group, Row
@@ -115,6 +120,9 @@ def _gnss(made: Conversion, group: Group, row: Row) -> Observation:
     sigma = tuple(
         s if s > 0 else along(group, abs(v)) for s, v in zip(row.sigma, row.value, strict=True)
     )
+    if _in_frame(group):
+        three, sigmas = (row.value[0], row.value[1], row.value[2]), (sigma[0], sigma[1], sigma[2])
+        return FrameVector(group.name, row.start, row.end, three, sigma=sigmas, source=row.source)
     m = group.extra("scale").value
     value, sigma = tuple(v / m for v in row.value), tuple(s / m for s in sigma)
     if group.kind.axes == "yxz":
@@ -229,6 +237,44 @@ def _held(made: Conversion, group: Group) -> None:
             )
 
 
+def _in_frame(group: Group) -> bool:
+    """Return whether the vectors of a group are measured in a frame of their own."""
+    rotations = [group.extra(f"rotation {axis}") for axis in "xyz"]
+    turned = any(r.free or r.value != 0.0 for r in rotations)
+    return group.kind.axes == "yxz" and (turned or group.extra("scale").free)
+
+
+def _frame(made: Conversion, group: Group) -> None:
+    """State the frame of GNSS vectors: rotation vector of R, logarithm of the scale 1 / m.
+
+    JAG3D's vector is m Rx Ry Rz (ΔX, ΔY, ΔZ) with X north and Y east
+    (GNSSBaselineDelta{X,Y,Z}3D.java); here it is e^{−ℓ} Rᵀ d in east, north, up.
+    """
+    if not _in_frame(group):
+        _held(made, group)
+        return
+    m = group.extra("scale")
+    rx, ry, rz = (group.extra(f"rotation {axis}") for axis in "xyz")
+    free = [n for n, e in (("rx", ry), ("ry", rx), ("rz", rz), ("ln_scale", m)) if e.free]
+    if rx.free != ry.free or not m.value > 0:
+        what = f"group {group.name!r}: rotations x and y are unknown together, or held together"
+        made.refuse(what if m.value > 0 else f"a scale of {m.value}", group.source)
+        return
+    (cx, cy, cz), (sx, sy, sz) = ([f(e.value) for e in (rx, ry, rz)] for f in (math.cos, math.sin))
+    of_jag3d = np.array(
+        [
+            [cy * cz, cx * sz + sx * sy * cz, sx * sz - cx * sy * cz],
+            [-cy * sz, cx * cz - sx * sy * sz, sx * cz + cx * sy * sz],
+            [sy, -sx * cy, cx * cy],
+        ]
+    )
+    swapped = [1, 0, 2]
+    turn = log_rotation(of_jag3d[np.ix_(swapped, swapped)].T)
+    values = dict(zip(("rx", "ry", "rz"), turn.tolist(), strict=True))
+    values["ln_scale"] = -math.log(m.value)
+    made.attempt(group.source, lambda: made.network.add_frame(group.name, free=free, values=values))
+
+
 STATE: dict[str, Callable[[Conversion, Group], None]] = {
     "levelling": _held,
     "directions": _orient,
@@ -237,6 +283,6 @@ STATE: dict[str, Callable[[Conversion, Group], None]] = {
     "zenith_angles": _refract,
     "gnss_1d": _held,
     "gnss_2d": _held,
-    "gnss_3d": _held,
+    "gnss_3d": _frame,
 }
 """Function that states the parameters of a group, by kind."""

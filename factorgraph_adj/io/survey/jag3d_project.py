@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 
 from ...errors import InputError, Problem
 from ...network.network import Network
-from ..text import beginning
+from ..text import beginning, last_line, read_text
 from .hsqldb import Row as TableRow
 from .hsqldb import Table, read_tables
 from .jag3d_model import (
@@ -174,7 +174,7 @@ class _Tables:
             deflections=self._deflections(),
             reduction=reduction,
             problems=self.problems,
-            where=self.path.name,
+            where=f"{self.path.name}:{last_line(read_text(self.path))}",
         )
 
     def _all(self, name: str) -> list[TableRow]:

@@ -58,8 +58,8 @@ def read_mmvii(
     | 14, 15, 16 | `CoordinateDifference` to the east, north and up, of stations after ``#FIX`` |
 
     After ``#VERT``, and at the begin, the orientation of a station is unknown; after ``#FIX`` it is
-    0, held; ``#NEW`` begins new stations. A negative σ switches a line off, as in MMVII. Comments
-    and what stands behind σ have no effect.
+    0, held; ``#NEW`` begins new stations. A negative σ switches a line off, as in MMVII. Words
+    behind σ, which MMVII passes over, are refused.
 
     Args:
         path: observations (.obs).
@@ -96,7 +96,7 @@ def read_mmvii(
         except InputError as error:
             problems += error.problems
     if not problems and not network.points:
-        problems.append(Problem("has no points", given.name))
+        problems.append(Problem("has no points", lines.place(0)))
     if problems:
         raise InputError(problems)
     return network
@@ -138,8 +138,6 @@ def _point(
     sigma: float,
     approximate: bool,
 ) -> None:
-    if words[0].startswith("#"):
-        return
     if len(words) != 5 or words[0] not in ("0", "1"):
         lines.add(number, "a point has 0 (free) or 1 (given), name, X, Y, Z")
         return
@@ -173,7 +171,10 @@ class _Observations:
             if words[0].startswith("#"):
                 self._status(number, words)
             elif len(words) != 5:
-                what = f"an observation has code, station, target, value, σ, not {len(words)} words"
+                what = (
+                    "an observation has code, station, target, value, σ; MMVII does not read "
+                    "what stands behind them"
+                )
                 self.lines.add(number, what)
             else:
                 self._observe(number, words)

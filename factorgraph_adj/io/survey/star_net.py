@@ -151,6 +151,7 @@ class _Reader:
         self.refractions: dict[str, float] = {}
         self.reading = True
         self.set_at: tuple[str, str] | None = None
+        self.set_begun = 1
         self.sets: dict[str, int] = {}
         self.traverse = StarNetTraverse(self.values, self.points, self._observe, self._add)
 
@@ -264,10 +265,12 @@ class _Reader:
                 self.notes.add(line, "DB takes the name of the station")
                 return
             self.sets[words[0]] = self.sets.get(words[0], 0) + 1
-            self.set_at = (words[0], str(self.sets[words[0]]))
+            self.set_at, self.set_begun = (words[0], str(self.sets[words[0]])), line
         elif self.set_at is None:
             self.notes.add(line, f"{code} without DB: a set of directions begins with DB")
         elif code == "DE":
+            if words:
+                self.notes.add(line, f"DE takes no words, not {' '.join(words)[:40]!r}")
             self.set_at = None
         elif not words or words[0] == self.set_at[0]:
             self.notes.add(line, f"{code} takes the name of another station than that of the set")
@@ -420,9 +423,10 @@ class _Reader:
     def network(self, azimuths: Azimuths, distances: Distances) -> Network:
         """Return the network; raise all problems."""
         if self.set_at is not None:
-            self.notes.add(1, f"the set of directions at {self.set_at[0]!r} has no end (DE)")
+            what = f"the set of directions at {self.set_at[0]!r} has no end (DE)"
+            self.notes.add(self.set_begun, what)
         if self.traverse.stations is not None:
-            self.notes.add(1, "the last traverse has no end (TE)")
+            self.notes.add(self.traverse.begun, "the last traverse has no end (TE)")
         if not self.points.points and not self.notes:
             self.notes.add(1, "holds neither points nor observations")
         adjustment = self.values.options.adjustment or "3D"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem, known
-from ..text import parse_toml, read_text
+from ..toml_places import read_toml
 
 FEET_US, FEET = 1200.0 / 3937.0, 0.3048
 LINEAR = {
@@ -174,20 +174,25 @@ def star_net_options(
         return StarNetOptions()
     if isinstance(given, StarNetOptions):
         return given
-    where = "options"
     if isinstance(given, str | Path):
-        path = Path(given)
-        given, where = parse_toml(read_text(path), path.name), path.name
+        stated, places = read_toml(Path(given))
+        with places.placing():
+            return _checked(stated, places.name)
+    return _checked(given, "options")
+
+
+def _checked(given: Mapping[str, Any], where: str) -> StarNetOptions:
+    """Return settings; ``where`` is told with what is wrong."""
     valid = [f.name for f in fields(StarNetOptions)]
-    unknown = [k for k in given if k not in valid]
-    if unknown:
-        raise InputError(
-            [
-                Problem(f"unknown setting {k!r}; valid: {known(valid, meant=k, most=30)}", where)
-                for k in unknown
-            ]
-        )
+    problems = [
+        Problem(f"unknown setting {k!r}; valid: {known(valid, meant=k, most=30)}", where)
+        for k in given
+        if k not in valid
+    ]
     try:
-        return StarNetOptions(**given)
+        options = StarNetOptions(**{k: v for k, v in given.items() if k in valid})
     except InputError as error:
-        raise InputError([Problem(p.what, where) for p in error.problems]) from None
+        problems += [Problem(p.what, where) for p in error.problems]
+    if problems:
+        raise InputError(problems)
+    return options

@@ -34,6 +34,8 @@ class StarNetTraverse:
         self.add = add
         self.stations: list[str] | None = None
         """Stations so far, the backsight first; None: outside of a traverse."""
+        self.begun = 1
+        """Line of its TB."""
         self.backsight: float | None = None
         """Bearing of TB, radians; None: its backsight is a station."""
         self.pending: tuple[int, str, list[str]] | None = None
@@ -44,7 +46,7 @@ class StarNetTraverse:
         if code == "TB":
             if self.stations is not None:
                 self.values.notes.add(line, "TB within a traverse: TE is missing")
-            self.stations, self.backsight, self.pending = [], None, None
+            self.stations, self.backsight, self.pending, self.begun = [], None, None, line
             if len(words) != 1:
                 self.values.notes.add(line, "TB takes the backsight, a station or a bearing")
             elif BEARING.fullmatch(words[0]) or DMS.fullmatch(words[0]):

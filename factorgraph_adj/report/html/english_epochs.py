@@ -94,6 +94,7 @@ EPOCHS: dict[str, str] = {
     "strains.caption": "Principal strains",
     "col.epoch": "epoch",
     "col.larger": "larger over smaller variance",
+    "col.step": "step",
     "col.left": "left",
     "col.back": "came back",
     "col.tested": "points tested",

@@ -81,7 +81,7 @@ def steps(report: EpochsReport, t: Texts) -> Sheet | None:
             ]
         )
     heads: list[Head] = [
-        ("", True),
+        (t("col.step"), True),
         (t("col.left"), False),
         (t("col.back"), False),
         (t("col.tested"), True),

@@ -97,6 +97,7 @@ EPOCHS: dict[str, str] = {
     "strains.caption": "Hauptdehnungen",
     "col.epoch": "Epoche",
     "col.larger": "größere durch kleinere Varianz",
+    "col.step": "Schritt",
     "col.left": "ausgeschieden",
     "col.back": "zurückgekehrt",
     "col.tested": "geprüfte Punkte",

@@ -119,10 +119,9 @@ def plot_displacements(
 def _below(report: EpochsReport) -> str:
     """Return the line below the title."""
     moved = len(report.found.moved)
-    loose = sum(s != "stable" for s in report.states)
     region = "intervals" if report.found.differences.axes == "z" else "ellipses"
     level = "standard" if report.confidence is None else f"{100 * report.confidence:g} %"
-    return f"{moved} of {loose} points moved; {region} {level}"
+    return f"{moved} of {len(report.states)} points moved; {region} {level}"
 
 
 def _legend(

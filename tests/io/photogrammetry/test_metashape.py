@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,9 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.photogrammetry.metashape import read_metashape
 from factorgraph_adj.io.photogrammetry.metashape_reference import reference_of
 from factorgraph_adj.io.photogrammetry.metashape_write import write_metashape
+from factorgraph_adj.models.lens import Lens
+from factorgraph_adj.models.rational_lens import RationalLens
+from factorgraph_adj.models.ray_lens import FisheyeLens
 from factorgraph_adj.solve.solution import Solution
 from tests.support.dbat_report import Report, read_report
 from tests.support.places import data_dir
@@ -459,3 +463,53 @@ def test_the_origin_of_points_on_both_sides_of_the_antimeridian_is_among_them():
     assert np.abs(at).max() < 500.0
     given[:, 0] = [178.0, 179.0]
     assert np.degrees(reference_of(wkt, given, "project").frame.longitude) == pytest.approx(178.5)
+
+
+@pytest.mark.parametrize(
+    ("lens", "more"),
+    [
+        (
+            RationalLens(),
+            {"k1": -0.02, "k2": 0.01, "p1": 1e-4, "p2": -2e-4, "b1": 0.002, "b2": 1e-4},
+        ),
+        (
+            FisheyeLens(),
+            {"k1": 0.02, "k2": -0.01, "k4": 1e-3, "p1": 1e-4, "p2": -2e-4, "b1": 0.002, "b2": 1e-4},
+        ),
+    ],
+    ids=lambda x: getattr(x, "kind", ""),
+)
+def test_lenses_of_colmap_are_written_where_metashape_has_the_same(
+    tmp_path: Path, lens: Lens, more: dict[str, float]
+) -> None:
+    """What is read again projects points as what was written."""
+    network = fga.Network("lens")
+    values = {"c": 900.0, "x0": 510.0, "y0": -380.0, **more}
+    network.add_camera(
+        "1",
+        lens,
+        values,
+        unit="px",
+        format=(1024, 768),
+        origin="upper left",
+        y_down_in_files=True,
+    )
+    network.add_photo("a", "1", position=(0, 0, 5), omega_phi_kappa=(0, 0, 0))
+    fga.write_metashape(network, tmp_path / "out.xml", content="cameras")
+    back = next(iter(fga.read(tmp_path / "out.xml").cameras.values()))
+    rng = np.random.default_rng(1)
+    local, zero = np.column_stack([rng.uniform(-0.5, 0.5, (40, 2)), np.ones(40)]), np.zeros(40)
+    written, read_again = (
+        camera.lens.seen(tuple(local.T), zero, zero, np.array([camera.values]), jacobians=False)[0]
+        for camera in (network.cameras["1"], back)
+    )
+    np.testing.assert_allclose(read_again, written, atol=1e-9)
+    lost = "s1" if lens.kind == "fisheye" else "k5"
+    camera = network.cameras["1"]
+    stated = dict(zip(lens.names, camera.values, strict=True)) | {lost: 0.1}
+    network.cameras["1"] = replace(camera, values=tuple(stated.values()))
+    free = tuple(n != lost for n in lens.names)
+    for wrong in (network.cameras["1"], replace(camera, fixed=free)):
+        network.cameras["1"] = wrong
+        with pytest.raises(InputError, match=r"cannot express the lens model .* = 0, held"):
+            fga.write_metashape(network, tmp_path / "none.xml", content="cameras")

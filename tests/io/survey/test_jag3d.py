@@ -11,6 +11,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.survey.jag3d_model import radius_of
 from factorgraph_adj.io.survey.jag3d_project import point_pairs
 from factorgraph_adj.observations import (
@@ -27,6 +28,7 @@ from factorgraph_adj.units import GON
 from tests.hostile.readers import judge
 from tests.networks import jag3d
 from tests.networks.jag3d import (
+    FLAT,
     Rows,
     column,
     database,
@@ -34,6 +36,7 @@ from tests.networks.jag3d import (
     reduced_site,
     script,
     site,
+    turned_site,
     two_epochs,
 )
 
@@ -125,6 +128,44 @@ def test_reliability_and_tests_are_those_of_jag3d(tmp_path):
         assert math.isclose(1e6 * found.residual, v, rel_tol=2e-3, abs_tol=0.02)
 
 
+def test_unknown_scale_and_rotation_of_gnss_are_those_of_jag3d(tmp_path):
+    network = fga.read_jag3d(project(tmp_path, turned_site()))
+    solution = fga.adjust(network, variance="a-posteriori")
+    assert solution.redundancy == jag3d.TURNED_REDUNDANCY
+    assert math.isclose(solution.vtpv, jag3d.TURNED_OMEGA, rel_tol=WEIGHTS)
+    found = solution.unknown("frame", "GNSS3D")
+    expected = jag3d.TURNED_FRAME
+    for name, k in (("rx", 1), ("ry", 0), ("rz", 2)):  # axes are east and north here
+        value, sigma = expected[name]
+        assert abs(found.values[k] + value) < 0.02 * sigma
+        assert math.isclose(found.sigmas[k], sigma, rel_tol=WEIGHTS)
+    assert abs(math.exp(-found.values[6]) - expected["m"][0]) < 0.01 * expected["m"][1]
+
+
+def test_rotations_that_are_held_turn_vectors_as_in_jag3d(tmp_path):
+    """GNSSBaselineDelta{X,Y,Z}3D.java at once, with rotations of tenths of radians."""
+    rows = site()
+    angles = {8: 0.1, 9: -0.2, 10: 0.3}
+    for kind, value in angles.items():
+        where = {"group_id": 7, "type": kind}
+        column(rows, "AdditionalParameterApriori", "value_0", value, where)
+    rx, ry, rz = angles.values()
+    (cx, cy, cz), (sx, sy, sz) = np.cos([rx, ry, rz]), np.sin([rx, ry, rz])
+    y, x, z = np.subtract(jag3d.POINTS["P"], jag3d.POINTS["A"])
+    observed = (
+        -cy * sz * x + (cx * cz - sx * sy * sz) * y + (sx * cz + cx * sy * sz) * z,
+        cy * cz * x + (cx * sz + sx * sy * cz) * y + (sx * sz - cx * sy * cz) * z,
+        sy * x - sx * cy * y + cx * cy * z,
+    )
+    for name, value in zip(("y0", "x0", "z0"), observed, strict=True):
+        column(rows, "GNSSObservationApriori", name, float(value), {"id": 0})
+    network = fga.read_jag3d(project(tmp_path, rows))
+    equations = compile_network(network)
+    block = next(b for b in equations.blocks if b.kind == "frame_vector")
+    found = block.evaluate(network.frame, equations.unknowns.start())
+    assert np.abs(found.residual[0]).max() < 1e-9
+
+
 def test_a_free_network_with_reductions_has_the_result_of_jag3d(tmp_path):
     network = fga.read_jag3d(project(tmp_path, reduced_site()))
     assert network.datum == "free"
@@ -164,7 +205,7 @@ def test_cached_tables_are_those_of_the_script(tmp_path, indexes):
     assert cached.parameters == memory.parameters
     for a, b in zip(cached.observations.values(), memory.observations.values(), strict=True):
         assert repr(a).replace(a.source, "") == repr(b).replace(b.source, "")
-        assert a.source.startswith("site.data@")
+        assert a.source.startswith("site.data, byte ")
         assert b.source.startswith("site.script:")
 
 
@@ -312,9 +353,9 @@ def test_an_orientation_that_is_held_is_given_to_every_station(tmp_path):
         ({"table": "ReductionDefinition", "name": "projection_type", "value": 3, "where": {}},
          "a local ellipsoidal system"),
         ({"table": "AdditionalParameterApriori", "name": "enable", "value": True,
-          "where": {"group_id": 7, "type": 2}}, "an unknown scale, which gnss_3d do not have"),
-        ({"table": "AdditionalParameterApriori", "name": "value_0", "value": 0.1,
-          "where": {"group_id": 7, "type": 10}}, "a rotation z of 0.1"),
+          "where": {"group_id": 6, "type": 2}}, "an unknown scale, which levelling do not have"),
+        ({"table": "AdditionalParameterApriori", "name": "enable", "value": True,
+          "where": {"group_id": 7, "type": 8}}, "are unknown together, or held together"),
         ({"table": "AdditionalParameterApriori", "name": "value_0", "value": -1.0,
           "where": {"group_id": 3, "type": 2}}, "a scale of -1.0; valid: near 1"),
         ({"table": "PointGroup", "name": "type", "value": 3, "where": {"id": 2}},
@@ -380,25 +421,6 @@ def test_another_database_is_no_project(tmp_path):
 
 
 # -- flat files -----------------------------------------------------------------------------------
-
-FLAT = {
-    "Festpunkte 3D.txt": "# name y x z\n\nA 1000 2000 50\nB;1120,0;2010;53\n",
-    "stochastic_points_3d.txt": "C 1059.9954 2110.0027 57.9996 0.003 0.002\n",
-    "new_points_3d.txt": "P 1049.978 2049.989 52.511\nQ\t1090.007\t2065.009\t60.986\n",
-    "neupunkte_2d.txt": "N1 1030.026 2080.03\n",
-    "neupunkte-1D.txt": "M 1020.02 2030.038 50.742\n",
-    "reference_points_1d.txt": "R 1005 2005 49.5\n",
-    "Richtungen.txt": "P A 205.43606\nP B 88.486\nP C 365.94979\nP N1 318.00379 0.0004\n"
-    "A B 144.56591\nA P 99.85931\nP Q 12.1\nP A 184.9397\n",
-    "Schrägstrecken.txt": "P A 1.52 1.5 70.7319 0.001\nP B 1.52 1.7 80.6024\n"
-    "P C 61.06 0.001\nP Q 43.55\n",
-    "horizontal_distances.txt": "A N1 85.4404 0.002\nP N1 36.0571\nB N1 114.0149 5.0\n",
-    "zenith.txt": "P A 1.52 1.5 102.26769\nP Q 1.52 1.6 87.38258 0.0004\nQ P 290\n",
-    "nivellement.txt": "R M 1.20018 30\nM P 1.79994 0.0002\nA M 0.70012 37\nP Q 8.50014\n",
-    "gnss3d.txt": "A P 50.006 50.007 2.505 0.01 0.015\nB Q -29.996 55.007 7.986\n",
-    "gnss_2d.txt": "C N1 -30.003 -29.996 0.01\n",
-    "gnss-1d.txt": "M Q 10.292\nM P 0 0 1.8 0.02\n",
-}  # fmt: skip
 
 
 def test_flat_files_of_every_kind_are_read(tmp_path):

@@ -11,9 +11,11 @@ import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.observations import CoordinateDifference, Direction, SlopeDistance
 from factorgraph_adj.units import GON
-from tests.networks.survey_files import MMVII_OBSERVATIONS as OBSERVATIONS
-from tests.networks.survey_files import MMVII_POINTS as POINTS
+from tests.hostile.readers import judge
+from tests.networks.survey_files import MMVII
 from tests.support.places import data_dir
+
+POINTS, OBSERVATIONS = MMVII["coords.txt"], MMVII["meas.obs"]
 
 
 def write(folder: Path, observations: str = OBSERVATIONS, points: str = POINTS) -> Path:
@@ -90,3 +92,8 @@ def test_points_are_found_beside_the_observations_or_named(tmp_path):
     assert "C" in fga.read_mmvii(path, points=tmp_path / "other.txt").points
     with pytest.raises(InputError, match=r"coords\.txt:1: a point has"):
         fga.read_mmvii(write(tmp_path, points="A 1 2 3\n"))
+
+
+def test_damaged_files_are_refused_or_read(tmp_path):
+    files = {"meas.obs": OBSERVATIONS.encode(), "coords.txt": POINTS.encode()}
+    judge(fga.read_mmvii, files, "meas.obs", tmp_path, seed=6)
