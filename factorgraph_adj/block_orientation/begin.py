@@ -65,7 +65,12 @@ def block_of(
             photos=error.photos,
         ) from None
     if found.start is None and whole:
-        lost = [Problem(why, f"photo {name!r}") for name, why in found.unoriented.items()]
+        # What the search for approximate values says of a photo is the nearer cause.
+        lost = [
+            Problem(why, f"photo {name!r}")
+            for name, why in found.unoriented.items()
+            if not any(p.startswith(f"photo {name}: ") for p in found.problems)
+        ]
         first = " ".join([*found.sentences()[: len(found.parts)], *found.doubts])
         raise ApproximationError(
             [

@@ -784,7 +784,7 @@ def test_a_mirrored_photo_without_orientation_is_said_to_be_one(axes: str) -> No
     network.add_image_points("F5", points, other, sigma=sigma[mine])
     with pytest.raises(ApproximationError, match="one of its mirror image does") as error:
         adjust(network)
-    assert len(error.value.problems) == 1 and "photo F5" in str(error.value)
+    assert sum("F5" in f"{p}" and "photo" in f"{p}" for p in error.value.problems) == 1
     network.image_mask(np.arange(network.n_image_points) < network.n_image_points - len(points))
     names = [points[i] for i in np.random.default_rng(1).permutation(len(points))]
     network.add_image_points("F5", names, xy[mine], sigma=sigma[mine])
