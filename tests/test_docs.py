@@ -13,6 +13,7 @@ The blocks of a page run in order, in one namespace and one folder of their own,
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import csv
 import importlib
@@ -33,7 +34,10 @@ from typing import Any
 import pytest
 
 import factorgraph_adj
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.main import _parser, main
+from factorgraph_adj.export.exports import EXPORTS
+from factorgraph_adj.io.readers import READERS
+from factorgraph_adj.io.writers import WRITERS
 from factorgraph_adj.models.registry import LENSES
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import KINDS
@@ -307,6 +311,69 @@ def test_every_name_of_the_reference_is_there() -> None:
                 importlib.import_module(name)
             else:
                 assert hasattr(importlib.import_module(module), attribute), f"{page}: {name}"
+
+
+NAMED_BY_CONTENT = {"openmvg", "micmac"}
+"""Formats whose row states names of files instead of suffixes."""
+
+
+def commands() -> dict[str, argparse.ArgumentParser]:
+    """Return the commands with their parsers."""
+    subparsers = [a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction)]
+    (found,) = subparsers
+    return dict(found.choices)
+
+
+def test_every_option_of_every_command_is_in_the_reference() -> None:
+    """In the line of its command, or in the tables of READ and HOW; and none that is not there."""
+    text = PAGES["docs/reference/command.md"].read_text(encoding="utf-8")
+    synopsis = text.partition("```text\n")[2].partition("```")[0]
+    tables = text.partition("## How to read")[2].partition("## Files")[0]
+    shown = {*re.findall(r"--[a-z][a-z-]*", tables)}
+    assert len(commands()) > 8
+    for name, command in commands().items():
+        usage = "".join(
+            u
+            for u in re.split(r"(?=^factorgraph-adj )", synopsis, flags=re.M)
+            if u.startswith(f"factorgraph-adj {name} ")
+        )
+        assert usage, name
+        valid = set(command._option_string_actions)
+        said = {*re.findall(r"--[a-z][a-z-]*", usage)}
+        options = {o for o in valid if o.startswith("--")} - {"--help"}
+        assert not options - said - shown, (name, options - said - shown)
+        assert not said - valid, (name, said - valid)
+    rows = re.findall(r"^\| (`--[^|]*?) \|", tables, flags=re.M)
+    assert len(rows) == len(set(rows)), "an option has two rows"
+
+
+@pytest.mark.parametrize(
+    ("title", "entries"),
+    [("Read", READERS.entries), ("Written", WRITERS.entries), ("Results", EXPORTS)],
+)
+def test_every_format_has_its_row(title: str, entries: Any) -> None:
+    """The page of formats has one row for each, with its suffixes, and no other rows."""
+    text = PAGES["docs/reference/formats.md"].read_text(encoding="utf-8")
+    part = text.partition(f"\n## {title}\n")[2].partition("\n## ")[0].partition("\n### ")[0]
+    rows = [r.strip("|").split("|") for r in re.findall(r"^\| `.*$", part, flags=re.M)]
+    assert sorted(r[0].strip(" `") for r in rows) == sorted(e.name for e in entries)
+    for row in rows:
+        (entry,) = (e for e in entries if e.name == row[0].strip(" `"))
+        lacking = [s for s in entry.suffixes if not re.search(rf"{re.escape(s)}`", row[2])]
+        assert not lacking or entry.name in NAMED_BY_CONTENT, (entry.name, lacking)
+        assert all(cell.strip() for cell in row), entry.name
+
+
+def test_what_people_come_from_has_a_page() -> None:
+    """COLMAP, Metashape, STAR*NET, Gama, JAG3D, Comp3D, a total station; one page each at least."""
+    index = PAGES["docs/how_to/index.md"].read_text(encoding="utf-8")
+    coming = index.partition(":caption: Coming from another program")[2].partition("```")[0]
+    pages = coming.split()
+    wanted = "colmap metashape star_net gama jag3d comp3d total_station"
+    assert not set(wanted.split()) - set(pages)
+    for page in pages:
+        blocks = blocks_of(PAGES[f"docs/how_to/{page}.md"].read_text(encoding="utf-8"))
+        assert [b for b in blocks if b.language in ("python", "console")], page
 
 
 def test_the_version_is_that_of_the_installed_package() -> None:

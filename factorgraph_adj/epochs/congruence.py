@@ -6,6 +6,7 @@ The two epochs are compared in four steps (Pelzer 1971; Niemeier, Ausgleichungsr
 2. The reference points are tested for a change of their shape: T = Ω/(h σ0²) ~ F(h, r₁ + r₂),
    with Ω and h of `factorgraph_adj.epochs.hypotheses`, which no datum changes.
 3. Where it rejects, the points that moved are searched for (`factorgraph_adj.epochs.localise`).
+   The second epoch of a free network is then moved onto the stable points, and 2 and 3 repeated.
 4. Every other point is tested against the points that stayed: under the hypothesis that only the
    stable points kept their places, ∇ is the displacement of the others, with its cofactors.
    Step 4 equals an adjustment of both epochs in one, in which a stable point stands once.
@@ -20,17 +21,23 @@ from typing import Literal
 import numpy as np
 
 from ..columns import Columns
-from ..errors import InputError, Problem, known
+from ..errors import DatumError, InputError, Problem, known
 from ..network.network import Network
 from ..quality.distributions import fisher_quantile
 from ..quality.ellipses import ErrorEllipse, ellipses_in
 from ..quality.levels import ALPHA_OF_MODEL, POWER
 from ..shown import Rows, Shown
 from ..solve.solution import Solution
-from ..types import Array
+from ..types import Array, Index
 from .differences import Differences, between, within
-from .hypotheses import Scale, Test, moved, rank, spanning, weight
+from .hypotheses import Scale, Test, moved, rank, spanning, unheld, weight
 from .localise import Method, Step, localise
+
+MOST_SEARCHES = 3
+"""Largest number of searches after the first one, each with the second epoch moved onto the points
+that were stable before."""
+LEAST_OPEN = 1e-7
+"""Part of an axis in an open direction below which the direction is across the axis."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +61,12 @@ class RatioTest:
 
 @dataclass(frozen=True, eq=False)
 class Displacement:
-    """Displacement of a point against the points that stayed."""
+    """Displacement of a point against the points that stayed.
+
+    A stable point is compared with the other stable points. These may be too few to hold every
+    motion that the observations leave open; ``open`` then has the directions in which the point
+    cannot be seen to move, and the rest is the part of the displacement across them.
+    """
 
     name: str
     """Name in the first epoch."""
@@ -73,6 +85,9 @@ class Displacement:
     which it finds it hardest, metres."""
     hardest: Array
     """That direction, a unit vector (3,)."""
+    open: Array
+    """Directions in which the displacement is not determined, (3, m) unit vectors; m = 0 for all
+    points but stable ones of a small reference. The detectable displacement is infinite then."""
 
     @property
     def moved(self) -> bool:
@@ -86,8 +101,9 @@ class Displacement:
 
     @property
     def sigmas(self) -> Array:
-        """Standard deviations of the components, (3,) metres."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        """Standard deviations of the components, (3,) metres; infinite where they are open."""
+        told = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return np.where(np.abs(self.open).max(axis=1, initial=0.0) > LEAST_OPEN, np.inf, told)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -242,7 +258,8 @@ def congruence(
     Raises:
         InputError: unknown, held or repeated points, different frames, nothing to compare, no
             redundancy for a pooled variance.
-        DatumError: the reference points do not determine the motions that are open.
+        DatumError: the reference points do not determine the motions that are open, such as those
+            on one line the rotation about it.
     """
     if not 0 < alpha < power < 1:
         raise InputError(f"alpha and power must be 0 < alpha < power < 1, not {alpha}, {power}")
@@ -256,6 +273,15 @@ def congruence(
     stable: tuple[str, ...] = ()
     if some:
         search = localise(found, some, scale, alpha=alpha, method=method)
+        for _ in range(MOST_SEARCHES):
+            if second is None or not found.motions.size:
+                break
+            # Points that moved far would turn the second epoch by more than its linear motions.
+            before = search.stable
+            found = between(first, second, named, onto=before)
+            search = localise(found, some, scale, alpha=alpha, method=method)
+            if search.stable == before:
+                break
         stable, steps = search.stable, search.steps
     displacements, joint = _displacements(found, some, stable, scale, alpha, power)
     return Congruence(
@@ -361,6 +387,13 @@ def _displacements(
             "the epochs have no stable points in common, and the observations leave motions "
             "between them open: name reference points"
         )
+    left = g.shape[1] - rank(g[: len(stable) * k])
+    if left:
+        raise DatumError(
+            f"the stable points {', '.join(stable)} leave {left} of {g.shape[1]} motions of the "
+            "other points open: take more reference points, not on one line",
+            defect=left,
+        )
     w = weight(found.cofactor[np.ix_(rows, rows)], g)
     d = found.d[rows]
     columns = np.arange(len(stable) * k, len(rows))
@@ -372,28 +405,55 @@ def _displacements(
     axes = ["xyz".index(a) for a in found.axes]
     out: dict[str, Displacement] = {}
     for name in order:
+        seen, loosely = np.eye(k), np.zeros((k, 0))
         if name in stable:
             own = np.arange(k) + stable.index(name) * k
-            both = np.concatenate([own, columns])
-            vector, q, _ = moved(w, d, both)
-            vector, q = vector[:k], q[:k, :k]
+            others = np.setdiff1d(np.arange(len(stable) * k), own)
+            seen, loosely = unheld(g[own], g[others])
+            part, q = _against(w, d, own, seen, columns)
         else:
             own = np.arange(k) + loose.index(name) * k
-            vector, q = nabla[own], joint[np.ix_(own, own)]
-        values, axes_of_q = np.linalg.eigh(q)
-        test = scale.test(float(vector @ np.linalg.solve(q, vector)), k, alpha)
+            part, q = nabla[own], joint[np.ix_(own, own)]
         full, covariance, hardest = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
-        full[axes] = vector
-        covariance[np.ix_(axes, axes)] = scale.variance * q
-        hardest[axes] = axes_of_q[:, -1]
+        full[axes] = seen @ part
+        covariance[np.ix_(axes, axes)] = scale.variance * seen @ q @ seen.T
+        free = np.zeros((3, loosely.shape[1]))
+        free[axes] = loosely
+        if free.shape[1]:
+            detectable, hardest = float("inf"), free[:, 0]
+        else:
+            values, axes_of_q = np.linalg.eigh(q)
+            detectable = float(np.sqrt(lam * scale.variance * values[-1]))
+            hardest[axes] = axes_of_q[:, -1]
         out[name] = Displacement(
             name,
             name in stable,
             found.places[found.names.index(name)],
             full,
             covariance,
-            test,
-            float(np.sqrt(lam * scale.variance * values[-1])),
+            scale.test(float(part @ np.linalg.solve(q, part)), len(part), alpha),
+            detectable,
             hardest,
+            free,
         )
     return out, joint
+
+
+def _against(w: Array, d: Array, own: Index, seen: Array, loose: Index) -> tuple[Array, Array]:
+    """Return the displacement of a stable point along ``seen``, and its cofactors.
+
+    Args:
+        w: the weight W, (n, n).
+        d: differences, (n,).
+        own: rows of the point, (k,).
+        seen: directions in which it can be seen to move, (k, f).
+        loose: rows of the points that are not stable.
+    """
+    columns = np.zeros((len(d), seen.shape[1] + len(loose)))
+    columns[own, : seen.shape[1]] = seen
+    columns[loose, np.arange(seen.shape[1], columns.shape[1])] = 1.0
+    f = seen.shape[1]
+    if f == 0:
+        return np.zeros(0), np.zeros((0, 0))
+    q = np.linalg.inv(columns.T @ w @ columns)
+    return (q @ (columns.T @ (w @ d)))[:f], ((q + q.T) / 2.0)[:f, :f]

@@ -54,13 +54,24 @@ class Differences:
         return (at[:, None] * k + np.arange(k)).ravel()
 
 
-def between(first: Solution, second: Solution, pairs: Mapping[str, str]) -> Differences:
+def between(
+    first: Solution,
+    second: Solution,
+    pairs: Mapping[str, str],
+    *,
+    onto: Sequence[str] | None = None,
+) -> Differences:
     """Return the differences of two adjustments.
+
+    The second epoch is moved onto the first. What the open motions G are to first order is then
+    left of it: a rotation ε of points at the distance r from each other, which displaced points
+    cause, changes their differences by r ε²/2.
 
     Args:
         first: solution of the first epoch.
         second: solution of the second epoch.
         pairs: names in the second epoch by names in the first.
+        onto: points by which the second epoch is moved; None: all of them.
 
     Raises:
         InputError: points are unknown, or held, or points do not have the same free coordinates;
@@ -77,7 +88,8 @@ def between(first: Solution, second: Solution, pairs: Mapping[str, str]) -> Diff
     # Grid coordinates of thousands of kilometres are rounded more than the alignment is.
     origin = one.coordinates.mean(axis=0)
     there = one.coordinates - origin
-    moved, turn = aligned(two.coordinates - origin, there, mixture)
+    part = None if onto is None else np.isin(one.names, list(onto))
+    moved, turn = aligned(two.coordinates - origin, there, mixture, part)
     turns = np.kron(np.eye(len(one.names)), turn[np.ix_(free, free)])
     return Differences(
         tuple(pairs),
@@ -238,13 +250,14 @@ def _seven(x: Array) -> Array:
     return np.concatenate([shifts, turns, (r / size)[:, :, None]], axis=2)
 
 
-def aligned(x: Array, onto: Array, mixture: Array) -> tuple[Array, Array]:
+def aligned(x: Array, onto: Array, mixture: Array, part: Mask | None = None) -> tuple[Array, Array]:
     """Move points onto others by a similarity of some motions, so that Σ |Δ|² is least.
 
     Args:
         x: the points, (n, 3).
         onto: where they shall go, (n, 3).
         mixture: the motions that may be used, mixtures of the seven of `_seven`, (7, g).
+        part: points that count in the sum, (n,); None: all of them.
 
     Returns:
         The moved points (n, 3), and the rotation with scale (3, 3) that turned them.
@@ -255,10 +268,11 @@ def aligned(x: Array, onto: Array, mixture: Array) -> tuple[Array, Array]:
     total = np.eye(3)
     if mixture.shape[1] == 0:
         return x, total
+    counted = np.ones(len(x), dtype=bool) if part is None else part
     for _ in range(MOST_ALIGNMENTS):
         size = max(float(np.linalg.norm(x - x.mean(axis=0), axis=1).max()), 1e-300)
-        g = _seven(x).reshape(-1, 7) @ mixture
-        t = mixture @ np.linalg.lstsq(g, (onto - x).ravel(), rcond=SPURIOUS)[0]
+        g = _seven(x)[counted].reshape(-1, 7) @ mixture
+        t = mixture @ np.linalg.lstsq(g, (onto - x)[counted].ravel(), rcond=SPURIOUS)[0]
         turn = np.exp(t[6] / size) * exp_rotation(t[3:6] / size)
         centre = x.mean(axis=0)
         x = (x - centre) @ turn.T + centre + t[:3]

@@ -80,6 +80,25 @@ def spanning(g: Array) -> Array:
     return np.asarray(u[:, s > 1e-7])
 
 
+def unheld(own: Array, others: Array) -> tuple[Array, Array]:
+    """Return directions in which other points hold a point against motions, and the rest.
+
+    A motion that moves the point alone leaves its displacement open in that direction.
+
+    Args:
+        own: the motions of the point, (k, g).
+        others: the motions of the points that stay, (n, g).
+
+    Returns:
+        Orthonormal bases of the directions that are held, (k, f), and of the others, (k, k − f).
+    """
+    _, s, v = np.linalg.svd(others)
+    free = own @ v[int((s > 1e-7).sum()) :].T
+    u, s, _ = np.linalg.svd(free)
+    left = int((s > 1e-7).sum())
+    return np.asarray(u[:, left:]), np.asarray(u[:, :left])
+
+
 @dataclass(frozen=True)
 class Test:
     """A test of a hypothesis: accepted where the value does not exceed the critical one."""
@@ -111,7 +130,12 @@ class Scale:
     """Degrees of freedom of σ0²; infinite where it is known."""
 
     def test(self, omega: float, h: int, alpha: float) -> Test:
-        """Test a sum of squares of h degrees of freedom: T = Ω/(h σ0²)."""
+        """Test a sum of squares of h degrees of freedom: T = Ω/(h σ0²).
+
+        A hypothesis of no degree of freedom is never rejected.
+        """
+        if h == 0:
+            return Test(0.0, float("inf"), (0, self.freedom), 1.0)
         value = omega / (h * self.variance)
         return Test(value, self.quantile(1.0 - alpha, h), (h, self.freedom), self.above(value, h))
 

@@ -23,7 +23,8 @@ def tangents(lens: Lens, xy: Array, calibration: Array) -> Array:
     """Return the tangents (n, 2) of the rays of measured coordinates (n, 2).
 
     Solves v(t) = 0 by t ← t − v/c. One step is exact for lens models that correct measured
-    coordinates; the steps converge for lens models that distort ideal ones (distortion ≪ 1).
+    coordinates; the steps converge for lens models that distort ideal ones (distortion ≪ 1). Rays
+    for which they do not, behind a strong pincushion distortion, are found by Newton's method.
 
     Args:
         lens: the lens model, of tangents.
@@ -31,14 +32,34 @@ def tangents(lens: Lens, xy: Array, calibration: Array) -> Array:
         calibration: parameters of the lens model, (n, k) or (1, k).
     """
     c = calibration[:, :1]
-    t = (xy - calibration[:, 1:3]) / c
-    for _ in range(LENS_ITERATIONS):
-        v, _, _ = lens.residual(t[:, 0], t[:, 1], xy, calibration, jacobians=False)
-        step = v / c
-        t = t - step
-        if np.abs(step).max(initial=0.0) < TANGENT_TOLERANCE:
-            break
+    t = first = (xy - calibration[:, 1:3]) / c
+    step = np.zeros_like(t)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(LENS_ITERATIONS):
+            v, _, _ = lens.residual(t[:, 0], t[:, 1], xy, calibration, jacobians=False)
+            step = v / c
+            t = t - step
+            if np.abs(step).max(initial=0.0) < TANGENT_TOLERANCE:
+                return np.asarray(t)
+    away = ~(np.abs(step).max(axis=1) < TANGENT_TOLERANCE)
+    t[away] = _by_newton(
+        lens, xy[away], calibration if len(c) == 1 else calibration[away], first[away]
+    )
     return np.asarray(t)
+
+
+def _by_newton(lens: Lens, xy: Array, k: Array, first: Array) -> Array:
+    """Return tangents (n, 2) of measured coordinates by Newton's method with short steps."""
+    t = first
+    for _ in range(LENS_ITERATIONS):
+        v, by_t, _ = lens.residual(t[:, 0], t[:, 1], xy, k)
+        assert by_t is not None
+        step = _solved(by_t, v[:, :, None])[:, :, 0]
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        t = t - step * np.minimum(1.0, LONGEST_STEP / np.maximum(length, 1e-300))
+        if length.max(initial=0.0) < TANGENT_TOLERANCE:
+            break
+    return t
 
 
 def directions(lens: Lens, xy: Array, calibration: Array) -> Array:

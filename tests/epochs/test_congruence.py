@@ -278,3 +278,75 @@ def test_datums_may_be_turned_against_each_other():
 def test_a_known_scale_has_the_test_of_chi_squared():
     assert Scale(1.0, np.inf).test(3.0, 1, 0.05).critical == pytest.approx(3.8415, abs=1e-4)
     assert Scale(1.0, 30.0).test(3.0, 2, 0.05).critical == pytest.approx(3.3158, abs=1e-4)
+
+
+# -- few reference points -------------------------------------------------------------------------
+
+
+def distances(seed, places, shifts=None):
+    """Return the free adjustment of a network of distances between all points."""
+    rng = np.random.default_rng(seed)
+    true = {n: np.array(x, dtype=float) for n, x in places.items()}
+    for n, shift in (shifts or {}).items():
+        true[n] = true[n] + shift
+    network = fga.Network("distances", datum="free")
+    for n, x in true.items():
+        network.add_point(n, tuple(x), fixed="z" if not any(p[2] for p in places.values()) else "")
+    names = list(true)
+    for i, a in enumerate(names):
+        for b in (*names[i + 1 :], *names[i + 1 :]):
+            length = np.linalg.norm(true[b] - true[a]) + rng.normal(0, 0.001)
+            network.add(fga.SlopeDistance(a, b, length, sigma=0.001))
+    return fga.adjust(network)
+
+
+IN_PLAN = {"A": (0, 0, 0), "B": (100, 0, 0), "C": (50, 80, 0), "D": (20, 40, 0)}
+
+
+def test_a_stable_point_that_the_others_cannot_place_is_compared_in_what_they_tell():
+    """Of A and B alone only the distance AB can have changed: A moves along it, or unseen."""
+    first, second = distances(1, IN_PLAN), distances(2, IN_PLAN, {"C": (0.05, 0, 0)})
+    found = fga.congruence(first, second, reference=["A", "B"], variance="a-priori")
+    lengths = [np.linalg.norm(np.diff(s.state["point"][:2], axis=0)) for s in (first, second)]
+    change = lengths[1] - lengths[0]
+    for name, sign in (("A", -1.0), ("B", 1.0)):
+        x = found.displacement(name)
+        # B stays, and A takes the whole change of the distance.
+        assert x.vector == pytest.approx([sign * change, 0.0, 0.0], abs=1e-7)
+        assert x.test.freedom[0] == 1
+        assert x.test.value == pytest.approx(found.global_test.value, rel=1e-6)
+        assert np.isinf(x.sigmas[1])
+        assert np.isinf(x.detectable)
+        assert abs(x.hardest[1]) == pytest.approx(1.0, abs=1e-3)
+        assert not x.moved
+    assert found.displacement("C").vector[0] == pytest.approx(0.05, abs=0.003)
+    assert found.moved == ("C",)
+
+
+IN_SPACE = {
+    "A": (0, 0, 0),
+    "B": (100, 0, 0),
+    "D": (20, 40, 10),
+    "E": (60, -50, 25),
+    "F": (9, 7, 50),
+}
+
+
+def test_reference_points_that_leave_a_rotation_open_are_refused():
+    first, second = distances(1, IN_SPACE), distances(2, IN_SPACE)
+    with pytest.raises(DatumError, match="A, B leave 1 of 6 motions of the other points open"):
+        fga.congruence(first, second, reference=["A", "B"])
+
+
+@pytest.mark.parametrize("far", [(2.0, 1.5), (10.0, -5.0)])
+def test_displacements_do_not_depend_on_how_far_another_point_moved(far):
+    """Ten metres in a network of 300 m would turn the second epoch by 17 mm at its ends."""
+    first, near = solved(1), solved(2, {"P": (0.05, 0.0)})
+    found = [fga.congruence(first, s, objects=["P", "Q"]) for s in (near, solved(2, {"P": far}))]
+    noise = [
+        c.displacement("P").vector[:2] - shift
+        for c, shift in zip(found, ((0.05, 0.0), far), strict=True)
+    ]
+    assert noise[1] == pytest.approx(noise[0], abs=1e-4)  # directions to P are others
+    vectors = [c.displacement("Q").vector for c in found]
+    assert vectors[1] == pytest.approx(vectors[0], abs=1e-4)

@@ -13,6 +13,7 @@ from tests.field_mistakes.projects import facade, yard
 from tests.hostile.sources import GAMA, bal
 from tests.io.survey import field_files
 from tests.networks import jag3d, photo_files, survey_files
+from tests.networks.surveyed import surveyed
 
 Files = dict[str, bytes]
 MAPPING = """decimal = ","
@@ -66,6 +67,11 @@ def _texts(**texts: str) -> Callable[[Path], Files]:
 
 def _text(name: str, text: Callable[[], str] | str) -> Callable[[Path], Files]:
     return lambda _: {name: (text if isinstance(text, str) else text()).encode()}
+
+
+def _jag3d_flat(folder: Path) -> Files:
+    fga.write_jag3d(surveyed(), folder / "flat")
+    return {f.name: f.read_bytes() for f in sorted((folder / "flat").iterdir())}
 
 
 def _project(make: Callable[[], Any]) -> Callable[[Path], Files]:
@@ -139,6 +145,7 @@ FORMATS: dict[str, Format] = {
     "gvx": Format("gvx", survey_files.gvx, "n.gvx"),
     "comp3d": Format("comp3d", _texts(**survey_files.COMP3D), "net.obs", {"latitude": 48.8}),
     "mmvii": Format("mmvii", _texts(**survey_files.MMVII), "meas.obs"),
+    "jag3d flat files": Format("jag3d", _jag3d_flat),
     "jag3d": Format("jag3d", _text("site.script", jag3d.script(jag3d.site())), "site.script"),
     "jag3d database": Format("jag3d", lambda _: jag3d.files(jag3d.site()), "site.script"),
     "jag3d flat": Format("jag3d", _texts(**jag3d.FLAT)),

@@ -8,7 +8,7 @@ import pytest
 from factorgraph_adj.frames import LocalFrame
 from factorgraph_adj.models.base import DegenerateError
 from factorgraph_adj.models.image_lines import image_line
-from factorgraph_adj.models.inverse import directions
+from factorgraph_adj.models.inverse import directions, tangents
 from factorgraph_adj.models.lens import NoDistortion, NormalisedLens
 from factorgraph_adj.models.rational_lens import RationalLens
 from factorgraph_adj.models.ray_lens import EquirectangularLens, FovLens, RayLens, UnifiedLens
@@ -149,3 +149,15 @@ def test_line_in_a_wide_image_is_measured_by_its_angle() -> None:
             lens=lens,
         ).residual
         assert abs(v[0, 0]) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("k1", [0.3, 0.6, 1.5])
+def test_tangents_behind_a_strong_pincushion_distortion(k1: float) -> None:
+    """Where the distortion stretches by more than 2, the steps t − v/c lead away from the ray."""
+    lens = NormalisedLens()
+    values = {"c": 1000.0, "x0": 12.0, "y0": -7.0, "k1": k1, "k2": 0.1, "p1": 1e-3, "p2": -2e-3}
+    k = np.array([[values.get(n, 0.0) for n in lens.names]])
+    t = np.array([[0.0, 0.0], [0.3, -0.2], [0.8, 0.5], [-1.2, 0.9]])
+    xy = lens.residual(t[:, 0], t[:, 1], np.zeros_like(t), k, jacobians=False)[0]
+    assert tangents(lens, xy, k) == pytest.approx(t, abs=1e-7)
+    assert tangents(lens, xy, np.repeat(k, len(t), axis=0)) == pytest.approx(t, abs=1e-7)

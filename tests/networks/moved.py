@@ -41,6 +41,14 @@ def joint():
 
 
 @cache
+def few():
+    """Return a comparison with two reference points, which tell only their distance."""
+    return fga.congruence(
+        solved(20), solved(21, {"P": SHIFTS["P"]}), reference=["A", "C"], objects=["P", "Q"]
+    )
+
+
+@cache
 def strained():
     """Return the affine motion of three points."""
     found = fga.congruence(

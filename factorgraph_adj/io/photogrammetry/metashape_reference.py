@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -193,7 +194,8 @@ def reference_of(
             lat, lon, h = first.geocentric.ellipsoid.to_geodetic(middle[None])
             origin = float(lat[0]), float(lon[0]), float(h[0])
         else:
-            origin = (float(np.deg2rad(middle[1])), float(np.deg2rad(middle[0])), float(middle[2]))
+            longitude = _mean_longitude(given[:, 0])
+            origin = float(np.deg2rad(middle[1])), math.radians(longitude), float(middle[2])
         if not abs(origin[0]) <= np.pi / 2:
             raise InputError(Problem(f"latitude {middle[1]:g}° is none", where))
         return Geographic(TopocentricFrame(*origin, name), kind == "GEOCCS")
@@ -210,6 +212,15 @@ def reference_of(
     except InputError as error:
         hint = "crs='local' takes the coordinates as they are"
         raise InputError([Problem(f"{p.what}; {hint}", where) for p in error.problems]) from None
+
+
+def _mean_longitude(longitude: Array) -> float:
+    """Return the mean of longitudes, degrees, also of those on both sides of the antimeridian."""
+    if not len(longitude):
+        return 0.0
+    from_first = np.remainder(longitude - longitude[0] + 180.0, 360.0) - 180.0
+    mean = float(longitude[0] + from_first.mean())
+    return (mean + 180.0) % 360.0 - 180.0
 
 
 def _ellipsoid(text: str) -> str | None:

@@ -138,9 +138,10 @@ def _cameras(
     observed = {}
     for o in network.observations.values() if full else ():
         if isinstance(o, PhotoPosition):
-            plain = o.sigma is not None and o.axes == "xyz" and not any(o.lever_arm)
-            if not plain or o.mount or o.drift or o.photo in observed:
-                refusals.refuse("more than one position of a photo by x, y, z and σ", o.label())
+            plain = o.axes == "xyz" and not any(o.lever_arm) and not o.mount and not o.drift
+            if not plain or _sigmas(o) is None or o.photo in observed:
+                what = "a position but one x, y, z with σ for each photo, of its projection centre"
+                refusals.refuse(what, o.label())
             else:
                 observed[o.photo] = o
     lines = [f'    <cameras next_id="{len(numbers)}" next_group_id="0">']
@@ -155,9 +156,19 @@ def _cameras(
             matrix[:3, :3], matrix[:3, 3] = photo.rotation, photo.position
             lines.append(f"        <transform>{text(matrix)}</transform>")
         if name in observed:
-            lines.append(_reference(observed[name].value, observed[name].sigma, True))
+            lines.append(_reference(observed[name].value, _sigmas(observed[name]), True))
         lines.append("      </camera>")
     return [*lines, "    </cameras>"]
+
+
+def _sigmas(o: ControlPoint | PhotoPosition) -> tuple[float, ...] | None:
+    """Return σ of each coordinate; None where coordinates are correlated."""
+    if o.covariance is None:
+        return o.sigma
+    variances = np.diag(o.covariance)
+    if not np.array_equal(o.covariance, np.diag(variances)):
+        return None
+    return tuple(np.sqrt(variances).tolist())
 
 
 def _reference(value: tuple[float, ...], sigma: tuple[float, ...] | None, enabled: bool) -> str:
@@ -171,7 +182,7 @@ def _markers(network: Network, refusals: Refusals, markers: dict[str, int]) -> l
     control: dict[str, ControlPoint] = {}
     for o in network.observations.values():
         if isinstance(o, ControlPoint):
-            if o.axes != "xyz" or o.sigma is None or o.point in control:
+            if o.axes != "xyz" or _sigmas(o) is None or o.point in control:
                 refusals.refuse("control but one X, Y, Z with σ for each point", o.label())
             control[o.point] = o
     lines = [f'    <markers next_id="{len(markers)}">']
@@ -179,7 +190,7 @@ def _markers(network: Network, refusals: Refusals, markers: dict[str, int]) -> l
         lines.append(f'      <marker id="{i}" label={quoteattr(name)}>')
         check = network.points[name].check
         if name in control and control[name].axes == "xyz":
-            lines.append(_reference(control[name].value, control[name].sigma, True))
+            lines.append(_reference(control[name].value, _sigmas(control[name]), True))
         elif check is not None and not np.isnan(check).any():
             lines.append(_reference(check, None, False))
         lines.append("      </marker>")

@@ -29,6 +29,8 @@ from .reading import ImagePoints, Reading, rotation_of
 
 CONVENTION = "eConvApero_DistM2C"
 """The convention that is read; it is MicMac's own."""
+OF_MMVII = "Ori-PerspCentral-"
+"""Beginning of the names of MMVII's orientations, which are XML of another kind."""
 PREFIX = "Orientation-"
 
 
@@ -82,8 +84,8 @@ def read_micmac(
 def is_micmac(path: Path) -> bool:
     """Tell whether a path is a folder of orientations of MicMac, or one of its files."""
     if path.is_dir():
-        return any(path.glob(PREFIX + "*.xml"))
-    return path.name.startswith(PREFIX)
+        return any(path.glob(PREFIX + "*.xml")) or any(path.glob(OF_MMVII + "*.xml"))
+    return path.name.startswith((PREFIX, OF_MMVII))
 
 
 def _words(element: Element | None) -> list[str]:
@@ -111,6 +113,9 @@ class _Orientations:
         files = sorted(self.folder.glob(PREFIX + "*.xml"))
         if not files:
             what = f"has no file {PREFIX}….xml; name a folder of orientations, Ori-…"
+            if any(self.folder.glob(OF_MMVII + "*.xml")):
+                what = f"has orientations of MMVII, {OF_MMVII}….xml, which are not read; valid: "
+                what += f"those of MicMac, {PREFIX}….xml"
             raise InputError(Problem(what, str(self.folder)))
         for file in files:
             try:

@@ -44,7 +44,9 @@ class Lgc2Observations:
             "CAM": lambda block: None,
             "ANGL": self._directions,
             "ZEND": self._zeniths,
-            "DIST": lambda b: self._distances(b.head.word(0, "station"), self._edm(b, 2), b.rows),
+            "DIST": lambda b: self._distances(
+                b.head.word(0, "station"), self._edm(b, 2, 4), b.rows
+            ),
             "DSPT": lambda b: self._distances(b.head.word(0, "station"), self._edm(b, 0), b.rows),
             "ECTH": self._sight_planes,
             "ECSP": self._offsets,
@@ -88,22 +90,46 @@ class Lgc2Observations:
         """Return the numbers in the line of an instrument."""
         return self._rows_of(head, name)[0].numbers(1, count)
 
-    def _target(self, head: Row, begin: int, count: int) -> list[float]:
-        """Return numbers of the first target of the instrument of a block."""
+    def _target(self, head: Row, begin: int, count: int, of: int | None = None) -> list[float]:
+        """Return numbers of the first target of the instrument of a block.
+
+        Args:
+            head: line of the block.
+            begin: first of the numbers.
+            count: how many they are.
+            of: how many numbers of the target of a total station are standard deviations of its
+                observations; those behind them (corrections, heights and their standard
+                deviations, centring) must be 0, and so must the numbers of the total station.
+                None: another instrument.
+        """
         name = head.word(1, "the instrument")
         rows = self._rows_of(head, name)
         if len(rows) < 2:
             head.wrong(f"instrument {name[:40]!r} has no line of its target")
+        if of is not None:
+            self._only_zeros(rows[0], 2)
+            self._only_zeros(rows[1], 1 + of)
         return rows[1].numbers(1 + begin, count)
 
-    def _edm(self, block: Block, begin: int) -> list[float]:
-        return self._target(block.head, begin, 2)
+    @staticmethod
+    def _only_zeros(row: Row, begin: int) -> None:
+        """Refuse numbers of an instrument that are not 0."""
+        if any(row.numbers(begin, len(row.words) - begin)):
+            row.wrong(
+                f"{' '.join(row.words)[:60]!r}: heights, centring and corrections of instruments "
+                f"and targets are not read; valid: 0 from word {begin + 1} on"
+            )
+
+    def _edm(self, block: Block, begin: int, of: int | None = None) -> list[float]:
+        return self._target(block.head, begin, 2, of)
 
     def _scale(self, head: Row, name: str) -> tuple[float, float]:
         """Return σ and correction of a scale, metres."""
-        sigma, ppm, correction, _, centring = self._numbers(head, name, 5)
+        sigma, ppm, correction, other, centring = self._numbers(head, name, 5)
         if ppm or centring:
             head.wrong(f"scale {name}: ppm {ppm:g}, centring {centring:g}; only zeros are read")
+        if other:
+            head.wrong(f"scale {name}: σ of the correction {other:g}; only zeros are read")
         return sigma * MM, correction
 
     def _stated(self, row: Row, name: str) -> None:
@@ -141,7 +167,7 @@ class Lgc2Observations:
 
     def _directions(self, block: Block) -> None:
         station = block.head.word(0, "station")
-        (sigma,) = self._target(block.head, 0, 1)
+        (sigma,) = self._target(block.head, 0, 1, 4)
         for row in block.rows:
             target, value = self._reading(row)
             self.network.add(
@@ -157,7 +183,7 @@ class Lgc2Observations:
 
     def _zeniths(self, block: Block) -> None:
         station = block.head.word(0, "station")
-        (sigma,) = self._target(block.head, 1, 1)
+        (sigma,) = self._target(block.head, 1, 1, 4)
         for row in block.rows:
             target, value = self._reading(row)
             self.network.add(
@@ -361,9 +387,12 @@ class Lgc2Observations:
 
     def _inclined(self, kind: type[o.FrameInclination] | type[o.FrameRoll], block: Block) -> None:
         name = block.head.word(0, "the instrument")
-        sigma, ppm, correction, _, reference, _ = self._numbers(block.head, name, 6)
+        sigma, ppm, correction, other, reference, turn_sigma = self._numbers(block.head, name, 6)
         if ppm:
             block.head.wrong(f"inclinometer {name}: ppm {ppm:g}; only zero is read")
+        if other or turn_sigma:
+            what = f"σ of correction and reference {other:g} and {turn_sigma:g}"
+            block.head.wrong(f"inclinometer {name}: {what}; only zeros are read")
         frame, r, _, _ = self.builder.body(block.node)
         for row in block.rows:
             target, value = self._reading(row, options=("AC", "RF"))
@@ -382,13 +411,14 @@ class Lgc2Observations:
             )
 
     def _coordinates(self, block: Block) -> None:
+        """Add coordinates in the frame of the block, metres, with σ in millimetres."""
         frame, r, t, _ = self.builder.body(block.node)
         for row in block.rows:
             target = row.word(0, "a point")
             self._stated(row, target)
             x, sigma = np.array(row.numbers(1, 6)).reshape(2, 3)
             row.options(7, ())
-            covariance = r @ np.diag(sigma**2) @ r.T
+            covariance = r @ np.diag((sigma * MM) ** 2) @ r.T
             value = tuple((r @ x + t).tolist())
             self.network.add(
                 o.FrameCoordinate(

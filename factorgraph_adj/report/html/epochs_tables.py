@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 
 from ...epochs.blocks import BlockMotion
 from ...epochs.hypotheses import Test
@@ -91,6 +92,10 @@ def steps(report: EpochsReport, t: Texts) -> Sheet | None:
     return sheet("steps", t("steps.caption"), columns_of(heads, rows), notes=notes)
 
 
+def _or_infinite(value: float) -> str:
+    return decimal(value, 2) if isfinite(value) else "∞"
+
+
 def displacements(report: EpochsReport, t: Texts) -> Sheet | None:
     """Return the displacements with their tests and ellipses."""
     found, unit = report.found, report.units.sigma_length
@@ -106,11 +111,11 @@ def displacements(report: EpochsReport, t: Texts) -> Sheet | None:
                 x.name,
                 t(f"state.{state}"),
                 *(decimal(float(x.vector[i]) / size, 2) for i in at),
-                *(decimal(float(x.sigmas[i]) / size, 2) for i in at),
+                *(_or_infinite(float(x.sigmas[i]) / size) for i in at),
                 decimal(x.length / size, 2),
                 *_test(x.test),
                 NONE if x.stable else t("yes" if x.moved else "no"),
-                decimal(x.detectable / size, 2),
+                _or_infinite(x.detectable / size),
                 *(axes if flat else (NONE, NONE)),
                 decimal(e.azimuth / ANGLE[angle], 1) if flat else NONE,
             ]

@@ -13,6 +13,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.photogrammetry.metashape import read_metashape
+from factorgraph_adj.io.photogrammetry.metashape_reference import reference_of
 from factorgraph_adj.io.photogrammetry.metashape_write import write_metashape
 from factorgraph_adj.models.lens import Lens
 from factorgraph_adj.models.rational_lens import RationalLens
@@ -448,6 +449,20 @@ def test_archives_that_are_none_are_refused(tmp_path: Path) -> None:
     (tmp_path / "q.psx").write_text('<document path="../../etc/x.zip"/>', encoding="utf-8")
     with pytest.raises(InputError, match="must lead into the folder of the project"):
         fga.read(tmp_path / "q.psx")
+
+
+def test_the_origin_of_points_on_both_sides_of_the_antimeridian_is_among_them():
+    wkt = (
+        'GEOGCS["WGS 84",DATUM["World Geodetic System 1984",SPHEROID["WGS 84",6378137,'
+        '298.257223563]],PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]]'
+    )
+    given = np.array([[179.999, -17.0, 100.0], [-179.998, -17.001, 120.0]])
+    frame = reference_of(wkt, given, "project").frame
+    assert np.degrees(frame.longitude) == pytest.approx(-179.9995, abs=1e-9)
+    at = reference_of(wkt, given, "project").points(given)
+    assert np.abs(at).max() < 500.0
+    given[:, 0] = [178.0, 179.0]
+    assert np.degrees(reference_of(wkt, given, "project").frame.longitude) == pytest.approx(178.5)
 
 
 @pytest.mark.parametrize(

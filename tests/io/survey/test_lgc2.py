@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.errors import InputError
 from factorgraph_adj.units import CC, GON
 
 TEXT = """*TITR
@@ -92,3 +94,35 @@ def test_what_is_wrong_is_told_with_its_line(
     with pytest.raises(fga.InputError) as caught:
         read(tmp_path, text)
     assert message in str(caught.value)
+
+
+def test_standard_deviations_of_coordinates_are_millimetres(tmp_path: Path) -> None:
+    """LGC2's own tests call ``P1 -1 -1 -1 1 2 3`` an observation with 1 mm, 2 mm and 3 mm."""
+    path = tmp_path / "coordinates.lgc2"
+    path.write_text(
+        "*TITR\ncoordinates\n*OLOC\n*INSTR\n*CALA\nA 0 0 0\n*FRAME F 0 0 0 0 0 100 1 TX TY TZ RZ\n"
+        "*POIN\nP1 1 1 1\n*OBSXYZ\nP1 -1 -1 -1 1 2 3\n*ENDFRAME\n*END\n",
+        encoding="ascii",
+    )
+    (o,) = [o for o in fga.read_lgc2(path).observations.values() if o.source == f"{path.name}:11"]
+    assert o.value == (-1.0, -1.0, -1.0)
+    assert np.sqrt(np.diag(o.covariance)) == pytest.approx([0.001, 0.002, 0.003])
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("*POLAR T P1 0 0 0", "*POLAR T P1 0 0.5 0"),
+        ("P1 5 7 0.1 2 0 0 0 0", "P1 5 7 0.1 2 0.033 0 0 0"),
+        ("P1 5 7 0.1 2 0 0 0 0", "P1 5 7 0.1 2 0 0 0 0.5"),
+        ("*SCALE R 0.2 0 0.01 0 0", "*SCALE R 0.2 0 0.01 0.1 0"),
+    ],
+)
+def test_corrections_and_centring_that_are_not_read_are_refused(
+    before: str, after: str, tmp_path: Path
+) -> None:
+    assert before in TEXT
+    path = tmp_path / "net.lgc2"
+    path.write_text(TEXT.replace(before, after), encoding="ascii")
+    with pytest.raises(InputError, match=r"net\.lgc2:\d+: .*not read|only zeros are read"):
+        fga.read_lgc2(path)

@@ -30,6 +30,7 @@ CASES = {
     "strain": strained,
     "joint": lambda: EpochsReport(moved.joint()),
     "kept": lambda: EpochsReport(moved.kept()),
+    "few": lambda: EpochsReport(moved.few()),
     "doubtful": lambda: EpochsReport(moved.doubtful()),
     "heights": lambda: EpochsReport(moved.heights()),
     "space": lambda: EpochsReport(moved.in_space()),
@@ -52,6 +53,7 @@ def test_results_are_as_their_schema_says(name):
         own = report.found.displacement(x["name"])
         assert x["vector"] == own.vector.tolist()
         assert x["test"]["value"] == own.test.value
+        assert x["detectable"] == (own.detectable if np.isfinite(own.detectable) else None)
     assert [b["points"] for b in found["blocks"]] == [list(b.points) for b in report.blocks]
     second = {"B": "B2", "P": "P2", "Q": "Q2"} if name == "joint" else {}
     assert [x["name_later"] for x in found["displacements"]] == [

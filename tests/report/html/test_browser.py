@@ -13,6 +13,7 @@ from factorgraph_adj.report.context import Report
 from factorgraph_adj.report.html.page import html
 from factorgraph_adj.report.html.write import write_report
 from tests.networks.adjusted import ADJUSTED
+from tests.networks.mapped import geocentric
 from tests.networks.reported import (
     NASTY,
     heights_alone,
@@ -20,6 +21,7 @@ from tests.networks.reported import (
     nasty_names,
     three_points,
 )
+from tests.networks.simulated import free_block
 from tests.support.pages import Opened, chromium, opened
 from tests.support.places import EXAMPLES
 
@@ -59,6 +61,9 @@ def folder(tmp_path_factory):
     write_report(fga.adjust(heights_alone()), at / "heights.html")
     write_report(fga.adjust(nasty_names()), at / "nasty.html")
     write_report(fga.adjust(levelled_field()), at / "field.html")
+    write_report(fga.adjust(network, max_iterations=1), at / "failed.html")
+    write_report(fga.adjust(free_block()), at / "free.html")
+    write_report(fga.adjust(geocentric()), at / "geocentric.html")
     return at
 
 
@@ -78,7 +83,11 @@ def _click(found: Opened, what: str, number: int) -> None:
     found.page.mouse.click(x, y)
 
 
-@pytest.mark.parametrize("name", ["three", "heights", "nasty", "block"])
+SORTS = ("three", "heights", "nasty", "block", "failed", "free", "geocentric")
+"""Plan, heights and space; a gross error, no minimum, no datum, on the Earth."""
+
+
+@pytest.mark.parametrize("name", SORTS)
 def test_a_page_says_nothing_and_asks_for_its_own_file_only(browser, folder, name):
     file = folder / f"{name}.html"
     with opened(browser, file) as found:
