@@ -213,8 +213,8 @@ READING = {
     ),
     "a camera inside out": (
         *("project", "c = 100.0", "c = -100.0"),
-        "project.toml:6: camera 'cam': the principal distance must be positive, not -100.0; one that "
-        "is unknown may be left out if it is free and the format is given",
+        "project.toml:6: camera 'cam': the principal distance must be positive, not -100.0; one "
+        "that is unknown may be left out if it is free and the format is given",
     ),
     "a missing column": (
         *("images", "photo,point,x,y", "photo,point,x,z"),
