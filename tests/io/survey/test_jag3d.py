@@ -12,6 +12,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.io.survey.jag3d import is_jag3d
 from factorgraph_adj.io.survey.jag3d_model import radius_of
 from factorgraph_adj.io.survey.jag3d_project import point_pairs
 from factorgraph_adj.observations import (
@@ -574,6 +575,19 @@ def test_names_that_do_not_tell_the_kind_are_stated(tmp_path):
     assert fga.read_jag3d(tmp_path, kinds=words).observations.keys() == {"1"}
     assert "unknown kind 'x'" in refused(tmp_path, kinds={**kinds, "a.txt": "x"})[0]
     assert "none of the files" in refused(tmp_path, kinds={**kinds, "c.txt": "levelling"})[0]
+
+
+def test_a_folder_with_one_name_that_does_not_tell_its_kind_says_which(tmp_path):
+    """Points of a file that was not read are not told as unknown."""
+    flat(tmp_path, {"Neupunkte_3D.txt": "A 10 20 3\n", "Gruppe 1.txt": "B 50 20 1\n"})
+    flat(tmp_path, {"Raumstrecken.txt": "A B 40.05\n", "Zenitwinkel.txt": "A B 1O3\n"})
+    with pytest.raises(fga.InputError) as error:
+        fga.read(tmp_path)
+    first, second = error.value.problems
+    assert "Gruppe 1.txt: its name does not tell what it holds: rename it, or state" in str(first)
+    assert str(second).startswith("Zenitwinkel.txt:1")
+    (tmp_path / "project.toml").touch()  # a project, whatever stands beside it
+    assert not is_jag3d(tmp_path)
 
 
 def test_one_flat_file_is_told_by_its_name(tmp_path):
