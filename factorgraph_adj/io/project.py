@@ -386,7 +386,7 @@ def _parameters(row: Row, y_down: bool) -> tuple[dict[str, float], list[str], di
         value = inside.number("value", required=not unknown)
         sigma = inside.number("sigma", positive=True)
         if value is not None or not unknown:
-            values[name] = value or 0.0
+            values[name] = 0.0 if value is None else value
         if y_down and name == "y0":
             values[name] = -values[name]
         if sigma is not None:

@@ -150,6 +150,16 @@ def gnss_vectors() -> fga.Network:
     return network
 
 
+def vectors_of_another_datum() -> fga.Network:
+    """GNSS vectors in a frame with free turns and scale."""
+    network = field()
+    turned = ("rx", "ry", "rz", "ln_scale")
+    network.add_frame("GNSS", free=turned, values=dict.fromkeys(turned, 0.0))
+    for i, (a, b) in enumerate(pairs()):
+        network.add(o.FrameVector("GNSS", a, b, (0.0, 0.0, 0.0), covariance=correlated(i)))
+    return network
+
+
 def positions(kind: type[o.ControlPoint]) -> Callable[[], fga.Network]:
     def make() -> fga.Network:
         network = field()
@@ -347,6 +357,7 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "photo_position": photos(positions=True),
     "image": photos(),
     "frame_coordinate": frames,
+    "frame_vector": vectors_of_another_datum,
     "photo_attitude": flight(
         Plan(exposures=3, strips=1, mount=EVERY, control=2, turning=("rz_t",), drift=("x_t",))
     ),

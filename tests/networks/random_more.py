@@ -287,6 +287,15 @@ def _edges(m: More) -> None:
             n.add(o.ImageLine(f, "edge", *map(float, at), sigma=0.004))
 
 
+def _own_datum(m: More) -> None:
+    """Measure vectors between points in a datum that is turned, and may have a scale."""
+    turned = ["rx", "ry", "rz", *(["ln_scale"] if m.rng.random() < 0.5 else [])]
+    m.network.add_frame("gnss", free=turned, values=m.values(" ".join(turned), 1e-4))
+    names = m.points(4)
+    for a, b in pairwise([*names, names[0]]):
+        m.network.add(o.FrameVector("gnss", a, b, ZERO, sigma=(3 * MM,) * 3))
+
+
 OF_PHOTOS: tuple[Callable[[More], None], ...] = (_flight, _odometry, _edges)
 """Those that need photos."""
 ON_SITE: tuple[Callable[[More], None], ...] = (_flight, _offsets, _alignment, _edges)
@@ -304,5 +313,6 @@ FAMILIES: tuple[Callable[[More], None], ...] = (
     _offsets,
     _alignment,
     _edges,
+    _own_datum,
 )
 """What may be added."""

@@ -510,7 +510,7 @@ def test_a_part_that_fails_is_not_blamed_on_those_that_need_it() -> None:
 
 
 def test_text_that_is_not_toml_and_files_that_are_not_there_are_named(tmp_path) -> None:
-    with pytest.raises(InputError, match="spec: is not TOML"):
+    with pytest.raises(InputError, match="spec:1: is not TOML"):
         read_spec("parts = [\n")
     with pytest.raises(InputError, match=r"none\.toml: cannot be read"):
         read_spec(tmp_path / "none.toml")
