@@ -94,7 +94,7 @@ def read_micmac(
 
 
 def is_micmac(path: Path) -> bool:
-    """Tell whether a path is a folder of orientations of MicMac, or one of its files."""
+    """Tell whether a path is a folder of orientations of MicMac or MMVII, or one of its files."""
     if path.is_dir():
         return any(any(path.glob(p + "*.xml")) for p in (PREFIX, micmac_mmvii.PREFIX))
     return path.name.startswith((PREFIX, micmac_mmvii.PREFIX))

@@ -237,7 +237,7 @@ POSE = "Ori-X/Ori-PerspCentral-1.tif.xml"
 @pytest.mark.parametrize(
     ("path", "old", "new", "message"),
     [
-        (CALIBRATION, "Stenope", "OrthoGraphik", r"28000\.xml:10: projection 'OrthoGraphik' cann"),
+        (CALIBRATION, "Stenope", "OrthoGraphik", r"28000\.xml:9: projection 'OrthoGraphik' cann"),
         (CALIBRATION, "<IsFraserMode>1", "<IsFraserMode>0", r"<IsFraserMode> '0' cannot be read"),
         (CALIBRATION, "<Degree>3", "<Degree>4", r"<Degree> 4 1 1 needs <K4>"),
         (CALIBRATION, "<Degree>3", "<Degree>2", r"<K3> is given twice or lies beyond <Degree> 2"),
