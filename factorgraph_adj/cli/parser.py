@@ -20,7 +20,12 @@ class Parser(argparse.ArgumentParser):
         if found := _CHOICE.search(message):
             message += similar(found[1], re.findall(r"'(.*?)'", found[2]))
         elif found := _OPTION.search(message):
-            message += similar(found[1], self._options())
+            options = self._options()
+            message += (
+                f"; other commands have {found[1]}"
+                if found[1] in options
+                else similar(found[1], options)
+            )
         super().error(message)
 
     def _options(self) -> list[str]:

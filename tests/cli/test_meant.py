@@ -76,3 +76,10 @@ def test_units_are_not_asked_for() -> None:
     with pytest.raises(fga.InputError) as found:
         fga.units.parse_angle("1", "grad")
     assert "did you mean" not in str(found.value)
+
+
+def test_an_option_of_another_command_is_said_to_be_one(capsys):
+    with pytest.raises(SystemExit):
+        main(["compare", "a", "b", "--quiet"])
+    said = capsys.readouterr().err
+    assert "other commands have --quiet" in said and "did you mean" not in said

@@ -7,23 +7,37 @@ import io
 
 import numpy as np
 
+from ...units import ANGLE, LENGTH, decimal_angle
 from .context import EpochsReport
+
+PLAIN = ("name", "stable", "test_value", "critical", "moved")
+"""Columns that are no lengths."""
 
 
 def displacement_table(report: EpochsReport) -> str:
-    """Return the displacements as CSV: metres, with the ellipse of the displacement in plan.
+    """Return the displacements as CSV, with the ellipse of each displacement in plan.
 
-    The ellipse lies in the horizon of the point; its azimuth is clockwise from north, radians.
+    Lengths and angles are in the units of the report, which stand in the names of the columns. The
+    ellipse lies in the horizon of the point; its azimuth is clockwise from north.
     """
     stream = io.StringIO()
     columns = report.found.table()
-    extra = ("ellipse_major", "ellipse_minor", "ellipse_azimuth", "confidence")
+    length, angle = report.units.sigma_length, decimal_angle(report.units.angle)
+    metres, radians = LENGTH[length], ANGLE[angle]
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([*columns, *extra])
+    writer.writerow(
+        [
+            *(c if c in PLAIN else f"{c}_{length}" for c in columns),
+            *(f"ellipse_{axis}_{length}" for axis in ("major", "minor")),
+            f"ellipse_azimuth_{angle}",
+            "confidence",
+        ]
+    )
     for i, e in enumerate(report.ellipses):
-        cells = [_cell(columns[c][i]) for c in columns]
-        figures = (*e.semi_axes, e.azimuth, report.confidence)
-        writer.writerow([*cells, *(_cell(v) for v in figures)])
+        cells = [columns[c][i] if c in PLAIN else columns[c][i] / metres for c in columns]
+        axes = (axis / metres for axis in e.semi_axes)
+        figures = (*cells, *axes, e.azimuth / radians, report.confidence)
+        writer.writerow([_cell(v) for v in figures])
     return stream.getvalue()
 
 

@@ -85,9 +85,10 @@ def _reference(found: Congruence) -> list[str]:
 
 
 def _words(test: Test) -> str:
+    degrees = "degree" if test.freedom[0] == 1 else "degrees"
     return (
         f"T = {test.value:.2f}, critical {test.critical:.2f} "
-        f"({test.freedom[0]} degrees of freedom, p {_p(test.p_value)})"
+        f"({test.freedom[0]} {degrees} of freedom, p {_p(test.p_value)})"
     )
 
 

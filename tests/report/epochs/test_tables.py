@@ -72,8 +72,12 @@ def test_the_table_has_the_ellipses_of_the_comparison():
     rows = list(csv.DictReader(io.StringIO(displacement_table(report))))
     assert [r["name"] for r in rows] == report.names
     for row, e in zip(rows, report.found.ellipses(confidence=0.95), strict=True):
-        assert float(row["ellipse_major"]) == e.semi_axes[0]
-        assert float(row["ellipse_azimuth"]) == e.azimuth
+        x = report.found.displacement(row["name"])
+        assert float(row["dx_mm"]) == pytest.approx(1e3 * x.vector[0], rel=1e-12, abs=1e-12)
+        assert float(row["detectable_mm"]) == pytest.approx(1e3 * x.detectable, rel=1e-12)
+        assert float(row["test_value"]) == x.test.value
+        assert float(row["ellipse_major_mm"]) == pytest.approx(1e3 * e.semi_axes[0], rel=1e-12)
+        assert float(row["ellipse_azimuth_gon"]) == pytest.approx(e.azimuth * 200 / np.pi)
         assert float(row["confidence"]) == 0.95
 
 
