@@ -119,19 +119,26 @@ def add_measures(
         reading: where problems go.
         factor: factor of the standard deviations.
     """
+    whole = not reading.problems
     for file in files_of(path, MEASURES):
         with reading.at(file.name):
-            _measures_of(file, network, images, reading, factor)
+            _measures_of(file, network, images, reading, factor, whole)
 
 
 def _measures_of(
-    file: Path, network: Network, images: ImagePoints, reading: Reading, factor: float
+    file: Path,
+    network: Network,
+    images: ImagePoints,
+    reading: Reading,
+    factor: float,
+    whole: bool,
 ) -> None:
+    """Gather the measurements of an image; ``whole``: all orientations of the folder are read."""
     image = contents(file, "SetMesIm", "Measures")
     named = image.first("NameIm")
     photo = text_of(named)
     if photo not in network.photos:
-        if not reading.problems:
+        if whole:
             what = f"image {photo[:80]!r} has no orientation; its measurements need one"
             reading.wrong(what, f"{file.name}:{(named or image).line}")
         return
