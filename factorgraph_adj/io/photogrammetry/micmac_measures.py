@@ -16,7 +16,7 @@ from ...errors import InputError, Problem
 from ...network.network import Network
 from ...observations import ControlPoint
 from ..xml_tree import Element
-from .micmac_mmvii import contents, text_of
+from .micmac_mmvii import OPTIONAL, contents, text_of
 from .reading import ImagePoints, Reading
 
 CONTROL = "MesGCP*.xml"
@@ -82,7 +82,7 @@ def _control_of(file: Path, network: Network, reading: Reading, factor: float) -
         where = f"{file.name}:{entry.line}"
         name = text_of(entry.first("Name"))
         at = _numbers(entry, "Pt", 3, file.name, reading)
-        tag = next((t for t in ("Sigma2", "__Opt__Sigma2") if entry.first(t) is not None), None)
+        tag = next((t for t in ("Sigma2", OPTIONAL + "Sigma2") if entry.first(t) is not None), None)
         given = None if tag is None else _numbers(entry, tag, 6, file.name, reading)
         if at is None or (tag is not None and given is None):
             continue

@@ -28,7 +28,7 @@ from ...models.affine_normalised import FraserNormalisedLens
 from ...models.lens import Lens, NormalisedLens
 from ...models.ray_lens import EquirectangularLens, FisheyeLens
 from ...network.network import Network
-from ..xml_tree import Element, read_xml
+from ..xml_tree import Element, parse_xml
 from .pixel import add_pixel_camera
 from .reading import Reading, rotation_of, whole
 
@@ -38,6 +38,8 @@ CALIBRATION_PREFIX = "Calib-PerspCentral-"
 """Beginning of the names of calibrations, which names of cameras leave out."""
 SERIALIZATION = "MMVII_Serialization"
 """Type of MMVII's files."""
+OPTIONAL = "__Opt__"
+"""Beginning of the names of elements that may be absent; it was ``Opt:`` in older files."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,13 @@ def contents(path: Path, tag: str, known: str) -> Element:
     Raises:
         InputError: the file is no XML, or no such file of MMVII.
     """
-    root = read_xml(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(Problem(f"cannot be read: {error.strerror or error}", str(path))) from None
+    for begin in (b"<", b"</"):  # a prefix that no name space binds, in files of 2022
+        content = content.replace(begin + b"Opt:", begin + OPTIONAL.encode())
+    root = parse_xml(content, path.name)
     where = f"{path.name}:{root.line}"
     data: Element | None = root
     if root.tag != SERIALIZATION:

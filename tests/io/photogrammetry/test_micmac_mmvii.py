@@ -152,8 +152,14 @@ def test_the_projection_and_distortion_are_those_of_mmvii(
     assert v.size == 54 and np.abs(v).max() < 1e-8
 
 
-def test_ground_control_has_the_variances_of_the_file(tmp_path: Path) -> None:
-    network = read(block(tmp_path), sigma_control=2.0, sigma_px=0.5)
+@pytest.mark.parametrize("name", ["Sigma2", "Opt:Sigma2", "__Opt__Sigma2"])
+def test_ground_control_has_the_variances_of_the_file(name: str, tmp_path: Path) -> None:
+    """MMVII named the variances in three ways."""
+    ori = block(tmp_path)
+    path = tmp_path / "Marks" / "MesGCP-X.xml"
+    text = path.read_text(encoding="utf-8").replace("__Opt__Sigma2", name)
+    path.write_text(text, encoding="utf-8")
+    network = read(ori, sigma_control=2.0, sigma_px=0.5)
     control = {o.point: o for o in network.observations.values() if isinstance(o, fga.ControlPoint)}
     assert set(control) == {"G0", "G1", "G2", "G4"}
     assert control["G0"].sigma == pytest.approx((0.02, 0.02, 2.0))
