@@ -30,6 +30,15 @@ def why_none(views: Views, rays: Rays) -> str:
     table = views.table(rays.usable)
     seen = np.flatnonzero(np.diff(table.indptr) > 0)
     lead = "no pair of photos could be oriented from image points: "
+    measured = len(np.unique(views.photo))
+    if len(seen) < 2 <= measured:
+        lost = int((~rays.usable).sum())
+        names = [c.name for i, c in enumerate(views.cameras) if (views.camera == i).any()]
+        return (
+            f"{lead}{lost} of {views.n} image points in {measured} photos have rays beside the "
+            f"camera, or none with its lens: is the principal distance of {', '.join(names)} in "
+            "the unit of the image points, and are they measured from the middle of the image?"
+        )
     if len(seen) < 2:
         return (
             f"{lead}only one photo has usable image points; two that see the same points from two "

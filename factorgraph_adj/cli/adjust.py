@@ -19,7 +19,6 @@ from ..report.causes import likeliest
 from ..report.context import Report
 from ..report.doubts import doubts_about, of_network
 from ..report.html.language import Language
-from ..report.html.libraries import refuse_missing
 from ..report.html.write import write_html
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
@@ -31,7 +30,7 @@ from .exit_codes import DOUBTFUL, FINE
 from .exports import add_exports, refuse_exports, write_exports
 from .input import PROJECT_HELP, add_project, add_reading, read_input
 from .messages import iteration, progress, warn
-from .options import add_adjustment, count, probability
+from .options import add_adjustment, count, probability, problems_of_report
 from .parts import add_parts, adjust_in_parts, in_parts
 from .run import lines_of, run_of
 
@@ -166,12 +165,7 @@ def _refuse_options(options: argparse.Namespace) -> None:
     problems = []
     if options.out is not None and Path(options.out).exists() and not Path(options.out).is_dir():
         problems.append(Problem("--out must be a folder", options.out))
-    if options.report is not None:
-        refuse_missing()
-        if Path(options.report).is_dir():
-            problems.append(Problem("--report must be a file, not a folder", options.report))
-    elif options.language is not None:
-        problems.append(Problem("--language belongs to --report"))
+    problems += problems_of_report(options)
     if options.alpha >= options.power:
         problems.append(
             Problem(f"--alpha {options.alpha:g} must be less than --power {options.power:g}")

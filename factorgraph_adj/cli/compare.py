@@ -11,7 +11,7 @@ from typing import get_args
 from ..epochs.blocks import BlockMotion, Model, block_motion
 from ..epochs.congruence import Congruence, congruence
 from ..epochs.localise import Method
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..io.atomic import write_files
 from ..io.numbers import Units
 from ..quality.levels import ALPHA_OF_MODEL, CONFIDENCE, POWER
@@ -20,7 +20,6 @@ from ..report.epochs.results import epochs_text
 from ..report.epochs.tables import displacement_table
 from ..report.epochs.text import render_congruence
 from ..report.html.language import Language
-from ..report.html.libraries import refuse_missing
 from ..report.html.write import write_html
 from ..report.options import Provenance
 from ..solve.batch import adjust
@@ -30,7 +29,7 @@ from .exit_codes import DOUBTFUL, FINE
 from .exports import add_exports, refuse_exports, write_exports
 from .input import PROJECT_HELP, add_reading, read_input
 from .messages import warn
-from .options import probability
+from .options import probability, problems_of_report
 from .run import run_of
 
 
@@ -157,11 +156,9 @@ def _refuse_options(options: argparse.Namespace) -> None:
     problems = []
     if options.out is not None and Path(options.out).exists() and not Path(options.out).is_dir():
         problems.append(Problem("--out must be a folder", options.out))
-    for name in ("report", "plot"):
-        given = getattr(options, name)
-        if given is not None and Path(given).is_dir():
-            problems.append(Problem(f"--{name} must be a file, not a folder", given))
-    if options.plot is not None:
+    if options.plot is not None and Path(options.plot).is_dir():
+        problems.append(Problem("--plot must be a file, not a folder", options.plot))
+    elif options.plot is not None:
         from ..report.plots.save import FORMATS
         from ..report.plots.style import MISSING
 
@@ -170,10 +167,7 @@ def _refuse_options(options: argparse.Namespace) -> None:
         if Path(options.plot).suffix.lower().removeprefix(".") not in FORMATS:
             valid = ", ".join(f".{f}" for f in FORMATS)
             problems.append(Problem(f"--plot has no valid suffix; valid: {valid}", options.plot))
-    if options.report is not None:
-        refuse_missing()
-    elif options.language is not None:
-        problems.append(Problem("--language belongs to --report"))
+    problems += problems_of_report(options)
     if options.alpha >= options.power:
         problems.append(
             Problem(f"--alpha {options.alpha:g} must be less than --power {options.power:g}")
@@ -213,4 +207,17 @@ def _block_of(text: str) -> tuple[Model, list[str]]:
 def _motions(
     found: Congruence, blocks: Sequence[tuple[Model, list[str]]]
 ) -> tuple[BlockMotion, ...]:
+    """Return the common motions.
+
+    Raises:
+        InputError: a word before a colon is neither a model nor part of a name of a point.
+    """
+    problems = []
+    for _, names in blocks:
+        word, colon, rest = names[0].partition(":") if names else ("", "", "")
+        if colon and names[0] not in found.displacements and rest in found.displacements:
+            valid = known(get_args(Model), meant=word)
+            problems.append(Problem(f"unknown model {word!r}; valid: {valid}", "--block"))
+    if problems:
+        raise InputError(problems)
     return tuple(block_motion(found, names, model=model) for model, names in blocks)

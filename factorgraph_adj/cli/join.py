@@ -66,7 +66,9 @@ def _read(options: argparse.Namespace) -> list[Project]:
     out: list[Project] = []
     readers: dict[str, Reader] = {}
     for file in options.files:
-        if not Path(file).exists():
+        if file in readers:
+            problems.append(Problem("is named twice: a file is joined once", file))
+        elif not Path(file).exists():
             problems.append(Problem("no such file or folder", file))
         else:
             readers[file] = READERS.reader(Path(file), options.read_as)

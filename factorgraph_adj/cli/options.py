@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from pathlib import Path
 from typing import get_args
 
+from ..errors import Problem
 from ..quality.observation_groups import Rule
 from ..quality.robust import ESTIMATORS
+from ..report.html.libraries import refuse_missing
+
+PAGES = (".html", ".htm")
+"""Suffixes of a report."""
 
 
 def add_adjustment(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +67,24 @@ def add_probabilities(parser: argparse._ActionsContainer) -> None:
         metavar="P",
         help="with which an error of the smallest detectable size is found (0.80)",
     )
+
+
+def problems_of_report(options: argparse.Namespace) -> Iterator[Problem]:
+    """Iterate over the problems of ``--report`` and ``--language``.
+
+    Raises:
+        InputError: the extra of reports is not installed.
+    """
+    if options.report is None:
+        if options.language is not None:
+            yield Problem("--language belongs to --report")
+        return
+    refuse_missing()
+    if Path(options.report).is_dir():
+        yield Problem("--report must be a file, not a folder", options.report)
+    elif Path(options.report).suffix.lower() not in PAGES:
+        what = "--report has no valid suffix; valid: .html (a browser prints it as PDF)"
+        yield Problem(what, options.report)
 
 
 def count(text: str) -> int:

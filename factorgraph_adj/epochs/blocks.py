@@ -125,8 +125,9 @@ def block_motion(
     scale = np.sqrt(np.diag(normal))
     if (scale == 0).any() or np.linalg.cond(normal / np.outer(scale, scale)) > 1e12:
         raise DatumError(
-            f"{', '.join(names)} do not determine the {len(parameters)} parameters of a motion, "
-            f"{model}: take more points, not on one line",
+            f"{', '.join(names)} {'does' if len(names) == 1 else 'do'} not determine the "
+            f"{len(parameters)} parameters of a motion, {model} ({', '.join(parameters)}): "
+            "take more points, not on one line",
             defect=int(b.shape[1] - np.linalg.matrix_rank(b)),
         )
     q_p = np.linalg.inv(np.asarray(normal, dtype=np.float64))

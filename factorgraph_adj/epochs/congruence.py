@@ -244,8 +244,9 @@ def congruence(
         second: solution of the second epoch; None: ``first`` has both epochs, and ``pairs`` names
             the two places of each point.
         reference: points that are thought to be stable, by their names in the first epoch. None:
-            with two solutions all points that are in both and not named in ``objects``; with one
-            solution none, where the common points of the adjustment are the reference.
+            with two solutions all points that are in both and not named in ``objects``, and none
+            where nothing is named and control holds both epochs; with one solution none, where the
+            common points of the adjustment are the reference.
         objects: points that may have moved; None: all other points that are in both.
         pairs: names in the second epoch by names in the first, where they differ.
         method: how moved reference points are found, see `factorgraph_adj.epochs.localise`.
@@ -265,6 +266,8 @@ def congruence(
     some, others = _chosen(first, second, reference, objects, pairs)
     named = {n: (pairs or {}).get(n, n) for n in (*some, *others)}
     found = within(first, named) if second is None else between(first, second, named)
+    if reference is None and objects is None and rank(found.motions) == 0:
+        some, others = (), (*some, *others)
     scale = _scale(found, variance)
     steps: tuple[Step, ...] = ()
     stable: tuple[str, ...] = ()

@@ -397,7 +397,7 @@ READERS = Readers(
         ),
         Reader(
             "jag3d",
-            (".script",),
+            (".script", ".txt"),
             "JAG3D",
             NetworkAlone(read_jag3d),
             folders=True,

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from ..errors import Doubt, InputError, Problem, known
+from ..frames import Frame, LocalFrame
 from ..models.variables import UNKNOWNS, parameter_kinds
 from ..observations import Observation
 from .entities import Key, Parameter, Point, parameter_name
 from .network import Network
 
+SAME_RADIUS = 1e-5
+"""Largest relative difference of two radii of the Earth that are one: programs have 6 371 000 or
+6 371 007 m. It changes the curvature d²/2R over 1 km by less than 1 µm."""
 Sets: TypeAlias = Literal["apart", "same"]
 """Whether sets of one name at one station, in several networks, are set-ups of their own."""
 SetUp: TypeAlias = tuple[str, str]
@@ -83,16 +87,34 @@ def _frames(networks: Sequence[Network], labels: Sequence[str]) -> Iterable[Prob
     first = networks[0].frame
     system = None
     for network, label in zip(networks, labels, strict=True):
-        if network.frame != first:
-            what = (
-                f"is in another frame than {labels[0]!r} ({network.frame}, {first}): move one of "
-                "them, such as from_grid(network, crs, frame='geocentric'), or with --crs"
-            )
+        if not _same(network.frame, first):
+            what = f"is in another frame than {labels[0]!r} ({_apart(network.frame, first)}"
             yield Problem(what, f"network {label!r}")
         system = network.crs if system is None else system
         if network.crs is not None and network.crs != system:
             what = f"has another reference system: {network.crs}, {system}"
             yield Problem(what, f"network {label!r}")
+
+
+def _same(frame: Frame, first: Frame) -> bool:
+    """Return whether two frames are one, up to the mean radius of the Earth of two programs."""
+    if isinstance(frame, LocalFrame) and isinstance(first, LocalFrame):
+        near = abs(frame.radius - first.radius) <= SAME_RADIUS * first.radius
+        return near and replace(frame, radius=first.radius) == first
+    return frame == first
+
+
+def _apart(frame: Frame, first: Frame) -> str:
+    """Return what differs in two frames, and what helps."""
+    if type(frame) is not type(first):
+        return (
+            f"{frame}, {first}): move one of them, such as "
+            "from_grid(network, crs, frame='geocentric'), or with --crs"
+        )
+    differ = [f.name for f in fields(frame) if getattr(frame, f.name) != getattr(first, f.name)]
+    own = ", ".join(f"{n}={getattr(frame, n)!r}" for n in differ)
+    others = ", ".join(f"{n}={getattr(first, n)!r}" for n in differ)
+    return f"{own} and not {others}): both must state the same"
 
 
 def _idle(network: Network) -> tuple[bool, ...]:

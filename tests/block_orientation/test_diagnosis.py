@@ -45,6 +45,16 @@ def test_one_photo():
         fga.adjust(network)
 
 
+def test_a_principal_distance_in_another_unit():
+    """Metres with image points in millimetres: no ray is in front of the camera."""
+    network = ring(1, photos=5, control=0).network
+    camera = network.cameras[CAMERA]
+    values = (camera.values[0] / 1e5, *camera.values[1:])
+    network.cameras[CAMERA] = replace(camera, values=values)
+    with pytest.raises(fga.ApproximationError, match="image points in 5 photos have rays beside"):
+        fga.adjust(network)
+
+
 def test_photos_without_common_points():
     network = masked(lambda photo, point: point // 32 == photo)
     with pytest.raises(fga.ApproximationError, match="at most 0 points in common"):

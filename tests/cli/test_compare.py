@@ -70,7 +70,9 @@ def test_the_exit_code_tells_doubt(epochs, tmp_path, capsys):
         (["--export", "moved.kml"], "the network has no reference system"),
         (["--export", "moved.gpkg", "--with", "binary=true"], "no exported format has the option"),
         (["--block", "A,X"], "point 'X'"),
-        (["--block", "P"], "do not determine"),
+        (["--block", "P"], "P does not determine the 3 parameters of a motion, rigid (tx, ty, rz)"),
+        (["--block", "rigit:P,Q"], "unknown model 'rigit'; valid: rigid, similarity, affine"),
+        (["--report", "moved.pdf"], "--report has no valid suffix; valid: .html"),
         (["--block", "affine:"], "points of a block must be a list of names"),
     ],
 )

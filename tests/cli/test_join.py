@@ -94,6 +94,7 @@ def test_books_a_level_and_vectors_become_a_project_in_a_grid(
         (("one.csv", "two.csv", "--set", "on.csv:ppm=1"), "'on.csv:ppm=1' is of no file that"),
         (("one.csv", "two.csv", *SETTINGS, "--set", "pmm=1"), "the option 'pmm'; they have: "),
         (("level.gsi", "v.gvx"), "or with --crs"),
+        (("level.gsi", "level.gsi"), "level.gsi: is named twice: a file is joined once"),
         (("level.gsi", "two.csv", "--geoid", "46"), "state the reference system too, --crs"),
     ],
 )

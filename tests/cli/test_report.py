@@ -34,6 +34,7 @@ def test_a_report_and_the_tables_may_stand_together(tmp_path):
     [
         (["--language", "de"], "--language belongs to --report"),
         (["--report", "."], "--report must be a file, not a folder"),
+        (["--report", "r.pdf"], "--report has no valid suffix; valid: .html"),
         (["--report", "r.html", "--parts", "2"], "--report is for a network that is adjusted as"),
     ],
 )

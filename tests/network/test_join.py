@@ -133,6 +133,12 @@ def moved() -> Network:
     return network
 
 
+def curved() -> Network:
+    network = surveyed(SIGHTS[:3])
+    network.frame = fga.LocalFrame(curvature=True)
+    return network
+
+
 def with_refraction() -> Network:
     network = surveyed(SIGHTS[:3])
     network.set_refraction(value=-0.87, fixed=True)
@@ -149,6 +155,11 @@ def in_another_system() -> Network:
     ("second", "message"),
     [
         (other_frame, "network 'gnss': is in another frame than 'book'"),
+        (
+            curved,
+            r"in another frame than 'book \(1\)' \(curvature=True and not curvature=False\): both "
+            "must state the same",
+        ),
         (moved, r"point 'A': y is 0 m, held in 'book \(1\)' and 0.01 m, held in 'book \(2\)'"),
         (with_refraction, r"network 'book \(1\)': its observations have no refraction group ''"),
         (in_another_system, "network 'book .2.': has another reference system"),
@@ -159,6 +170,17 @@ def test_what_does_not_agree_is_told(second: Callable[[], Network], message: str
     first.crs = fga.ReferenceSystem("EPSG:25832", geoid=40.0)
     with pytest.raises(fga.InputError, match=message):
         fga.join([first, second()])
+
+
+def test_the_mean_radius_of_another_program_is_no_other_frame() -> None:
+    """JAG3D computes with 6 371 007 m; a radius of curvature is another frame."""
+    first, second = surveyed(SIGHTS[:3]), surveyed(SIGHTS[:3])
+    second.frame = fga.LocalFrame(radius=6_371_007.0)
+    assert fga.join([first, second]).frame == first.frame
+    assert fga.join([second, first]).frame == second.frame
+    second.frame = fga.LocalFrame(radius=6_384_000.0)
+    with pytest.raises(fga.InputError, match=r"radius=6384000\.0 and not radius=6371000\.0"):
+        fga.join([first, second])
 
 
 def test_photos_join_with_their_image_points(photos: Network) -> None:

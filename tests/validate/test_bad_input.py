@@ -213,7 +213,8 @@ READING = {
     ),
     "a camera inside out": (
         *("project", "c = 100.0", "c = -100.0"),
-        "project.toml:6: camera 'cam': the principal distance must be positive, not -100.0",
+        "project.toml:6: camera 'cam': the principal distance must be positive, not -100.0; one "
+        "that is unknown may be left out if it is free and the format is given",
     ),
     "a missing column": (
         *("images", "photo,point,x,y", "photo,point,x,z"),
@@ -288,7 +289,8 @@ def test_every_problem_is_found_in_one_run(tmp_path):
     )
     assert problems(path) == [
         f"project.toml:4: [units]: angle: unknown unit 'grad'; valid: {ANGLES}, dms",
-        "project.toml:6: camera 'cam': the principal distance must be positive, not 0.0",
+        "project.toml:6: camera 'cam': the principal distance must be positive, not 0.0; one that "
+        "is unknown may be left out if it is free and the format is given",
         "points.csv:4: point 'C': x: 'x' is not a number",
         "points.csv:4: point 'C': y: 'y' is not a number",
         "photos.csv:2: photo 'P': y: '-1O' is not a number",

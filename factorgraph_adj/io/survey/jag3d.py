@@ -57,7 +57,8 @@ def read_jag3d(
 
     Args:
         path: the script of a project, a folder with flat files, a flat file, or a list of them.
-        kinds: what a file holds by its name, for names that do not tell it.
+        kinds: what a file holds by its name, for names that do not tell it: one of the kinds, or
+            other words that names of files may have, such as ``Festpunkte 3D``.
         length: unit of lengths in flat files.
         angle: unit of angles and of their σ in flat files.
         angle_mgon: constant part of σ of directions and zenith angles, mgon.
@@ -125,8 +126,12 @@ def read_jag3d(
     }
     read = FlatFiles(units_of(length, angle), parts, separate, estimated)
     files = files_of(path)
-    for file, kind in _kinds(files, dict(kinds or {}), read.problems):
+    told = _kinds(files, dict(kinds or {}), read.problems)
+    untold = bool(read.problems)
+    for file, kind in told:
         read.read(file, kind)
+    if untold:  # which points are unknown is not known without all files
+        raise InputError(read.problems)
     name = Path(path).stem if isinstance(path, str | Path) else files[0].parent.name
     return as_network(
         name,
@@ -140,15 +145,23 @@ def read_jag3d(
 
 
 def is_jag3d(path: Path) -> bool:
-    """Return whether a file is a project of JAG3D, or a folder has flat files by their names."""
+    """Return whether a file is a project of JAG3D or a flat file, or a folder has flat files.
+
+    Flat files are told by their names. In a folder most names tell what the file holds, of two
+    kinds at least; a name that does not is a problem of the reader.
+    """
     if not path.is_dir():
-        return is_project(path)
+        named = path.suffix.casefold() == ".txt" and kind_of_file(path) is not None
+        return named or is_project(path)
     try:
         kinds = [kind_of_file(file) for file in files_of(path)]
     except (InputError, OSError):
         return False
-    has_points = any(k is not None and "points" in k for k in kinds)
-    return has_points and not (path / "project.toml").exists() and None not in kinds
+    if (path / "project.toml").exists():
+        return False
+    found = [k for k in kinds if k is not None]
+    has_points = any("points" in k for k in found)
+    return (has_points and None not in kinds) or len(set(found)) >= 2 > len(kinds) / len(found)
 
 
 def _good(value: object, zero: bool) -> bool:
@@ -168,6 +181,8 @@ def _kinds(
             problems.append(Problem(f"kinds names {name!r}, which is none of the files", name))
     for file in files:
         kind = stated.get(file.name, kind_of_file(file))
+        if isinstance(kind, str) and kind not in FILE_KINDS:
+            kind = kind_of_file(Path(kind)) or kind  # other words, such as Festpunkte 3D
         if kind is None:
             what = (
                 "its name does not tell what it holds: rename it, or state "

@@ -20,14 +20,16 @@ def heights(network: Network) -> Iterator[Finding]:
     """Iterate over set-ups with several heights of the instrument, or with some missing.
 
     The readings of a set of directions belong to one set-up. Other readings at a station count to
-    its set-up if it has one set.
+    its set-up if it has one set. Directions without heights, as formats have them that give heights
+    to distances and zenith angles alone, are no doubt: they do not depend on heights.
     """
     setups: dict[tuple[str, str], list[Observation]] = defaultdict(list)
     sets: dict[str, set[str]] = defaultdict(set)
     for o in network.observations.values():
         if isinstance(o, Direction):
             sets[o.station].add(o.set)
-            setups[o.station, o.set].append(o)
+            if o.instrument_height != 0.0:
+                setups[o.station, o.set].append(o)
     for o in network.observations.values():
         if isinstance(o, SlopeDistance | VerticalAngle) and not isinstance(o, HorizontalDistance):
             mine = sets[o.station]

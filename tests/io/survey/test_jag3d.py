@@ -12,6 +12,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.io.survey.jag3d import is_jag3d
 from factorgraph_adj.io.survey.jag3d_model import radius_of
 from factorgraph_adj.io.survey.jag3d_project import point_pairs
 from factorgraph_adj.observations import (
@@ -570,8 +571,49 @@ def test_names_that_do_not_tell_the_kind_are_stated(tmp_path):
     assert len(fga.read_jag3d(tmp_path, kinds=kinds).observations) == 1
     files = [tmp_path / "a.txt", tmp_path / "b.txt"]
     assert len(fga.read_jag3d(files, kinds=kinds).observations) == 1
+    words = {"a.txt": "Datumspunkte 3D", "b.txt": "Schrägstrecken"}
+    assert fga.read_jag3d(tmp_path, kinds=words).observations.keys() == {"1"}
     assert "unknown kind 'x'" in refused(tmp_path, kinds={**kinds, "a.txt": "x"})[0]
     assert "none of the files" in refused(tmp_path, kinds={**kinds, "c.txt": "levelling"})[0]
+
+
+def test_a_folder_with_one_name_that_does_not_tell_its_kind_says_which(tmp_path):
+    """Points of a file that was not read are not told as unknown."""
+    flat(tmp_path, {"Neupunkte_3D.txt": "A 10 20 3\n", "Gruppe 1.txt": "B 50 20 1\n"})
+    flat(tmp_path, {"Raumstrecken.txt": "A B 40.05\n", "Zenitwinkel.txt": "A B 1O3\n"})
+    with pytest.raises(fga.InputError) as error:
+        fga.read(tmp_path)
+    first, second = error.value.problems
+    assert "Gruppe 1.txt: its name does not tell what it holds: rename it, or state" in str(first)
+    assert str(second).startswith("Zenitwinkel.txt:1")
+    (tmp_path / "project.toml").touch()  # a project, whatever stands beside it
+    assert not is_jag3d(tmp_path)
+
+
+def test_one_flat_file_is_told_by_its_name(tmp_path):
+    """Its suffix is that of other formats too."""
+    flat(tmp_path, {"Neupunkte_3D.txt": "A 10 20 3\n", "problem.txt": "A 10 20 3\n"})
+    assert fga.read(tmp_path / "Neupunkte_3D.txt").points["A"].coordinates == (10.0, 20.0, 3.0)
+    with pytest.raises(fga.InputError, match="'A' is not a number"):
+        fga.read(tmp_path / "problem.txt")
+
+
+def test_the_command_checks_flat_files_without_doubts(tmp_path, capsys):
+    """Directions have no heights in flat files where distances and zenith angles have them."""
+    folder = flat(
+        tmp_path,
+        {
+            "Festpunkte_3D.txt": "A 1000 2000 50\nB 1120 2010 53\n",
+            "Richtungen.txt": "A B 94.70685\n",
+            "Raumstrecken.txt": "A B 1.6 1.5 120.4494\n",
+        },
+    )
+    assert main(["check", str(folder)]) == 0
+    assert "doubt" not in capsys.readouterr().out
+    file = folder / "Raumstrecken.txt"
+    file.write_text("A B 1.6 1.5 120.4494\nA B 0 1.5 120.4537\nA B 1.6 1.5 120.4494\n")
+    main(["check", str(folder)])
+    assert "1 of 3 readings at station 'A' have no height of the in" in capsys.readouterr().out
 
 
 def test_the_command_converts_there_and_back(tmp_path, capsys):
