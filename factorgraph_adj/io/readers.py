@@ -346,7 +346,7 @@ READERS = Readers(
         Reader(
             "micmac",
             (".xml",),
-            "orientations of MicMac",
+            "orientations of MicMac and MMVII",
             NetworkAlone(read_micmac),
             folders=True,
             recognises=is_micmac,

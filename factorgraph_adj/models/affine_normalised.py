@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from ..types import Array
 from .lens import LensPartials, NormalisedLens, Pair
 
@@ -73,3 +75,32 @@ class AffineNormalisedLens(NormalisedLens):
         ]
         by_t = affine(1.0 + dxx, dyx), affine(dxy, 1.0 + dyy)
         return LensPartials(v, by_t, tuple(by_k))
+
+
+@dataclass(frozen=True)
+class FraserNormalisedLens(NormalisedLens):
+    """Radial-tangential in normalised coordinates with an affinity of the ideal coordinates.
+
+    v = (x0, y0) + c (t + brown(t) + (b1 t_x + b2 t_y, 0)) − (x, y). All parameters besides c, x0
+    and y0 are dimensionless. This is the calibration of MMVII, IsFraserMode 1 and degrees up to
+    3 1 1 (cMMVIIUnivDist of its Formulas_CamStenope.h), whose y points down: its p2 and b2 are
+    −p2 and −b2 here.
+    """
+
+    kind: ClassVar[str] = "normalised_fraser"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the calibration parameters."""
+        return ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2", "b1", "b2")
+
+    def _correction(
+        self, x: Array, y: Array, k: Array, partials: bool
+    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+        dx, dy, d, columns = super()._correction(x, y, k, partials)
+        b1, b2 = k[:, 8], k[:, 9]
+        dx = dx + b1 * x + b2 * y
+        if not partials:
+            return dx, dy, (), []
+        zero = np.zeros_like(x)
+        return dx, dy, (d[0] + b1, d[1] + b2, d[2], d[3]), [*columns, (x, zero), (y, zero)]

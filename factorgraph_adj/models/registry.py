@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import InputError, Problem
-from .affine_normalised import AffineNormalisedLens
+from .affine_normalised import AffineNormalisedLens, FraserNormalisedLens
 from .centred_lens import CentredBrownLens
 from .lens import (
     AffineLens,
@@ -59,6 +59,7 @@ for _lens in (
     BrownForwardLens,
     NormalisedLens,
     AffineNormalisedLens,
+    FraserNormalisedLens,
     BalancedLens,
     AffineLens,
     EbnerLens,

@@ -108,6 +108,12 @@ FORMATS: dict[str, Format] = {
         "Orientation-0.tif.xml",
         beside={"control": "control.xml", "measures": "measures.xml"},
     ),
+    "micmac of mmvii": Format(
+        "micmac",
+        lambda _: photo_files.mmvii(),
+        "Ori-PerspCentral-0.tif.xml",
+        beside={"control": "control.xml", "measures": "measures.xml"},
+    ),
     "bundler": Format("bundler", _text("b.out", photo_files.BUNDLER), "b.out"),
     "dbat": Format("dbat", lambda _: photo_files.dbat(), "script.xml"),
     "aicon": Format("aicon", lambda _: photo_files.aicon(), "block.obc"),

@@ -17,7 +17,7 @@ from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.models import lens, ray_lens
-from factorgraph_adj.models.affine_normalised import AffineNormalisedLens
+from factorgraph_adj.models.affine_normalised import AffineNormalisedLens, FraserNormalisedLens
 from factorgraph_adj.models.centred_lens import CentredBrownLens
 from factorgraph_adj.models.deformation import DEFORMATIONS
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
@@ -557,6 +557,11 @@ LENSES_USED: dict[str, Calibrated] = {
         _INTERIOR
         | {"k1": -0.2, "k2": 0.08, "k3": -0.02, "k4": 0.01, "p1": 2e-3, "p2": -1e-3}
         | {"b1": 0.02, "b2": -0.03},
+    ),
+    "normalised, affinity before": Calibrated(
+        FraserNormalisedLens(),
+        _INTERIOR
+        | {"k1": -0.2, "k2": 0.08, "k3": -0.02, "p1": 2e-3, "p2": -1e-3, "b1": 0.02, "b2": -0.03},
     ),
     "balanced": Calibrated(
         lens.BalancedLens(zero_radius=9.0),

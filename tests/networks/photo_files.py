@@ -352,6 +352,56 @@ def micmac() -> dict[str, bytes]:
     return {name: text.encode() for name, text in out.items()}
 
 
+def mmvii() -> dict[str, bytes]:
+    """Return orientations of MMVII, a calibration, control and its measurements."""
+
+    def whole(inner: str) -> str:
+        kind = '<Type>"MMVII_Serialization"</Type>\n<Version>"0.0.0"</Version>'
+        return f'<?xml version="1.0" ?>\n<Root>\n{kind}\n<Data>\n{inner}\n</Data>\n</Root>\n'
+
+    out = {"Calib-PerspCentral-F28.xml": whole(MMVII_CALIBRATION)}
+    for i in range(3):
+        name = f"Ori-PerspCentral-{i}.tif.xml"
+        out[name] = whole(MMVII_POSE.format(i, 3.5 * i))
+    seen = "\n".join(
+        f'<el><Name>"G{j}"</Name><Pt>{900 + 40 * j} {700 + 30 * j}</Pt><Sigma2>1 0 1</Sigma2></el>'
+        for j in range(4)
+    )
+    inner = f'<NameIm>"0.tif"</NameIm>\n<Measures>\n{seen}\n</Measures>'
+    out["measures.xml"] = whole(f"<SetMesIm>\n{inner}\n</SetMesIm>")
+    points = "\n".join(
+        f'<el><Name>"G{j}"</Name>\n<Pt>{j} {2 * j} 0.5</Pt>\n'
+        "<__Opt__Sigma2>0.01 0 0 0.01 0.001 0.04</__Opt__Sigma2></el>"
+        for j in range(3)
+    )
+    out["control.xml"] = whole(f"<SetGCP>\n<Measures>\n{points}\n</Measures>\n</SetGCP>")
+    return {name: text.encode() for name, text in out.items()}
+
+
+MMVII_CALIBRATION = """<InternalCalibration>
+<Name>"Calib-PerspCentral-F28"</Name>
+<PixelFrame><NbPix>2000 1500</NbPix></PixelFrame>
+<Projection>"Stenope"</Projection>
+<Auxiliary><Degree>2 1 1</Degree><IsFraserMode>1</IsFraserMode></Auxiliary>
+<PerfectProj><F>1500.5</F><PP>1003.0 748.5</PP></PerfectProj>
+<Distorsion>
+<Radial><K1>-0.08</K1><K2>0.1</K2></Radial>
+<Decentric><p1>3e-4</p1><p2>-2e-4</p2></Decentric>
+<Polynomial><b1>1e-5</b1><b2>2e-5</b2></Polynomial>
+</Distorsion>
+</InternalCalibration>"""
+MMVII_POSE = """<CameraPose>
+<NameImage>"{0}.tif"</NameImage>
+<NameInternalCalib>"Calib-PerspCentral-F28"</NameInternalCalib>
+<Center>{1} 1.5 30.25</Center>
+<RotMatrix>
+<AxeI>1 0 0</AxeI>
+<AxeJ>0 -1 0</AxeJ>
+<AxeK>0 0 -1</AxeK>
+</RotMatrix>
+</CameraPose>"""
+
+
 COLMAP = {
     "cameras.txt": """# a comment
 1 OPENCV 100 80 100 100 50 40 0.1 0.01 0.001 0.002

@@ -7,7 +7,8 @@ camera. The distortion corrects measured pixels (convention DistM2C), y down, ab
             P2 (r² + 2y²) + 2 P1 x y),  (x, y) = m − C,    ideal = PP + F (X/Z, Y/Z)
 
 Rotations are those from the camera (x right, y down, z ahead) to the object. Pixels count from the
-centre of the first one, so that half a pixel is added.
+centre of the first one, so that half a pixel is added. Folders of MMVII, the second MicMac, are
+read by `micmac_mmvii` and `micmac_measures`.
 """
 
 from __future__ import annotations
@@ -24,13 +25,12 @@ from ...network.network import Network
 from ...observations import ControlPoint
 from ...types import Array
 from ..xml_tree import Element, read_xml
+from . import micmac_measures, micmac_mmvii
 from .pixel import add_pixel_camera
 from .reading import ImagePoints, Reading, rotation_of
 
 CONVENTION = "eConvApero_DistM2C"
 """The convention that is read; it is MicMac's own."""
-OF_MMVII = "Ori-PerspCentral-"
-"""Beginning of the names of MMVII's orientations, which are XML of another kind."""
 PREFIX = "Orientation-"
 
 
@@ -43,20 +43,25 @@ def read_micmac(
     sigma_px: float = 1.0,
     sigma_control: float = 1.0,
 ) -> Network:
-    """Read orientations of MicMac with ground control.
+    """Read orientations of MicMac or MMVII with ground control.
 
     Tie points of MicMac lie in binary files of pairs, which are not read: the network has the
     points of the files of ground control. Measured points without coordinates are points of
     unknown place.
 
     Args:
-        path: the folder Ori-NAME, or one Orientation-….xml in it.
-        control: file of coordinates (DicoAppuisFlottant), metres.
-        measures: file of image measurements (SetOfMesureAppuisFlottants).
+        path: the folder Ori-NAME, or one Orientation-….xml in it; of MMVII, a folder with
+            Ori-PerspCentral-….xml, or one of these.
+        control: file of coordinates (DicoAppuisFlottant), metres; of MMVII, MesGCP-….xml or a
+            folder of them.
+        measures: file of image measurements (SetOfMesureAppuisFlottants); of MMVII, MesIm-….xml
+            or a folder of them, one for each image.
         calibration: unknown parameters of the cameras, of c, x0, y0, k1, k2, k3, p1, p2, b1, b2,
-            xd, yd; the files do not say what is unknown.
-        sigma_px: standard deviation of image measurements, pixels; the files have none.
-        sigma_control: factor of the Incertitude of control points, which gives metres.
+            xd, yd (MMVII: without xd, yd); the files do not say what is unknown.
+        sigma_px: standard deviation of image measurements, pixels; the files have none. Of MMVII,
+            the factor of the standard deviations of its files.
+        sigma_control: factor of the Incertitude of control points, which gives metres; of MMVII,
+            of the square roots of Sigma2.
 
     Raises:
         InputError: a file is missing or has problems, each with file and line.
@@ -69,11 +74,18 @@ def read_micmac(
     reading = Reading()
     network = Network(folder.name)
     images = ImagePoints(reading)
-    _Orientations(folder, network, reading, tuple(calibration)).read()
-    if control is not None:
-        _control(Path(control), network, reading, sigma_control)
-    if measures is not None:
-        _measures(Path(measures), network, images, reading, sigma_px)
+    if _of_mmvii(source):
+        micmac_mmvii.Orientations(folder, network, reading, tuple(calibration)).read()
+        if control is not None:
+            micmac_measures.add_control(Path(control), network, reading, sigma_control)
+        if measures is not None:
+            micmac_measures.add_measures(Path(measures), network, images, reading, sigma_px)
+    else:
+        _Orientations(folder, network, reading, tuple(calibration)).read()
+        if control is not None:
+            _control(Path(control), network, reading, sigma_control)
+        if measures is not None:
+            _measures(Path(measures), network, images, reading, sigma_px)
     images.into(network)
     reading.finish()
     if not network.observations:
@@ -82,10 +94,25 @@ def read_micmac(
 
 
 def is_micmac(path: Path) -> bool:
-    """Tell whether a path is a folder of orientations of MicMac, or one of its files."""
+    """Tell whether a path is a folder of orientations of MicMac or MMVII, or one of its files."""
     if path.is_dir():
-        return any(path.glob(PREFIX + "*.xml")) or any(path.glob(OF_MMVII + "*.xml"))
-    return path.name.startswith((PREFIX, OF_MMVII))
+        return any(any(path.glob(p + "*.xml")) for p in (PREFIX, micmac_mmvii.PREFIX))
+    return path.name.startswith((PREFIX, micmac_mmvii.PREFIX))
+
+
+def _of_mmvii(source: Path) -> bool:
+    """Tell whether a folder or a file of it has orientations of MMVII.
+
+    Raises:
+        InputError: a folder has those of both.
+    """
+    if not source.is_dir():
+        return source.name.startswith(micmac_mmvii.PREFIX)
+    second = any(source.glob(micmac_mmvii.PREFIX + "*.xml"))
+    if second and any(source.glob(PREFIX + "*.xml")):
+        what = f"has orientations of MicMac, {PREFIX}….xml, and of MMVII, {micmac_mmvii.PREFIX}"
+        raise InputError(Problem(what + "….xml; name one file of the wanted kind", str(source)))
+    return second
 
 
 def _words(element: Element | None) -> list[str]:
@@ -112,10 +139,8 @@ class _Orientations:
         """Add all photos and their cameras."""
         files = sorted(self.folder.glob(PREFIX + "*.xml"))
         if not files:
-            what = f"has no file {PREFIX}….xml; name a folder of orientations, Ori-…"
-            if any(self.folder.glob(OF_MMVII + "*.xml")):
-                what = f"has orientations of MMVII, {OF_MMVII}….xml, which are not read; valid: "
-                what += f"those of MicMac, {PREFIX}….xml"
+            what = f"has no file {PREFIX}….xml or {micmac_mmvii.PREFIX}….xml; name a folder of "
+            what += "orientations, Ori-…"
             raise InputError(Problem(what, str(self.folder)))
         for file in files:
             try:

@@ -156,13 +156,3 @@ def test_wrong_files_are_refused(folder: Path, file: str, old: str, new: str, me
     path.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=message):
         read(folder)
-
-
-def test_orientations_of_mmvii_are_refused_by_their_name(tmp_path: Path) -> None:
-    folder = tmp_path / "Ori-Ground"
-    folder.mkdir()
-    file = folder / "Ori-PerspCentral-a.tif.xml"
-    file.write_text("<MMVII_Serialization><Data/></MMVII_Serialization>", encoding="utf-8")
-    for path in (folder, file):
-        with pytest.raises(fga.InputError, match=r"has orientations of MMVII, .* are not read"):
-            fga.read(path)

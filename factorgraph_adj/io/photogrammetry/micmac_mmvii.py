@@ -1,0 +1,289 @@
+"""Orientations of MMVII, the second MicMac: poses and calibrations as XML of its serialization.
+
+A folder has ``Ori-PerspCentral-IMAGE.xml`` for each image and the calibrations that they name.
+Older files begin with ``<MMVII_Serialization>``; newer ones have it as ``<Type>`` beside
+``<Data>``. Texts are quoted. With the ray p in the axes of the camera (x right, y down, z ahead):
+
+    pixel = PP + F (u + u (K1 r² + K2 r⁴ + K3 r⁶)
+                    + (p1 (r² + 2x²) + 2 p2 x y + b1 x + b2 y,  2 p1 x y + p2 (r² + 2y²)))
+
+of u = (x, y), r = |u|: p / p_z for the projection Stenope, θ (p_x, p_y) / ρ for FE_EquiDist, and
+(atan2(p_x, p_z), asin(p_y / |p|)) for EquiRect. The axes AxeI, AxeJ, AxeK are the columns of the
+rotation from the camera to the object. Whole pixels are the centres of pixels.
+
+Source: MicMac (GitHub: micmacIGN/micmac), MMVII/src: Sensors/cCentralPerspCam.cpp,
+Sensors/cSensorCamPC.cpp, SymbDerGen/Formulas_CamStenope.h (cMMVIIUnivDist).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError, Problem
+from ...models.affine_normalised import FraserNormalisedLens
+from ...models.lens import Lens, NormalisedLens
+from ...models.ray_lens import EquirectangularLens, FisheyeLens
+from ...network.network import Network
+from ..xml_tree import Element, parse_xml
+from .pixel import add_pixel_camera
+from .reading import Reading, rotation_of, whole
+
+PREFIX = "Ori-PerspCentral-"
+"""Beginning of the names of MMVII's poses of frame cameras."""
+CALIBRATION_PREFIX = "Calib-PerspCentral-"
+"""Beginning of the names of calibrations, which names of cameras leave out."""
+SERIALIZATION = "MMVII_Serialization"
+"""Type of MMVII's files."""
+OPTIONAL = "__Opt__"
+"""Beginning of the names of elements that may be absent; it was ``Opt:`` in older files."""
+
+
+@dataclass(frozen=True)
+class Projection:
+    """A projection of MMVII and the lens model that is the same function."""
+
+    lens: Lens
+    """The lens model; Stenope without an affinity is `NormalisedLens`."""
+    coefficients: dict[str, tuple[str, float]]
+    """Parameter and sign of the coefficients of MMVII that may be other than zero."""
+
+
+_DECENTRING = {"p1": ("p1", 1.0), "p2": ("p2", -1.0)}
+_RADIAL = {f"K{i}": (f"k{i}", 1.0) for i in (1, 2, 3)}
+PROJECTIONS = {
+    "Stenope": Projection(
+        FraserNormalisedLens(), _RADIAL | _DECENTRING | {"b1": ("b1", 1.0), "b2": ("b2", -1.0)}
+    ),
+    "FE_EquiDist": Projection(FisheyeLens(), _RADIAL | {"K4": ("k4", 1.0)} | _DECENTRING),
+    "EquiRect": Projection(EquirectangularLens(), {}),
+}
+"""Projections by their names in files; y points down in MMVII and up here."""
+
+
+def text_of(element: Element | None) -> str:
+    """Return the text of an element without its quotes; empty if there is no element."""
+    text = "" if element is None else element.text.strip()
+    if len(text) > 1 and text[0] == text[-1] == '"':
+        return re.sub(r"\\(.)", r"\1", text[1:-1])
+    return text
+
+
+def contents(path: Path, tag: str, known: str) -> Element:
+    """Return the element of a file of MMVII that has what is read.
+
+    Args:
+        path: the file.
+        tag: name of the element, which old files leave out around poses and calibrations.
+        known: name of an element in it that every file has.
+
+    Raises:
+        InputError: the file is no XML, or no such file of MMVII.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(Problem(f"cannot be read: {error.strerror or error}", str(path))) from None
+    for begin in (b"<", b"</"):  # a prefix that no name space binds, in files of 2022
+        content = content.replace(begin + b"Opt:", begin + OPTIONAL.encode())
+    root = parse_xml(content, path.name)
+    where = f"{path.name}:{root.line}"
+    data: Element | None = root
+    if root.tag != SERIALIZATION:
+        kind = root.first("Type")
+        if text_of(kind) != SERIALIZATION:
+            what = f"is no file of MMVII; valid: <Type> or root {SERIALIZATION}"
+            raise InputError(Problem(what, where if kind is None else f"{path.name}:{kind.line}"))
+        version = root.first("Version")
+        if version is not None and not text_of(version).startswith("0."):
+            what = f"version {text_of(version)[:40]!r} of MMVII cannot be read; valid: 0.…"
+            raise InputError(Problem(what, f"{path.name}:{version.line}"))
+        data = root.first("Data")
+    inner = None if data is None else data.first(tag) or data
+    if inner is None or inner.first(known) is None:
+        raise InputError(Problem(f"has no <{tag}> with <{known}>", where))
+    return inner
+
+
+@dataclass
+class Orientations:
+    """The orientations of a folder while they are read."""
+
+    folder: Path
+    """The folder."""
+    network: Network
+    """Network to which cameras and photos are added."""
+    reading: Reading
+    """Where problems go."""
+    free: tuple[str, ...]
+    """Names of the unknown parameters of the cameras."""
+    cameras: dict[str, str | None] = field(default_factory=dict)
+    """Names of the cameras by those of their calibrations; None after a problem."""
+
+    def read(self) -> None:
+        """Add all photos and their cameras."""
+        for file in sorted(self.folder.glob("Ori-*.xml")):
+            if not file.name.startswith(PREFIX):
+                what = f"is a sensor of another kind; valid: {PREFIX}….xml"
+                self.reading.wrong(what, f"{file.name}:1")
+                continue
+            try:
+                self._photo(file)
+            except InputError as error:
+                self.reading.problems += error.problems
+
+    def _photo(self, file: Path) -> None:
+        pose = contents(file, "CameraPose", "NameImage")
+        at = f"{file.name}:{pose.line}"
+        image = pose.first("NameImage")
+        name = text_of(image)
+        if file.name != f"{PREFIX}{name}.xml":
+            line = pose.line if image is None else image.line
+            what = f"is the pose of image {name[:80]!r}; valid: that of the name of the file"
+            raise InputError(Problem(what, f"{file.name}:{line}"))
+        camera = self._camera(pose, file)
+        centre = self._three(pose, "Center", file)
+        matrix = pose.first("RotMatrix")
+        if matrix is None:
+            raise InputError(Problem("has no rotation matrix <RotMatrix>", at))
+        axes = [self._three(matrix, tag, file) for tag in ("AxeI", "AxeJ", "AxeK")]
+        if camera is None or centre is None or any(a is None for a in axes):
+            return
+        split = rotation_of(np.transpose(np.array(axes, dtype=float)))
+        if split is None or abs(split[1] - 1) > 1e-3:
+            what = "<RotMatrix> is no rotation matrix"
+            raise InputError(Problem(what, f"{file.name}:{matrix.line}"))
+        with self.reading.at(at):
+            self.network.add_photo(name, camera, position=centre, rotation=split[0])
+
+    def _three(self, element: Element, tag: str, file: Path) -> tuple[float, ...] | None:
+        child = element.first(tag)
+        line = element.line if child is None else child.line
+        return self.reading.numbers(text_of(child).split(), 3, f"<{tag}>", f"{file.name}:{line}")
+
+    def _camera(self, pose: Element, file: Path) -> str | None:
+        """Return the name of the camera of an image; None if it has problems."""
+        link = pose.first("NameInternalCalib")
+        key = text_of(link)
+        line = pose.line if link is None else link.line
+        if key in self.cameras:
+            return self.cameras[key]
+        path = self.folder / f"{key}.xml"
+        if not key or Path(key).name != key or not path.is_file():
+            what = f"the calibration {key[:80] + '.xml'!r} is no file of this folder"
+            raise InputError(Problem(what, f"{file.name}:{line}"))
+        self.cameras[key] = None
+        calibration = contents(path, "InternalCalibration", "PerfectProj")
+        named = calibration.first("Name")
+        if text_of(named) != key:
+            line = calibration.line if named is None else named.line
+            what = f"<Name> is {text_of(named)[:80]!r}; valid: {key!r}, as the file is named"
+            raise InputError(Problem(what, f"{path.name}:{line}"))
+        name = key.removeprefix(CALIBRATION_PREFIX) or key
+        before = len(self.reading.problems)
+        Calibration(calibration, path.name, self.reading).into(self.network, name, self.free)
+        if len(self.reading.problems) == before:
+            self.cameras[key] = name
+        return self.cameras[key]
+
+
+@dataclass
+class Calibration:
+    """A calibration while it is read."""
+
+    element: Element
+    """Element of its contents."""
+    file: str
+    """Name of the file in messages."""
+    reading: Reading
+    """Where problems go."""
+
+    def _at(self, element: Element | None) -> str:
+        return f"{self.file}:{(element or self.element).line}"
+
+    def _child(self, parent: Element | None, tag: str) -> Element | None:
+        """Return a child, and report where there is none."""
+        child = None if parent is None else parent.first(tag)
+        if child is None and parent is not None:
+            self.reading.wrong(f"<{parent.tag}> has no <{tag}>", self._at(parent))
+        return child
+
+    def into(self, network: Network, name: str, free: tuple[str, ...]) -> None:
+        """Add the camera to a network, or report its problems."""
+        frame = self._child(self._child(self.element, "PixelFrame"), "NbPix")
+        perfect = self._child(self.element, "PerfectProj")
+        focal, middle = self._child(perfect, "F"), self._child(perfect, "PP")
+        said = self._child(self.element, "Projection")
+        if frame is None or focal is None or middle is None or said is None:
+            return
+        size = self.reading.numbers(text_of(frame).split(), 2, "<NbPix>", self._at(frame))
+        c = self.reading.number(text_of(focal), "<F>", self._at(focal), positive=True)
+        pp = self.reading.numbers(text_of(middle).split(), 2, "<PP>", self._at(middle))
+        projection = PROJECTIONS.get(text_of(said))
+        if projection is None:
+            what = f"projection {text_of(said)[:40]!r} cannot be read; valid: "
+            self.reading.wrong(what + ", ".join(PROJECTIONS), self._at(said))
+            return
+        values = self._distortion(projection, text_of(said))
+        if size is None or c is None or pp is None or values is None:
+            return
+        values |= {"c": c, "x0": pp[0] + 0.5, "y0": -pp[1] - 0.5}
+        lens, sides = projection.lens, (size[0], size[1])
+        affinity = [n for n in ("b1", "b2") if values.get(n) or n in free]
+        if isinstance(lens, FraserNormalisedLens) and not affinity:
+            lens = NormalisedLens()
+            values = {n: v for n, v in values.items() if n in lens.names}
+        with self.reading.at(self._at(self.element)):
+            add_pixel_camera(network, name, lens, values, size=sides, free=free)
+
+    def _distortion(self, projection: Projection, said: str) -> dict[str, float] | None:
+        """Return the parameters of the distortion, y up; None after a problem."""
+        auxiliary = self._child(self.element, "Auxiliary")
+        stated = self._child(auxiliary, "Degree")
+        if auxiliary is None or stated is None:
+            return None
+        degree = [whole(t) for t in text_of(stated).split()]
+        if len(degree) != 3 or any(d is None or d > 20 for d in degree):
+            what = f"<Degree> is {text_of(stated)[:40]!r}; valid: three whole numbers up to 20"
+            self.reading.wrong(what, self._at(stated))
+            return None
+        mode = auxiliary.first("IsFraserMode")
+        if mode is not None and text_of(mode) != "1":
+            what = f"<IsFraserMode> {text_of(mode)[:40]!r} cannot be read; valid: 1"
+            self.reading.wrong(what, self._at(mode))
+            return None
+        return self._coefficients(projection, said, [d or 0 for d in degree], stated)
+
+    def _coefficients(
+        self, projection: Projection, said: str, degree: list[int], stated: Element
+    ) -> dict[str, float] | None:
+        before = len(self.reading.problems)
+        missing = {
+            **{f"K{i}": "Radial" for i in range(1, degree[0] + 1)},
+            **{f"p{i}": "Decentric" for i in range(1, 2 * degree[1] + 1)},
+            **({"b1": "Polynomial", "b2": "Polynomial"} if degree[2] else {}),
+        }
+        values: dict[str, float] = {}
+        distortion = self.element.first("Distorsion")
+        for part in [] if distortion is None else distortion.children:
+            for entry in part.children:
+                tag, where = entry.tag, self._at(entry)
+                value = self.reading.number(text_of(entry), f"<{tag[:40]}>", where)
+                monomial = part.tag == "Polynomial" and re.fullmatch(r"[xy]_\d+_\d+", tag)
+                if missing.pop(tag, None) != part.tag and not (monomial and degree[2] > 1):
+                    what = f"<{tag[:40]}> is given twice or lies beyond <Degree> "
+                    self.reading.wrong(what + " ".join(map(str, degree)), where)
+                elif tag in projection.coefficients:
+                    ours, sign = projection.coefficients[tag]
+                    values[ours] = sign * (value or 0.0)
+                elif value:
+                    valid = ", ".join(projection.coefficients) or "none"
+                    what = f"the coefficient <{tag}> of projection {said} cannot be read unless it "
+                    self.reading.wrong(f"{what}is 0; coefficients that can: {valid}", where)
+        if missing:
+            what = f"<Degree> {' '.join(map(str, degree))} needs <{', '.join(missing)}>"
+            self.reading.wrong(what, self._at(distortion or stated))
+        return None if len(self.reading.problems) > before else values
