@@ -22,31 +22,10 @@ from factorgraph_adj.observations import (
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.units import ARCSEC, GON
 from tests.hostile.damage import DAMAGES
+from tests.networks.survey_files import STAR_NET_OPTIONS as METRIC
 
 FOOT = 1200.0 / 3937.0
-OPTIONS = {
-    "adjustment": "3D",
-    "linear": "FeetUS",
-    "angular": "DMS",
-    "order": "NE",
-    "stations": "AtFromTo",
-    "distances": "slope",
-    "angle": 4.0,
-    "direction": 3.0,
-    "azimuth": 5.0,
-    "zenith": 10.0,
-    "distance": 0.0075,
-    "distance_ppm": 2.0,
-    "elevation": 0.02,
-    "elevation_ppm": 0.0,
-    "level": 0.025,
-    "weight_levels_by": "length",
-    "centring_instrument": 0.005,
-    "centring_target": 0.005,
-    "centring_vertical": 0.0,
-    "refraction": 0.07,
-}
-METRIC = {**OPTIONS, "linear": "Meters", "angular": "GONS"}
+OPTIONS = {**METRIC, "linear": "FeetUS", "angular": "DMS"}
 
 TRAVERSE_2D = """# STAR*NET V6, A Tour of STAR*NET, example 1: 2D job with multi-loop traverses
 C 1 5045.572 5495.338 ! !      # fixed coordinates
