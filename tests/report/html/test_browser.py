@@ -13,6 +13,7 @@ from factorgraph_adj.report.context import Report
 from factorgraph_adj.report.html.page import html
 from factorgraph_adj.report.html.write import write_report
 from tests.networks.adjusted import ADJUSTED
+from tests.networks.image_blocks import aerial
 from tests.networks.mapped import geocentric
 from tests.networks.reported import (
     NASTY,
@@ -64,6 +65,7 @@ def folder(tmp_path_factory):
     write_report(fga.adjust(network, max_iterations=1), at / "failed.html")
     write_report(fga.adjust(free_block()), at / "free.html")
     write_report(fga.adjust(geocentric()), at / "geocentric.html")
+    write_report(fga.adjust(aerial(1, control=12).truth), at / "aerial.html")
     return at
 
 
@@ -83,8 +85,8 @@ def _click(found: Opened, what: str, number: int) -> None:
     found.page.mouse.click(x, y)
 
 
-SORTS = ("three", "heights", "nasty", "block", "failed", "free", "geocentric")
-"""Plan, heights and space; a gross error, no minimum, no datum, on the Earth."""
+SORTS = ("three", "heights", "nasty", "block", "failed", "free", "geocentric", "aerial")
+"""Plan, heights and space; a gross error, no minimum, no datum, on the Earth, from the air."""
 
 
 @pytest.mark.parametrize("name", SORTS)
