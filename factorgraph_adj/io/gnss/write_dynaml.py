@@ -95,6 +95,9 @@ def write_dynaml(
             refused.nothing_of(o, "instrument_height", "target_height", "collimation_error", "face")
             of_sets.setdefault((o.station, o.set), []).append(o)
             continue
+        if isinstance(o, ControlPoint) and o.local:
+            lines += _components(o, network, refused)
+            continue
         lines += _single(o, refused, heights, reference_frame, epoch)
     for (station, _), directions in of_sets.items():
         lines += _set(station, directions, refused)
@@ -184,6 +187,37 @@ def _single(o: Observation, refused: Refused, heights: str, frame: str, epoch: s
         hi, ht = (float(getattr(o, f"{end}_height")) for end in ("instrument", "target"))
         inside += [f"<InstHeight>{hi!r}</InstHeight>", f"<TargHeight>{ht!r}</TargHeight>"]
     return _measurement(kind, inside)
+
+
+def _components(o: ControlPoint, network: Network, refused: Refused) -> list[str]:
+    """Return P, Q and R: latitude, longitude and ellipsoidal height of a position."""
+    covariance = None if o.covariance is None else np.asarray(o.covariance)
+    if covariance is not None and np.any(covariance - np.diag(np.diag(covariance))):
+        refused.add("DynaML has no correlations of latitude, longitude and height", o.label())
+        return []
+    frame = network.frame
+    if not isinstance(frame, GeocentricFrame):
+        return []
+    sigmas = o.sigma if covariance is None else np.sqrt(np.diag(covariance)).tolist()
+    latitude, longitude, height = (
+        float(v) for v in frame.ellipsoid.to_geodetic(np.array(o.value, dtype=float))
+    )
+    m, n = (float(v) for v in frame.ellipsoid.radii(np.array(latitude)))
+    written = {
+        "n": ("P", packed(latitude), ARCSEC * (m + height)),
+        "e": ("Q", packed(longitude), ARCSEC * (n + height) * np.cos(latitude)),
+        "u": ("R", repr(height), 1.0),
+    }
+    lines = []
+    for axis, sigma in zip(o.axes, sigmas or (), strict=True):
+        kind, value, unit = written[axis]
+        inside = [
+            f"<First>{escape(o.point)}</First>",
+            f"<Value>{value}</Value>",
+            f"<StdDev>{float(sigma / unit)!r}</StdDev>",
+        ]
+        lines += _measurement(kind, inside)
+    return lines
 
 
 def _set(station: str, directions: list[Direction], refused: Refused) -> list[str]:

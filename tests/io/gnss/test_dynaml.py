@@ -279,3 +279,40 @@ def test_measurements_without_stations_are_one_problem(tmp_path: Path) -> None:
     with pytest.raises(fga.InputError, match="has no <DnaStation>: read the file of the") as caught:
         fga.read_dynaml(path)
     assert len(caught.value.problems) == 1
+
+
+def test_components_of_stations_are_written_and_read_again(
+    network: fga.Network, tmp_path: Path
+) -> None:
+    path = fga.write_dynaml(network, tmp_path / "w.xml", heights="ellipsoidal")
+    assert path is None
+    again = fga.read_dynaml(tmp_path / "w.xml", heights="ellipsoidal")
+
+    def found(n: fga.Network) -> list[tuple[str, str, float, float]]:
+        frame = n.frame
+        assert isinstance(frame, fga.GeocentricFrame)
+        out = []
+        for o in n.observations.values():
+            if isinstance(o, fga.ControlPoint) and o.local:
+                where = frame.ellipsoid.to_geodetic(np.array(o.value))
+                assert o.sigma is not None
+                for axis, sigma in zip(o.axes, o.sigma, strict=True):
+                    out.append((o.point, axis, float(where["neu".index(axis)]), sigma))
+        return out
+
+    one, other = found(network), found(again)
+    assert len(one) == 5
+    assert [x[:2] for x in one] == [x[:2] for x in other]
+    for (_, _, value, sigma), (_, _, value2, sigma2) in zip(one, other, strict=True):
+        assert value2 == pytest.approx(value, abs=1e-14, rel=1e-15)
+        assert sigma2 == pytest.approx(sigma, rel=1e-8)
+
+
+def test_correlated_components_are_refused(tmp_path: Path) -> None:
+    network = fga.Network("x", frame=fga.GeocentricFrame())
+    at = (4e6, 1e6, 4.8e6)
+    network.add_point("A", at)
+    covariance = np.array([[1e-4, 1e-5], [1e-5, 1e-4]])
+    network.add(fga.ControlPoint("A", at, axes="ne", covariance=covariance))
+    with pytest.raises(fga.InputError, match="no correlations of latitude"):
+        fga.write_dynaml(network, tmp_path / "no.xml")
