@@ -189,10 +189,10 @@ def test_output_that_is_no_folder_is_refused_before_adjusting(block, tmp_path, h
 
 
 def test_a_second_run_replaces_the_files_of_the_first(block, tmp_path, here):
-    assert here("adjust", block, "--out", tmp_path, "--quiet").returncode == 0
+    assert here("adjust", block, "--out", tmp_path, "--quiet", "--date", "none").returncode == 0
     first = contents(tmp_path)
     (tmp_path / "points.csv").write_text("old", encoding="utf-8")
-    assert here("adjust", block, "--out", tmp_path, "--quiet").returncode == 0
+    assert here("adjust", block, "--out", tmp_path, "--quiet", "--date", "none").returncode == 0
     assert contents(tmp_path) == first
 
 
