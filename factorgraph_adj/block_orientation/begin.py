@@ -14,7 +14,6 @@ from ..network.network import DatumChoice, Network
 from ..solve.solution import Solution
 from ..solve.start import Start, approximate_start
 from .block_start import BlockStart
-from .orient import orient_equations
 
 
 def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start | None) -> Start:
@@ -57,6 +56,9 @@ def block_of(
     """
     if not equations.network.n_image_points or not error.photos:
         raise error
+    # Imported here, because few adjustments begin from image points, and the import is slow.
+    from .orient import orient_equations
+
     try:
         found = orient_equations(equations, datum=datum)
     except (InputError, ApproximationError) as other:
@@ -119,6 +121,8 @@ def begun_anew(network: Network, datum: DatumChoice | None) -> Start | None:
     """
     if not without_poses(network):
         return None
+    from .orient import orient_equations
+
     with suppress(InputError, ApproximationError):
         return orient_equations(compile_network(network), datum=datum).start
     return None
