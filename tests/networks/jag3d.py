@@ -445,6 +445,7 @@ def database(rows: Rows, *, indexes: int = 2) -> tuple[str, bytes]:
         if table:
             numbers = [top] * indexes + [0] * (indexes if indexes > 1 else 1) + [len(table)]
             lines.append(f"SET TABLE {SCHEMA}.\"{name}\" INDEX '{' '.join(map(str, numbers))}'")
+    data[12:20] = struct.pack(">q", len(data))
     return "\n".join([*lines, ""]), bytes(data)
 
 

@@ -6,7 +6,8 @@ script then says where each table begins: ``SET TABLE … INDEX '7 7 0 0 2'`` gi
 trees of its two indexes, two numbers that are not used here, and the number of rows. ``name.log``
 has statements that the program did not yet write into the others.
 
-A row of ``name.data`` begins at root × scale bytes (``SET FILES SCALE``). Numbers are big-endian:
+``name.data`` begins with 32 bytes; the int64 at byte 12 is the place behind its last row. A row
+begins at root × scale bytes (``SET FILES SCALE``). Numbers are big-endian:
 
     size of the row                                  int32
     for each index: balance, left, right, parent     4 × int32; 0: none
@@ -269,6 +270,10 @@ DECODERS: dict[str, Decoder] = {
 """Function of data and place → value and the place behind it, by type of column."""
 
 
+HEAD = 32
+"""Bytes before the rows."""
+
+
 def _read_cached(
     path: Path,
     tables: dict[str, Table],
@@ -283,6 +288,11 @@ def _read_cached(
             f"the rows of the tables stand in {path.name}, which cannot be read: copy it beside "
             "the script"
         )
+        lines.add(0, what)
+        return
+    end = struct.unpack_from(">q", data, 12)[0] if len(data) >= HEAD else 0
+    if not HEAD <= end <= len(data):
+        what = f"{path.name} has {len(data)} bytes, and its rows end at byte {end}: it is cut"
         lines.add(0, what)
         return
     for name, (number, words) in roots.items():
@@ -309,6 +319,9 @@ def _cached_rows(data: bytes, table: Table, words: list[int], scale: int, file: 
         at = place * scale
         if not 0 < at <= len(data) - 4:
             raise ValueError("a row lies outside the file")
+        (size,) = struct.unpack_from(">i", data, at)
+        if size <= 0 or at + size > len(data):
+            raise ValueError("a row is cut, or longer than the file")
         if ready:
             rows.append(_cached_row(data, at + 4 + 16 * n_indexes, table, f"{file}, byte {at}"))
             continue
