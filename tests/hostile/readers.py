@@ -179,6 +179,7 @@ if __name__ == "__main__":
 
     n = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     first = int(sys.argv[2]) if len(sys.argv) > 2 else 1
+    wrong = 0
     for title in sys.argv[3:] or FORMATS:
         form = FORMATS[title]
         with tempfile.TemporaryDirectory() as made:
@@ -205,3 +206,6 @@ if __name__ == "__main__":
                 print(f"{title}: {told_of[0]} read, {told_of[1]} refused, {len(lost)} passed over")
             except AssertionError as fault:
                 print(f"{title}: FAULT {fault}", flush=True)
+                wrong += 1
+            wrong += len(lost)
+    sys.exit(min(wrong, 1))

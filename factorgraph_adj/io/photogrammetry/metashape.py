@@ -86,7 +86,7 @@ def read_metashape(
             network.add_point(marker)
     images.into(network)
     add_scale_bars(context, network, markers)
-    if not network.photos and not network.points:
+    if not (network.photos or network.points or reading.problems):
         reading.wrong("the chunk has no aligned camera and no marker", source.chunk.file)
     reading.finish()
     kinds = {o.kind for o in network.observations.values()}

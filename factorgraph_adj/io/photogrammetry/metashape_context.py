@@ -30,6 +30,10 @@ NOTHING = {"rotation": "1 0 0 0 1 0 0 0 1", "translation": "0 0 0", "scale": "1"
 """Parts of a transformation, and what they are where they are absent."""
 
 
+LARGEST = 1e12
+"""Largest standard deviation of given coordinates, metres; larger ones are damage."""
+
+
 @dataclass(frozen=True)
 class Placed:
     """Similarity from the coordinates of a chunk to the frame of the network."""
@@ -43,7 +47,9 @@ class Placed:
 
     def points(self, local: Array) -> Array:
         """Return coordinates in the frame, (n, 3), of those in the chunk, (n, 3)."""
-        return self.shift + self.scale * (local @ self.rotation.T)
+        # Coordinates of damaged files that overflow are refused where they go into the network.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(self.shift + self.scale * (local @ self.rotation.T))
 
 
 @dataclass
@@ -124,11 +130,16 @@ class Context:
                 value = self.reading.number(text, key, where, positive=True)
             for i in axes if value is not None else ():
                 sigma[i] = float(value or 0.0)
+        metres = self.reference.unit * np.array(sigma)
+        if not metres.max() <= LARGEST:
+            what = f"the accuracy of a reference must be at most {LARGEST:g} m"
+            self.reading.wrong(f"{what}, not {metres.max():g} m", where)
+            return None
         if xyz is None:
             return None
         place = np.array(xyz)
         axes_there = self.reference.axes(place)
-        squares = np.square(self.reference.unit * np.array(sigma))
+        squares = np.square(metres)
         covariance = axes_there.T @ np.diag(squares) @ axes_there
         at = self.reference.points(place[None])[0]
         return (float(at[0]), float(at[1]), float(at[2])), 0.5 * (covariance + covariance.T)
