@@ -41,10 +41,13 @@ def add_compare(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     parser.add_argument(
         "--reference",
         metavar="NAMES",
-        help="points thought to be stable, with commas between them (all common ones)",
+        help="points thought to be stable, with commas between them (all common ones but the "
+        "objects; '': the datum alone)",
     )
     parser.add_argument(
-        "--objects", metavar="NAMES", help="points that may have moved (all other common ones)"
+        "--objects",
+        metavar="NAMES",
+        help="points that may have moved (none; with --reference all others)",
     )
     parser.add_argument(
         "--method",

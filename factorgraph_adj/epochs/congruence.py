@@ -3,8 +3,9 @@
 The two epochs are compared in four steps (Pelzer 1971; Niemeier, Ausgleichungsrechnung, 2008):
 
 1. σ̂0² of both adjustments are compared, F = σ̂²_larger/σ̂²_smaller, and pooled.
-2. The reference points are tested for a change of their shape: T = Ω/(h σ0²) ~ F(h, r₁ + r₂),
-   with Ω and h of `factorgraph_adj.epochs.hypotheses`, which no datum changes.
+2. The reference points, which `factorgraph_adj.epochs.roles` chooses, are tested for a change of
+   their shape: T = Ω/(h σ0²) ~ F(h, r₁ + r₂), with Ω and h of `factorgraph_adj.epochs.hypotheses`,
+   which no datum changes.
 3. Where it rejects, the points that moved are searched for (`factorgraph_adj.epochs.localise`).
    The second epoch of a free network is then moved onto the stable points, and 2 and 3 repeated.
 4. Every other point is tested against the points that stayed: under the hypothesis that only the
@@ -21,7 +22,7 @@ from typing import Literal
 import numpy as np
 
 from ..columns import Columns
-from ..errors import DatumError, InputError, Problem, known
+from ..errors import DatumError, InputError, known
 from ..network.network import Network
 from ..quality.distributions import fisher_quantile
 from ..quality.ellipses import ErrorEllipse, ellipses_in
@@ -32,10 +33,14 @@ from ..types import Array, Index
 from .differences import Differences, between, within
 from .hypotheses import Scale, Test, moved, rank, spanning, unheld, weight
 from .localise import Method, Step, localise
+from .roles import Roles, roles_in_one, roles_of
 
 MOST_SEARCHES = 3
 """Largest number of searches after the first one, each with the second epoch moved onto the points
 that were stable before."""
+SAME_PLACE = 1e-5
+"""Distance, metres, below which the coordinates of a point held in both epochs are the same: what
+files with five decimals round."""
 LEAST_OPEN = 1e-7
 """Part of an axis in an open direction below which the direction is across the axis."""
 
@@ -95,6 +100,15 @@ class Displacement:
         return not self.test.accepted
 
     @property
+    def verdict(self) -> Literal["untested", "stable", "moved", "kept"]:
+        """What the test says: nothing, if the point cannot be seen to move in any direction."""
+        if self.test.freedom[0] == 0:
+            return "untested"
+        if self.stable:
+            return "stable"
+        return "moved" if self.moved else "kept"
+
+    @property
     def length(self) -> float:
         """Length of the displacement, metres."""
         return float(np.linalg.norm(self.vector))
@@ -118,8 +132,8 @@ class Congruence(Shown):
     """Comparison of the two variances; None for both epochs in one adjustment."""
     scale: Scale
     """Variance of unit weight of all tests."""
-    reference: tuple[str, ...]
-    """Reference points that were tested for their shape."""
+    roles: Roles
+    """What each point is: reference, object, held, or not compared."""
     stable: tuple[str, ...]
     """Reference points that are taken as stable."""
     steps: tuple[Step, ...]
@@ -140,9 +154,27 @@ class Congruence(Shown):
         return self.solutions[0].network
 
     @property
+    def reference(self) -> tuple[str, ...]:
+        """Reference points that were tested for their shape."""
+        return self.roles.reference
+
+    @property
+    def held_apart(self) -> Mapping[str, float]:
+        """Held points with other coordinates in the second epoch, and how far they are, metres.
+
+        Points whose coordinates no open motion moves are compared: others have a datum of their
+        own in each epoch.
+        """
+        if self.differences.motions.size:
+            return {}
+        axes = ["xyz".index(a) for a in self.differences.axes]
+        apart = {n: float(np.linalg.norm(v[axes])) for n, v in self.roles.held.items()}
+        return {n: size for n, size in apart.items() if size > SAME_PLACE}
+
+    @property
     def fine(self) -> bool:
-        """Whether the adjustments converged, their variances agree, and the stable points fit."""
-        fine = all(s.converged for s in self.solutions)
+        """Whether the adjustments converged, variances agree, and stable and held points fit."""
+        fine = all(s.converged for s in self.solutions) and not self.held_apart
         fine &= self.ratio is None or self.ratio.accepted
         return fine and (not self.steps or self.steps[-1].test.accepted)
 
@@ -206,14 +238,14 @@ class Congruence(Shown):
 
     def headline(self) -> str:
         """Return what moved."""
-        points = f"{len(self.displacements)} points"
+        points = f"{len(self.displacements)} points of two epochs"
+        objects = f"{len(self.moved)} points moved"
         if self.global_test is None:
-            return f"{points} of two epochs: {len(self.moved)} moved"
+            return f"{points}: {objects}"
         same = "kept" if self.global_test.accepted else "changed"
-        return (
-            f"{points} of two epochs: {len(self.reference)} reference points {same} their shape, "
-            f"{len(self.moved)} points moved"
-        )
+        shape = f"{len(self.reference)} reference points {same} their shape"
+        tested = len(self.stable) < len(self.displacements)
+        return f"{points}: {shape}, {objects if tested else 'no objects were tested'}"
 
     def first_rows(self) -> Rows:
         """Return the first displacements."""
@@ -244,9 +276,10 @@ def congruence(
         second: solution of the second epoch; None: ``first`` has both epochs, and ``pairs`` names
             the two places of each point.
         reference: points that are thought to be stable, by their names in the first epoch. None:
-            with two solutions all points that are in both and not named in ``objects``, and none
-            where nothing is named and control holds both epochs; with one solution none, where the
-            common points of the adjustment are the reference.
+            with two solutions all points that both determine and that are not named in
+            ``objects``, whatever carries the datum; with one solution none, where the common
+            points of the adjustment are the reference. An empty list: the datum alone, with the
+            points that both epochs hold, is the reference.
         objects: points that may have moved; None: all other points that are in both.
         pairs: names in the second epoch by names in the first, where they differ.
         method: how moved reference points are found, see `factorgraph_adj.epochs.localise`.
@@ -263,11 +296,13 @@ def congruence(
     """
     if not 0 < alpha < power < 1:
         raise InputError(f"alpha and power must be 0 < alpha < power < 1, not {alpha}, {power}")
-    some, others = _chosen(first, second, reference, objects, pairs)
+    if second is None:
+        roles = roles_in_one(first, reference, objects, pairs)
+    else:
+        roles = roles_of(first, second, reference, objects, pairs or {})
+    some, others = roles.reference, roles.objects
     named = {n: (pairs or {}).get(n, n) for n in (*some, *others)}
     found = within(first, named) if second is None else between(first, second, named)
-    if reference is None and objects is None and rank(found.motions) == 0:
-        some, others = (), (*some, *others)
     scale = _scale(found, variance)
     steps: tuple[Step, ...] = ()
     stable: tuple[str, ...] = ()
@@ -289,7 +324,7 @@ def congruence(
         found,
         None if second is None else _ratio(found, alpha),
         scale,
-        some,
+        roles,
         stable,
         steps,
         displacements,
@@ -297,52 +332,6 @@ def congruence(
         alpha,
         power,
     )
-
-
-def _chosen(
-    first: Solution,
-    second: Solution | None,
-    reference: Sequence[str] | None,
-    objects: Sequence[str] | None,
-    pairs: Mapping[str, str] | None,
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the reference points and the others, by their names in the first epoch."""
-    for what, given in (("reference", reference), ("objects", objects)):
-        if isinstance(given, str):
-            raise InputError(f"{what} must be a list of names, not the one name {given!r}")
-    if second is None:
-        if not pairs:
-            raise InputError(
-                "one solution of both epochs needs pairs: names of the second places by names of "
-                "the first"
-            )
-        some = tuple(reference or ())
-        others = tuple(objects if objects is not None else [n for n in pairs if n not in some])
-        missing = [n for n in (*some, *others) if n not in pairs]
-        if missing:
-            raise InputError(
-                Problem("has no second place in pairs", f"point {n!r}") for n in missing
-            )
-    else:
-        table = first.equations.unknowns["point"]
-        there = second.equations.unknowns["point"]
-        both = [
-            n
-            for n in table.names
-            if (m := (pairs or {}).get(n, n)) in there.number
-            and table.free[table.number[n]].any()
-            and there.free[there.number[m]].any()
-        ]
-        named = {*(reference or ()), *(objects or ())}
-        rest = tuple(n for n in both if n not in named)
-        some = tuple(reference) if reference is not None else rest
-        others = tuple(objects) if objects is not None else (rest if reference is not None else ())
-    twice = [n for n in dict.fromkeys(some) if n in others]
-    if twice:
-        raise InputError(
-            Problem("is named as reference and as object", f"point {n!r}") for n in twice
-        )
-    return tuple(dict.fromkeys(some)), tuple(dict.fromkeys(others))
 
 
 def _scale(found: Differences, variance: str) -> Scale:

@@ -199,7 +199,12 @@ def _axes(epochs: tuple[_Places, _Places], pairs: Mapping[str, str]) -> tuple[st
     held = [n for n, f in zip(pairs, free, strict=True) if not f.any()]
     if held:
         raise InputError(
-            Problem("is held in an epoch: it cannot be seen to move", f"point {n!r}") for n in held
+            Problem(
+                "is held in an epoch: it cannot be seen to move; a point that both epochs hold is "
+                "part of the reference without being named",
+                f"point {n!r}",
+            )
+            for n in held
         )
     if len(free) == 0:
         raise InputError("no points to compare: the epochs have no free points in common")

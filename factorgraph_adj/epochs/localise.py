@@ -8,6 +8,9 @@
 - robust: the similarity transformation of the open motions that minimises Σ |d_i| over the points
   (iteratively weighted, Chen 1983) tells which displacements are significant; these points leave
   at first, and come back where the test of all that are left accepts with them.
+
+Where the datum of both epochs leaves no motion open, all reference points may leave: what held
+points, or observations of coordinates, tell of the displacements is left.
 """
 
 from __future__ import annotations
@@ -112,13 +115,20 @@ class _Search:
         return self.found.d[rows], w, g
 
     def test(self, names: Sequence[str]) -> Test:
-        """Return the congruence test of some points."""
+        """Return the congruence test of some points; no points have nothing to reject."""
+        if not names:
+            return self.scale.test(0.0, 0, self.alpha)
         d, w, g = self._of(names)
         h = len(d) - rank(g)
         return self.scale.test(float(d @ w @ d), h, self.alpha)
 
     def testable(self, names: Sequence[str]) -> bool:
-        """Return whether the shape of some points is overdetermined, and holds all motions."""
+        """Return whether the shape of some points is overdetermined, and holds all motions.
+
+        Where no motion is open, the datum of both epochs is left when all points have moved.
+        """
+        if not names:
+            return rank(self.found.motions) == 0
         g = self.found.motions[self.found.rows(names)]
         every = rank(self.found.motions[self.found.rows(self.names)])
         return len(g) - rank(g) > 0 and rank(g) == every
@@ -147,7 +157,7 @@ class _Search:
         """Take the smallest set of points without which the others did not change their shape."""
         d, w, _ = self._of(self.names)
         n = len(self.names)
-        for size in range(1, n):
+        for size in range(1, n + 1):
             if comb(n, size) > MOST_COMBINATIONS:
                 return self.backward(self.names, steps)
             best: tuple[float, tuple[int, ...]] | None = None

@@ -279,11 +279,28 @@ def limit_problems(targets: Sequence[Target], points: Sequence[str]) -> list[Pro
                 wrong.append(
                     f"alpha and power must be 0 < alpha < power < 1, not {t.alpha!r}, {t.power!r}"
                 )
-            wrong += unlike("point", t.reference, points) if t.reference else []
+            wrong += _reference_problems(t, points) if t.reference else []
         if not isinstance(t, RedundancyNumber | DetectableError):
             wrong += unlike("point", t.points, points)
         problems += [Problem(what, _where(n, t)) for what in wrong]
     return problems
+
+
+def _reference_problems(target: DetectableDisplacement, points: Sequence[str]) -> list[str]:
+    """Return patterns of the reference that match no point, or none beside those of ``points``."""
+    wrong = unlike("point", target.reference, points)
+    if wrong or unlike("point", target.points, points):
+        return wrong
+    if target.reference == DetectableDisplacement.reference:
+        return wrong
+    objects = matching(points, target.points)
+    without = [p for p in target.reference if not (matching(points, (p,)) & ~objects).any()]
+    named = ", ".join(repr(str(p)) for p in target.points)
+    return [
+        f"the reference {str(p)!r} has no effect, since points, {named}, names the same ones: name "
+        "in points those that may move"
+        for p in without
+    ]
 
 
 def check_targets(targets: Sequence[Target], points: Sequence[str]) -> None:

@@ -200,18 +200,21 @@ def test_a_given_datum_needs_no_reference():
     assert found.moved == ("P",)
 
 
-def test_points_are_tested_against_control_that_holds_both_epochs():
-    """Without names, all points are objects then, as in one adjustment of both epochs."""
+def test_all_points_may_leave_where_control_holds_both_epochs():
+    """One rule whatever carries the datum; all points moved alike against the two held ones."""
     first = solved(21, datum="given")
     second = solved(22, dict.fromkeys("BDEPQ", (0.01, 0.02)), datum="given")
-    found = fga.congruence(first, second)
     named = fga.congruence(first, second, reference=[], objects=["B", "D", "E", "P", "Q"])
-    assert found.reference == ()
-    assert found.moved == named.moved == ("B", "D", "E", "P", "Q")
-    for name in found.moved:
-        own, other = found.displacement(name), named.displacement(name)
-        assert own.test.value == pytest.approx(other.test.value, rel=1e-12)
-    assert fga.congruence(solved(21), solved(22)).reference  # a free network needs a reference
+    for method in ("combinations", "backward", "robust"):
+        found = fga.congruence(first, second, method=method)
+        assert found.reference == ("B", "D", "E", "P", "Q")
+        assert found.stable == ()
+        assert found.fine == named.fine  # no doubt is added
+        assert set(found.roles.held) == {"A", "C"}
+        assert found.moved == named.moved == ("B", "D", "E", "P", "Q")
+        for name in found.moved:
+            own, other = found.displacement(name), named.displacement(name)
+            assert own.test.value == pytest.approx(other.test.value, rel=1e-12)
 
 
 # -- size and power -------------------------------------------------------------------------------

@@ -199,3 +199,22 @@ power = 0.8
     wishes.write_text(text.format(3).replace("reference", "refrence"), encoding="utf-8")
     assert main(["plan", str(tmp_path), "--targets", str(wishes)]) == 2
     assert "unknown key 'refrence'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("target", "named"),
+    [
+        ({"reference": ["A", "B"]}, ["A", "B"]),
+        ({"reference": ["A", "P"], "points": ["P", "Q"]}, ["P"]),
+        ({"reference": ["Q*"], "points": ["P", "Q"]}, ["Q*"]),
+    ],
+)
+def test_a_reference_without_effect_is_refused(target, named):
+    """It names only points that may move, all of them where ``points`` is missing."""
+    with pytest.raises(InputError) as caught:
+        fga.plan(epoch(1), [DetectableDisplacement(0.01, **target)])
+    said = [str(p) for p in caught.value.problems]
+    assert len(said) == len(named)
+    for text, name in zip(said, named, strict=True):
+        assert f"the reference {name!r} has no effect" in text
+        assert "name in points those that may move" in text

@@ -95,5 +95,10 @@ def _doubts(found: Congruence) -> Iterator[str]:
         yield (
             f"the variances of the epochs do not agree, F {ratio.ratio:.2f} > {ratio.critical:.2f}"
         )
+    for name, size in found.held_apart.items():
+        yield (
+            f"point {name!r} is held in both epochs, {1000 * size:.2f} mm apart: all "
+            "displacements refer to it"
+        )
     if found.steps and not found.steps[-1].test.accepted:
         yield "no set of reference points kept its shape"

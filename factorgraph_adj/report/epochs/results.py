@@ -64,6 +64,10 @@ def epochs_summary(report: EpochsReport) -> dict[str, Any]:
         "axes": found.differences.axes,
         "reference": list(found.reference),
         "stable": list(found.stable),
+        "held": list(found.roles.held),
+        "not_compared": [
+            {"name": name, "reason": why} for name, why in found.roles.not_compared.items()
+        ],
         "steps": [
             {"left": list(s.left), "back": list(s.back), "test": record_of_test(s.test)}
             for s in found.steps

@@ -22,13 +22,46 @@ def render_congruence(found: Congruence, *, blocks: Sequence[BlockMotion] = ()) 
         found: the comparison.
         blocks: common motions of points, which are listed too.
     """
-    lines = [*title("Two epochs"), *_variances(found), ""]
+    lines = [*title("Two epochs"), *_tested(found), "", *_variances(found), ""]
     if found.steps:
         lines += [*title("Reference points"), *_reference(found), ""]
     lines += [*title("Displacements"), *_displacements(found)]
     if blocks:
         lines += ["", *title("Common motions"), *(line for b in blocks for line in _block(b))]
     return "\n".join(lines) + "\n"
+
+
+def _tested(found: Congruence) -> list[str]:
+    """Say what the reference is, and what was tested and what was not."""
+    n, objects = len(found.reference), [x for x in found.displacements if x not in found.reference]
+    held = list(found.roles.held)
+    datum = "the points held in both epochs" if held else "the datum of the adjustments"
+    if n:
+        out = paragraph(
+            f"Reference, tested together for a change of shape: {_points(found.reference)}. "
+            "Common points are reference points unless they are named as objects."
+        )
+    else:
+        out = paragraph(f"Reference: {datum}, without a test.")
+    if objects:
+        out += paragraph(f"Tested one by one against the reference: {_points(objects)}.")
+    else:
+        out += paragraph("No point was tested as an object: none is named.")
+    if held:
+        out += paragraph(
+            f"Held in both epochs, and taken as stable without a test: {_points(held)}."
+        )
+    reasons: dict[str, list[str]] = {}
+    for name, why in found.roles.not_compared.items():
+        reasons.setdefault(why, []).append(name)
+    for why, names in reasons.items():
+        out += paragraph(f"NOT compared, {why}: {_points(names)}.")
+    return out
+
+
+def _points(names: Sequence[str]) -> str:
+    count = f"{len(names)} point" if len(names) == 1 else f"{len(names)} points"
+    return f"{count}, {listed(names, LISTED)}"
 
 
 def _variances(found: Congruence) -> list[str]:
@@ -69,7 +102,7 @@ def _reference(found: Congruence) -> list[str]:
                 listed(s.back, LISTED) or "—",
                 f"{s.test.value:.2f}",
                 f"{s.test.critical:.2f}",
-                "yes" if s.test.accepted else "no",
+                FITS[s.test.accepted] if s.test.freedom[0] else "—",
             )
             for s in found.steps[1:]
         ]
@@ -81,6 +114,11 @@ def _reference(found: Congruence) -> list[str]:
         )
     if found.stable:
         out += paragraph(f"Stable: {listed(found.stable, LISTED)}.")
+    else:
+        out += paragraph(
+            "No reference point is stable: the displacements below refer to the points held in "
+            "both epochs, or to the observations that carry the datum."
+        )
     return out
 
 
@@ -99,13 +137,7 @@ def _p(value: float) -> str:
 def _displacements(found: Congruence) -> list[str]:
     every = list(found.displacements.values())
     axes = found.differences.axes
-    moved = found.moved
-    out = paragraph(
-        f"{len(moved)} of {len(every) - len(found.stable)} points that may have moved did, with "
-        f"α = {found.alpha:g} for each: {listed(moved, LISTED)}."
-        if moved
-        else f"No point moved significantly, with α = {found.alpha:g} for each."
-    )
+    out = paragraph(_moved(found))
     header = ["point", *(f"d{a} [mm]" for a in axes), *(f"σ d{a}" for a in axes), "length"]
     header += ["T", "critical", "moved", "detectable [mm]"]
     rows = [_row(x, axes) for x in every]
@@ -117,6 +149,22 @@ def _displacements(found: Congruence) -> list[str]:
     return [*out, "", *table(header, rows), "", *paragraph(note)]
 
 
+def _moved(found: Congruence) -> str:
+    """Say which points moved, of those that were tested."""
+    alpha = f"with α = {found.alpha:g} for each"
+    loose = len(found.displacements) - len(found.stable)
+    if found.moved:
+        moved = listed(found.moved, LISTED)
+        return f"{len(found.moved)} of {loose} points that may have moved did, {alpha}: {moved}."
+    if loose:
+        return (
+            f"None of the {loose} points tested against the reference moved significantly, {alpha}."
+        )
+    kept = found.steps[-1].test.accepted
+    shape = "kept their shape" if kept else "did not keep their shape"
+    return f"No point was tested against the reference. The reference points {shape}, see above."
+
+
 def _row(x: Displacement, axes: str) -> list[str]:
     at = ["xyz".index(a) for a in axes]
     return [
@@ -126,11 +174,15 @@ def _row(x: Displacement, axes: str) -> list[str]:
         f"{1000 * x.length:.2f}",
         f"{x.test.value:.2f}",
         f"{x.test.critical:.2f}",
-        "stable" if x.stable else "yes" if x.moved else "no",
+        MOVED[x.verdict],
         f"{1000 * x.detectable:.2f}",
     ]
 
 
+FITS = {True: "yes", False: "no"}
+"""Words for the test of the points that are left; a test of no points says nothing."""
+MOVED = {"stable": "stable", "moved": "yes", "kept": "no", "untested": "not tested"}
+"""Words for the verdict of a displacement."""
 PARAMETER_UNITS = {"t": ("mm", 1e3), "r": ("µrad", 1e6), "s": ("ppm", 1e6), "e": ("ppm", 1e6)}
 """Unit of a parameter of a common motion by its first letter, and its number in the unit of SI."""
 

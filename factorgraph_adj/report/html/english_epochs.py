@@ -10,9 +10,21 @@ EPOCHS: dict[str, str] = {
     "section.displacements": "Displacements",
     "section.blocks": "Common motions",
     "verdict.epochs.green": "no point moved significantly",
+    "verdict.epochs.shape": "the reference points kept their shape; no objects were tested",
     "verdict.epochs.amber.one": "1 point moved",
     "verdict.epochs.amber.many": "{n} points moved",
     "verdict.epochs.red": "doubtful comparison",
+    "light.tested": "What was tested",
+    "light.tested.reference": "Together, for a change of shape: {n} reference points ({names}); "
+    "common points are reference points unless they are named as objects.",
+    "light.tested.reference.none": "No reference points: the datum of the adjustments is the "
+    "reference, without a test.",
+    "light.tested.objects": "One by one against the reference: {n} points ({names}).",
+    "light.tested.objects.none": "No point was tested as an object: none is named.",
+    "light.tested.held": "Held in both epochs, and taken as stable without a test: {names}.",
+    "light.tested.held.none": "",
+    "light.tested.not_compared": "Not compared: {names}.",
+    "light.tested.not_compared.none": "",
     "light.epochs.ended": "Iteration",
     "light.epochs.ended.yes": "Every adjustment came to rest.",
     "light.epochs.ended.no": "The adjustment of {name} did not come to rest; its coordinates are "
@@ -43,6 +55,8 @@ EPOCHS: dict[str, str] = {
     "for their shape.",
     "light.moved": "Displacements",
     "light.moved.none": "No point that may have moved did so significantly (α = {alpha} for each).",
+    "light.moved.untested": "No point was tested against the reference: all compared points are "
+    "stable reference points.",
     "light.moved.some.one": "1 point moved significantly (α = {alpha}): {names}. The largest "
     "displacement is {size} ({largest}).",
     "light.moved.some.many": "{n} points moved significantly (α = {alpha} for each): {names}. The "

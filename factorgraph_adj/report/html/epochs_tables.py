@@ -77,7 +77,7 @@ def steps(report: EpochsReport, t: Texts) -> Sheet | None:
                 listed(step.back, NAMED) or NONE,
                 str(len(found.reference) - left),
                 *_test(step.test),
-                t("yes" if step.test.accepted else "no"),
+                t("yes" if step.test.accepted else "no") if step.test.freedom[0] else NONE,
             ]
         )
     heads: list[Head] = [

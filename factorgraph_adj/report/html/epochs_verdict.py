@@ -15,6 +15,7 @@ from .verdict import NAMED, Light, Verdict
 def epochs_verdict(report: EpochsReport, t: Texts) -> Verdict:
     """Return the verdict; it is red if the protocol calls the displacements doubtful."""
     lights = [
+        _tested(report, t),
         _ended(report, t),
         *_global(report, t),
         _ratio(report, t),
@@ -29,13 +30,30 @@ def epochs_verdict(report: EpochsReport, t: Texts) -> Verdict:
         return Verdict("red", t("verdict.epochs.red"), lights, figures)
     if n:
         return Verdict("amber", t.number("verdict.epochs.amber", n), lights, figures)
-    return Verdict("green", t("verdict.epochs.green"), lights, figures)
+    tested = len(report.found.stable) < len(report.found.displacements)
+    words = "verdict.epochs.green" if tested else "verdict.epochs.shape"
+    return Verdict("green", t(words), lights, figures)
 
 
 def size(report: EpochsReport, metres: float) -> str:
     """Return a length in the unit of standard deviations."""
     unit = report.units.sigma_length
     return f"{short(metres / LENGTH[unit])} {unit}"
+
+
+def _tested(report: EpochsReport, t: Texts) -> Light:
+    """Say what the reference is, what was tested, and what was not."""
+    found = report.found
+    objects = [n for n in found.displacements if n not in found.reference]
+    groups = {"reference": found.reference, "objects": objects, "held": list(found.roles.held)}
+    groups |= {"not_compared": list(found.roles.not_compared)}
+    parts = [
+        t(f"light.tested.{group}", n=len(names), names=listed(names, NAMED))
+        if names
+        else t(f"light.tested.{group}.none")
+        for group, names in groups.items()
+    ]
+    return Light("none", t("light.tested"), " ".join(p for p in parts if p))
 
 
 def _ended(report: EpochsReport, t: Texts) -> Light:
@@ -97,6 +115,8 @@ def _reference(report: EpochsReport, t: Texts) -> Light:
 def _moved(report: EpochsReport, t: Texts) -> Light:
     found, title, link = report.found, t("light.moved"), "table-displacements"
     moved, alpha = found.moved, percent(found.alpha)
+    if len(found.stable) == len(found.displacements):
+        return Light("none", title, t("light.moved.untested"), link=link)
     if not moved:
         return Light("green", title, t("light.moved.none", alpha=alpha), link=link)
     largest = max(moved, key=lambda n: found.displacements[n].length)

@@ -10,9 +10,23 @@ EPOCHS: dict[str, str] = {
     "section.displacements": "Verschiebungen",
     "section.blocks": "Gemeinsame Bewegungen",
     "verdict.epochs.green": "kein Punkt hat sich signifikant bewegt",
+    "verdict.epochs.shape": "die Referenzpunkte haben ihre Form behalten; keine Objekte wurden "
+    "geprüft",
     "verdict.epochs.amber.one": "1 Punkt hat sich bewegt",
     "verdict.epochs.amber.many": "{n} Punkte haben sich bewegt",
     "verdict.epochs.red": "zweifelhafter Vergleich",
+    "light.tested": "Was geprüft wurde",
+    "light.tested.reference": "Gemeinsam auf ihre Form: {n} Referenzpunkte ({names}); gemeinsame "
+    "Punkte sind Referenzpunkte, sofern sie nicht als Objekte genannt sind.",
+    "light.tested.reference.none": "Keine Referenzpunkte: Das Datum der Ausgleichungen ist der "
+    "Bezug, ohne Test.",
+    "light.tested.objects": "Einzeln gegen den Bezug: {n} Punkte ({names}).",
+    "light.tested.objects.none": "Kein Punkt wurde als Objekt geprüft: keiner ist genannt.",
+    "light.tested.held": "In beiden Epochen festgehalten und ohne Test als stabil angenommen: "
+    "{names}.",
+    "light.tested.held.none": "",
+    "light.tested.not_compared": "Nicht verglichen: {names}.",
+    "light.tested.not_compared.none": "",
     "light.epochs.ended": "Iteration",
     "light.epochs.ended.yes": "Jede Ausgleichung kam zur Ruhe.",
     "light.epochs.ended.no": "Die Ausgleichung von {name} kam nicht zur Ruhe; ihre Koordinaten "
@@ -45,6 +59,8 @@ EPOCHS: dict[str, str] = {
     "light.moved": "Verschiebungen",
     "light.moved.none": "Kein Punkt, der sich bewegt haben kann, hat es signifikant getan (α = "
     "{alpha} für jeden).",
+    "light.moved.untested": "Kein Punkt wurde gegen den Bezug geprüft: Alle verglichenen Punkte "
+    "sind stabile Referenzpunkte.",
     "light.moved.some.one": "1 Punkt hat sich signifikant bewegt (α = {alpha}): {names}. Die "
     "größte Verschiebung ist {size} ({largest}).",
     "light.moved.some.many": "{n} Punkte haben sich signifikant bewegt (α = {alpha} für jeden): "
