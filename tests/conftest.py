@@ -8,6 +8,13 @@ import signal
 import pytest
 from hypothesis import settings
 
+from factorgraph_adj.blas import VARIABLES, use_one_blas_thread
+
+# One thread for each process, and for those that tests start: the blocks are small, and the tests
+# share the machine.
+use_one_blas_thread()
+os.environ.update(dict.fromkeys(VARIABLES, "1"))
+
 pytest.register_assert_rewrite("tests.networks", "tests.support")
 
 # A shell that runs the tests in the background has them ignore Ctrl-C, which some tests send.

@@ -56,11 +56,6 @@ PAGES = {
         ),
     )
 }
-README = PAGES["README.md"].read_text(encoding="utf-8")
-INSTALL_LINES = (
-    'pip install -e ".[cli]" && factorgraph-adj adjust examples/industry_block/project.toml',
-    'pip install -e ".[test]" && pytest -n auto',
-)
 LANGUAGES = {"python", "text", "console", "toml", "csv", "json", "sh"}
 DIRECTIVES = {"toctree", "eval-rst", "include", "math", "note", "image", "figure"}
 SHORT = 80
@@ -248,20 +243,6 @@ def test_an_output_that_differs_is_noticed() -> None:
     same('{"a": 1.5…, …}', '{"a": 1.52, "b": 3}', "here")
     with pytest.raises(AssertionError, match="prints"):
         same("1.5 …", "1x5 b", "here")
-
-
-def test_the_readme_is_short_and_its_two_commands_stand_there() -> None:
-    assert len(README.splitlines()) <= 110
-    for line in INSTALL_LINES:
-        assert line in README.splitlines()
-
-
-def test_the_command_of_the_readme_adjusts_its_example(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
-    command = INSTALL_LINES[0].partition(" && ")[2]
-    shell = Shell(ROOT)
-    assert "converged" in shell.run(command)
-    assert shell.code == 0
 
 
 @pytest.mark.parametrize("page", PAGES)

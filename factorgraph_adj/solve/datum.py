@@ -211,6 +211,8 @@ class Defect:
         left = np.linalg.qr(self.mixture)[0]
         named: list[int] = []
         for some in (SHIFTS, ROTATIONS, (*SCALE, *SHIFTS)):
+            if not left.shape[1]:
+                break  # every motion has its name
             if some is SHIFTS:  # those that are in the defect without any other motion
                 found = [i for i in some if np.linalg.norm(left[i]) > 1.0 - PURE]
             else:
@@ -218,8 +220,8 @@ class Defect:
                 r, order = qr(left[rows].T, mode="r", pivoting=True)
                 rank = int(np.sum(np.abs(np.diag(r)) > PURE))
                 found = [rows[i] for i in order[:rank].tolist()]
-            # What is left has no part in the motions that have a name now.
-            left = left @ null_space(left[found])
+            if found:  # what is left has no part in the motions that have a name now
+                left = left @ null_space(left[found])
             named += found
         return [MOTIONS[i] for i in sorted(named)]
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from scipy import stats
 
 from factorgraph_adj.quality.distributions import (
@@ -22,6 +23,9 @@ PROBABILITIES = (1e-12, 1e-4, 0.0005, 0.025, 0.2, 0.5, 0.8, 0.95, 0.999, 1 - 1e-
 FREEDOMS = (1, 2, 3, 7, 30, 121, 4000, 0.3, 12.75)
 ROUNDING = 1e-12
 """Relative error of a closed form in double precision, with p as near to 1 as 1e-4."""
+BOOST = tuple(map(int, scipy.__version__.split(".")[:2])) >= (1, 17)
+STUDENT = ROUNDING if BOOST else 1e-10
+"""The same for quantiles of Student's t, which Cephes computed before scipy 1.17: 2e-11 off."""
 
 
 @pytest.mark.parametrize("p", [0.0005, 0.025, 0.2, 0.8, 0.95, 0.999])
@@ -31,7 +35,7 @@ def test_quantiles_are_those_of_the_closed_forms(p):
         assert fisher_quantile(p, 2, n) == pytest.approx(by_hand, rel=ROUNDING)
     assert chi2_quantile(p, 2) == pytest.approx(-2 * math.log1p(-p), rel=ROUNDING)
     assert float(chi2_upper_quantile(p, 2)) == pytest.approx(-2 * math.log(p), rel=ROUNDING)
-    assert student_quantile(p, 1) == pytest.approx(math.tan(math.pi * (p - 0.5)), rel=ROUNDING)
+    assert student_quantile(p, 1) == pytest.approx(math.tan(math.pi * (p - 0.5)), rel=STUDENT)
     x = normal_quantile(p)
     assert 0.5 * math.erfc(-x / math.sqrt(2)) == pytest.approx(p, rel=ROUNDING)
 
