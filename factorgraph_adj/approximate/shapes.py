@@ -97,7 +97,7 @@ def every_part(equations: Equations) -> Iterator[tuple[int, OnIt]]:
         if not isinstance(model, Shape):
             continue
         frame, point = block.variables[0][1], block.variables[1][1]
-        sizes = block.variables[len(block.variables) - len(model.sizes) :]
+        sizes = block.arguments[len(block.arguments) - len(model.sizes) :]
         for f in np.unique(frame).tolist():
             rows = np.flatnonzero(frame == f)
             own = tuple((k, n[rows]) for k, n in sizes)

@@ -58,7 +58,8 @@ class Block:
     unit: Unit
     """Unit of the values."""
     variables: tuple[tuple[VariableKind, Index], ...]
-    """Kind and numbers (n,) of each variable that the model takes."""
+    """Kind and numbers (n,) of each variable, no variable twice in one observation; in the order
+    in which the model takes them."""
     observed: Array
     """Observed values (n, d)."""
     sigma: Array
@@ -86,10 +87,14 @@ class Block:
     """Whether several rows of the block may belong to one observation, one for each axis."""
     axes: Sequence[str] | None = None
     """Name of the component of each row, (n,), for single components with different names."""
+    roles: tuple[int, ...] = ()
+    """Place among ``variables`` of each argument of the model, where a variable is in several
+    roles: the point of a target that is the origin of its frame too. Empty: one role for each."""
     named: tuple[str, ...] = ()
-    """Attribute of the observations that names each variable; empty for blocks of no kind."""
+    """Attribute of the observations that names each argument of the model; empty for blocks of no
+    kind."""
     widths: dict[int, int] = field(default_factory=dict)
-    """Number of components that the model takes, by place of the variable, for kinds with
+    """Number of components that the model takes, by place of the argument, for kinds with
     different sizes."""
     composed: Callable[..., Array] | None = None
     """How readings are moved where they do not add, see `ObservationKind.moved`."""
@@ -105,6 +110,18 @@ class Block:
     def dimension(self) -> int:
         """Number of components d."""
         return int(self.observed.shape[1])
+
+    @property
+    def arguments(self) -> tuple[tuple[VariableKind, Index], ...]:
+        """Kind and numbers (n,) of each argument of the model, in the order of its roles."""
+        return tuple(self.variables[i] for i in self.roles) if self.roles else self.variables
+
+    def by_role(self) -> Block:
+        """Return the block with a variable for each role, so that one role can be given another.
+
+        A variable may then be there twice; the partials are those of its roles.
+        """
+        return replace(self, variables=self.arguments, roles=())
 
     @property
     def rows(self) -> slice:
@@ -137,7 +154,9 @@ class Block:
         return self.composed(self.observed, change, **self.constants)
 
     def evaluate(self, frame: Frame, state: State, *, jacobians: bool = True) -> Linearised:
-        """Return raw residuals (n, d) and partials.
+        """Return raw residuals (n, d) and partials (n, d, k) by each of ``variables``.
+
+        The partials by a variable in several roles are the sum of those by its roles.
 
         Raises:
             InputError: observations have degenerate geometry; the message names all of them.
@@ -153,13 +172,23 @@ class Block:
                     frame, *values, observed=self.observed, lens=self.lens, jacobians=jacobians
                 )
             assert self.model is not None
+            if self.roles:
+                values = [values[i] for i in self.roles]
             for j, width in self.widths.items():
                 values[j] = values[j][:, :width]
-            return self.model(frame, *values, observed=self.observed, **self.constants)
+            found = self.model(frame, *values, observed=self.observed, **self.constants)
+            return self._by_variable(found) if self.roles else found
         except DegenerateError as error:
             raise InputError(
                 [Problem(error.why, self.labels(int(i))) for i in error.rows]
             ) from None
+
+    def _by_variable(self, found: Linearised) -> Linearised:
+        """Return partials by variables, given those by roles."""
+        sums: dict[int, Array] = {}
+        for i, by_role in zip(self.roles, found.jacobians, strict=True):
+            sums[i] = sums[i] + by_role if i in sums else by_role
+        return Linearised(found.residual, tuple(sums[i] for i in range(len(self.variables))))
 
     def whiten(self, a: Array) -> Array:
         """Divide residuals (n, d) or partials (n, d, k) by the standard deviations."""

@@ -75,8 +75,8 @@ def linear_rows(
 ) -> tuple[list[int], Array, Array] | None:
     """Return keys, whitened partials (m, k) and whitened residuals (m,) of a factor.
 
-    A linear factor may keep its keys in another order than the factor itself. None: the factor is
-    inactive.
+    A linear factor may keep its keys in another order than the factor itself; each is returned
+    once. None: the factor is inactive.
 
     Raises:
         InputError: the values are of another type, or as `linearise_extra`.
@@ -89,7 +89,35 @@ def linear_rows(
         raise InputError(Problem(f"cannot be linearised: {error}", where)) from error
     if linear is None:
         return None
-    return list(linear.keys()), *_square_root(linear, where)
+    a, r = _square_root(linear, where)
+    return *each_once(list(linear.keys()), a, values), r
+
+
+def each_once(keys: list[int], a: Array, values: gtsam.Values) -> tuple[list[int], Array]:
+    """Return the keys of a factor, each once, and partials by them, given those by its slots.
+
+    A factor with a variable in two slots has a key twice: its partial by the variable is the sum.
+
+    Args:
+        keys: the key of each slot.
+        a: partials by the slots side by side, (m, k).
+        values: values of the variables.
+    """
+    if len(set(keys)) == len(keys):
+        return keys, a
+    ends = np.cumsum([dimension(values, key) for key in keys])
+    sums: dict[int, Array] = {}
+    for key, part in zip(keys, np.split(a, ends[:-1], axis=1), strict=True):
+        sums[key] = sums[key] + part if key in sums else part
+    return list(sums), np.hstack(list(sums.values()))
+
+
+def dimension(values: gtsam.Values, key: int) -> int:
+    """Return the dimension of a variable: six for poses, which are no vectors."""
+    try:
+        return len(values.atVector(key))
+    except RuntimeError:
+        return 6
 
 
 def variables_of(

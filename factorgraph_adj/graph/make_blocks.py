@@ -103,13 +103,15 @@ def _plain_blocks(
 ) -> Iterable[Block]:
     """Yield the block of a kind, or several blocks if its observations differ in form.
 
-    They do if unknowns of a kind differ in size, or if some have variables or components that
-    others have not.
+    They do if unknowns of a kind differ in size, if some have variables or components that others
+    have not, or if a variable is in several roles of some, and not of others.
     """
     index = [_numbers(network, unknowns, *v, group.observations) for v in kind.variables]
     unequal = [j for j, (what, _) in enumerate(kind.variables) if UNKNOWNS[what].variable_size]
     columns = [unknowns[kind.variables[j][0]].size[index[j]] for j in unequal]
     columns += [(i >= 0).astype(np.intp) for i in index]
+    first = [*_first_roles(unknowns, kind, index)]
+    columns += first
     lenses = _lenses(network, kind, group.observations)
     columns.append(np.array([lenses.index(lens) for lens in lenses], dtype=np.intp))
     form: dict[tuple[str, ...], int] = {}
@@ -118,14 +120,33 @@ def _plain_blocks(
     differ = np.stack(columns, axis=1)
     if (differ == differ[0]).all():
         widths = dict(zip(unequal, differ[0].tolist(), strict=False))
-        yield _plain_block(kind, group, index, widths, lenses[0])
+        yield _plain_block(kind, group, index, [int(f[0]) for f in first], widths, lenses[0])
         return
     for each in np.unique(differ, axis=0):
         rows = np.flatnonzero((differ == each).all(axis=1))
         widths = dict(zip(unequal, each.tolist(), strict=False))
         at = rows.tolist()
         some = Group([group.ids[i] for i in at], [group.observations[i] for i in at])
-        yield _plain_block(kind, some, [n[rows] for n in index], widths, lenses[rows[0]])
+        own = [int(f[rows[0]]) for f in first]
+        yield _plain_block(kind, some, [n[rows] for n in index], own, widths, lenses[rows[0]])
+
+
+def _first_roles(
+    unknowns: Unknowns, kind: ObservationKind, index: Sequence[Index]
+) -> Iterable[Index]:
+    """Yield the first role of each variable of a kind, (n,) each: its own place, or an earlier one.
+
+    The value by default, which stands for all variables that nobody stated, is a constant and no
+    variable in several roles.
+    """
+    for j, (what, _) in enumerate(kind.variables):
+        first = np.full(len(index[j]), j, dtype=np.intp)
+        earlier = [i for i in range(j) if kind.variables[i][0] == what]
+        if earlier:
+            stated = (index[j] >= 0) & (index[j] != unknowns[what].number.get(DEFAULT, -1))
+            for i in reversed(earlier):
+                first[stated & (index[i] == index[j])] = i
+        yield first
 
 
 def _numbers(
@@ -163,6 +184,7 @@ def _plain_block(
     kind: ObservationKind,
     group: Group,
     index: Sequence[Index],
+    first: Sequence[int],
     widths: dict[int, int],
     lens: Lens | None,
 ) -> Block:
@@ -175,22 +197,26 @@ def _plain_block(
         sigma, whitener = vector_weights(observations)
     else:
         sigma = np.array([constant_sigma(o) for o in observations]).reshape(n, 1)
+    present = [i[0] >= 0 for i in index]
+    there = [j for j, is_there in enumerate(present) if is_there]
+    own = [j for j in there if first[j] == j]
     return Block(
         kind.name,
         kind.unit,
-        tuple((what, i) for (what, _), i in zip(kind.variables, index, strict=True) if i[0] >= 0),
+        tuple((kind.variables[j][0], index[j]) for j in own),
         np.array([o.value for o in cast(Any, observations)], dtype=np.float64).reshape(n, d),
         sigma,
         group.ids,
         components,
         ObservationLabels(observations),
         whitener,
-        _model(kind, [i[0] >= 0 for i in index], components, lens),
+        _model(kind, present, components, lens),
         constants={
             c: np.array([getattr(o, c) for o in observations], dtype=float) for c in kind.constants
         },
         fixes=kind.fixes,
-        named=tuple(a for (_, a), i in zip(kind.variables, index, strict=True) if i[0] >= 0),
+        roles=tuple(own.index(first[j]) for j in there) if len(own) < len(there) else (),
+        named=tuple(kind.variables[j][1] for j in there),
         widths=widths,
         composed=kind.moved,
     )

@@ -13,7 +13,7 @@ from ..errors import InputError, Problem
 from ..types import Array
 from ..units import significant
 from .equations import Equations
-from .extra import variables_of
+from .extra import dimension, each_once, variables_of
 from .keys import KeyMap, insert, is_pose
 from .variables import State, Unknowns
 
@@ -96,7 +96,7 @@ def _whitened(
     if not isinstance(linear, gtsam.JacobianFactor) or linear.isConstrained():
         return None
     a, b = (np.array(x, dtype=float) for x in linear.jacobian())
-    return list(linear.keys()), a.reshape(len(b), -1), -b
+    return *each_once(list(linear.keys()), a.reshape(len(b), -1), values), -b
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ def _compared(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> Iterator[_
     if stated is None:
         return
     order, partials, _ = stated
-    sizes = [_dimension(values, key) for key in order]
+    sizes = [dimension(values, key) for key in order]
     if partials.shape[1] != sum(sizes):
         return
     for key, begin, size in zip(order, np.cumsum([0, *sizes]), sizes, strict=False):
@@ -142,14 +142,6 @@ def _compared(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> Iterator[_
         allowed = WRONG * element + SMALL * element.max(axis=1, keepdims=True)
         allowed += TIMES * np.abs(coarse - fine) + np.finfo(float).tiny
         yield _Partials(key, a, fine, np.abs(a - fine) / allowed)
-
-
-def _dimension(values: gtsam.Values, key: int) -> int:
-    """Return the dimension of a variable: six for poses, which are no vectors."""
-    try:
-        return len(values.atVector(key))
-    except RuntimeError:
-        return 6
 
 
 def _differences(

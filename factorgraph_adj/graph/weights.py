@@ -71,7 +71,7 @@ class _Geometry:
         block = self.block
         x = {
             (kind, attribute): self.state[kind][index]
-            for attribute, (kind, index) in zip(block.named, block.variables, strict=True)
+            for attribute, (kind, index) in zip(block.named, block.arguments, strict=True)
         }
         if ("frame", "frame") in x:
             place = x["point", observation_kind(block.kind).points[0]]

@@ -113,7 +113,7 @@ def _by_rule(network: Network, block: Block, rule: str) -> Sequence[str]:
         if "frame" not in block.named:
             return [block.kind] * block.n
         frames = list(network.frames)
-        number = block.variables[block.named.index("frame")][1]
+        number = block.arguments[block.named.index("frame")][1]
         return [f"{block.kind} in {frames[i]}" for i in number.tolist()]
     if block.kind == "image" and rule != "kind":
         photos = list(network.photos.values())

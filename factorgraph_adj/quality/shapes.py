@@ -119,11 +119,11 @@ def _seen(solution: Solution) -> dict[tuple[str, tuple[int, ...]], _Seen]:
         if not shape:
             continue
         own, on = _columns(block)
-        numbers = np.stack([block.variables[i][1] for i in own], axis=1)
+        numbers = np.stack([block.arguments[i][1] for i in own], axis=1)
         v = solution.observations.residuals[block.rows].reshape(block.observed.shape)
         for key in np.unique(numbers, axis=0).tolist():
             rows = np.flatnonzero((numbers == key).all(axis=1))
-            variables = tuple((block.variables[i][0], n) for i, n in zip(own, key, strict=True))
+            variables = tuple((block.arguments[i][0], n) for i, n in zip(own, key, strict=True))
             names = tuple(block.named[i] for i in own)
             # Without its origin, which follows from the frame.
             told = tuple(n for n, a in zip(key, names, strict=True) if "." not in a)
@@ -131,7 +131,7 @@ def _seen(solution: Solution) -> dict[tuple[str, tuple[int, ...]], _Seen]:
             if on is None:
                 seen.on |= {(block.kind, int(i)) for i in rows}
             else:
-                seen.on |= {("point", int(i)) for i in block.variables[on][1][rows]}
+                seen.on |= {("point", int(i)) for i in block.arguments[on][1][rows]}
             if block.unit == "m":
                 seen.residuals.append(v[rows])
     return found
@@ -140,7 +140,7 @@ def _seen(solution: Solution) -> dict[tuple[str, tuple[int, ...]], _Seen]:
 def _columns(block: Block) -> tuple[list[int], int | None]:
     """Return the places of frame, origin, vertical and sizes among variables, and of the point."""
     own, on = [], None
-    for i, ((kind, _), attribute) in enumerate(zip(block.variables, block.named, strict=True)):
+    for i, ((kind, _), attribute) in enumerate(zip(block.arguments, block.named, strict=True)):
         if kind == "point" and "." not in attribute:
             on = i
         elif kind not in ("pose", "calibration"):

@@ -138,7 +138,7 @@ def _seen(report: Report) -> list[_Seen]:
         ):
             continue
         index = block.variables[0][1]
-        for (kind, numbers), attribute in zip(block.variables, block.named, strict=True):
+        for (kind, numbers), attribute in zip(block.arguments, block.named, strict=True):
             if kind in ("point", "pose") and "." not in attribute:
                 for i, number in np.unique(np.stack([index, numbers], 1), axis=0).tolist():
                     places[i].add((kind, number))

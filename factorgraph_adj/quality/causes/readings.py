@@ -63,8 +63,8 @@ class Readings:
                     np.full(n * d, here),
                     number,
                     component,
-                    block.variables[at[0]][1][number],
-                    block.variables[at[1]][1][number],
+                    block.arguments[at[0]][1][number],
+                    block.arguments[at[1]][1][number],
                 )
             )
             kinds += [block.kind] * (n * d)
@@ -165,9 +165,9 @@ class Readings:
             ends = _ends(block)
             assert ends is not None
             which = ends[0 if end == "station" else 1]
-            index = block.variables[which][1]
+            index = block.arguments[which][1]
             basis = frame.basis(self.state["point"][index], np.zeros((block.n, 2)))
-            jacobian = block.evaluate(frame, self.state).jacobians[which]
+            jacobian = block.by_role().evaluate(frame, self.state).jacobians[which]
             change = np.einsum("ndi,nji->ndj", jacobian, basis.enu[:, :2])
             out[at] = change[self.number[at], self.component[at]]
         return out
@@ -186,7 +186,7 @@ class Readings:
         for block, at in self.parts():
             ends = _ends(block)
             assert ends is not None
-            part = block.select(self.number[at])
+            part = block.select(self.number[at]).by_role()
             before = self._residuals(part)
             variables = list(part.variables)
             old = variables[ends[1]][1]

@@ -27,7 +27,7 @@ def record_of(block: Block) -> ObservationKind | None:
 
 def variables_of(block: Block) -> dict[tuple[VariableKind, str], Index]:
     """Return the numbers of the variables of a block, by kind and attribute."""
-    pairs = zip(block.variables, block.named, strict=True)
+    pairs = zip(block.arguments, block.named, strict=True)
     return {(kind, attribute): numbers for (kind, numbers), attribute in pairs}
 
 
