@@ -33,33 +33,10 @@ from factorgraph_adj.types import Array
 from tests.networks import every_kind
 from tests.networks.every_kind import FRAMES, GEOMETRIES, LENSES_USED, VIEWS
 from tests.support.differences import whitened_system
+from tests.support.graphs import normal_equations
 
 ROUNDING = 1e-9
 """Relative: coordinates of 6·10⁶ m, divided by lengths of 100 m."""
-
-
-def normal_equations(built: Graph) -> tuple[Array, Array]:
-    """Return N and AᵀPv of the graph by our tangents; hard constraints left out."""
-    unknowns, keys = built.equations.unknowns, built.keys
-    state = state_of(built.equations, built.values)
-    n, g = np.zeros((unknowns.n_columns,) * 2), np.zeros(unknowns.n_columns)
-    for i in range(built.graph.size()):
-        linear = gtsam.JacobianFactor(built.graph.at(i).linearize(built.values))
-        if linear.isConstrained():
-            continue
-        a, b = linear.jacobian()
-        first = 0
-        full = np.zeros((len(b), unknowns.n_columns))
-        for key in list(linear.keys()):
-            kind, number = keys.variable(key)
-            size = int(unknowns[kind].size[number])
-            part = a[:, first : first + size]
-            part = from_gtsam(kind, part, state[kind][number])
-            full[:, unknowns.columns(kind, number)] = part
-            first += size
-        n += full.T @ full
-        g -= full.T @ b
-    return n, g
 
 
 def assert_graph_is_the_equations(equations: Equations) -> None:

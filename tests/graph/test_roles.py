@@ -30,10 +30,10 @@ from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import KINDS, ControlPoint, UnitVector
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array
-from tests.graph.test_graph import normal_equations
 from tests.networks.every_kind import OBSERVED, TURNS_AND_ARM
 from tests.support.arrivals import bare, batch, chunks, difference
 from tests.support.differences import whitened_system
+from tests.support.graphs import normal_equations
 
 MIDDLE = np.array([12.0, -35.0, 110.0])
 PLACES = MIDDLE + np.random.default_rng(36).uniform(-20.0, 20.0, (6, 3)) * [1.0, 1.0, 0.4]
