@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from .beginning import begin, replayed
 from .flow import State
 from .given import Given, listed
 from .ledger import Ledger
+from .one_at_a_time import one_at_a_time
 from .rebasing import known_network, solution_of
 from .rules import Rules
 from .verdicts import Policy, Verdict
@@ -37,6 +39,9 @@ class IncrementalAdjustment:
     Every observation is predicted from all others and tested before it counts; what is not
     determined yet waits and enters by itself; estimates and covariances are at any time within
     ``accuracy`` of a batch adjustment of the same observations, and after `settle` the same.
+
+    Several threads may use one adjustment: each call is a whole, and calls of other threads wait
+    until it has ended.
 
     Example:
         >>> import factorgraph_adj as fga
@@ -86,6 +91,7 @@ class IncrementalAdjustment:
         chosen = network.datum if datum is None else datum
         self.resumed = ""
         """What `resume` found torn at the end of its journal; empty if nothing."""
+        self._lock = RLock()
         self._rules = Rules(policy, alpha, accuracy, chosen)
         self._journal: Journal | None = None
         self._solution: tuple[State, Solution] | None = None
@@ -114,7 +120,7 @@ class IncrementalAdjustment:
             network, rules = records.start_of(header, f"{journal}:1")
             out = cls.__new__(cls)
             network.datum = rules.datum
-            out._rules = rules
+            out._rules, out._lock = rules, RLock()
             out.resumed, out._solution, out._journal = torn, None, None
             out.latest = Arrival()
             out._state = replayed(network, entries, out._rules, str(journal))
@@ -145,6 +151,7 @@ class IncrementalAdjustment:
         self._state, self.latest = state.recorded(), arrival
         return arrival
 
+    @one_at_a_time
     def add(
         self,
         observations: AnyObservation | Sequence[AnyObservation] = (),
@@ -183,6 +190,7 @@ class IncrementalAdjustment:
         new = records.entities(self._state.ledger.network, result[0].ledger.network, given)
         return self._changed("add", result, new)
 
+    @one_at_a_time
     def remove(self, ids: str | Iterable[str]) -> Arrival:
         """Take observations out, wherever they are: in the graph, waiting, suspect or rejected.
 
@@ -198,6 +206,7 @@ class IncrementalAdjustment:
         """
         return self._changed("remove", commands.remove(self._state, ids, self._rules))
 
+    @one_at_a_time
     def replace(self, id: str, observation: Observation) -> Arrival:
         """Put a new observation in the place of another, under the same id; it is tested.
 
@@ -207,6 +216,7 @@ class IncrementalAdjustment:
         result = commands.put_in_place(self._state, id, observation, self._rules)
         return self._changed("replace", result)
 
+    @one_at_a_time
     def reweight(self, ids: str | Iterable[str], factor: float) -> Arrival:
         """Multiply the weights of observations by a factor: their σ are divided by its root.
 
@@ -222,6 +232,7 @@ class IncrementalAdjustment:
         result = commands.reweight(self._state, ids, factor, self._rules)
         return self._changed("reweight", result)
 
+    @one_at_a_time
     def accept(self, ids: str | Iterable[str]) -> Arrival:
         """Put suspects, or rejected observations, in after all.
 
@@ -232,6 +243,7 @@ class IncrementalAdjustment:
         """
         return self._changed("accept", commands.accept(self._state, ids, self._rules))
 
+    @one_at_a_time
     def discard(self, ids: str | Iterable[str]) -> None:
         """Throw suspects out: they count as rejected.
 
@@ -240,6 +252,7 @@ class IncrementalAdjustment:
         """
         self._changed("discard", (commands.discard(self._state, ids), Arrival()))
 
+    @one_at_a_time
     def snoop(self, **options: Any) -> Snooping:
         """Search the whole network for gross errors, and take out what is found.
 
@@ -260,6 +273,7 @@ class IncrementalAdjustment:
             self._changed("snoop", (after, self.latest))
         return found
 
+    @one_at_a_time
     def settle(self) -> None:
         """Iterate to rest: no estimate is further than 1e-6 σ from the batch adjustment's.
 
@@ -269,30 +283,36 @@ class IncrementalAdjustment:
             self._changed("settle", commands.settle(self._state, self._rules))
 
     @property
+    @one_at_a_time
     def waiting(self) -> tuple[Waiting, ...]:
         """What waits, and what it lacks."""
         return tuple(waiting_of(self._state, self._state.ledger.having("waiting")))
 
+    @one_at_a_time
     def latest_waiting(self, most: int) -> tuple[Waiting, ...]:
         """Return what began to wait last, the latest first: ``most`` units at most."""
         last = self._state.ledger.having("waiting")[-most:]
         return tuple(waiting_of(self._state, last))[::-1][:most]
 
     @property
+    @one_at_a_time
     def n_waiting(self) -> int:
         """Number of observations that wait."""
         return self._state.ledger.count("waiting")
 
     @property
+    @one_at_a_time
     def suspects(self) -> tuple[Verdict, ...]:
         """Observations beyond the critical value that are left out until they are decided on."""
         return tuple(self._state.ledger.verdicts("suspect"))
 
     @property
+    @one_at_a_time
     def rejected(self) -> tuple[Verdict, ...]:
         """Observations that were rejected."""
         return tuple(self._state.ledger.verdicts("rejected"))
 
+    @one_at_a_time
     def network(self) -> Network:
         """Return the network as it stands: what is in the graph, to save or to adjust in batch.
 
@@ -300,6 +320,7 @@ class IncrementalAdjustment:
         """
         return known_network(self._state.ledger, self._state.system)
 
+    @one_at_a_time
     def solution(self) -> Solution:
         """Return the solution: the same as that of the batch adjustment.
 
@@ -313,6 +334,7 @@ class IncrementalAdjustment:
             self._solution = self._state, found
         return self._solution[1]
 
+    @one_at_a_time
     def reliability(self, *, alpha: float | None = None, power: float = 0.80) -> Reliability:
         """Return the reliability of every observation, linearised where everything is by now.
 
@@ -324,6 +346,7 @@ class IncrementalAdjustment:
         check_probabilities(chosen, power)
         return reliability(self.solution(), alpha=chosen, power=power)
 
+    @one_at_a_time
     def estimate(self, name: str) -> Array:
         """Return the coordinates of a point, (3,) metres.
 
@@ -334,6 +357,7 @@ class IncrementalAdjustment:
         """
         return points.estimate(self._state, name, self.solution)
 
+    @one_at_a_time
     def covariance(self, a: str, b: str | None = None) -> Array:
         """Return the covariance of a point, or between two points, (3, 3) metres²; σ0 = 1.
 
@@ -342,18 +366,22 @@ class IncrementalAdjustment:
         """
         return points.covariance(self._state, a, a if b is None else b, self.solution)
 
+    @one_at_a_time
     def standard_deviations(self, name: str) -> Array:
         """Return the standard deviations of a point, (3,) metres."""
         return np.sqrt(np.maximum(np.diag(self.covariance(name)), 0.0))
 
+    @one_at_a_time
     def pose(self, photo: str) -> PoseEstimate:
         """Return the exterior orientation of a photo, as `Solution.pose`."""
         return points.pose(self._state, photo, self.solution)
 
+    @one_at_a_time
     def calibration(self, camera: str) -> CalibrationEstimate:
         """Return the calibration of a camera, as `Solution.calibration`."""
         return self.solution().calibration(camera)
 
+    @one_at_a_time
     def observation(self, id: str) -> Observation:
         """Return an observation by its id: in the graph, waiting, suspect or rejected.
 
@@ -363,15 +391,18 @@ class IncrementalAdjustment:
         return self._state.ledger.observation(id)
 
     @property
+    @one_at_a_time
     def described(self) -> Network:
         """Everything that was described, with the observations in the graph; not to be changed."""
         return self._state.ledger.described
 
+    @one_at_a_time
     def determined(self, name: str) -> bool:
         """Return whether a point is determined."""
         return self._state.system is not None and self._state.system.known("point", name)
 
     @property
+    @one_at_a_time
     def n_observations(self) -> int:
         """Number of scalar rows in the graph, weighted unknowns among them."""
         system = self._state.system
@@ -380,6 +411,7 @@ class IncrementalAdjustment:
         return self.solution().n_observations if system.doubt else system.n_rows
 
     @property
+    @one_at_a_time
     def redundancy(self) -> int:
         """Redundancy of the network as it stands."""
         system = self._state.system
@@ -388,25 +420,30 @@ class IncrementalAdjustment:
         return self.solution().redundancy if system.doubt else system.redundancy
 
     @property
+    @one_at_a_time
     def vtpv(self) -> float:
         """VᵀPv, of the linear forms."""
         return 0.0 if self._state.system is None else self._state.system.vtpv
 
     @property
+    @one_at_a_time
     def sigma0(self) -> float:
         """Standard deviation of unit weight √(vᵀPv/r); NaN without redundancy."""
         r = self.redundancy
         return float(np.sqrt(self.vtpv / r)) if r > 0 else np.nan
 
     @property
+    @one_at_a_time
     def settled(self) -> bool:
         """Whether nothing has changed since it was at rest."""
         return self._state.settled
 
+    @one_at_a_time
     def __len__(self) -> int:
         """Return the number of observations in the graph."""
         return self._state.ledger.count("accepted")
 
+    @one_at_a_time
     def __repr__(self) -> str:
         """Say what is in the graph, and what is not."""
         return (

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..io.json_records import (
     camera_fields,
     camera_of,
@@ -43,6 +43,11 @@ from .units import Unit
 from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Verdict
 
 _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
+FIELDS = (
+    *("do", "cameras", "points", "photos", "observations", "images"),
+    *("gone", *OUTCOMES, "causes", "lacks", "found", "unweighted", "oriented"),
+)
+"""Fields of a line after the first."""
 _TOLD = ("suspect", "rejected")
 """Outcomes whose lines have the figures of verdicts."""
 
@@ -201,9 +206,14 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
     """Return the ledger after a line.
 
     Raises:
-        InputError: it names observations that no line before it has, or something is wrong with
+        InputError: it has a field that no line has, or names observations that no line before it has, or something is wrong with
             what it defines.
     """
+    if unknown := [name for name in line if name not in FIELDS]:
+        raise InputError(
+            Problem(f"unknown field {name!r}; valid: {known(FIELDS, meant=name)}", where)
+            for name in unknown
+        )
     try:
         return _after(line, ledger, where)
     except InputError as error:

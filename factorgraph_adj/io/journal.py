@@ -1,31 +1,41 @@
 """The journal: a JSON Lines file to which every transaction is appended before it counts.
 
-The first line is the header ``{"journal": 1, …}``, every further line one entry, an object. A
+The first line is the header ``{"journal": 3, …}``, every further line one entry, an object. A
 line counts as recorded when all of it is in the file. Whatever stops the process, the file
 holds whole lines and at most one torn line at its end, which is found and left out on opening.
+
+Every line ends with ``"line"``, its number from 1, and ``"chain"``, the first `DIGITS` hexadecimal
+digits of SHA-256 of the chain of the line before it (empty before the first) and of the line up to
+its own. A line that is missing, stands twice, was changed or comes from another journal breaks the
+chain, and is refused on opening. Lines that are missing at the end break nothing: the journal is
+then that of an earlier moment. While a journal is open, its file is looked at before every entry.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import re
 import sys
 import weakref
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from ..errors import InputError, Problem
 
 if sys.platform != "win32":
     import fcntl
 
-VERSION = 2
-"""Version of the format, the value of ``journal`` in the header."""
-VERSIONS = (1, 2)
-"""Versions that can be read."""
+VERSION = 3
+"""Version of the format, the value of ``journal`` in the header; no other is read."""
+DIGITS = 16
+"""Hexadecimal digits of a link of the chain."""
+_END = re.compile(rb'"line": ([0-9]{1,15}), "chain": "([0-9a-f]{%d})"\}$' % DIGITS)
+"""How every line ends."""
 _SHOWN = 60
 """Characters of a bad line that a message shows."""
 _BEGIN = b'{"journal"'
@@ -39,13 +49,16 @@ class Journal:
     longer in use.
     """
 
-    def __init__(self, path: Path, descriptor: int, *, durable: bool) -> None:
-        """Take over an open, locked file whose lines are all whole."""
+    def __init__(
+        self, path: Path, descriptor: int, *, durable: bool, last: Link | None = None
+    ) -> None:
+        """Take over an open, locked file whose lines are all whole, with the link of the last."""
         self.path = path
         """The file."""
         self.durable = durable
         """Whether an entry is on the disk, not only with the operating system, once appended."""
         self._descriptor = descriptor
+        self._last = last or BEFORE
         self._size = os.fstat(descriptor).st_size
         self._unusable = ""
         self._close = weakref.finalize(self, os.close, descriptor)
@@ -69,7 +82,7 @@ class Journal:
                 cannot stand in JSON. What was there is left as it was.
         """
         path = Path(path)
-        line = _line({"journal": VERSION, **header}, path)
+        line, link = _line({"journal": VERSION, **header}, path, BEFORE)
         existed = path.exists()
         descriptor = _open(path, os.O_CREAT)
         journal = None
@@ -80,6 +93,7 @@ class Journal:
                 raise InputError(Problem(what, str(path)))
             journal = cls(path, descriptor, durable=durable)
             journal._write(line)
+            journal._last = link
             if durable:
                 _sync_folder(path.parent)
         except BaseException as error:
@@ -115,8 +129,8 @@ class Journal:
 
         Raises:
             InputError: no such file, empty, not a journal, of another version, in use; nothing
-                but a torn header; lines before the last one that cannot be read, all of them.
-                The file is left as it was.
+                but a torn header; lines before the last one that cannot be read, and lines that
+                do not follow from those before them, all of them. The file is left as it was.
         """
         path = Path(path)
         descriptor = _open(path)
@@ -125,10 +139,10 @@ class Journal:
             _lock(descriptor, path)
             with os.fdopen(descriptor, "rb", closefd=False) as stream:
                 data = stream.read()
-            lines, torn, keep = _whole_lines(data, path)
+            lines, torn, keep, last = _whole_lines(data, path)
             if keep < len(data):
                 os.ftruncate(descriptor, keep)
-            journal = cls(path, descriptor, durable=durable)
+            journal = cls(path, descriptor, durable=durable, last=last)
             if not data[:keep].endswith(b"\n"):
                 journal._write(b"\n")
             elif keep < len(data) and durable:
@@ -147,10 +161,14 @@ class Journal:
         """Record an entry: one line, in the file when this returns.
 
         Raises:
-            InputError: the entry cannot stand in JSON, the file cannot be written, or the
-                journal is closed; nothing was recorded then.
+            InputError: the entry cannot stand in JSON, the file cannot be written, was deleted,
+                replaced or changed by somebody else, or the journal is closed; nothing was
+                recorded then.
         """
-        self._write(_line(entry, self.path))
+        line, link = _line(entry, self.path, self._last)
+        self._refuse_other_file()
+        self._write(line)
+        self._last = link
 
     def close(self) -> None:
         """Close the file, and so unlock it; closing again does nothing."""
@@ -168,6 +186,38 @@ class Journal:
     ) -> None:
         """Close the file."""
         self.close()
+
+    def _refuse_other_file(self) -> None:
+        """Refuse to go on where the file under our name is not the one that we wrote."""
+        if not self._close.alive or self._unusable:
+            return  # writing says so
+        what = ""
+        try:
+            own, named = os.fstat(self._descriptor), os.stat(self.path)
+        except FileNotFoundError:
+            what = "was deleted or renamed"
+        except OSError as error:
+            what = f"cannot be looked at any more ({error.strerror})"
+        else:
+            if not os.path.samestat(own, named):
+                what = "was replaced by another file"
+            elif own.st_size < self._size:
+                what = f"was truncated from {self._size} to {own.st_size} bytes"
+            elif own.st_size > self._size or not self._ends_as_written():
+                what = "was changed by somebody else"
+        if what:
+            what += (
+                " since the last entry; nothing was recorded. What is in memory is not in the "
+                "file: save it elsewhere (network(), `write` of the stream), and begin a new "
+                "journal with that"
+            )
+            raise InputError(Problem(what, str(self.path)))
+
+    def _ends_as_written(self) -> bool:
+        """Return whether the file ends with the link of the last line."""
+        end = self._last.end() + b"\n"
+        os.lseek(self._descriptor, self._size - len(end), os.SEEK_SET)  # appending needs no place
+        return os.read(self._descriptor, len(end)) == end
 
     def _write(self, line: bytes) -> None:
         """Append bytes, all or none of them."""
@@ -245,13 +295,78 @@ def _sync_folder(folder: Path) -> None:
 # -- lines ----------------------------------------------------------------------------------------
 
 
-def _line(entry: Mapping[str, object], path: Path) -> bytes:
-    """Return an entry as a line."""
+class Link(NamedTuple):
+    """Where a line stands in its journal."""
+
+    number: int
+    """Number of the line, from 1."""
+    chain: str
+    """What it and all lines before it come to."""
+
+    def of(self, text: bytes) -> Link:
+        """Return the link of the next line, from what stands before its end."""
+        chain = hashlib.sha256(self.chain.encode() + text).hexdigest()[:DIGITS]
+        return Link(self.number + 1, chain)
+
+    def end(self) -> bytes:
+        """Return the end of the line."""
+        return f'"line": {self.number}, "chain": "{self.chain}"}}'.encode()
+
+
+BEFORE = Link(0, "")
+"""The link before the first line."""
+
+
+def _line(entry: Mapping[str, object], path: Path, before: Link) -> tuple[bytes, Link]:
+    """Return an entry as the line after another, and its link."""
     try:
-        text = json.dumps(dict(entry), allow_nan=False, ensure_ascii=False)
-        return text.encode("utf-8") + b"\n"
+        text = json.dumps(dict(entry), allow_nan=False, ensure_ascii=False).encode("utf-8")
     except (TypeError, ValueError, RecursionError) as error:
         raise InputError(Problem(f"cannot be recorded: {error}", str(path))) from None
+    text = text[:-1] + (b", " if entry else b"")
+    link = before.of(text)
+    return text + link.end() + b"\n", link
+
+
+def _links(raw: list[bytes], found: list[dict[str, Any]], path: Path) -> Link:
+    """Return the link of the last line, and take the links out of what was found.
+
+    Raises:
+        InputError: lines that do not follow from the line before them, all of them.
+    """
+    before, problems = BEFORE, []
+    for number, (line, entry) in enumerate(zip(raw, found, strict=True), start=1):
+        end = _END.search(line)
+        own = before.of(b"" if end is None else line[: end.start()])
+        stated = Link(number, "") if end is None else Link(int(end[1]), end[2].decode())
+        if end is None:
+            what = "has no number and chain at its end: no journal was written so"
+        elif stated.number != own.number:
+            what = _out_of_turn(stated.number, before.number)
+        elif stated != own:
+            what = "was changed, or the line before it was, or comes from another journal"
+        else:
+            what = ""
+        if what:
+            problems.append(Problem(what, f"{path}:{number}"))
+        before = stated
+        entry.pop("line", None)
+        entry.pop("chain", None)
+    if problems:
+        what = (
+            "cannot be resumed: up to the line before the first of these it is whole; a copy that "
+            "ends there resumes the state of that moment"
+        )
+        raise InputError([*problems, Problem(what, str(path))])
+    return before
+
+
+def _out_of_turn(stated: int, before: int) -> str:
+    """Say what is wrong where the number of a line is not that after the line before."""
+    if stated <= before:
+        return f"is line {stated} of the journal, which stands after line {before}: it is here twice"
+    lost = f"line {before + 1}" if stated == before + 2 else f"lines {before + 1} to {stated - 1}"
+    return f"is line {stated} of the journal, after line {before}: {lost} of it is missing"
 
 
 def _refuse(constant: str) -> NoReturn:
@@ -272,11 +387,11 @@ def _shown(line: bytes) -> str:
     return repr(text[:_SHOWN]) + ("…" if len(text) > _SHOWN else "")
 
 
-def _whole_lines(data: bytes, path: Path) -> tuple[list[dict[str, Any]], str, int]:
-    """Return the objects of all whole lines, what is torn, and the bytes to keep.
+def _whole_lines(data: bytes, path: Path) -> tuple[list[dict[str, Any]], str, int, Link]:
+    """Return the objects of all whole lines, what is torn, the bytes to keep, and the last link.
 
     Raises:
-        InputError: this is not a journal, or a line before the last one is bad.
+        InputError: this is not a journal, or a line before the last one is bad, or out of turn.
     """
     if not data:
         raise InputError(Problem("is empty: nothing had been recorded", str(path)))
@@ -295,9 +410,10 @@ def _whole_lines(data: bytes, path: Path) -> tuple[list[dict[str, Any]], str, in
     if "journal" not in header:
         what = 'is not a journal: its first line lacks "journal"'
         raise InputError(Problem(what, str(path)))
-    if header["journal"] not in VERSIONS or isinstance(header["journal"], bool):
+    if header["journal"] != VERSION or isinstance(header["journal"], bool):
         what = (
-            f"is a journal of version {header['journal']!r}; valid: {', '.join(map(str, VERSIONS))}"
+            f"is a journal of version {header['journal']!r}; valid: {VERSION}. The version of the "
+            "program that wrote it can resume it, and save what is in the graph as a project"
         )
         raise InputError(Problem(what, str(path)))
     torn, keep = "", len(data)
@@ -310,4 +426,5 @@ def _whole_lines(data: bytes, path: Path) -> tuple[list[dict[str, Any]], str, in
         raise InputError(
             Problem(f"is not an object of JSON: {_shown(raw[n - 1])}", f"{path}:{n}") for n in bad
         )
-    return [entry for entry in found if entry is not None], torn, keep
+    entries = [entry for entry in found if entry is not None]
+    return entries, torn, keep, _links(raw[: len(entries)], entries, path)

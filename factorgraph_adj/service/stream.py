@@ -78,11 +78,13 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import RLock
 from time import perf_counter
 from typing import Any
 
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..incremental.adjustment import IncrementalAdjustment
+from ..incremental.one_at_a_time import one_at_a_time
 from ..io.atomic import write_files
 from ..io.context import RecordContext
 from ..io.json_records import photo_of, point_of
@@ -125,6 +127,7 @@ class Stream:
             context: units, and defaults of the project for records.
             power: power of the test for the smallest detectable errors in ``reliability``.
         """
+        self._lock = RLock()
         self.adjustment = adjustment
         described = adjustment.described
         self.frame = described.frame
@@ -134,6 +137,7 @@ class Stream:
         self.stopped = False
         """Whether the stream was asked to stop."""
 
+    @one_at_a_time
     def ready(self) -> Answer:
         """Return the first line."""
         inc, units = self.adjustment, self.context.units
@@ -154,6 +158,7 @@ class Stream:
         }
         return dict(finite(out))
 
+    @one_at_a_time
     def answer(self, line: str | bytes, number: int) -> Answer:
         """Answer a line; a faulty line raises nothing and changes nothing.
 

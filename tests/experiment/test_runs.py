@@ -28,7 +28,7 @@ from factorgraph_adj.experiment.processes import _serve as serve
 from factorgraph_adj.experiment.repetition import DIED, Outcome, Repetition, Task, repeat
 from factorgraph_adj.experiment.results import Results
 from factorgraph_adj.experiment.runs import Experiment, run
-from tests.support import trials
+from tests.support import journals, trials
 from tests.support.cluster import local_client
 from tests.support.places import ROOT
 from tests.support.processes import HANGS
@@ -382,9 +382,10 @@ def test_the_file_of_another_experiment_is_refused(tmp_path, change, message):
 
 def test_files_that_are_no_results_are_refused(tmp_path):
     out = tmp_path / "study.jsonl"
+    journals.write(out, [{"network": {}}])
     for text, message in (
         ("size,offset\n1,2\n", "is not a journal"),
-        ('{"journal": 1, "network": {}}\n', "not of an experiment's repetitions"),
+        (out.read_text(encoding="utf-8"), "not of an experiment's repetitions"),
     ):
         out.write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=message):
@@ -392,9 +393,8 @@ def test_files_that_are_no_results_are_refused(tmp_path):
         assert out.read_text(encoding="utf-8") == text
     out.unlink()
     run(NORMAL, 1, out=out)
-    header, one, two = out.read_text(encoding="utf-8").splitlines()
-    changed = json.loads(one) | {"seed": 5}
-    out.write_text("\n".join([header, json.dumps(changed), "{}", two, ""]), encoding="utf-8")
+    header, one, two = journals.read(out)
+    journals.write(out, [header, one | {"seed": 5}, {}, two])
     with pytest.raises(InputError) as raised:
         run(NORMAL, 1, out=out)
     assert [problem.where[-2:] for problem in raised.value.problems] == [":2", ":3"]

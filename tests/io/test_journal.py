@@ -542,7 +542,7 @@ def entries_of(path) -> list[dict[str, object]]:
     """Return the entries of a journal in which nothing is torn."""
     journal, header, entries, torn = Journal.open(path, durable=False)
     journal.close()
-    assert header == {"journal": 2, **HEADER}
+    assert header == {"journal": module.VERSION, **HEADER}
     assert torn == ""
     return entries
 
@@ -563,11 +563,11 @@ def test_an_entry_is_in_the_file_and_on_the_disk_before_append_returns(path, mon
     monkeypatch.setattr(module.os, "fsync", lambda d: (synced.append(d), real(d)))
     journal = Journal.open(path, durable=True)[0]
     journal.append({"do": "snoop"})
-    assert path.read_bytes().endswith(b'\n{"do": "snoop"}\n')
+    assert path.read_bytes().splitlines()[-1].startswith(b'{"do": "snoop", "line": 5, ')
     assert len(synced) == 1
     journal.durable = False
     journal.append({"do": "settle"})
-    assert path.read_bytes().endswith(b'\n{"do": "settle"}\n')
+    assert path.read_bytes().splitlines()[-1].startswith(b'{"do": "settle", "line": 6, ')
     assert len(synced) == 1
     journal.close()
 
@@ -575,12 +575,12 @@ def test_an_entry_is_in_the_file_and_on_the_disk_before_append_returns(path, mon
 def test_a_journal_torn_at_any_byte_of_its_last_line_goes_on(path):
     whole = path.read_bytes()
     begin = whole.rstrip(b"\n").rindex(b"\n") + 1
-    assert json.loads(whole[begin:]) == ENTRIES[-1]
+    assert json.loads(whole[begin:]).items() >= ENTRIES[-1].items()
     for cut in range(begin, len(whole) + 1):
         path.write_bytes(whole[:cut])
         journal, header, entries, torn = Journal.open(path, durable=False)
         kept = ENTRIES if cut >= len(whole) - 1 else ENTRIES[:-1]
-        assert header == {"journal": 2, **HEADER}
+        assert header == {"journal": module.VERSION, **HEADER}
         assert entries == kept, cut
         if begin < cut < len(whole) - 1:
             assert torn.startswith(f"{path}:4: the last line was torn and is left out: '{{"), cut
@@ -644,8 +644,8 @@ FOREIGN = {
     "bytes": (bytes(range(256)), "is not a journal: the first line is not its header {…}"),
     "JSON": (b"[1, 2]\n", "is not a journal: the first line is not its header {…}"),
     "observations": (b'{"kind": "azimuth"}\n{}\n', 'is not a journal: its first line lacks "jo'),
-    "another version": (b'{"journal": 3}\n', "is a journal of version 3; valid: 1, 2"),
-    "a version that is true": (b'{"journal": true}\n', "is a journal of version True; valid: 1, 2"),
+    "another version": (b'{"journal": 2}\n', "is a journal of version 2; valid: 3"),
+    "a version that is true": (b'{"journal": true}\n', "is a journal of version True; valid: 3"),
     "empty": (b"", "is empty: nothing had been recorded"),
 }
 
