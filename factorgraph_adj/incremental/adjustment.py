@@ -253,7 +253,7 @@ class IncrementalAdjustment:
         self._changed("discard", (commands.discard(self._state, ids), Arrival()))
 
     @one_at_a_time
-    def snoop(self, **options: Any) -> Snooping:
+    def snoop(self, /, **options: Any) -> Snooping:
         """Search the whole network for gross errors, and take out what is found.
 
         Args:

@@ -206,8 +206,8 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
     """Return the ledger after a line.
 
     Raises:
-        InputError: it has a field that no line has, or names observations that no line before it has, or something is wrong with
-            what it defines.
+        InputError: it has a field that no line has, names observations that no line before it
+            has, or something is wrong with what it defines.
     """
     if unknown := [name for name in line if name not in FIELDS]:
         raise InputError(

@@ -364,7 +364,9 @@ def _links(raw: list[bytes], found: list[dict[str, Any]], path: Path) -> Link:
 def _out_of_turn(stated: int, before: int) -> str:
     """Say what is wrong where the number of a line is not that after the line before."""
     if stated <= before:
-        return f"is line {stated} of the journal, which stands after line {before}: it is here twice"
+        return (
+            f"is line {stated} of the journal, which stands after line {before}: it is here twice"
+        )
     lost = f"line {before + 1}" if stated == before + 2 else f"lines {before + 1} to {stated - 1}"
     return f"is line {stated} of the journal, after line {before}: {lost} of it is missing"
 

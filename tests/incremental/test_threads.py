@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import json
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from threading import Event, Thread
 
 import numpy as np
@@ -57,7 +59,7 @@ def test_what_was_accepted_from_several_threads_is_there(tmp_path):
     inc.settle()
     for n in range(POINTS):
         assert inc.estimate(f"P{n}") == pytest.approx(alone.estimate(f"P{n}"), abs=1e-9)
-    del inc
+    inc = None  # which lets go of the journal
     again = IncrementalAdjustment.resume(tmp_path / "day.jsonl")
     assert len(again) == READINGS
     del again
@@ -67,7 +69,9 @@ def test_ids_that_the_adjustment_gives_are_given_once():
     inc = levels()
     with ThreadPoolExecutor(THREADS) as pool:
         arrivals = pool.map(
-            lambda n: inc.add(HeightDifference("A", f"P{n % POINTS}", 0.1 * (n % POINTS), sigma=1.0)),
+            lambda n: inc.add(
+                HeightDifference("A", f"P{n % POINTS}", 0.1 * (n % POINTS), sigma=1.0)
+            ),
             range(READINGS),
         )
         ids = [v.id for a in arrivals for v in a.verdicts]
@@ -120,10 +124,8 @@ def test_every_public_member_waits_for_the_lock():
                 for p in list(inspect.signature(function).parameters.values())[1:]
                 if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD
             ]
-            try:
+            with contextlib.suppress(fga.AdjustmentError, TypeError):
                 function(inc, *("P0" for _ in needed))
-            except (fga.AdjustmentError, TypeError):
-                pass
             done.set()
 
         holder, caller = Thread(target=hold), Thread(target=call)
