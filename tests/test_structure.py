@@ -22,7 +22,7 @@ SOURCE = ROOT / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "types", "version", "shown"),
-    ("units", "rotation", "ellipsoid", "blas", "columns"),
+    ("units", "rotation", "ellipsoid", "blas", "columns", "files"),
     ("frames", "stochastic", "atmosphere"),
     # Grid coordinates and heights of reference systems, and geoids.
     ("crs",),

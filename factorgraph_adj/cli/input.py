@@ -47,7 +47,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     reading.add_argument(
         "--allow-outside",
         action="store_true",
-        help="let project.toml name tables outside its folder",
+        help="let project.toml name tables and a geoid outside its folder",
     )
     add_grid(parser)
 
@@ -119,10 +119,10 @@ def _value(text: str) -> Any:
         return text
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         pass
     try:
         found = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return text
     return found if isinstance(found, dict) else text

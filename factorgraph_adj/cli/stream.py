@@ -112,7 +112,11 @@ def _start(options: argparse.Namespace) -> Stream:
         raise InputError(MISSING)
     project = read_input(options)
     if options.resume:
-        adjustment = IncrementalAdjustment.resume(options.journal)
+        crs = project.network.crs
+        own = [crs.geoid] if crs is not None and isinstance(crs.geoid, str) else []
+        adjustment = IncrementalAdjustment.resume(
+            options.journal, geoids=own, allow_outside=options.allow_outside
+        )
         _same(adjustment, project, options)
     else:
         adjustment = IncrementalAdjustment(

@@ -18,6 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import InputError, Problem, known
+from ..files import opened, read_bytes
 from ..types import Array
 from . import proj
 from .ntv2 import ARCSEC, SubGrid, read_ntv2
@@ -222,6 +223,8 @@ def _read(path: str, changed: int, size: int) -> Geoid:
     if end in (".csv", ".geo"):
         return PointGeoid(path, _points(Path(path)))
     if end in (".gtx", ".tif", ".tiff"):
+        with opened(Path(path)):  # PROJ opens what it is, but says less of it
+            pass
         return ProjGeoid(path, _shift(path))
     raise InputError(
         Problem(f"unknown kind of geoid file {end!r}; valid: {', '.join(SUFFIXES)}", path)
@@ -246,11 +249,9 @@ def _points(path: Path) -> dict[str, tuple[float, float, float]]:
     The separator is a comma or a semicolon, in files ``.geo`` blanks.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(Problem("is not UTF-8 text", str(path))) from None
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read: {error.strerror or error}", str(path))) from None
     problems: list[Problem] = []
     out: dict[str, tuple[float, float, float]] = {}
     order: tuple[str, ...] = COLUMNS

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, Problem
+from ..files import read_bytes
 from ..types import Array
 
 RECORD = 16
@@ -97,10 +98,7 @@ def read_ntv2(path: Path) -> tuple[SubGrid, ...]:
     Raises:
         InputError: the file cannot be read, or is no such grid.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read: {error.strerror or error}", str(path))) from None
+    data = read_bytes(path)
     try:
         grids = list(_sub_grids(data))
     except (ValueError, KeyError, IndexError, OverflowError) as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from threading import RLock
@@ -105,19 +105,32 @@ class IncrementalAdjustment:
             self._journal = Journal.create(journal, head, durable=False)
 
     @classmethod
-    def resume(cls, journal: str | Path) -> IncrementalAdjustment:
+    def resume(
+        cls,
+        journal: str | Path,
+        *,
+        geoids: Collection[str] = (),
+        allow_outside: bool = False,
+    ) -> IncrementalAdjustment:
         """Rebuild the state from a journal, and go on with it.
 
         A torn last line, of an arrival in hand when the process ended, is left out; ``resumed``
         says so. The network, what waits and why, suspects and rejected observations are as they
         were; estimates are at rest.
 
+        Args:
+            journal: the file.
+            geoids: paths of geoids that may be read although they lie outside the folder of the
+                journal, which may come from anybody.
+            allow_outside: whether the geoid may lie anywhere.
+
         Raises:
             InputError: no journal, or a damaged line before the last.
         """
         opened, header, entries, torn = Journal.open(journal, durable=False)
         try:
-            network, rules = records.start_of(header, f"{journal}:1")
+            place, folder = f"{journal}:1", Path(journal).parent
+            network, rules = records.start_of(header, place, folder, geoids, allow_outside)
             out = cls.__new__(cls)
             network.datum = rules.datum
             out._rules, out._lock = rules, RLock()

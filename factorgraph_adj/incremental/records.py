@@ -11,8 +11,9 @@ photo with the same outcome together. Reading back needs no test again.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,8 +58,17 @@ def header(network: Network, options: Mapping[str, object]) -> dict[str, Any]:
     return {"options": dict(options), "files": network_files(network)}
 
 
-def start_of(line: Mapping[str, Any], where: str) -> tuple[Network, Rules]:
+def start_of(
+    line: Mapping[str, Any], where: str, folder: Path, geoids: Collection[str], allow_outside: bool
+) -> tuple[Network, Rules]:
     """Return network and options of the first line.
+
+    Args:
+        line: the first line.
+        where: file and line.
+        folder: folder of the journal, in which a geoid may lie.
+        geoids: further paths of geoids that may be read.
+        allow_outside: whether the geoid may lie anywhere.
 
     Raises:
         InputError: the line has no network or options, or wrong ones.
@@ -70,7 +80,8 @@ def start_of(line: Mapping[str, Any], where: str) -> tuple[Network, Rules]:
     if not isinstance(options, Mapping) or set(options) != wanted:
         what = f"the options must be {', '.join(sorted(wanted))}, not {options!r:.80}"
         raise InputError(Problem(what, where))
-    return network_of(files, allow_outside=True), Rules(**options)
+    network = network_of(files, home=folder, geoids=geoids, allow_outside=allow_outside)
+    return network, Rules(**options)
 
 
 def entities(before: Network, after: Network, given: Given) -> dict[str, Any]:

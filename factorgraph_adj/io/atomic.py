@@ -45,8 +45,10 @@ def write_files(folder: str | Path, files: Mapping[str, str | bytes | None]) -> 
                 if not existed:
                     shutil.rmtree(target, ignore_errors=True)
                 raise
-    except OSError as error:
-        problem = Problem(f"cannot be written: {error.strerror}", str(error.filename or target))
+    except (OSError, ValueError) as error:  # ValueError: a path has a zero byte
+        why = getattr(error, "strerror", None) or error
+        place = getattr(error, "filename", None) or target
+        problem = Problem(f"cannot be written: {why}", str(place))
         raise InputError(problem) from None
 
 

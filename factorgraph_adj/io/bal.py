@@ -14,6 +14,7 @@ from __future__ import annotations
 import bz2
 import gzip
 import warnings
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,6 +24,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import InputError, Problem
+from ..files import opened, read_bytes, unpacked
 from ..models.image import depth
 from ..models.lens import NormalisedLens
 from ..network.network import Network
@@ -137,17 +139,14 @@ def _first(problems: list[Problem], count: int) -> list[Problem]:
 
 def _unpack(source: Path) -> bytes:
     """Return the content of the file."""
+    if source.suffix not in (".bz2", ".gz"):
+        return read_bytes(source)
     try:
-        if source.suffix == ".bz2":
-            with bz2.open(source) as unpacked:
-                return unpacked.read()
-        if source.suffix == ".gz":
-            with gzip.open(source) as unzipped:
-                return unzipped.read()
-        return source.read_bytes()
-    except FileNotFoundError:
-        raise InputError(Problem("there is no such file", str(source))) from None
-    except (OSError, EOFError) as error:
+        with opened(source) as stream:
+            gz = source.suffix == ".gz"
+            inner = gzip.GzipFile(fileobj=stream) if gz else bz2.BZ2File(stream)
+            return unpacked(inner, source.stat().st_size, str(source))
+    except (OSError, EOFError, zlib.error) as error:
         raise InputError(Problem(f"the file cannot be read: {error}", str(source))) from None
 
 

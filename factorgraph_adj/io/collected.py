@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError, Problem
+from ..files import read_bytes
 from .text import last_line, read_text
 
 T = TypeVar("T")
@@ -148,5 +149,5 @@ def _text(path: Path, latin: bool) -> str:
     except InputError:
         if not latin or not path.is_file():
             raise
-        text = path.read_bytes().decode("latin-1")
+        text = read_bytes(path).decode("latin-1")
         return text.replace("\r\n", "\n").replace("\r", "\n")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -10,6 +10,7 @@ from typing import Any, cast
 from ..crs.similarity import SevenParameters
 from ..crs.system import ReferenceSystem
 from ..errors import InputError, Problem, known
+from ..files import astray
 from ..frames import Frame, LocalFrame
 from ..network.from_grid import from_grid
 from ..network.network import Network
@@ -79,20 +80,23 @@ def _placed(p: Problem, sources: Mapping[tuple[str, str], str], network: Network
     return p if p.where else Problem(p.what, "[crs]")
 
 
-def read_grid_section(row: Row, folder: Path, *, stated: bool, allow_outside: bool) -> GridSection:
+def read_grid_section(
+    row: Row, folder: Path, *, stated: bool, allow_outside: bool, geoids: Collection[str] = ()
+) -> GridSection:
     """Read the section; problems are noted in ``row``.
 
     Args:
         row: the table [crs].
         folder: folder of the project, to which a relative path of a geoid belongs.
         stated: whether the project has the section.
-        allow_outside: whether a table of a geoid may lie outside of the folder.
+        allow_outside: whether the file of a geoid may lie outside of the folder.
+        geoids: paths of geoids that may lie outside.
     """
     if not stated:
         return GridSection()
     before = len(row.problems)
     system = row.text("system", required=True) or ""
-    geoid = _geoid(row, folder, allow_outside)
+    geoid = _geoid(row, folder, allow_outside, geoids)
     heights = row.text("heights")
     datum = row.text("datum")
     seven = _parameters(row)
@@ -113,7 +117,9 @@ def read_grid_section(row: Row, folder: Path, *, stated: bool, allow_outside: bo
     return GridSection(found, grid, axes, options)
 
 
-def _geoid(row: Row, folder: Path, allow_outside: bool) -> str | float | None:
+def _geoid(
+    row: Row, folder: Path, allow_outside: bool, geoids: Collection[str]
+) -> str | float | None:
     given = row.fields.get("geoid")
     if given is None:
         return None
@@ -122,15 +128,15 @@ def _geoid(row: Row, folder: Path, allow_outside: bool) -> str | float | None:
     text = row.text("geoid")
     if text is None:
         return None
+    if text in geoids:
+        return text
+    if why := astray(folder, text, allow_outside=allow_outside):
+        row.wrong(f"geoid = {text!r} {why}")
+        return None
     file = Path(text)
-    outside = file.is_absolute() or ".." in file.parts
-    if file.suffix.lower() in POINT_TABLES and outside and not allow_outside:
-        row.wrong(
-            f"geoid = {text!r} lies outside the folder of the project: move the table there and "
-            "give its name alone, or allow such files (--allow-outside)"
-        )
     here = folder / file
-    return str(here.absolute()) if here.is_file() else text
+    of_proj = file.name == text and file.suffix.lower() not in POINT_TABLES and not here.is_file()
+    return text if of_proj else str(here.absolute())
 
 
 def _parameters(row: Row) -> SevenParameters | None:
@@ -194,7 +200,8 @@ def grid_lines(system: ReferenceSystem | None, text: Any, folder: Path | None) -
     if isinstance(system.geoid, str):
         file = Path(system.geoid)
         own = folder is not None and file.is_absolute() and file.parent == folder.absolute()
-        yield f"geoid = {text(file.name if own else system.geoid)}"
+        there = str(file.absolute()) if file.is_file() else system.geoid
+        yield f"geoid = {text(file.name if own else there)}"
     elif system.geoid is not None:
         yield f"geoid = {float(system.geoid)!r}"
     if system.heights is not None:

@@ -26,6 +26,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, NoReturn
 
 from ..errors import InputError, Problem
+from ..files import refuse_special
 
 if sys.platform != "win32":
     import fcntl
@@ -264,9 +265,16 @@ def _explain(error: BaseException, path: Path) -> NoReturn:
 def _open(path: Path, flags: int = 0) -> int:
     try:
         flags |= os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0)
-        return os.open(path, flags, 0o666)
-    except OSError as error:
-        raise InputError(Problem(f"cannot be opened: {error.strerror}", str(path))) from None
+        descriptor = os.open(path, flags, 0o666)
+    except (OSError, ValueError) as error:  # ValueError: the path has a zero byte
+        why = getattr(error, "strerror", None) or error
+        raise InputError(Problem(f"cannot be opened: {why}", str(path))) from None
+    try:
+        refuse_special(os.fstat(descriptor), str(path))
+    except InputError:
+        os.close(descriptor)
+        raise
+    return descriptor
 
 
 def _lock(descriptor: int, path: Path) -> None:

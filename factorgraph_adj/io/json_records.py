@@ -16,7 +16,7 @@ the reader states. Every float is read back to the bit.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -31,9 +31,10 @@ from .fields import unknown_field
 from .json_observations import SI, Fields, checked, observation_fields, observation_of, plain
 from .numbers import Units
 from .parameter_tables import columns_of, read_parameter, table_of
-from .project import read_camera, read_project
+from .project import load_project, read_camera
 from .read_unknowns import PHOTO_COLUMNS, POINT_COLUMNS, UnknownsReader
 from .tables import IGNORED, Row
+from .text import parse_toml
 from .write_project import network_files, photo_record, point_record
 from .write_toml import camera_record
 
@@ -220,12 +221,20 @@ def _known(row: Row, columns: Iterable[str]) -> None:
 # -- networks -------------------------------------------------------------------------------------
 
 
-def network_of(files: Mapping[str, str], *, allow_outside: bool = False) -> Network:
+def network_of(
+    files: Mapping[str, str],
+    *,
+    home: Path | None = None,
+    geoids: Collection[str] = (),
+    allow_outside: bool = False,
+) -> Network:
     """Return the network whose project files are given; the inverse of `network_files`.
 
     Args:
         files: texts by file name, the TOML as ``project.toml``.
-        allow_outside: whether the table of a geoid may lie anywhere, as in `read_project`.
+        home: folder in which the geoid may lie: that of the file that has these texts.
+        geoids: further paths of geoids that may be read.
+        allow_outside: whether the geoid may lie anywhere.
 
     Raises:
         InputError: a name is not a plain file name, ``project.toml`` is missing, a value is not
@@ -246,7 +255,18 @@ def network_of(files: Mapping[str, str], *, allow_outside: bool = False) -> Netw
             for name, text in files.items():
                 # A lone surrogate becomes a byte that is not UTF-8, which the reader names.
                 Path(folder, name).write_bytes(text.encode("utf-8", "surrogatepass"))
-            return read_project(folder, allow_outside=allow_outside)
+            own = _geoids(files["project.toml"], home, allow_outside)
+            return load_project(folder, geoids=[*geoids, *own]).network
     except OSError as error:
         where = str(error.filename or tempfile.gettempdir())
         raise InputError(Problem(f"cannot be written: {error.strerror}", where)) from None
+
+
+def _geoids(text: str, home: Path | None, anywhere: bool) -> list[str]:
+    """Return the path of the geoid that a project states, if it may be read."""
+    section = parse_toml(text, "project.toml").get("crs")
+    stated = section.get("geoid") if isinstance(section, Mapping) else None
+    if not isinstance(stated, str) or not Path(stated).is_absolute():
+        return []
+    near = home is not None and Path(stated).resolve().is_relative_to(home.resolve())
+    return [stated] if anywhere or near else []

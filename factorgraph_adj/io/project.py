@@ -7,7 +7,7 @@ The tables have one entity or observation in each row; `factorgraph_adj.io.read_
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from functools import partial
@@ -16,6 +16,7 @@ from typing import Any, Literal, cast
 
 from ..ellipsoid import ELLIPSOIDS
 from ..errors import InputError, Problem, known, similar
+from ..files import astray
 from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ..models.lens import Lens
 from ..models.registry import LENSES
@@ -102,8 +103,8 @@ def read_project(path: str | Path, *, allow_outside: bool = False) -> Network:
 
     Args:
         path: the TOML file, or the folder that has it as ``project.toml``.
-        allow_outside: whether the project may name tables outside its folder; through symbolic
-            links it never may.
+        allow_outside: whether the project may name tables and a geoid outside its folder; through
+            symbolic links it never may.
 
     Raises:
         InputError: all problems, each with file and line or key.
@@ -112,7 +113,11 @@ def read_project(path: str | Path, *, allow_outside: bool = False) -> Network:
 
 
 def load_project(
-    path: str | Path, *, readings: bool = True, allow_outside: bool = False
+    path: str | Path,
+    *,
+    readings: bool = True,
+    allow_outside: bool = False,
+    geoids: Collection[str] = (),
 ) -> Project:
     """Read a project: its network, units and options. Raises as `read_project` does.
 
@@ -120,6 +125,7 @@ def load_project(
         path: as in `read_project`.
         readings: whether observations need observed values; a plan does not.
         allow_outside: as in `read_project`.
+        geoids: paths of geoids that may lie outside the folder.
     """
     path = Path(path)
     if path.is_dir():
@@ -134,7 +140,11 @@ def load_project(
     frame = _frame(_table(document, "frame", path.name, problems), units)
     crs = _table(document, "crs", path.name, problems)
     section = read_grid_section(
-        crs, path.parent, stated="crs" in document, allow_outside=allow_outside
+        crs,
+        path.parent,
+        stated="crs" in document,
+        allow_outside=allow_outside,
+        geoids=geoids,
     )
     if section.grid and "frame" in document and isinstance(frame, LocalFrame):
         crs.wrong("coordinates of a grid need a topocentric or geocentric [frame], or none")
@@ -451,7 +461,7 @@ def _tables(row: Row, path: Path, allow_outside: bool) -> dict[str, Table | None
         if file is None or not (stated or needed or (path.parent / file).exists()):
             continue
         out[name] = None
-        if why := _astray(path.parent, Path(file), allow_outside):
+        if why := astray(path.parent, file, allow_outside=allow_outside):
             row.wrong(f"{name} = {file!r} {why}")
         else:
             out[name] = read_table(path.parent / file, row.problems)
@@ -467,25 +477,3 @@ def _nearly_tables(folder: Path, found: Mapping[str, Table | None]) -> Iterator[
         close = get_close_matches(stem, missing, 1, NEARLY) if end in TABLE_ENDINGS else []
         if close:
             yield Problem(f"is not read: the table is named {close[0]}.csv", file)
-
-
-def _astray(folder: Path, file: Path, allow_outside: bool) -> str:
-    """Return why a table must not be read; empty if it may.
-
-    A project may come from anybody: messages about a table outside its folder would show cells of
-    any file of the reader's machine.
-    """
-    outside = file.is_absolute() or ".." in file.parts
-    there = folder
-    for part in file.parts if not outside else ():
-        there = there / part
-        if there.is_symlink():
-            return "is a symbolic link, or lies behind one: name the file itself"
-    if outside and (folder / file).is_symlink():
-        return "is a symbolic link: name the file itself"
-    if allow_outside or not outside:
-        return ""
-    return (
-        "lies outside the folder of the project, or is named as if it did: move it there and give "
-        "its name alone, or allow such files (--allow-outside)"
-    )

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..errors import InputError, Problem, known
+from ..files import named_by_user
 from ..network.network import Network
 from .bal import read_bal
 from .format_options import arguments_of, fitting, options_of, refuse_unknown
@@ -172,7 +173,8 @@ class Readers:
         refuse_unknown(given, reader.options, doing=doing, where=str(path))
         if isinstance(reader.load, NetworkAlone):
             given = fitting(reader.load.read, given, doing=doing, where=str(path))
-        return reader.load(source, readings=readings, allow_outside=allow_outside, **given)
+        with named_by_user(source, *given.values()):
+            return reader.load(source, readings=readings, allow_outside=allow_outside, **given)
 
     def reader(self, path: Path, format: str | None = None) -> Reader:
         """Return the reader of a format, or of a file. Raises as `named` and `of`."""

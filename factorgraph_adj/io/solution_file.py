@@ -21,6 +21,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from ..errors import InputError, Problem
+from ..files import read_arrays
 from ..graph.equations import Equations, compile_network
 from ..solve.datum import Defect, FreeDatum
 from ..solve.extra import Extra
@@ -37,7 +38,7 @@ FORMAT = 1
 WHAT = "factorgraph_adj solution"
 DAMAGE = (
     *(ValueError, TypeError, KeyError, AttributeError, EOFError, RecursionError, OverflowError),
-    *(NotImplementedError, BadZipFile, zlib.error, struct.error),
+    *(MemoryError, NotImplementedError, BadZipFile, zlib.error, struct.error),
 )
 """What reading a damaged archive ends in."""
 
@@ -105,20 +106,21 @@ def save_solution(solution: Solution, path: str | Path) -> None:
     write_files(file.parent, {file.name: buffer.getvalue()})
 
 
-def load_solution(path: str | Path) -> Solution:
+def load_solution(path: str | Path, *, allow_outside: bool = False) -> Solution:
     """Return the solution of a file that `save_solution` wrote.
+
+    Args:
+        path: the file.
+        allow_outside: whether the geoid of its reference system may lie outside the folder of the
+            file.
 
     Raises:
         InputError: the file cannot be read, is none of a solution, is damaged, or is of another
             version.
     """
     try:
-        with np.load(BytesIO(Path(path).read_bytes()), allow_pickle=False) as archive:
-            entries = {name: archive[name] for name in archive.files}
+        entries = read_arrays(Path(path))
         header = json.loads(entries.pop("header").tobytes().decode("utf-8"))
-    except OSError as error:
-        what = f"cannot be read: {error.strerror or error}"
-        raise InputError(Problem(what, str(path))) from None
     except DAMAGE as error:
         what = "is no file of `save_solution`, or is damaged"
         if Path(path).suffix in (".json", ".txt", ".csv"):
@@ -130,14 +132,16 @@ def load_solution(path: str | Path) -> Solution:
         what = f"is of format {header.get('format')!r}; this program reads format {FORMAT}"
         raise InputError(Problem(what, str(path)))
     try:
-        return _solution(header, entries)
+        return _solution(header, entries, Path(path).parent, allow_outside)
     except (KeyError, ValueError, TypeError, IndexError) as error:
         what = f"is damaged: {type(error).__name__}: {error}"
         raise InputError(Problem(what, str(path))) from None
 
 
-def _solution(header: dict[str, Any], entries: Mapping[str, Any]) -> Solution:
-    network = network_of(header["files"], allow_outside=True)
+def _solution(
+    header: dict[str, Any], entries: Mapping[str, Any], folder: Path, allow_outside: bool
+) -> Solution:
+    network = network_of(header["files"], home=folder, allow_outside=allow_outside)
     network.datum = "free" if "datum/motions" in entries else network.datum
     weights = entries.get("weights")
     equations = _with_sigmas(compile_network(network), entries["sigmas"], weights)

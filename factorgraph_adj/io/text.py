@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import re
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, Problem
+from ..files import MAX_KEY_PARTS, MAX_TOML_BYTES, opened, read_bytes
 
 QUOTED = 8
 """Number of characters before one of another encoding that a message quotes."""
 DECIMAL_COMMA = re.compile(r"[=,\[]\s*([+-]?\d+,\d+)\s*(?=[,}\]#]|$)")
 """A number with a decimal comma in a line that is not TOML."""
 
+
+_PART = r"(?:[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
+_LONG_KEY = re.compile(rf"(?<![\w\-\"'.]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_KEY_PARTS}}}")
+_LONG_NUMBER = re.compile(r"[0-9][0-9_]{4000}")
 
 MOST_LOOKED_AT = 65_536
 """Largest number of bytes at the beginning of a file by which its format is recognised."""
@@ -22,9 +28,9 @@ MOST_LOOKED_AT = 65_536
 def beginning(path: Path, size: int = MOST_LOOKED_AT) -> bytes:
     """Return the first bytes of a file, by which its format is recognised; b'' if unreadable."""
     try:
-        with path.open("rb") as stream:
+        with opened(path) as stream:
             return stream.read(size)
-    except OSError:
+    except (OSError, InputError):
         return b""
 
 
@@ -39,10 +45,7 @@ def read_text(path: Path, name: str = "") -> str:
     Raises:
         InputError: the file cannot be read, or is not UTF-8.
     """
-    try:
-        found = path.read_bytes()
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read: {error.strerror}", name or str(path))) from None
+    found = read_bytes(path, name)
     name = name or path.name
     try:
         text = found.decode("utf-8-sig")
@@ -87,6 +90,13 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
     Raises:
         InputError: the text is not TOML; the problem has the line.
     """
+    if len(text) > MAX_TOML_BYTES:
+        what = f"has {len(text)} characters; valid: at most {MAX_TOML_BYTES} for TOML"
+        raise InputError(Problem(what, name))
+    if found := _LONG_KEY.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        what = f"a key has more than {MAX_KEY_PARTS} parts: {found[0][:40]!r} …"
+        raise InputError(Problem(what, f"{name}:{line}"))
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -101,3 +111,8 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
         raise InputError(Problem(what, where)) from None
     except RecursionError:
         raise InputError(Problem("is nested too deeply", name)) from None
+    except ValueError:  # a whole number has thousands of digits
+        found = _LONG_NUMBER.search(text)
+        line = text.count("\n", 0, found.start() if found else 0) + 1
+        what = f"is not TOML: a number has more than {sys.get_int_max_str_digits()} digits"
+        raise InputError(Problem(what, f"{name}:{line}")) from None

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
 from ..errors import InputError, Problem
+from ..files import (
+    MAX_DEPTH,
+    MAX_ELEMENTS,
+    MAX_TAG_BYTES,
+    MIN_BYTES_OF_ELEMENT,
+    SPARE_ELEMENTS,
+    read_bytes,
+)
 
-MOST_DEPTH = 500
-"""Largest number of elements around another one; files that people use have twenty."""
+_LONG_TAG = re.compile(rb"<[A-Za-z_:][^<>]{%d}" % MAX_TAG_BYTES)
+_NOTHING: dict[str, str] = {}
+"""Attributes of the elements that have none, which are most of the elements of a large file."""
 
 
-@dataclass
+@dataclass(slots=True)
 class Element:
     """An element of an XML file."""
 
@@ -51,11 +61,7 @@ def read_xml(path: Path) -> Element:
     Raises:
         InputError: the file cannot be read, or is not well-formed (with the line).
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read: {error.strerror or error}", str(path))) from None
-    return parse_xml(content, path.name)
+    return parse_xml(read_bytes(path), path.name)
 
 
 def parse_xml(content: bytes, name: str) -> Element:
@@ -66,20 +72,22 @@ def parse_xml(content: bytes, name: str) -> Element:
         name: name of its file in messages.
 
     Raises:
-        InputError: the text is not well-formed (with the line).
+        InputError: the text is not well-formed, declares entities, or has more elements or longer
+            tags than any survey (with the line).
     """
+    _refuse_bounds(content, name)
     root: list[Element] = []
     stack: list[Element] = []
     texts: list[list[str]] = []  # joined once: entities can make millions of pieces
     parser = expat.ParserCreate(namespace_separator=" ")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        if len(stack) >= MOST_DEPTH:
-            what = f"is nested too deeply: an element has {MOST_DEPTH} others around it at most"
+        if len(stack) >= MAX_DEPTH:
+            what = f"is nested too deeply: an element has {MAX_DEPTH} others around it at most"
             raise InputError(Problem(what, f"{name}:{parser.CurrentLineNumber}"))
         element = Element(
             tag.rsplit(" ", 1)[-1],
-            {k.rsplit(" ", 1)[-1]: v.strip() for k, v in attributes.items()},
+            {k.rsplit(" ", 1)[-1]: v.strip() for k, v in attributes.items()} or _NOTHING,
             parser.CurrentLineNumber,
         )
         (stack[-1].children if stack else root).append(element)
@@ -93,6 +101,11 @@ def parse_xml(content: bytes, name: str) -> Element:
     def characters(text: str) -> None:
         texts[-1].append(text)
 
+    def entity(entity: str, *_: object) -> None:
+        what = f"declares the entity {entity!r}, which is not read: write its text where it stands"
+        raise InputError(Problem(what[:200], f"{name}:{parser.CurrentLineNumber}"))
+
+    parser.EntityDeclHandler = entity
     parser.StartElementHandler = start
     parser.EndElementHandler = end
     parser.CharacterDataHandler = characters
@@ -109,3 +122,16 @@ def parse_xml(content: bytes, name: str) -> Element:
     except (ValueError, LookupError) as error:  # the encoding is unknown or multi-byte
         raise InputError(Problem(f"is not readable XML: {error}", f"{name}:1")) from None
     return root[0]
+
+
+def _refuse_bounds(content: bytes, name: str) -> None:
+    """Refuse a text whose tree would need much more memory than the text itself."""
+    n = content.count(b"<") - content.count(b"</") + content.count(b'="') + content.count(b"='")
+    most = min(MAX_ELEMENTS, SPARE_ELEMENTS + len(content) // MIN_BYTES_OF_ELEMENT)
+    if n > most:
+        what = f"has {n} elements and attributes in {len(content)} bytes; valid: at most {most}"
+        raise InputError(Problem(what, name))
+    if found := _LONG_TAG.search(content):
+        line = content.count(b"\n", 0, found.start()) + 1
+        what = f"has a tag of more than {MAX_TAG_BYTES} bytes"
+        raise InputError(Problem(what, f"{name}:{line}"))

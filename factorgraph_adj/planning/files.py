@@ -39,6 +39,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from ..errors import InputError, Problem, known
+from ..files import inside
 from ..io.project import Project
 from ..io.tables import Row
 from ..io.text import parse_toml, read_text
@@ -93,7 +94,10 @@ def read_wishes(path: str | Path, project: Project, *, candidates: bool = True) 
         for n, c in enumerate(tables(document, "candidate", top), 1):
             drafts.add_record(c, f"{path.name}: candidate {n}")
         if table is not None:
-            drafts.add_table(path.parent / table)
+            try:
+                drafts.add_table(inside(path.parent, table, f"{path.name}: files"))
+            except InputError as error:
+                problems += error.problems
     good = tuple(t for t in targets if t is not None)
     if len(good) == len(targets):
         try:

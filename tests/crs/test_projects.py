@@ -98,7 +98,9 @@ def test_a_project_in_the_grid_adjusts_and_reports_its_grid_coordinates(tmp_path
 def test_what_is_written_reads_back_to_the_bit_and_keeps_the_system(tmp_path: Path) -> None:
     network = fga.read_project(project(tmp_path))
     fga.write_project(network, tmp_path / "again" / "project.toml")
-    again = fga.read_project(tmp_path / "again")
+    with pytest.raises(fga.InputError, match=r"project\.toml:\d+: .*allow_outside=True"):
+        fga.read_project(tmp_path / "again")
+    again = fga.read_project(tmp_path / "again", allow_outside=True)
     assert again.frame == network.frame
     assert again.points == network.points
     assert again.crs == network.crs

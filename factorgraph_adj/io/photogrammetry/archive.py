@@ -1,18 +1,14 @@
-"""Files inside ZIP archives and folders, with limits on their size."""
+"""Files inside ZIP archives, with limits on their size."""
 
 from __future__ import annotations
 
 import zipfile
 import zlib
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from ...errors import InputError, Problem
-
-MOST_BYTES = 4_000_000_000
-"""Largest size of an unpacked file, bytes: a longer one is an archive made to fill the memory."""
-MOST_GROWTH = 2_000
-"""Largest ratio of the size of an unpacked file to that in the archive; zlib reaches 1032."""
+from ...files import opened, refuse_growth, unpacked
 
 
 @dataclass(frozen=True)
@@ -33,8 +29,8 @@ class Archive:
             InputError: the file is no ZIP archive.
         """
         try:
-            with zipfile.ZipFile(self.path) as opened:
-                return opened.namelist()
+            with opened(self.path) as stream, zipfile.ZipFile(stream) as archive:
+                return archive.namelist()
         except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
             raise InputError(Problem(f"is no ZIP archive: {error}", str(self.path))) from None
 
@@ -46,11 +42,12 @@ class Archive:
         """
         where = self.where(member)
         try:
-            with zipfile.ZipFile(self.path) as opened:
-                size = opened.getinfo(member)
-                if size.file_size > min(MOST_BYTES, MOST_GROWTH * max(size.compress_size, 1)):
-                    raise InputError(Problem(f"unpacks to {size.file_size} bytes", where))
-                return opened.read(member)
+            with opened(self.path) as stream, zipfile.ZipFile(stream) as archive:
+                size = archive.getinfo(member)
+                stored = min(size.compress_size, self.path.stat().st_size)
+                refuse_growth(size.file_size, stored, where)
+                with archive.open(member) as inner:
+                    return unpacked(inner, stored, where)
         except KeyError:
             raise InputError(Problem("the archive has no such file", where)) from None
         except (
@@ -64,15 +61,3 @@ class Archive:
             zlib.error,
         ) as error:
             raise InputError(Problem(f"is damaged, cannot be unpacked: {error}", where)) from None
-
-
-def inside(folder: Path, name: str, where: str) -> Path:
-    """Return a path in a folder by a name that a file states.
-
-    Raises:
-        InputError: the name leads out of the folder.
-    """
-    pure = PurePosixPath(name.replace("\\", "/"))
-    if not name or pure.is_absolute() or ".." in pure.parts or ":" in name or "\0" in name:
-        raise InputError(Problem(f"path {name!r} must lead into the folder of the project", where))
-    return folder / pure

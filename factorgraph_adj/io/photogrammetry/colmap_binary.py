@@ -14,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...errors import InputError, Problem
+from ...files import read_bytes
 from .colmap_cameras import BY_NAME, BY_NUMBER
 from .colmap_model import (
     NO_POINT,
@@ -38,10 +39,7 @@ class _Bytes:
     """The bytes of a file, taken one after another."""
 
     def __init__(self, path: Path) -> None:
-        try:
-            self.data = path.read_bytes()
-        except OSError as error:
-            raise InputError(Problem(f"cannot be read: {error.strerror}", str(path))) from None
+        self.data = read_bytes(path)
         self.name = path.name
         self.at = 0
 

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from ...errors import InputError, Problem, known
+from ...files import opened
 from ...network.entities import Point
 from ...network.network import Network
 from ...types import Array
@@ -30,6 +31,12 @@ MARK_COLUMNS = ("photo", "point", "x", "y", "sigma")
 PRIOR_COLUMNS = ("photo", "x", "y", "z")
 _SIGMAS = tuple(f"sigma{axis}_{unit}" for axis in ("", "_x", "_y", "_z") for unit in LENGTH)
 _ARM = tuple(f"arm_{axis}_{unit}" for axis in "xyz" for unit in LENGTH)
+
+MAX_BLOB_BYTES = 500_000_000
+"""Largest size of the keypoints of one image in a database, bytes."""
+COMPUTED = """SELECT 1 FROM sqlite_master WHERE type = 'view' OR upper(sql) LIKE '%GENERATED%'
+OR upper(sql) LIKE '% VIRTUAL %' OR upper(sql) LIKE '% AS (%' OR upper(sql) LIKE '% AS(%'"""
+"""What a database of COLMAP does not have: rows that are computed, perhaps without end."""
 
 
 @dataclass(frozen=True)
@@ -156,10 +163,13 @@ def scales(path: Path, wanted: Mapping[str, int]) -> dict[str, Array]:
     """
     problems: list[Problem] = []
     out: dict[str, Array] = {}
-    if not path.is_file():
-        raise InputError(Problem("there is no such file", str(path)))
+    with opened(path):
+        pass
     try:
         with sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True) as database:
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOB_BYTES)
+            if database.execute(COMPUTED).fetchone():
+                raise InputError(Problem("has views or computed columns, not tables", str(path)))
             found = database.execute(
                 "SELECT name, rows, cols, data FROM images JOIN keypoints USING (image_id)"
             )

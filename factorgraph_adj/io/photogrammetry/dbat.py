@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError, Problem, known
+from ...files import inside
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoAngle, PhotoPosition
 from ...units import ANGLE
 from ..text import beginning, read_text
 from ..xml_tree import Element, read_xml
-from .archive import inside
 from .dbat_camera import DbatCamera, read_camera, set_estimated, set_initial
 from .reading import ImagePoints, Reading, lines_of
 

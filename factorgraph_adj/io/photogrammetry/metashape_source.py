@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import InputError, Problem, known
+from ...files import inside
 from ..xml_tree import Element, parse_xml, read_xml
-from .archive import Archive, inside
+from .archive import Archive
 
 DOCUMENT = "doc.xml"
 

@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError, Problem
+from ...files import read_bytes
 from ...models.affine_normalised import FraserNormalisedLens
 from ...models.lens import Lens, NormalisedLens
 from ...models.ray_lens import EquirectangularLens, FisheyeLens
@@ -83,10 +84,7 @@ def contents(path: Path, tag: str, known: str) -> Element:
     Raises:
         InputError: the file is no XML, or no such file of MMVII.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read: {error.strerror or error}", str(path))) from None
+    content = read_bytes(path)
     for begin in (b"<", b"</"):  # a prefix that no name space binds, in files of 2022
         content = content.replace(begin + b"Opt:", begin + OPTIONAL.encode())
     root = parse_xml(content, path.name)

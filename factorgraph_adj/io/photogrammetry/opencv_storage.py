@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, Problem
+from ...files import MAX_YAML_BYTES
 from ...types import Array
 from ..text import last_line, read_text
 from ..xml_tree import Element, parse_xml
@@ -102,11 +103,14 @@ def _yaml() -> ModuleType:
 
 def _of_yaml(text: str, name: str) -> dict[str, Value]:
     yaml = _yaml()
+    if len(text) > MAX_YAML_BYTES:
+        what = f"has {len(text)} characters; valid: at most {MAX_YAML_BYTES} for YAML"
+        raise InputError(Problem(what, name))
     lines = text.split("\n")
     if lines and lines[0].startswith("%YAML"):
         lines[0] = ""  # %YAML:1.0 is OpenCV's own spelling, which no other program reads
     try:
-        root = yaml.compose("\n".join(lines), Loader=yaml.SafeLoader)
+        root = yaml.compose("\n".join(lines), Loader=_loader(yaml))
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         at = getattr(error, "position", len(text))  # of a character that YAML does not allow
@@ -121,6 +125,8 @@ def _of_yaml(text: str, name: str) -> dict[str, Value]:
     out: dict[str, Value] = {}
     for key, node in root.value:
         where = f"{name}:{node.start_mark.line + 1}"
+        if not isinstance(key, yaml.ScalarNode):
+            raise InputError(Problem("a name must be a word, no list or table", where))
         if key.value in out:
             raise InputError(Problem(f"{key.value} is defined twice", where))
         if isinstance(node, yaml.ScalarNode):
@@ -136,6 +142,11 @@ def _of_yaml(text: str, name: str) -> dict[str, Value]:
                 what = f"matrix {key.value} has no data, such as data: [ 1., 2. ]"
                 raise InputError(Problem(what, where))
     return out
+
+
+def _loader(yaml: ModuleType) -> Any:
+    """Return the loader of YAML that is ten times as fast, where it was built."""
+    return getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def _scalar(yaml: ModuleType, node: Any) -> str:

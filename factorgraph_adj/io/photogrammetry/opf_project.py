@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
+from ...files import inside
 from ..json_tree import Node, parse_json
 from ..text import read_text
-from .archive import inside
 
 JSON = "application/opf-{}+json"
 """Format of a resource by the name of what it holds."""

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError, Problem
+from ...files import inside, read_bytes
 from ...types import Array
 from ..json_tree import Node, parse_json
 from ..text import read_text
-from .archive import inside
 
 TYPES = {5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 """Types of numbers by glTF's code."""
@@ -133,10 +133,10 @@ class _Accessors:
         count = accessor.need("count").integer()
         dtype = np.dtype(TYPES[kind])
         try:
-            content = file.read_bytes()
-        except OSError as error:
-            what = f"file {name} cannot be read: {error.strerror}"
-            raise InputError(Problem(what, buffer.where)) from None
+            content = read_bytes(file)
+        except InputError as error:
+            found = (Problem(f"file {name} {p.what}", buffer.where) for p in error.problems)
+            raise InputError(found) from None
         size = count * width * dtype.itemsize
         if begin < 0 or count < 0 or begin + size > len(content):
             what = f"{name} is cut: {size} bytes from byte {begin}, but it has {len(content)}"

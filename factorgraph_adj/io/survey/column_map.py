@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem, known
+from ...files import misnamed
 from ..numbers import Units
 from ..toml_places import read_toml
 
@@ -107,7 +108,7 @@ def column_map(given: ColumnMap | Mapping[str, Any] | str | Path) -> ColumnMap:
     out["encoding"] = given.get("encoding", "utf-8-sig")
     try:
         "".encode(out["encoding"])
-    except (LookupError, TypeError):
+    except (LookupError, TypeError, UnicodeError):
         problems.append(
             Problem(f"unknown encoding {out['encoding']!r}; valid: utf-8, cp1252 …", where)
         )
@@ -158,8 +159,7 @@ def _section(name: str, given: object, where: str, problems: list[Problem]) -> S
         if key not in columns:
             problems.append(Problem(f"{name} needs the column {key!r}", f"{where}: [{name}]"))
     file = given.get("file")
-    if file is not None and (not file or "/" in file or "\\" in file or file.startswith(".")):
-        what = f"file of {name} must be a name beside the table, not {file!r}"
-        problems.append(Problem(what, f"{where}: [{name}]"))
+    if file is not None and (why := misnamed(file)):
+        problems.append(Problem(f"file of {name}: {file!r} {why}", f"{where}: [{name}]"))
         return None
     return Section(name, file, columns)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem, known
+from ...files import inside, read_bytes
 from ...frames import LocalFrame
 from ...network.network import Network
 from ...observations import Observation
@@ -89,7 +90,13 @@ class _Reader:
     def network(self) -> Network:
         """Read all tables and return the network."""
         for section in self.map.sections:
-            file = self.path if section.file is None else self.path.with_name(section.file)
+            file = self.path
+            if section.file is not None:
+                try:
+                    file = inside(self.path.parent, section.file, f"[{section.name}]")
+                except InputError as error:
+                    self.problems += error.problems
+                    continue
             read = {
                 "points": self._point,
                 "readings": self._reading,
@@ -172,9 +179,9 @@ class _Reader:
 
     def _lines(self, file: Path) -> list[str]:
         try:
-            text = file.read_bytes().decode(self.map.encoding)
-        except OSError as error:
-            self.problems.append(Problem(f"cannot be read: {error.strerror}", str(file)))
+            text = read_bytes(file).decode(self.map.encoding)
+        except InputError as error:
+            self.problems += error.problems
             return []
         except UnicodeDecodeError as error:
             line = error.object[: error.start].count(b"\n") + 1

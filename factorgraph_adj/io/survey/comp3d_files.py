@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem
+from ...files import astray
 from ..collected import LinesOfFile, raise_all
 
 DEEPEST = 8
@@ -86,12 +87,13 @@ class Comp3dFiles:
     def beside(self, line: Line, word: str) -> Path | None:
         """Return the path of a file that a line names; note a problem where there is none."""
         name = word.removeprefix("@")
-        if not _plain(name):
-            line.wrong(f"must name a file beside this one as @file, not {word[:40]!r}")
+        parent = line.file.path.parent
+        if why := astray(parent, name):
+            line.wrong(f"must name a file beside this one as @file: {word[:40]!r} {why}")
             return None
         for folder in BESIDE:
-            found = line.file.path.parent / folder / name
-            if found.is_file():
+            found = parent / folder / name
+            if len(name) <= LONGEST and found.is_file() and not astray(parent / folder, name):
                 return found
         line.wrong(f"names the file {name[:60]!r}, which is not beside this one")
         return None
@@ -99,12 +101,6 @@ class Comp3dFiles:
     def raise_all(self) -> None:
         """Raise InputError with the problems of all files, if there are any."""
         raise_all(self.files)
-
-
-def _plain(name: str) -> bool:
-    """Return whether a name is one of a file beside another one."""
-    parts = Path(name).parts
-    return 0 < len(name) <= LONGEST and "\\" not in name and ".." not in parts and parts[0] != "/"
 
 
 @dataclass(frozen=True)
@@ -171,8 +167,10 @@ def read_project(path: Path) -> Comp3dProject:
     names = {}
     for key in ("root_COR_file", "root_OBS_file", "coord_cov_file"):
         name = config.get(key) or ""
-        if not isinstance(name, str) or not (_plain(name) or name == ""):
-            file.add(at(key), f"{key} must name a file beside this one, not {str(name)[:60]!r}")
+        why = "is no text" if not isinstance(name, str) else name and astray(path.parent, name)
+        if why:
+            what = f"{key} must name a file beside this one: {str(name)[:60]!r} {why}"
+            file.add(at(key), what)
         elif key != "coord_cov_file" and not (name and (path.parent / name).is_file()):
             file.add(at(key), f"{key} names the file {name!r}, which is not beside this one")
         names[key] = str(name)

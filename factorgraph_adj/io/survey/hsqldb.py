@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem
+from ...files import read_bytes
 from ..collected import LinesOfFile
 
 _CREATE = re.compile(r'CREATE (MEMORY |CACHED |)TABLE (?:"?\w+"?\.)?"?(\w+)"?\s*\((.*)\)\s*;?\s*$')
@@ -282,11 +283,11 @@ def _read_cached(
     lines: LinesOfFile,
 ) -> None:
     try:
-        data = path.read_bytes()
-    except OSError:
+        data = read_bytes(path)
+    except InputError as error:
         what = (
-            f"the rows of the tables stand in {path.name}, which cannot be read: copy it beside "
-            "the script"
+            f"the rows of the tables stand in {path.name}, which {error.problems[0].what}: copy it "
+            "beside the script"
         )
         lines.add(0, what)
         return

@@ -447,7 +447,7 @@ def test_archives_that_are_none_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"p\.psz/doc\.xml: the archive has no such file"):
         fga.read(path)
     (tmp_path / "q.psx").write_text('<document path="../../etc/x.zip"/>', encoding="utf-8")
-    with pytest.raises(InputError, match="must lead into the folder of the project"):
+    with pytest.raises(InputError, match="lies outside the folder of the project"):
         fga.read(tmp_path / "q.psx")
 
 

@@ -410,7 +410,7 @@ def test_mistakes_in_mapping_and_table_are_told_with_their_place(tmp_path):
         ({"encoding": "klingon"}, "unknown encoding"),
         ({"units": {"angle": "grade"}}, "unknown unit 'grade'"),
         ({"points": {"nam": "Punkt"}}, "points has no column 'nam'"),
-        ({"points": {"file": "../x.csv", "name": "P"}}, "must be a name beside the table"),
+        ({"points": {"file": "../x.csv", "name": "P"}}, "lies outside the folder of the project"),
         ({"readings": {"station": "=S", "target": "Zie"}},
          "book.csv:1: there is no column 'Zie'; columns: Ziel, .*did you mean 'Ziel'"),
         ({"decimal": "."}, "book.csv:2: direction: .* is not a number"),
