@@ -16,7 +16,16 @@ from .shrinking import lengths_of_zero
 from .singular import SingularError
 
 GROSS = 30.0
-"""Root mean square of v/σ above which gross errors have led an iteration where it is."""
+"""Root mean square of v/σ above which a state is far from the minimum: nothing that is singular
+there tells what the observations determine."""
+FITTING = 3.0
+"""Root mean square of v/σ up to which readings fit where an iteration ended. Above it gross errors
+or poor start values have led it there."""
+
+
+def is_gross(normal: NormalEquations) -> bool:
+    """Return whether residuals say that a state is far from the minimum."""
+    return normal.system.vtpv > GROSS**2 * normal.solver.equations.n_rows
 
 
 def settle_datum(run: Run, normal: NormalEquations) -> None:
@@ -119,7 +128,7 @@ def astray(run: Run, normal: NormalEquations) -> str:
     error = what_is_undetermined(run, normal)
     if error is None:
         return ""
-    if not run.may_go_astray or normal.system.vtpv <= GROSS**2 * run.equations.n_rows:
+    if not run.may_go_astray or normal.system.vtpv <= FITTING**2 * run.equations.n_rows:
         explain(run, normal)  # readings that fit do not determine it
     try:
         began = run.normal_at(run.began)

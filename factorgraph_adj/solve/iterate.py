@@ -17,11 +17,13 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..graph.variables import State
+from .acceleration import ACCELERATION, accelerated
 from .carried import carried
 from .damping import Damping
 from .determine import (
     astray,
     drifting,
+    is_gross,
     name_overflow,
     refuse_unnoticed,
     settle_datum,
@@ -35,8 +37,8 @@ from .normal import NormalEquations
 from .run import Run
 from .sides import before_the_cameras
 from .singular import SingularError
-from .step import Attempt, S, Step
-from .stopping import STOPPING, Judgement, Stop, at_rest, no_higher
+from .step import Attempt, Factorised, S, Step
+from .stopping import STOPPING, Judgement, Stop, at_rest, no_higher, not_at_rest
 
 Progress: TypeAlias = Callable[[int, float, float], None]
 """Function that is called with iteration, vᵀPv and the bound of the step relative to σ."""
@@ -140,6 +142,7 @@ def _gauss_newton(
     damping, beyond = Damping(), Extrapolation()
     stop: Stop[State] = Stop(tolerance)
     vtpv = np.inf
+    bounds: list[float] = []
     for iteration in range(1, max_iterations + 2):
         if iteration > max_iterations and not stop.expecting:
             break
@@ -163,6 +166,7 @@ def _gauss_newton(
             return Ended.at_rest(stop, iteration - 1, judged.left, before)
         if iteration > max_iterations:
             break
+        bounds.append(bound)
         stop = stop.noted(attempt, judged, before, run.state)
         moved = _movement(run, normal, beyond, attempt, judged, stop)
         run.state, vtpv = moved.state, moved.vtpv
@@ -178,7 +182,7 @@ def _gauss_newton(
         damping = damping.relaxed(judged.gain, bound)
         del normal  # or two linearisations are in memory at once
     total = earlier + max_iterations
-    reason = f"not at rest after {total} iterations: the last step was {stop.last:.2g} σ"
+    reason = not_at_rest(total, bounds, tolerance)
     return Ended(max_iterations, False, reason, vtpv)
 
 
@@ -191,19 +195,24 @@ def _descend(
     """Damp until a step is accepted; none: no damping leads to an accepted step."""
     while True:
         damped = damping.value > 0.0
-        step = step_from(run, normal, damping.value, keep=stop.expecting)
+        factor = _factorised(run, normal, damping.value, keep=stop.expecting)
+        step = None if factor is None else _step(run, normal, factor, damping.value)
         if first and not damped:
             # Datum defects leave vanishing pivots; without such a pivot no search is needed.
             suspicious = step is None or normal.smallest_pivot < ITERATION.suspicious
-            if suspicious and run.datum is None:
+            # Far from the minimum a singular N may be that of the place; the end judges it.
+            near = not is_gross(normal)
+            if suspicious and near and run.datum is None:
                 settle_datum(run, normal)
-            if run.smallest_pivot < ITERATION.poor and step is not None:
+            if run.smallest_pivot < ITERATION.poor and near and step is not None:
                 refuse_unnoticed(run, normal)
-        if step is not None:
+        if factor is not None and step is not None:
             vtpv = normal.system.vtpv
             there = stop.arrived(step.bound, damped=damped)
-            attempt = Attempt(step, run.state, vtpv) if there else _try(run, step, vtpv)
-            judged = stop.judge(attempt, normal.system.vtpv, damped=damped)
+            attempt = Attempt(step, run.state, vtpv)
+            if not there:
+                attempt = _try(run, normal, factor, step, damped=damped)
+            judged = stop.judge(attempt, vtpv, damped=damped)
             if judged.accepted:
                 return damping, (attempt, judged)
         damping = damping.harder()
@@ -221,26 +230,61 @@ def step_from(
     Damping may lead to a state at which the undamped normal equations are regular; otherwise the
     end of the iteration raises an error that names the undetermined unknowns.
     """
-    damped = normal.eased * damping
+    factor = _factorised(run, normal, damping, keep=keep)
+    return None if factor is None else _step(run, normal, factor, damping)
+
+
+def _factorised(
+    run: Run, normal: NormalEquations, damping: float, *, keep: bool
+) -> Factorised | None:
+    """Factorise N + λD; none: it is singular."""
     if damping == 0.0:
         run.smallest_pivot = 0.0
     try:
         # Damping fills the datum too, and treats all points alike.
-        factor = normal.factorise(damped if damping > 0.0 else run.constraint, keep=keep)
+        added = normal.eased * damping if damping > 0.0 else run.constraint
+        factor = normal.factorise(added, keep=keep)
     except SingularError:
         if damping > 0.0:
             return None
-        if run.equations.unknowns.n_columns <= ITERATION.explained:
+        if run.equations.unknowns.n_columns <= ITERATION.explained and not is_gross(normal):
             astray(run, normal)
         return None
     if damping == 0.0:
         run.smallest_pivot = normal.smallest_pivot
+    return factor
+
+
+def _step(run: Run, normal: NormalEquations, factor: Factorised, damping: float) -> Step:
+    """Solve for the step that belongs to a factorisation."""
+    if damping == 0.0:
         return Step.of(factor, held_gradient(normal, run.defects, run.constraint))
-    return Step.of(factor, normal.gradient, damped)
+    return Step.of(factor, normal.gradient, normal.eased * damping)
 
 
-def _try(run: Run, step: Step, before: float) -> Attempt[State]:
-    """Try a step; where vᵀPv decreases little, points follow the cameras on their own."""
+def _try(
+    run: Run, normal: NormalEquations, factor: Factorised, step: Step, *, damped: bool
+) -> Attempt[State]:
+    """Try a step; where it brings less than it promises, along its curve too.
+
+    An undamped step may bring less, as the next one is good again; damped steps stay short where
+    the valley of vᵀPv is curved.
+    """
+    before = normal.system.vtpv
+    attempt = _moved(run, step, before)
+    enough = ACCELERATION.straight if damped else ITERATION.doubtful
+    straight = attempt.vtpv <= before - enough * step.decrease
+    if straight or step.bound < ACCELERATION.short:
+        return attempt
+    movement = accelerated(run, normal, factor, step)
+    if movement is None:
+        return attempt
+    curved = _moved(run, replace(step, movement=movement), before)
+    return curved if curved.vtpv < attempt.vtpv else attempt
+
+
+def _moved(run: Run, step: Step, before: float) -> Attempt[State]:
+    """Move by a step; where vᵀPv decreases little, points follow the cameras on their own."""
     equations, layers = run.equations, run.solver.layers
     plain = equations.unknowns.retract(run.state, step.movement)
     plain = carried(equations, run.state, plain, step.movement)

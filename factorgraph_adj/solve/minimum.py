@@ -20,6 +20,7 @@ from .free_network import carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
 from .memory import refuse_too_large
 from .normal import Solver
+from .pulled_back import pulled_back
 from .run import Looked, Run
 from .shapes_anew import MOST_TRIED, look_at_shapes
 from .sides import refuse_points_behind
@@ -36,6 +37,9 @@ MOST_ITERATIONS = 100
 MOST_WEIGHINGS = 10
 """Largest number of times that weights are computed: they depend on the lengths of sights, which
 hardly change with the unknowns."""
+
+MOST_PULLED_BACK = 3
+"""Largest number of times that points are pulled back from behind cameras after an iteration."""
 
 
 def readjust(
@@ -167,7 +171,8 @@ def _minimise(
         if not iterations:
             refuse_too_large(run.solver.plan, equations, state)
         go_on = _Iteration(tolerance, max_iterations, progress)
-        ended = go_on(run, iterations)
+        run.state = pulled_back(equations, run.state, run.solver.layers.reduced)
+        ended = _ahead_of_cameras(run, go_on(run, iterations), go_on)
         if ended.converged:
             ended, found = look_both_ways(run, ended, go_on, examine)
             # With the next weights the iteration begins at a place, and finds nothing between.
@@ -187,6 +192,17 @@ def _minimise(
         )
         ended = replace(ended, converged=False, reason=reason, left=np.inf)
     return run, replace(ended, iterations=iterations, second_places=told)
+
+
+def _ahead_of_cameras(run: Run, ended: Ended, go_on: _Iteration) -> Ended:
+    """Iterate again with points pulled back that lie behind cameras at the end."""
+    for _ in range(MOST_PULLED_BACK):
+        moved = pulled_back(run.equations, run.state, run.solver.layers.reduced)
+        if moved is run.state or ended.iterations >= go_on.most:
+            break
+        run.state, run.at_solution = moved, None
+        ended = go_on(run, ended.iterations)
+    return ended
 
 
 @dataclass(frozen=True)

@@ -112,6 +112,15 @@ class Run:
         extra = self.extra.at(self.equations, state).rows
         return LinearSystem(self.equations, state, extra).gradient()
 
+    def whitened(self, state: State) -> Array:
+        """Return whitened residuals at any state, extra rows at the end, (rows,).
+
+        Raises:
+            InputError: an observation cannot be computed there.
+        """
+        extra = self.extra.at(self.equations, state).rows
+        return np.concatenate([self.equations.residuals(state), *(e.residual for e in extra)])
+
     def vtpv(self, state: State) -> float:
         """Return vᵀPv; infinite where an observation cannot be computed."""
         try:

@@ -14,6 +14,7 @@ the step from there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Generic
 
@@ -62,6 +63,11 @@ class StoppingRule:
     creeping: float = 0.03
     """Ratio of a step to the last one above which the distance from the minimum is looked at with
     second derivatives: a direction in which steps shrink slowly may hide behind the others."""
+    recent: int = 10
+    """Number of last steps whose shrinking an end without success reports."""
+    foreseeable: float = 10.0
+    """Ratio of the iterations that are still needed to those that were taken, above which the rate
+    of the last steps foretells nothing."""
     divergent: float = 0.9
     """Largest ratio of a step to the last one with which the remaining way b r/(1 − r) is
     estimated."""
@@ -99,6 +105,33 @@ def at_rest(left: float, tolerance: float, resolution: float = 0.0) -> str:
     rounded = left < resolution
     why = "the coordinates have no more digits" if rounded else "vᵀPv cannot tell any more"
     return f"at rest: {why}; no unknown is further than {left:.2g} of its σ from the minimum"
+
+
+def not_at_rest(iterations: int, bounds: Sequence[float], tolerance: float) -> str:
+    """Return the reason of an adjustment whose iterations were used up.
+
+    Args:
+        iterations: number of iterations.
+        bounds: bounds of the steps, relative to σ.
+        tolerance: the bound that was asked for.
+    """
+    last = bounds[-1] if len(bounds) else np.inf
+    reason = f"not at rest after {iterations} iterations: the last step was {last:.2g} σ"
+    n = STOPPING.recent
+    if len(bounds) <= n:
+        return reason
+    ratio = (last / bounds[-1 - n]) ** (1.0 / n)
+    if ratio < 1.0:
+        more = int(np.ceil(np.log(tolerance / last) / np.log(ratio)))
+        if more <= STOPPING.foreseeable * iterations:
+            return (
+                f"{reason}, and each of the last {n} was {ratio:.3g} times as long as the one "
+                f"before: about {max(more, 1)} more iterations are needed (max_iterations)"
+            )
+    return (
+        f"{reason}, and the last {n} steps hardly shrank ({ratio:.3g} times each): more iterations "
+        "(max_iterations) alone do not help, better approximate values may"
+    )
 
 
 @dataclass(frozen=True)

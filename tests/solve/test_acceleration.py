@@ -1,0 +1,122 @@
+"""Steps along curved valleys, points that are pulled back, and ends of creeping iterations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.solve.acceleration import accelerated
+from factorgraph_adj.solve.iterate import step_from
+from factorgraph_adj.solve.pulled_back import pulled_back
+from factorgraph_adj.solve.run import Run
+from factorgraph_adj.solve.sides import behind
+from factorgraph_adj.solve.step import Step
+from factorgraph_adj.solve.stopping import not_at_rest
+from tests.networks.poor_starts import SORTS, poor_start
+from tests.networks.small_block import small_block
+
+WEAK = "weak control, 40° and half as large"
+
+
+def run_at_start(network: fga.Network) -> Run:
+    """Return a run at the start values."""
+    equations = compile_network(network)
+    state = equations.unknowns.start()
+    return Run.at(equations, state, state, free=False)
+
+
+def test_an_accelerated_step_removes_the_second_order_part_of_the_residuals() -> None:
+    """What is left along x(t) = x + t dx + t² a in the columns of A decreases as t³, not as t²."""
+    run = run_at_start(poor_start(WEAK, 0))
+    normal = run.normal_at(run.state)
+    damped = 1e-3 * normal.eased
+    factor = normal.factorise(damped)
+    full = Step.of(factor, normal.gradient, damped)
+    left = []
+    for t in (0.02, 0.01):
+        step = replace(full, movement=t * full.movement)
+        movement = accelerated(run, normal, factor, step)
+        assert movement is not None
+        amounts = []
+        for m in (step.movement, movement):
+            moved = run.whitened(run.equations.unknowns.retract(run.state, m))
+            linear = (
+                normal.system.every_residual + normal.system.times(step.movement[:, None])[:, 0]
+            )
+            remainder = normal.system.transposed((moved - linear)[:, None])[:, 0]
+            amounts.append(float(np.sqrt(remainder @ factor.solve(remainder[:, None])[:, 0])))
+        left.append(amounts)
+    (plain, curved), (half_plain, half_curved) = left
+    assert plain / half_plain == pytest.approx(4.0, rel=0.2)
+    assert curved < 0.2 * plain and half_curved < 0.2 * half_plain
+
+
+def test_a_linear_network_has_nothing_to_accelerate() -> None:
+    network = fga.Network("levels")
+    network.add_point("A", (0, 0, 0), fixed="xyz")
+    network.add_point("B", (0, 0, 3.0), fixed="xy")
+    network.add(fga.HeightDifference("A", "B", 1.0, sigma=0.001))
+    run = run_at_start(network)
+    normal = run.normal_at(run.state)
+    step = step_from(run, normal)
+    assert step is not None
+    movement = accelerated(run, normal, normal.factorise(run.constraint), step)
+    assert movement == pytest.approx(step.movement)
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_weakly_placed_block_comes_to_rest_in_few_iterations(number: int) -> None:
+    """Without acceleration none of them does in 100."""
+    found = fga.adjust(poor_start(WEAK, number))
+    assert found.converged, found.reason
+    assert found.iterations <= 40
+
+
+def test_points_behind_their_cameras_at_the_start_are_pulled_back() -> None:
+    network = small_block()
+    solution = fga.adjust(network)
+    equations, state = solution.equations, solution.state
+    reduced = solution.solver.layers.reduced
+    moved = np.flatnonzero(reduced)
+    assert len(moved) > 1
+    points = state["point"].copy()
+    points[moved] += [0.0, 0.0, 40.0]
+    wrong = {**state, "point": points}
+    assert behind(equations, wrong).any()
+    back = pulled_back(equations, wrong, reduced)
+    assert not behind(equations, back).any()
+    others = np.setdiff1d(np.arange(len(points)), moved)
+    assert np.array_equal(back["point"][others], state["point"][others])
+    assert np.abs(back["point"][moved] - state["point"][moved]).max() < 1.0
+    assert pulled_back(equations, state, reduced) is state
+
+
+def test_nothing_undetermined_is_reported_far_from_the_minimum() -> None:
+    """The block is determined; where its start is singular, the iteration goes on."""
+    found = fga.adjust(poor_start("poses with 30° and 20 % noise", 2))
+    assert found.converged, found.reason
+    assert found.sigma0 < 1.5
+
+
+def test_the_reason_says_how_steps_shrink_and_how_many_more_are_needed() -> None:
+    bounds = [0.5 * 0.8**k for k in range(30)]
+    reason = not_at_rest(30, bounds, 1e-5)
+    needed = next(k for k in range(1000) if bounds[-1] * 0.8**k <= 1e-5)
+    assert "0.8 times as long" in reason
+    assert f"about {needed} more iterations are needed (max_iterations)" in reason
+    assert "hardly shrank" in not_at_rest(30, [0.3] * 30, 1e-5)
+    assert "hardly shrank" in not_at_rest(30, [0.3 * 1.01**k for k in range(30)], 1e-5)
+    few = not_at_rest(3, [1.0, 0.5, 0.25], 1e-5)
+    assert few == "not at rest after 3 iterations: the last step was 0.25 σ"
+
+
+@pytest.mark.parametrize("sort", [s for s in SORTS if "BAL" not in s])
+def test_a_poor_start_is_the_same_each_time(sort: str) -> None:
+    first, second = (compile_network(poor_start(sort, 1)) for _ in range(2))
+    for kind, values in first.unknowns.start().items():
+        assert np.array_equal(values, second.unknowns.start()[kind], equal_nan=True)
+    assert np.array_equal(first.sigmas(), second.sigmas())
