@@ -365,3 +365,44 @@ def test_the_citation_states_the_version_of_the_project() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {project['version']}\n" in citation
+
+
+def broken_tables(text: str) -> list[str]:
+    """Return what is wrong with the tables of a page: no header, another number of cells, text."""
+    out, table, fenced = [], list[tuple[int, str]](), False
+    for number, line in enumerate([*text.splitlines(), ""], start=1):
+        fenced ^= line.lstrip().startswith(("```", "~~~"))
+        if not fenced and line.startswith("|"):
+            table.append((number, line))
+            continue
+        if table:
+            if line:
+                out.append(f"{number}: text stands directly below a table")
+            cells = [len(re.findall(r"(?<!\\)\|", row)) for _, row in table]
+            if len(table) < 2 or not re.fullmatch(r"\|( *:?-+:? *\|)+", table[1][1].strip()):
+                out.append(f"{table[0][0]}: the table has no header")
+            wrong = (n for (n, _), c in zip(table, cells, strict=True) if c != cells[0])
+            out += [f"{n}: the row has another number of cells than the header" for n in wrong]
+        table = []
+    return out
+
+
+def test_no_table_of_a_page_is_broken() -> None:
+    broken = {name: broken_tables(p.read_text(encoding="utf-8")) for name, p in PAGES.items()}
+    assert not {name: found for name, found in broken.items() if found}
+
+
+@pytest.mark.parametrize(
+    ("broken", "what"),
+    [
+        (
+            "| a | b |\n| - | - |\n| 1 | 2 |\n\nA sentence.\n| 3 | 4 |\n",
+            "6: the table has no header",
+        ),
+        ("| a | b |\n| - | - |\n| 1 | 2 |\nA sentence.\n", "4: text stands directly below a table"),
+        ("| a | b |\n| - | - |\n| 1 | 2 | 3 |\n", "3: the row has another number of cells"),
+    ],
+)
+def test_a_broken_table_is_found(broken: str, what: str) -> None:
+    (found,) = broken_tables(broken)
+    assert found.startswith(what)

@@ -72,8 +72,8 @@ class Reliability(Shown):
     """External reliability δ̄: ∇ changes a function of the unknowns by at most δ̄ times the standard
     deviation of that function."""
     largest_effect: Array
-    """Largest effect of ∇ on a coordinate of the observation's own points, metres; NaN for an
-    observation without unknown points."""
+    """Largest shift of one of the observation's own points by ∇, metres: the length of the vector,
+    which does not depend on the axes; NaN for an observation without unknown points."""
     estimated_errors: Array
     """Estimated error observed − true = −(Pv)_i / (P Q_vv P)_ii if only this observation is
     wrong; NaN for an uncontrolled observation."""

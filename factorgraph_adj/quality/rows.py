@@ -76,23 +76,23 @@ def weighted(equations: Equations, whitened: Array) -> Array:
 
 
 def largest_shift(equations: Equations, found: Leverages) -> Array:
-    """Return max |Q_p AᵀP e_i| over the coordinates of the observation's own points, (n_rows,).
+    """Return max |Q_p AᵀP e_i| over the observation's own points p, lengths in space, (n_rows,).
 
     The unit is metres per unit of the observation; NaN for an observation without unknown points.
     """
     out = np.full(equations.n_rows, np.nan)
     for block, part in zip(equations.blocks, found.blocks, strict=True):
         if part.own.shape[1]:
-            size = np.abs(part.own).max(axis=1)
-            if block.whitener is not None:
-                size = np.abs(part.own @ block.whitener).max(axis=1)
-            else:
+            own = part.own if block.whitener is None else part.own @ block.whitener
+            by_point = own.reshape(block.n, -1, 3, block.dimension)
+            size = np.linalg.norm(by_point, axis=2).max(axis=1)
+            if block.whitener is None:
                 size = size / block.sigma
             moving = _has_point(equations, block)
             out[block.rows] = np.where(moving[:, None], size, np.nan).ravel()
     offset = equations.unknowns["point"].offset
     for c, joint in zip(equations.clusters, found.clusters, strict=True):
-        shift = np.abs(joint.own @ c.whitener)
+        shift = joint.own @ c.whitener
         for j, row in enumerate(c.rows.tolist()):
             place = place_of(equations, row)
             first = np.array(
@@ -102,9 +102,8 @@ def largest_shift(equations: Equations, found: Leverages) -> Array:
                     if kind == "point"
                 ]
             )
-            first = first[first >= 0]
-            own = np.isin(joint.columns, (first[:, None] + np.arange(3)).ravel())
-            out[row] = shift[own, j].max() if own.any() else np.nan
+            owns = (np.isin(joint.columns, p + np.arange(3)) for p in first[first >= 0].tolist())
+            out[row] = max((float(np.linalg.norm(shift[own, j])) for own in owns), default=np.nan)
     return out
 
 

@@ -143,7 +143,7 @@ def weakest(report: Report) -> list[str]:
     header, rows = without_empty(header, rows)
     left = len(header) - 3 - (header[-1].startswith("effect"))
     out = title(
-        "Weakest observations (∇: smallest detectable error; effect on coordinates of their points)"
+        "Weakest observations (∇: smallest detectable error; effect: shift of their points)"
     )
     out += table(header, rows, left=left)
     return [*out, "", *points] if points else out

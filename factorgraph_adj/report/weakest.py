@@ -22,7 +22,7 @@ class WeakPoint:
     name: str
     """Name of the point."""
     effect: float
-    """Largest effect of a smallest detectable error on a coordinate of the point, metres."""
+    """Largest shift of the point by a smallest detectable error, metres: length of the vector."""
     row: int
     """Scalar row of the observation with this error."""
 
@@ -75,13 +75,13 @@ def weakest_points(rel: Reliability, most: int) -> list[WeakPoint]:
         left = bound[rows[0]] * (1.0 + 1e-9)
         if sum(size >= left for size, _ in best.values()) >= most:
             break
-        moved = np.abs(shifts(solution, rows) * rel.mdb[rows])
+        moved = shifts(solution, rows) * rel.mdb[rows]
         for j, row in enumerate(rows.tolist()):
             place = place_of(solution.equations, row)
             for kind, index in place.block.variables:
                 point = int(index[place.observation])
                 if kind == "point" and offset[point] >= 0:
-                    size = float(moved[offset[point] : offset[point] + 3, j].max())
+                    size = float(np.linalg.norm(moved[offset[point] : offset[point] + 3, j]))
                     if size > best.get(point, (0.0, 0))[0]:
                         best[point] = size, row
     ranked = sorted(best.items(), key=lambda item: -item[1][0])[:most]

@@ -198,13 +198,13 @@ def test_the_weakest_points_are_those_of_all_effects_of_all_observations(name):
     for i in rows.tolist():
         effects = rel.effect_on(i, sorted(touched[i]))
         for e in effects:
-            worst[e.name] = max(worst.get(e.name, 0.0), float(np.abs(e.values).max()))
+            worst[e.name] = max(worst.get(e.name, 0.0), float(np.linalg.norm(e.values)))
     expected = sorted((e for e in worst.values() if e > 0), reverse=True)[:5]
     found = weakest_points(rel, 5)
     np.testing.assert_allclose([p.effect for p in found], expected, rtol=1e-6)
     for p in found:
         moved = rel.effect_on(p.row, p.name)
-        assert np.abs(moved).max() == pytest.approx(p.effect, rel=1e-6)
+        assert np.linalg.norm(moved) == pytest.approx(p.effect, rel=1e-6)
 
 
 def test_every_point_counts_its_observations():
