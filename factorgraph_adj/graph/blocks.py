@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..frames import Frame
-from ..models.base import DegenerateError, Linearised
+from ..models.base import DegenerateError, Linearised, NoDirectionError
 from ..models.image import image
 from ..models.lens import Lens
 from ..models.variables import VariableKind
@@ -161,27 +161,45 @@ class Block:
         Raises:
             InputError: observations have degenerate geometry; the message names all of them.
         """
-        values = [state[kind][index] for kind, index in self.variables]
         try:
-            if self.lens is not None:
-                k = len(self.lens.names)
-                if len(state["calibration"]) == 1:  # one camera: no copy for each row
-                    values[1] = state["calibration"]
-                values[1] = values[1][:, :k]
-                return image(
-                    frame, *values, observed=self.observed, lens=self.lens, jacobians=jacobians
-                )
-            assert self.model is not None
-            if self.roles:
-                values = [values[i] for i in self.roles]
-            for j, width in self.widths.items():
-                values[j] = values[j][:, :width]
-            found = self.model(frame, *values, observed=self.observed, **self.constants)
-            return self._by_variable(found) if self.roles else found
+            return self._linearised(frame, state, jacobians=jacobians)
         except DegenerateError as error:
             raise InputError(
                 [Problem(error.why, self.labels(int(i))) for i in error.rows]
             ) from None
+
+    def without_direction(self, frame: Frame, state: State) -> Index:
+        """Return the rows that have a value and no partials, (k,): offsets from a line, on it."""
+        try:
+            self._linearised(frame, state)
+        except NoDirectionError as error:
+            return error.rows
+        except DegenerateError:  # has no value either, and is told where it is evaluated
+            pass
+        return np.zeros(0, dtype=np.intp)
+
+    def _linearised(self, frame: Frame, state: State, *, jacobians: bool = True) -> Linearised:
+        """Return residuals and partials.
+
+        Raises:
+            DegenerateError: rows have degenerate geometry.
+        """
+        values = [state[kind][index] for kind, index in self.variables]
+        if self.lens is not None:
+            k = len(self.lens.names)
+            if len(state["calibration"]) == 1:  # one camera: no copy for each row
+                values[1] = state["calibration"]
+            values[1] = values[1][:, :k]
+            return image(
+                frame, *values, observed=self.observed, lens=self.lens, jacobians=jacobians
+            )
+        assert self.model is not None
+        if self.roles:
+            values = [values[i] for i in self.roles]
+        for j, width in self.widths.items():
+            values[j] = values[j][:, :width]
+        found = self.model(frame, *values, observed=self.observed, **self.constants)
+        return self._by_variable(found) if self.roles else found
 
     def _by_variable(self, found: Linearised) -> Linearised:
         """Return partials by variables, given those by roles."""

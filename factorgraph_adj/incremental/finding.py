@@ -30,6 +30,7 @@ from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
 from ..quality.snooping import snoop
 from ..solve.anywhere import anywhere
+from ..solve.aside import beside_lines
 from ..solve.linear import LinearSystem
 from ..solve.minimum import adjust_from
 from ..solve.rank import UNDETERMINED, loose
@@ -267,6 +268,7 @@ class Search:
         self.lacks |= {v: _why(problems, v) for v in lost}
         if lost:
             return lost
+        state = beside_lines(equations, state)
         system = LinearSystem(equations.weighted_at(state), state)
         found = loose(system, state, free=self.datum == "free", least=LIMITS.share)
         for v, why in found.items():

@@ -10,6 +10,7 @@ import numpy as np
 from ..graph.equations import Equations
 from ..models.variables import VariableKind
 from ..observations import ImagePoint
+from ..solve.aside import beside_lines
 from ..solve.linear import LinearSystem
 from ..types import NO_ROWS, Array, Index
 from .units import Unit
@@ -59,7 +60,7 @@ class Forms:
         Raises:
             InputError: names observations whose geometry has no answer.
         """
-        state = equations.unknowns.start()
+        state = beside_lines(equations, equations.unknowns.start())
         system = LinearSystem(equations.weighted_at(state), state)
         unknowns = equations.unknowns
         a = np.zeros((len(system.residual), 0))

@@ -28,10 +28,14 @@ class DegenerateError(AdjustmentError):
         super().__init__(why)
 
 
-def require(valid: Mask, why: str) -> None:
-    """Raise DegenerateError for the rows that are not ``valid``; NaN counts as not valid."""
+class NoDirectionError(DegenerateError):
+    """Rows of a model have a value but no partials: a distance from a line, on the line itself."""
+
+
+def require(valid: Mask, why: str, error: type[DegenerateError] = DegenerateError) -> None:
+    """Raise ``error`` for the rows that are not ``valid``; NaN counts as not valid."""
     if not np.all(valid):
-        raise DegenerateError(np.flatnonzero(~valid), why)
+        raise error(np.flatnonzero(~valid), why)
 
 
 def wrap(angle: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..frames import Frame
 from ..types import Array
-from .base import Linearised, require
+from .base import Linearised, NoDirectionError, require
 from .directions import MOUNT, of_those_there, split_mount
 from .height import heights
 from .sight import Sights, sight
@@ -61,7 +61,7 @@ def plumb_offset(
     """
     there = in_frame(frame, stored, point, origin, vertical)
     rho = np.hypot(there.q[:, 0], there.q[:, 1])
-    require(rho > _SHORTEST, NO_OFFSET)
+    require(rho > _SHORTEST, NO_OFFSET, NoDirectionError)
     away = there.q * np.array([1.0, 1.0, 0.0]) / rho[:, None]
     return _of_q(there, rho - observed[:, 0], away, origin, vertical)
 
@@ -80,7 +80,7 @@ def line_offset(
     t = (np.sum(away * line, axis=1) / square)[:, None]
     normal = away - t * line
     offset = np.linalg.norm(normal, axis=1)
-    require(offset > _SHORTEST, NO_OFFSET)
+    require(offset > _SHORTEST, NO_OFFSET, NoDirectionError)
     e = normal / offset[:, None]
     partials = tuple(j[:, None, :] for j in (e, -(1.0 - t) * e, -t * e))
     return Linearised(offset[:, None] - observed, partials)
@@ -151,7 +151,7 @@ def sight_offset(
     along = np.sum(line * s.q, axis=1)
     normal = s.q - along[:, None] * line
     offset = np.linalg.norm(normal, axis=1)
-    require(offset > _SHORTEST, NO_OFFSET)
+    require(offset > _SHORTEST, NO_OFFSET, NoDirectionError)
     away = normal / offset[:, None]
     return _sighted(s, offset - observed[:, 0], away, -along * np.sum(away * turned, axis=1))
 

@@ -32,11 +32,12 @@ _INCLINED = (("frame", "frame"), ("point", "point"), ("vertical", "point"), _MOU
 
 RECORDS = (
     ObservationKind(PlaneOffset, _IN_FRAME, offsets.plane_offset),
-    ObservationKind(PlumbOffset, _IN_FRAME, offsets.plumb_offset),
+    ObservationKind(PlumbOffset, _IN_FRAME, offsets.plumb_offset, one_sided=True),
     ObservationKind(
         LineOffset,
         (("point", "point"), ("point", "start"), ("point", "end")),
         offsets.line_offset,
+        one_sided=True,
     ),
     ObservationKind(
         SightPlaneOffset,
@@ -50,6 +51,7 @@ RECORDS = (
         _SIGHT,
         offsets.sight_offset,
         ("horizontal", "zenith", *_HEIGHTS),
+        one_sided=True,
         instrument="station",
     ),
     ObservationKind(

@@ -94,6 +94,9 @@ class ObservationKind:
     turns: bool = False
     """Whether its two values are counted along two axes of its first frame, and turn about the
     third with the object while the frame is held about it, as the distances from a line do."""
+    one_sided: bool = False
+    """Whether its value is a distance from a line, the same on every side: it has no partials on
+    the line itself, where a start is moved aside."""
     instrument: str = ""
     """Attribute that tells where its instrument was set up: over a point, or in the zero of a
     frame of its own; empty if it needs no such setup, as a tape or a level."""

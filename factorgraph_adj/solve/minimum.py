@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from ..errors import AdjustmentError
 from ..graph.equations import Equations
 from ..network.network import DatumChoice
 from ..types import Array
+from .aside import LIGHT, MOST_BESIDE, beside_lines, rows_on_lines
 from .both_ways import MOST_THERE, look_both_ways
 from .datum import FreeDatum
 from .determine import refuse_unnoticed
@@ -99,6 +102,7 @@ def adjust_from(
     by which an incremental adjustment knows what to let wait. ``looked`` are shapes that an
     adjustment before has fitted anew in vain, which is not repeated where nothing has changed.
     """
+    start = _beside_lines(equations, start, free=free, weights=weights, extra=extra)
     run, ended = _minimise(
         equations,
         start,
@@ -142,6 +146,38 @@ def adjust_from(
         looked=run.looked,
         linearised=run.at_solution,
     )
+
+
+def _beside_lines(
+    equations: Equations, start: Start, *, free: bool, weights: Array | None, extra: Extra
+) -> Start:
+    """Return the start, off the lines from which offsets were measured.
+
+    These offsets say nothing of the direction; all other observations are to say it, as far as
+    they can. An adjustment in which the offsets have next to no weight therefore comes first.
+    """
+    rows = rows_on_lines(equations, start.state)
+    if not rows.any():
+        return start
+    start = replace(start, state=beside_lines(equations, start.state))
+    factors = np.where(rows, LIGHT, 1.0) * (1.0 if weights is None else weights)
+    with suppress(AdjustmentError):  # they are needed for more than the direction
+        run, ended = _minimise(
+            equations,
+            start,
+            free=free,
+            weights=factors,
+            tolerance=TOLERANCE,
+            max_iterations=MOST_BESIDE,
+            extra=extra,
+            progress=None,
+            solver=None,
+            astray=False,
+            looked={},
+        )
+        if np.isfinite(ended.vtpv):
+            start = replace(start, state=beside_lines(equations, run.state))
+    return start
 
 
 def _minimise(
