@@ -7,7 +7,6 @@ import inspect
 import json
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from threading import Event, Thread
 
 import numpy as np
