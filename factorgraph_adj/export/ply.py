@@ -31,6 +31,7 @@ COLOURS = {
     "check": (213, 94, 0),
     "station": (204, 121, 167),
     "new": (200, 200, 200),
+    "side_shot": (240, 228, 66),
 }
 """Colours of points by what they are."""
 PHOTO = (0, 114, 178)

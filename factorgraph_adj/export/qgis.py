@@ -92,6 +92,7 @@ STYLES: dict[str, Style] = {
             Rule("known", "\"status\" IN ('known', 'datum')", _marker("triangle", BLUE, 2.8)),
             Rule("check point", "\"status\" = 'check'", _marker("diamond", VERMILLION, 2.8)),
             Rule("station", "\"status\" = 'station'", _marker("circle", BLACK, 2.6, filled=False)),
+            Rule("side shot", "\"status\" = 'side_shot'", _marker("cross", BLACK, 2.0)),
             Rule("new point", "\"status\" = 'new'", _marker("circle", BLACK, 1.4)),
             Rule("stable", "\"status\" = 'stable'", _marker("triangle", BLUE, 2.8)),
             Rule(

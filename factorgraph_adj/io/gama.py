@@ -32,6 +32,9 @@ from .xml_tree import Element
 
 MM = LENGTH["mm"]
 DEFAULT_SIGMA_APR = 10.0
+HALF_A_CIRCLE_WITHIN = 0.05
+"""Difference from π, radians, of two readings of one target that are two faces: far above any
+collimation error, far below the angle between two targets of a set that a wrong name confuses."""
 _DMS = re.compile(r"^[+-]?\d+-\d+-")
 _SIGHTS: dict[str, type[Direction | Azimuth | ZenithAngle | SlopeDistance]] = {
     "direction": Direction,
@@ -67,7 +70,9 @@ def read_gama(path: str | Path) -> Network:
       coordinates by more than this tolerance; here every observation takes part.
     - Angles in degrees (41-28-15.8) have standard deviations and covariances in arc seconds,
       those in gon in cc. ``angular`` concerns the output of Gama only.
-    - A zenith angle of more than 200 gon is a reading in the second face.
+    - A zenith angle of more than 200 gon is a reading in the second face. So is the direction to
+      the same target, where the set has it half a circle from one in the first face; Gama takes
+      such a set for gross errors.
     - A point may appear several times if repeated statements agree.
 
     Args:
@@ -101,6 +106,8 @@ class _Reader:
         self.sigma_apr = DEFAULT_SIGMA_APR
         self.sense = 1.0
         self.sets: dict[str, int] = {}
+        self.reverse: set[int] = set()
+        """Identities of the directions that were read in the second face."""
 
     def read(self) -> Network:
         """Return the network; problems are noted in ``source``."""
@@ -162,6 +169,7 @@ class _Reader:
             self.sets[station] = self.sets.get(station, 0) + 1
             number = str(self.sets[station])
         self.source.number(group, "orientation", default=0.0)
+        self._find_reverse(group)
         height = self.source.number(group, "from_dh", default=0.0)
         setup = _Setup(station, height, number, section)
         out = []
@@ -173,6 +181,36 @@ class _Reader:
             elif element.tag in _SIGHTS:
                 out.append(self._sight(element, setup))
         return out
+
+    def _find_reverse(self, group: Element) -> None:
+        """Note the directions of a set that were read in the second face.
+
+        A set has one orientation: a target read twice, half a circle apart, with one zenith angle
+        beyond 200 gon, was read in both faces. The n-th direction to a target belongs to the n-th
+        zenith angle to it.
+        """
+        of_target: dict[tuple[str, str], list[tuple[Element, float]]] = {}
+        before = len(self.source.problems)
+        for element in group.children:
+            if element.tag in ("direction", "z-angle"):
+                key = element.tag, element.attributes.get("to", "")
+                angle = self._angular(element)[0]
+                of_target.setdefault(key, []).append((element, angle))
+        # What is no angle is noted where it is read.
+        del self.source.problems[before:]
+        for (tag, target), directions in of_target.items():
+            zeniths = of_target.get(("z-angle", target), [])
+            if tag != "direction" or len(zeniths) != len(directions):
+                continue
+            faces = [2 if z > math.pi else 1 for _, z in zeniths]
+            for (element, value), face in zip(directions, faces, strict=True):
+                apart = [
+                    abs(abs(math.remainder(value - v, 2 * math.pi)) - math.pi)
+                    for (_, v), f in zip(directions, faces, strict=True)
+                    if f == 1
+                ]
+                if face == 2 and min(apart, default=math.inf) < HALF_A_CIRCLE_WITHIN:
+                    self.reverse.add(id(element))
 
     # -- single observations ----------------------------------------------------------------------
 
@@ -186,6 +224,7 @@ class _Reader:
         else:
             value, unit = self._angular(element)
             value *= 1.0 if element.tag == "z-angle" else self.sense
+            value += math.pi if id(element) in self.reverse else 0.0
             if element.tag == "z-angle" and value > math.pi:
                 value = 2 * math.pi - value
             default = self.source.positive(setup.defaults, DEFAULT_STDEV[element.tag])

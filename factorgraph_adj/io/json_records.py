@@ -61,8 +61,9 @@ _TEXTS = frozenset({"name", "camera", "fixed"})
 
 def point_fields(point: Point) -> Fields:
     """Return the record of a point, metres."""
-    out = plain(point_record(point, SI) | {"datum": ""}, _TEXTS)
-    return out | ({"datum": True} if point.datum else {})
+    flags = {"datum": point.datum, "side_shot": point.side_shot}
+    out = plain(point_record(point, SI) | dict.fromkeys(flags, ""), _TEXTS)
+    return out | {name: True for name, flag in flags.items() if flag}
 
 
 def point_of(

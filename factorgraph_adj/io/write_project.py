@@ -164,6 +164,7 @@ def point_record(point: Point, units: Units) -> dict[str, str]:
     out = {"name": point.name, **_filled("xyz", point.coordinates, units.length)}
     out["fixed"] = point.held
     out["datum"] = "yes" if point.datum else ""
+    out["side_shot"] = "yes" if point.side_shot else ""
     out |= _sigmas(point.sigma, "xyz", units.sigma_length)
     if point.check is not None:
         out |= _filled(CHECK, point.check, units.length)

@@ -67,6 +67,7 @@ def _add_point(network: Network, point: Point) -> None:
         sigma=point.sigma,
         datum=point.datum,
         check=point.check,
+        side_shot=point.side_shot,
     )
 
 

@@ -38,6 +38,7 @@ def checked_point(
     sigma: float | Sequence[float] | None,
     datum: bool,
     check: Sequence[float] | None,
+    side_shot: bool = False,
 ) -> Point:
     """Return a point; arguments and errors are those of `Network.add_point`."""
     where = f"point {name!r}"
@@ -57,6 +58,7 @@ def checked_point(
         weights,  # type: ignore[arg-type]
         datum,
         None if check is None else triple(check, "check coordinates", where),
+        side_shot,
     )
 
 

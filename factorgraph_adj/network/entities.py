@@ -36,6 +36,8 @@ class Point:
     """Whether the point carries the datum of a free network."""
     check: tuple[float, float, float] | None = None
     """Reference coordinates of a check point, metres, for comparison only; NaN where unknown."""
+    side_shot: bool = False
+    """Whether one sight without a check gives the point, which then bears on no other."""
 
     @property
     def held(self) -> str:

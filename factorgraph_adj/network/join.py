@@ -186,6 +186,8 @@ def _points(
             None if np.isinf(sigma).all() else (sigma[0], sigma[1], sigma[2]),
             any(p.datum for p, _, _ in own),
             next(iter(checks), None),
+            # What another network determines as well is no side shot of the whole.
+            all(p.side_shot for p, _, _ in own) and len(own) == 1,
         )
     return out
 

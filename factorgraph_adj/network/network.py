@@ -107,6 +107,7 @@ class Network(StatedUnknowns, Shown):
         sigma: float | Sequence[float] | None = None,
         datum: bool = False,
         check: Sequence[float] | None = None,
+        side_shot: bool = False,
     ) -> None:
         """Add an object point.
 
@@ -120,13 +121,20 @@ class Network(StatedUnknowns, Shown):
             datum: whether the point carries the datum of a free network. If no point does, all
                 points carry the datum.
             check: coordinates for comparison only, metres.
+            side_shot: whether one sight without a check gives the point; results list it apart.
 
         Raises:
             InputError: duplicate name, bad numbers, a held or weighted component without value.
         """
         refuse_duplicate(name, self.points, "point")
         self.points[name] = checked_point(
-            name, coordinates, fixed=fixed, sigma=sigma, datum=datum, check=check
+            name,
+            coordinates,
+            fixed=fixed,
+            sigma=sigma,
+            datum=datum,
+            check=check,
+            side_shot=side_shot,
         )
         self.point_number[name] = len(self.point_number)
 

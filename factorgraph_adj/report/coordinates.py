@@ -14,35 +14,52 @@ from .precision import ellipse_columns
 
 def points(report: Report) -> list[str]:
     """Return adjusted coordinates with their standard deviations, RMS and weakest point."""
-    solution, units, given = report.solution, report.units, report.network.points
+    given = {n: p for n, p in report.network.points.items() if not p.side_shot}
     names = [n for n in given if report.free("point", n)]
     if not names:
         return []
     sigmas = {n: [s / report.small for s in report.sigmas[n]] for n in names}
-    places, digits = digits_of_points(report)
+    places, _ = digits_of_points(report)
     axes = [i for i in range(3) if not all(given[n].fixed[i] for n in names)]
-    shown, note = report.cut(list(given), "points", "points.csv")
-    figures, cells, meaning = ellipse_columns(report, places)
-    rows = []
-    for name in shown:
-        xyz, fixed = solution.point(name).tolist(), given[name].fixed
-        place = [decimal(xyz[i] / report.metre, digits) for i in axes]
-        sigma = ["held" if fixed[i] else f"{sigmas[name][i]:.{places}f}" for i in axes]
-        rows.append([name, *place, *sigma, *cells.get(name, [""] * len(figures))])
-    header = ["point", *(f"{'xyz'[i]} [{units.length}]" for i in axes)]
-    header += [f"σ{'xyz'[i]} [{units.sigma_length}]" for i in axes]
-    out = [*title("Adjusted coordinates"), *table([*header, *figures], rows), *note]
-    if meaning:
-        out.append(meaning)
+    out = [*title("Adjusted coordinates"), *_coordinates(report, list(given), axes)]
     if len(names) > 1:
         free = {i: [sigmas[n][i] for n in names if not given[n].fixed[i]] for i in axes}
         mean = ", ".join(f"σ{'xyz'[i]} {rms(each):.{places}f}" for i, each in free.items())
         worst = max(names, key=lambda n: sum(s * s for s in sigmas[n]))
         out.append(
-            f"  root mean square {mean} {units.sigma_length}; weakest point {worst}: "
-            f"{sqrt(sum(s * s for s in sigmas[worst])):.{places}f} {units.sigma_length}"
+            f"  root mean square {mean} {report.units.sigma_length}; weakest point {worst}: "
+            f"{sqrt(sum(s * s for s in sigmas[worst])):.{places}f} {report.units.sigma_length}"
         )
     return out
+
+
+def side_shots(report: Report) -> list[str]:
+    """Return the side shots: points that follow from the adjusted ones, and bear on none."""
+    given = report.network.points
+    names = [n for n, p in given.items() if p.side_shot and report.free("point", n)]
+    if not names:
+        return []
+    axes = [i for i in range(3) if not all(given[n].fixed[i] for n in names)]
+    heading = title("Side shots: computed from the adjusted points; nothing checks them")
+    return [*heading, *_coordinates(report, names, axes)]
+
+
+def _coordinates(report: Report, names: list[str], axes: list[int]) -> list[str]:
+    """Return the table of the coordinates of some points, with their standard deviations."""
+    solution, units, given = report.solution, report.units, report.network.points
+    places, digits = digits_of_points(report)
+    shown, note = report.cut(names, "points", "points.csv")
+    figures, cells, meaning = ellipse_columns(report, places)
+    rows = []
+    for name in shown:
+        xyz, fixed = solution.point(name).tolist(), given[name].fixed
+        place = [decimal(xyz[i] / report.metre, digits) for i in axes]
+        sigmas = [s / report.small for s in report.sigmas[name]]
+        sigma = ["held" if fixed[i] else f"{sigmas[i]:.{places}f}" for i in axes]
+        rows.append([name, *place, *sigma, *cells.get(name, [""] * len(figures))])
+    header = ["point", *(f"{'xyz'[i]} [{units.length}]" for i in axes)]
+    header += [f"σ{'xyz'[i]} [{units.sigma_length}]" for i in axes]
+    return [*table([*header, *figures], rows), *note, *([meaning] if meaning else [])]
 
 
 def digits_of_points(report: Report) -> tuple[int, int]:

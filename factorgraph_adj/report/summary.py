@@ -271,6 +271,7 @@ def _unknown_values(report: Report) -> dict[str, Any]:
                 **_geographic(report, i),
                 **_ellipse(report, name),
                 **grid_record(report, i),
+                **({"side_shot": True} if network.points[name].side_shot else {}),
             }
             for i, (name, xyz) in enumerate(
                 zip(network.points, s.state["point"].tolist(), strict=True)

@@ -120,6 +120,8 @@ def _points_table(report: Report) -> str:
     columns |= geographic_columns(report)
     columns |= grid_columns(report)
     columns |= point_columns(report)
+    if any(p.side_shot for p in given.values()):
+        columns["side_shot"] = ["yes" if p.side_shot else "" for p in given.values()]
     none = (nan, nan, nan)
     check = np.array([p.check or none for p in given.values()], dtype=float).reshape(-1, 3)
     for i, a in enumerate("xyz"):

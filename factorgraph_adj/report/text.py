@@ -14,7 +14,7 @@ from ..version import __version__
 from .adjusted import observations, weighted_coordinates
 from .causes import causes, exchanges_untested, given, likeliest
 from .context import Report
-from .coordinates import check_points, photos, points
+from .coordinates import check_points, photos, points, side_shots
 from .epochs.text import render_congruence
 from .frames import frames
 from .geographic import geographic
@@ -59,6 +59,7 @@ def render(report: Report) -> str:
     """Return the protocol of a report."""
     precise = (
         points,
+        side_shots,
         geographic,
         grid,
         weighted_coordinates,
@@ -98,6 +99,7 @@ def _overview(report: Report) -> list[str]:
         "held": sum(all(p.fixed) for p in given),
         "held in part": sum(any(p.fixed) and not all(p.fixed) for p in given),
         "weighted": weighted,
+        "side shots": sum(p.side_shot for p in given),
         "with check coordinates": sum(p.check is not None for p in given),
     }
     parts = ", ".join(f"{n} {what}" for what, n in counts.items() if n)

@@ -398,3 +398,28 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
     (problem,) = problems(tmp_path / "none.gkf")
     assert "none.gkf" in problem
     assert "cannot be read" in problem
+
+
+def test_a_target_in_both_faces_of_a_set_has_its_direction_folded(tmp_path):
+    """Half a circle apart, with a zenith angle beyond 200 gon; others keep what the file has."""
+    rows = [("A", 10.0, 99.0), ("B", 120.0, 98.0), ("A", 210.002, 301.001), ("C", 320.0, 302.0)]
+    sights = "".join(
+        f'<direction to="{n}" val="{t}" stdev="10"/><z-angle to="{n}" val="{z}" stdev="10"/>\n'
+        for n, t, z in rows
+    )
+    points = "".join(
+        f'<point id="{n}" x="{x}" y="{y}" z="5" fix="xyz"/>\n'
+        for n, x, y in (("A", 10, 0), ("B", 0, 90), ("C", 70, 70))
+    )
+    path = tmp_path / "faces.gkf"
+    path.write_text(
+        '<?xml version="1.0"?><gama-local xmlns="http://www.gnu.org/software/gama/gama-local">'
+        '<network axes-xy="en"><points-observations>'
+        f'{points}<point id="S" x="1" y="2" z="5" adj="xyz"/><obs from="S">{sights}</obs>'
+        "</points-observations></network></gama-local>"
+    )
+    network = read_gama(path)
+    read = [o for o in network.observations.values() if o.kind == "direction"]
+    assert [round(o.value * 200 / np.pi % 400, 6) for o in read] == [10, 120, 10.002, 320]
+    zeniths = [o for o in network.observations.values() if o.kind == "zenith_angle"]
+    assert [round(o.value * 200 / np.pi, 6) for o in zeniths] == [99, 98, 98.999, 98]

@@ -30,9 +30,10 @@ from ..text import read_text
 from .notes import Notes
 from .star_net_gps import StarNetVectors
 from .star_net_grid import grid_system, horizons, lines_of, moved, to_grid
-from .star_net_lines import Sigma, Values, inline
+from .star_net_lines import ANGLED, PLAIN, Sigma, Values, inline
 from .star_net_options import CHOICES, StarNetOptions, star_net_options
 from .star_net_points import StarNetPoints
+from .star_net_side_shots import SideShot, placed_side_shots
 from .star_net_traverse import StarNetTraverse
 
 NOT_BUILT = {
@@ -41,22 +42,6 @@ NOT_BUILT = {
     "GH": "geoid heights and deflections: use geoid=",
 }
 """Data types of STAR*NET that the reader refuses, and why."""
-PLAIN = {
-    "A": ("angle",),
-    "D": ("distance",),
-    "V": ("vertical",),
-    "DV": ("distance", "vertical"),
-    "B": ("bearing",),
-    "M": ("angle", "distance", "vertical"),
-    "SS": ("angle", "distance", "vertical"),
-    "BM": ("bearing", "distance", "vertical"),
-    "DN": ("direction",),
-    "DM": ("direction", "distance", "vertical"),
-    "T": ("angle", "distance", "vertical"),
-}
-"""Observations of the data types, in their order on a line."""
-ANGLED = ("A", "M", "SS")
-"""Data types whose stations are at, from and to."""
 ON_EARTH = ("CH", "EH", "P", "PH", "G0", "G1", "G2", "G3")
 """Data types that need the reference system of a project in a grid."""
 CODES = ("C", "E", *PLAIN, "L", "DB", "DE", "TB", "TE", *ON_EARTH)
@@ -87,7 +72,8 @@ def read_star_net(
     reader demands each one that a line uses, and names the first line. Standard errors combine as
     in STAR*NET: distance = constant + ppm, with centring √(σ² + ci² + ct²). Curvature and
     refraction of STAR*NET, (1 − 2·0.07) D²/2R, are a held group of refraction κ = 2·0.07 − 1.
-    Side shots take part in the adjustment; without redundancy they change nothing. A 2D project
+    Every side shot (SS) is a point of its own, which bears on no other (`Point.side_shot`). A
+    direction with a zenith angle beyond 180° was read in reverse, 180° from face 1. A 2D project
     holds z = 0, LEV holds x and y. Data of a 3D line in a 2D project is reduced to the horizontal.
 
     With the reference system of a project in a grid, CH, EH, P, PH and GPS vectors (G0 to G3) are
@@ -148,6 +134,7 @@ class _Reader:
         self.points = StarNetPoints(self.values)
         self.vectors = StarNetVectors(self.notes)
         self.observations: list[Observation] = []
+        self.side_shots: list[SideShot] = []
         self.refractions: dict[str, float] = {}
         self.reading = True
         self.set_at: tuple[str, str] | None = None
@@ -202,7 +189,9 @@ class _Reader:
         else:
             count = 3 if code in ANGLED else 2
             names = self._names(line, code, rest, count)
-            if names:
+            if names and code == "SS":
+                self._side_shot(line, names, rest[1:])
+            elif names:
                 self._observe(line, code, names, rest[1:])
 
     def _names(self, line: int, code: str, words: list[str], count: int) -> list[str]:
@@ -310,15 +299,34 @@ class _Reader:
         given = {k: (v, s) for k, v, s in zip(kinds, words[:n], errors, strict=True)}
         ends = [names[0], names[-1]]
         self.points.use(line, *names)
+        reverse = self._in_reverse(line, given)
         for kind, (text, error) in given.items():
             if text == "?":
                 continue
             if kind in ("angle", "direction", "bearing"):
-                self._horizontal(line, kind, names, text, error, azimuth)
+                self._horizontal(line, kind, names, text, error, azimuth, reverse)
             elif kind == "distance":
                 self._distance(line, ends, given, flat or project == "2D", heights)
             elif project != "2D":
                 self._vertical(line, ends, given, heights)
+
+    def _side_shot(self, line: int, names: list[str], words: list[str]) -> None:
+        """Keep the observations of an SS line, and its target, apart from those of the network."""
+        stated, before = names[-1] in self.points.points, len(self.observations)
+        self._observe(line, "SS", names, words)
+        made = tuple(self.observations[before:])
+        del self.observations[before:]
+        if not stated:
+            self.points.points.pop(names[-1], None)
+        if made:
+            self.side_shots.append(SideShot(line, names[-1], made))
+
+    def _in_reverse(self, line: int, given: dict[str, tuple[str, str | None]]) -> bool:
+        """Return whether the zenith angle of a line tells that its circles were read in face 2."""
+        text = given.get("vertical", ("?", None))[0]
+        if text == "?" or self._mode(line) == "horizontal":
+            return False
+        return self.values.angle(line, text, "zenith angle") > math.pi
 
     def _horizontal(
         self,
@@ -328,7 +336,12 @@ class _Reader:
         text: str,
         error: str | None,
         azimuth: float | None,
+        reverse: bool,
     ) -> None:
+        """Observe an angle, direction or bearing; in reverse a direction is turned by 180°.
+
+        An angle is the difference of two readings in one face, and the same in both.
+        """
         turn = 2 * math.pi
         if kind == "bearing":
             value = self.values.bearing(line, text, kind)
@@ -337,6 +350,7 @@ class _Reader:
         value, sigma = self.values.angle(line, text, kind), self.values.sigma(line, error, kind)
         if kind == "direction":
             number = self.set_at[1] if self.set_at else "1"
+            value += math.pi if reverse else 0.0
             self._add(line, Direction, names, value % turn, sigma, set=number)
         elif len(names) == 2:
             self._add(line, Azimuth, names, (value + (azimuth or 0.0)) % turn, sigma)
@@ -430,6 +444,8 @@ class _Reader:
         if not self.points.points and not self.notes:
             self.notes.add(1, "holds neither points nor observations")
         adjustment = self.values.options.adjustment or "3D"
+        others = self.observations
+        self.observations = others + placed_side_shots(self.side_shots, self.points, others)
         self.vectors.check()
         if self.system is not None and not self.notes:
             to_grid(self.points, self.system, self.notes)

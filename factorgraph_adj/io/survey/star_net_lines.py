@@ -17,6 +17,22 @@ HELD_ANGLE, HELD_LENGTH = 0.01 * ARCSEC, 1e-5
 """σ of an observation that is fixed by ``!``: 0.01″ and 0.01 mm."""
 FREE = 1e4
 """Factor of the default σ of an observation that is free by ``*``: it has no influence."""
+PLAIN = {
+    "A": ("angle",),
+    "D": ("distance",),
+    "V": ("vertical",),
+    "DV": ("distance", "vertical"),
+    "B": ("bearing",),
+    "M": ("angle", "distance", "vertical"),
+    "SS": ("angle", "distance", "vertical"),
+    "BM": ("bearing", "distance", "vertical"),
+    "DN": ("direction",),
+    "DM": ("direction", "distance", "vertical"),
+    "T": ("angle", "distance", "vertical"),
+}
+"""Observations of the data types, in their order on a line."""
+ANGLED = ("A", "M", "SS")
+"""Data types whose stations are at, from and to."""
 DMS = re.compile(r"([+-]?)(\d+)-(\d+)(?:-(\d+(?:\.\d*)?))?", re.ASCII)
 BEARING = re.compile(r"([NSns])(.+)([EWew])", re.ASCII)
 Sigma = float | StandardDeviation

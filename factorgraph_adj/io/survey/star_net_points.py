@@ -24,6 +24,8 @@ class StarNetPoint:
     """Whether the height is above the ellipsoid."""
     geodetic: tuple[float, float] | None = None
     """Latitude and longitude, radians; None: not stated."""
+    side_shot: bool = False
+    """Whether an SS line gives the point."""
 
 
 class StarNetPoints:
@@ -122,7 +124,13 @@ class StarNetPoints:
             fixed = "".join(a for a, s in zip("xyz", sigmas, strict=True) if s == 0.0)
             weights = [s if s > 0 else math.inf for s in sigmas]
             weighted = any(math.isfinite(s) for s in weights)
-            network.add_point(name, values, fixed=fixed, sigma=weights if weighted else None)
+            network.add_point(
+                name,
+                values,
+                fixed=fixed,
+                sigma=weights if weighted else None,
+                side_shot=p.side_shot,
+            )
 
     def anything_held(self, adjustment: str) -> bool:
         """Return whether a component is fixed or weighted beside those that a project holds."""

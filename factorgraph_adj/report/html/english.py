@@ -155,6 +155,7 @@ TEXTS: dict[str, str] = {
     "state.datum": "datum point",
     "state.station": "station",
     "state.new": "new",
+    "state.side_shot": "side shot, without a check",
     # Tables.
     "groups.caption": "Observations by kind, with their redundancy",
     "components.caption": "Estimated factors of the standard deviations",

@@ -155,6 +155,7 @@ TEXTS: dict[str, str] = {
     "state.datum": "Datumspunkt",
     "state.station": "Standpunkt",
     "state.new": "neu",
+    "state.side_shot": "polar angehängt, ohne Kontrolle",
     "groups.caption": "Beobachtungen nach Art, mit ihrer Redundanz",
     "components.caption": "Geschätzte Faktoren der Standardabweichungen",
     "components.note": "{n} Ausgleichungen, {ended}.",

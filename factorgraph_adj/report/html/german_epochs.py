@@ -15,7 +15,7 @@ EPOCHS: dict[str, str] = {
     "verdict.epochs.amber.one": "1 Punkt hat sich bewegt",
     "verdict.epochs.amber.many": "{n} Punkte haben sich bewegt",
     "verdict.epochs.red": "zweifelhafter Vergleich",
-    "light.tested": "Was geprüft wurde",
+    "light.tested": "Geprüft",
     "light.tested.reference": "Gemeinsam auf ihre Form: {n} Referenzpunkte ({names}); gemeinsame "
     "Punkte sind Referenzpunkte, sofern sie nicht als Objekte genannt sind.",
     "light.tested.reference.none": "Keine Referenzpunkte: Das Datum der Ausgleichungen ist der "

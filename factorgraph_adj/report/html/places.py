@@ -19,15 +19,17 @@ from ..weakest import point_redundancy
 from .language import Texts
 from .sheets import NONE, Column, Head, Sheet, columns_of, sheet
 
-STATES = ("held", "part", "known", "check", "datum", "station", "new")
-"""Keys of what a point may be; the first that fits is shown."""
+NEW = "new"
+"""What a point is that is nothing else."""
+STATES = ("held", "part", "known", "check", "datum", "station", NEW, "side_shot")
+"""Keys of what a point may be; the first that fits is shown, and `NEW` where none does."""
 
 
 def states(report: Report) -> list[str]:
     """Return the key of what each point is, one of `STATES`."""
     status = status_of(report.solution)
-    out = np.full(len(report.network.points), "new", dtype=object)
-    for key in reversed(STATES[:-1]):
+    out = np.full(len(report.network.points), NEW, dtype=object)
+    for key in reversed([k for k in STATES if k != NEW]):
         out[getattr(status, key)] = key
     return [str(k) for k in out]
 

@@ -33,6 +33,8 @@ class Status:
     """Check point: with known coordinates for comparison."""
     datum: Mask
     """Datum point of a free network; false everywhere if all points carry the datum."""
+    side_shot: Mask
+    """Side shot: a point that one sight without a check gives."""
 
     @property
     def important(self) -> Mask:
@@ -60,16 +62,18 @@ def status_of(solution: Solution) -> Status:
     if solution.datum is None or datum.all():
         datum = np.zeros(n, dtype=bool)
     check = np.array([p.check is not None for p in points], dtype=bool).reshape(n)
-    return Status(held, part, known & ~held, station, check, datum)
+    side_shot = np.array([p.side_shot for p in points], dtype=bool).reshape(n)
+    return Status(held, part, known & ~held, station, check, datum, side_shot)
 
 
 def draw_points(axes: Axes, at: Array, status: Status) -> list[Artist]:
     """Draw markers of points (n, 2); return the entries of the legend."""
     size = 30.0 if len(at) <= 60 else 18.0 if len(at) <= 300 else 9.0
-    plain = ~(status.held | status.part | status.known)
+    plain = ~(status.held | status.part | status.known | status.side_shot)
     dot = size * (0.4 if len(at) <= 300 else 0.15)
     solid = (
         (plain, "o", dot, BLACK, "free point"),
+        (status.side_shot, "+", 1.4 * size, BLACK, "side shot"),
         (status.known & ~status.part, "^", size, BLUE, "control or weighted point"),
         (status.part, "v", size, GREEN, "point held in part"),
         (status.held, "^", 1.4 * size, BLACK, "held point"),

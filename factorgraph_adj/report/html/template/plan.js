@@ -11,6 +11,7 @@ const styles = () => plan.data.marks?.map((mark, state) => ({ state, ...mark, co
   { state: 4, symbol: "square-open", size: 10, color: colour("held") },
   { state: 5, symbol: "circle-open", size: 10, color: colour("point") },
   { state: 6, symbol: "circle", size: 5, color: colour("point") },
+  { state: 7, symbol: "cross-thin-open", size: 7, color: colour("point") },
 ];
 
 // Corners of the window, from the axes where they are drawn.
