@@ -171,7 +171,7 @@ class UnknownsReader:
         if sigma is not None:
             sigma = tuple(np.inf if a in fixed else s for a, s in zip("xyz", sigma, strict=True))
         check = [row.number(c, self.units.length) for c in CHECK]
-        flags = {"datum": row.flag("datum"), "side_shot": row.flag("side_shot")}
+        datum, side_shot = row.flag("datum"), row.flag("side_shot")
         if not row.failed:
             try:
                 self.network.add_point(
@@ -179,16 +179,17 @@ class UnknownsReader:
                     xyz,
                     fixed=fixed,
                     sigma=sigma,
-                    **flags,
+                    datum=datum,
+                    side_shot=side_shot,
                     check=None if check == [None] * 3 else [_or_nan(c) for c in check],
                 )
             except InputError as error:
                 row.wrong_all(error)
         if name not in self.network.points:
-            self.network.add_point(name, **flags)
-            held = ("x" in fixed, "y" in fixed, "z" in fixed)
+            self.network.add_point(name, datum=datum, side_shot=side_shot)
+            flags = ("x" in fixed, "y" in fixed, "z" in fixed)
             point = self.network.points[name]
-            self.network.points[name] = replace(point, fixed=held, sigma=sigma)  # type: ignore[arg-type]
+            self.network.points[name] = replace(point, fixed=flags, sigma=sigma)  # type: ignore[arg-type]
 
     def _coordinates(self, row: Row) -> list[float]:
         """Return x, y, z in metres, NaN where unknown; convert latitude, longitude, height."""
