@@ -47,7 +47,7 @@ class Assembly:
     def start(self, distances: Distances) -> BlockStart:
         """Return the start of the adjustment."""
         equations = self.equations
-        placed = self._placed(equations)
+        placed = self.placed(equations)
         v = self.views
         pose = np.full((len(v.photos), 12), np.nan)
         point = np.full((len(v.points), 3), np.nan)
@@ -94,7 +94,7 @@ class Assembly:
         )
         return replace(found, start=begun)
 
-    def _placed(self, equations: Equations) -> list[Placed]:
+    def placed(self, equations: Equations) -> list[Placed]:
         """Return the place of each part, the best known one first; later ones may join it."""
         there = given(equations)
         measured = list(lengths(equations))

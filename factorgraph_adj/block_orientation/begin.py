@@ -14,6 +14,7 @@ from ..network.network import DatumChoice, Network
 from ..solve.solution import Solution
 from ..solve.start import Start, approximate_start
 from .block_start import BlockStart
+from .judged_start import judged
 
 
 def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start | None) -> Start:
@@ -32,7 +33,8 @@ def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start |
         ApproximationError: the unknowns that it names have no start values.
     """
     try:
-        return approximate_start(equations, datum, given)
+        start = approximate_start(equations, datum, given)
+        return start if given is not None else judged(equations, datum, start)
     except ApproximationError as error:
         found = block_of(equations, datum, error)
     assert found.start is not None

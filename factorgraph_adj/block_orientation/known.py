@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,6 +48,15 @@ class Length:
     """Numbers of both ends."""
     value: float
     """Length, metres."""
+
+
+def without_approximations(equations: Equations) -> Equations:
+    """Return the network with no values of photos and points but held and weighted ones."""
+    unknowns = equations.unknowns
+    values, rough = unknowns.start(), unknowns.rough()
+    for kind in ("point", "pose"):
+        values[kind] = np.where(rough[kind], np.nan, values[kind])
+    return replace(equations, unknowns=unknowns.starting_at(values))
 
 
 def given(equations: Equations) -> Known:

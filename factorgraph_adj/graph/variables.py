@@ -113,6 +113,19 @@ class Unknowns:
         """Return the start values, NaN where unknown."""
         return {kind: table.values.copy() for kind, table in self.tables.items()}
 
+    def starting_at(self, state: State) -> Unknowns:
+        """Return the unknowns with the values of a state as start values, NaN where unknown."""
+        out = copy(self)
+        out.tables = {k: replace(table, values=state[k]) for k, table in self.tables.items()}
+        return out
+
+    def rough(self) -> MaskState:
+        """Return which values of a state are approximate: free, and without a weight."""
+        return {
+            kind: UNKNOWNS[kind].in_stored_form(table.free & ~np.isfinite(table.sigma))
+            for kind, table in self.tables.items()
+        }
+
     def carried(
         self, into: State, source: Unknowns, values: State, *, where: MaskState | None = None
     ) -> State:

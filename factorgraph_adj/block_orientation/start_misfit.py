@@ -1,0 +1,201 @@
+"""How far a start is from what control, positions, lengths and rays say, and its robust cost.
+
+Two measures serve two purposes. The relative misfit is cheap and has no unit: a sample of every
+kind of observation tells whether a start is grossly wrong. The robust cost compares starts of one
+network with each other, and takes every observation once.
+
+The relative misfit of an observation is |v| / ‖∂v/∂s‖, where s are the seven parameters of a
+similarity of the photos and points that move: a shift in units of the typical depth, rotations in
+radians, and the logarithm of the scale, all about the middle of these photos and points. It is the
+part of the depth, of a radian or of a length by which the start is wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..graph.blocks import Block
+from ..graph.equations import Equations
+from ..graph.variables import MaskState, State
+from ..models.image import in_front
+from ..rotation import exp_rotation
+from ..types import Array, Mask
+from .similarity import Similarity
+
+GROSS = 0.05
+"""Median relative misfit of the observations of a kind above which a start is grossly wrong: 3° of
+a ray, or 5 % of a length. An iteration converges from smaller ones."""
+MAX_SAMPLED = 300
+"""Largest number of observations of a kind from which its misfit is found."""
+STEP = 1e-4
+"""Change of the parameters of a similarity by which residuals are differentiated."""
+INSENSITIVE = 1e-9
+"""Sensitivity, relative to the residual, below which a similarity does not change a residual."""
+CAUCHY = 3.0
+"""Residual, in standard deviations, from which an observation counts by the logarithm."""
+BEHIND = 1e5
+"""Residual, in standard deviations, of an image point whose object point is behind its camera."""
+MOVED: tuple[tuple[Array, Array, float], ...] = (
+    *((np.zeros(3), e, 1.0) for e in np.eye(3) * STEP),
+    *((e, np.zeros(3), 1.0) for e in np.eye(3) * STEP),
+    (np.zeros(3), np.zeros(3), 1.0 + STEP),
+)
+"""Rotation, shift in typical depths and scale of each of the seven small similarities."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """The median relative misfit of observations of one kind."""
+
+    what: str
+    """The observations, in words."""
+    median: float
+    """Median of the relative misfits; infinite: most points are behind their cameras."""
+
+
+def misfits(equations: Equations, state: State, static: MaskState) -> tuple[Misfit, ...]:
+    """Return the median relative misfit of each kind of observation of a block of photos.
+
+    Args:
+        equations: the network in arrays.
+        state: values of all unknowns; points with known coordinates have these.
+        static: photos and points, (n, 1) each, whose places are known; all others move.
+    """
+    depth = typical_depth(equations, state)
+    out = []
+    for block in equations.blocks:
+        if block.lens is not None:
+            known: Mask = static["point"][block.variables[2][1], 0]
+            for rows, what in ((known, "rays to known points"), (~known, "rays to tie points")):
+                out.append(_misfit(equations, block, rows, state, {"pose": static["pose"]}, depth))
+                out[-1] = out[-1] and replace(out[-1], what=what)
+        elif not block.prior:
+            moves = np.zeros(block.n, dtype=bool)
+            for kind, index in block.variables:
+                if kind in static:
+                    moves |= ~static[kind][index, 0]
+            out.append(_misfit(equations, block, moves, state, static, depth))
+    return tuple(m for m in out if m is not None)
+
+
+def typical_depth(equations: Equations, state: State) -> float:
+    """Return the median distance of points from the photos that see them, metres."""
+    found = [np.ones(0)]
+    for block in equations.blocks:
+        if block.lens is not None:
+            rows = _sampled(np.arange(block.n))
+            photo, point = block.variables[0][1][rows], block.variables[2][1][rows]
+            found.append(np.linalg.norm(state["point"][point] - state["pose"][photo, 9:], axis=1))
+    every = np.concatenate(found)
+    return float(np.median(every)) if len(every) else 1.0
+
+
+def robust_cost(equations: Equations, state: State) -> float:
+    """Return Σ ln(1 + (v/3σ)²) over all observations; infinite: one cannot be computed.
+
+    The logarithm orders starts that are far from a solution, where a sum of squares is that of the
+    worst observation, and one wrong observation weighs no more than some small residuals.
+    """
+    try:
+        v = equations.residuals(state)
+    except AdjustmentError:
+        return np.inf
+    for place, chunks in equations.rays.items():
+        behind = np.flatnonzero(chunks.depths(state) <= 0)
+        first = equations.blocks[place].first_row
+        v[first + 2 * behind] = v[first + 2 * behind + 1] = BEHIND
+    cost = float(np.log1p(np.square(np.minimum(np.abs(v), BEHIND) / CAUCHY)).sum())
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _sampled(rows: Array) -> Array:
+    """Return at most `MAX_SAMPLED` of some rows, evenly spread."""
+    if len(rows) <= MAX_SAMPLED:
+        return rows
+    return np.asarray(rows[np.linspace(0, len(rows) - 1, MAX_SAMPLED).astype(np.intp)])
+
+
+def _misfit(
+    equations: Equations, block: Block, rows: Mask, state: State, static: MaskState, depth: float
+) -> Misfit | None:
+    """Return the misfit of some rows of a block; none: they do not depend on its place."""
+    chosen = _sampled(np.flatnonzero(rows))
+    if not len(chosen):
+        return None
+    sample = _Sample.of(block.select(chosen), state, static)
+    frame = equations.network.frame
+    try:
+        with np.errstate(all="ignore"):
+            v = sample.residual(frame, None, depth)
+            slopes = [(sample.residual(frame, m, depth) - v) / STEP for m in MOVED]
+    except AdjustmentError:
+        return None
+    size = np.linalg.norm(v, axis=1)
+    slope = np.sqrt(sum(np.square(s).sum(axis=1) for s in slopes))
+    tells = slope > INSENSITIVE * (1.0 + size)
+    found = np.where(np.isfinite(size), size / np.maximum(slope, 1e-300), np.inf)
+    found[sample.behind()] = np.inf
+    if not tells.any():
+        return None
+    return Misfit(block.kind.replace("_", " "), float(np.median(found[tells])))
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Observations with a copy of their variables for each, which moves with its own middle."""
+
+    block: Block
+    """The observations; row i has the values i of its variables."""
+    state: State
+    """Values of the variables."""
+    moves: dict[str, Mask]
+    """Points and photos that move, among the values."""
+    middle: dict[str, Array]
+    """About which they move, (n, 3)."""
+
+    @classmethod
+    def of(cls, block: Block, state: State, static: MaskState) -> _Sample:
+        """Give each row of a block variables of its own."""
+        values: dict[str, list[Array]] = {}
+        moves: dict[str, list[Mask]] = {}
+        variables = []
+        total, count = np.zeros((block.n, 3)), np.zeros(block.n)
+        for kind, index in block.variables:
+            before = values.setdefault(kind, [])
+            variables.append((kind, np.arange(block.n) + block.n * len(before)))
+            before.append(state[kind][index])
+            if kind in static:
+                own = ~static[kind][index, 0]
+                moves.setdefault(kind, []).append(own)
+                total[own] += before[-1][own, -3:]
+                count += own
+        middle = total / np.maximum(count, 1.0)[:, None]
+        return cls(
+            replace(block, variables=tuple(variables)),
+            {kind: np.concatenate(v) for kind, v in values.items()},  # type: ignore[misc]
+            {kind: np.concatenate(m) for kind, m in moves.items()},
+            {kind: np.tile(middle, (len(m), 1)) for kind, m in moves.items()},
+        )
+
+    def residual(self, frame: object, by: tuple[Array, Array, float] | None, depth: float) -> Array:
+        """Return residuals (n, d), after a small similarity about the middles."""
+        state = dict(self.state)
+        if by is not None:
+            turn, shift, scale = by
+            small = Similarity(scale, exp_rotation(turn), depth * shift)
+            for kind, own in self.moves.items():
+                values, middle = state[kind].copy(), self.middle[kind][own]
+                if kind == "pose":
+                    values[own, :9] = small.of_poses(values[own])[:, :9]
+                values[own, -3:] = small.of(values[own, -3:] - middle) + middle
+                state[kind] = values
+        return self.block.evaluate(frame, state, jacobians=False).residual  # type: ignore[arg-type]
+
+    def behind(self) -> Mask:
+        """Return the image points whose object points are behind their cameras, (n,)."""
+        if self.block.lens is None:
+            return np.zeros(self.block.n, dtype=bool)
+        return np.asarray(in_front(self.state["pose"], self.state["point"], self.block.lens) <= 0)
