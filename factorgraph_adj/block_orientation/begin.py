@@ -14,7 +14,7 @@ from ..network.network import DatumChoice, Network
 from ..solve.solution import Solution
 from ..solve.start import Start, approximate_start
 from .block_start import BlockStart
-from .judged_start import judged
+from .judged_start import judged, refuse_wrong_marks
 
 
 def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start | None) -> Start:
@@ -31,6 +31,8 @@ def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start |
 
     Raises:
         ApproximationError: the unknowns that it names have no start values.
+        InputError: the marks of known points count along other image axes, or these points all
+            have the same coordinates.
     """
     try:
         start = approximate_start(equations, datum, given)
@@ -38,6 +40,7 @@ def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start |
     except ApproximationError as error:
         found = block_of(equations, datum, error)
     assert found.start is not None
+    refuse_wrong_marks(equations, found.start)
     return found.start
 
 
@@ -91,7 +94,7 @@ def problems_of_start(network: Network) -> tuple[Problem, ...]:
     """Return the unknowns that `adjust` finds no start values for, from image points either."""
     try:
         start_of(compile_network(network), network.datum, None)
-    except ApproximationError as error:
+    except (ApproximationError, InputError) as error:
         return error.problems
     except DatumError as error:
         return (Problem(str(error)),)

@@ -13,11 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..approximate.image_axes import cameras_along_other_axes, problems_of_marks
 from ..errors import ApproximationError, InputError
 from ..graph.equations import Equations
 from ..graph.variables import MaskState, State
 from ..network.network import DatumChoice
 from ..solve.start import Start
+from ..types import Mask
 from .known import Known, given, without_approximations
 from .similarity_start import similarity_starts
 from .start_misfit import GROSS, Misfit, misfits, robust_cost
@@ -39,6 +41,10 @@ def judged(equations: Equations, datum: DatumChoice, start: Start) -> Start:
         equations: the network in arrays.
         datum: given or free.
         start: values of all unknowns, from given coordinates and poses.
+
+    Raises:
+        InputError: the marks of known points count along other image axes, or these points all
+            have the same coordinates.
     """
     if not equations.n_rays or not equations.unknowns.rough()["pose"].any():
         return start
@@ -47,6 +53,11 @@ def judged(equations: Equations, datum: DatumChoice, start: Start) -> Start:
     static = _static(equations, known)
     wrong = _gross(misfits(equations, _with_known(start.state, known), static))
     if not wrong:
+        return start
+    refuse_wrong_marks(equations, start)
+    # Images along other axes fit no pose; the causes of a misfit name them from the given poses.
+    network, state = equations.network, _with_known(start.state, known)
+    if cameras_along_other_axes(network, state["pose"], state["point"]):
         return start
     found = [_Candidate(start, robust_cost(equations, start.state), ())]
     for moved in similarity_starts(equations, bare, start.state, datum):
@@ -57,15 +68,26 @@ def judged(equations: Equations, datum: DatumChoice, start: Start) -> Start:
     if _gross(misfits(equations, _with_known(best.start.state, known), static)):
         found += _from_images(equations, bare, datum, start)
         best = min(found, key=lambda c: c.cost)
+        refuse_wrong_marks(equations, best.start)
     if best.start is start:
         return start
     return replace(best.start, words=_told(wrong, best, found[0].cost))
 
 
+def refuse_wrong_marks(equations: Equations, start: Start) -> None:
+    """Refuse marks of known points whose rays do not meet, but would along other image axes.
+
+    Raises:
+        InputError: so it is, or all these points have the same coordinates.
+    """
+    if problems := problems_of_marks(equations.network, start.state["pose"]):
+        raise InputError(problems)
+
+
 def _static(equations: Equations, known: Known) -> MaskState:
     """Return the points and photos whose places are known, (n, 1) each."""
-    fixed = ~equations.unknowns.rough()["pose"].any(axis=1)
-    point = np.isfinite(known.point).all(axis=1)
+    fixed: Mask = np.all(~equations.unknowns.rough()["pose"], axis=1)
+    point: Mask = np.all(np.isfinite(known.point), axis=1)
     return {"point": point[:, None], "pose": fixed[:, None]}
 
 

@@ -18,8 +18,8 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..network.network import DatumChoice
 from ..rotation import log_rotation
-from ..types import Array, Mask
-from .assemble import ALL_OF_IT, Assembly
+from ..types import Mask
+from .assemble import Assembly
 from .build import Part
 from .growth import RULES, Growth
 from .known import Known, given
@@ -81,9 +81,7 @@ class _Block:
     """Mounts with a free arm that join photos, (mounts,)."""
 
     @classmethod
-    def of(
-        cls, equations: Equations, bare: Equations, state: State, datum: DatumChoice
-    ) -> _Block:
+    def of(cls, equations: Equations, bare: Equations, state: State, datum: DatumChoice) -> _Block:
         """Return the part of a block that given poses and tie points make up."""
         views = Views.of(equations.network)
         growth = Growth.empty(views, views.calibrations(), np.ones(views.n, dtype=bool))
@@ -96,7 +94,7 @@ class _Block:
             known = Known(np.where(np.isnan(known.point), found["point"], known.point), known.pose)
         ties = np.isnan(known.point).all(axis=1) & ~surveyed
         growth.point[ties] = state["point"][ties]
-        # Rays of wrong marks fall out with the narrow limit; poses that are rough need the wide one.
+        # Wrong marks fall out with the narrow limit; rough poses need the wide one.
         narrow = growth.limit
         for limit in (narrow, narrow * GROSS / RULES.widest):
             growth.limit = limit

@@ -17,12 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..frames import Frame
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import MaskState, State
 from ..models.image import in_front
 from ..rotation import exp_rotation
-from ..types import Array, Mask
+from ..types import Array, Index, Mask
 from .similarity import Similarity
 
 GROSS = 0.05
@@ -111,7 +112,7 @@ def robust_cost(equations: Equations, state: State) -> float:
     return cost if np.isfinite(cost) else np.inf
 
 
-def _sampled(rows: Array) -> Array:
+def _sampled(rows: Index) -> Index:
     """Return at most `MAX_SAMPLED` of some rows, evenly spread."""
     if len(rows) <= MAX_SAMPLED:
         return rows
@@ -175,12 +176,12 @@ class _Sample:
         middle = total / np.maximum(count, 1.0)[:, None]
         return cls(
             replace(block, variables=tuple(variables)),
-            {kind: np.concatenate(v) for kind, v in values.items()},  # type: ignore[misc]
+            {kind: np.concatenate(v) for kind, v in values.items()},
             {kind: np.concatenate(m) for kind, m in moves.items()},
             {kind: np.tile(middle, (len(m), 1)) for kind, m in moves.items()},
         )
 
-    def residual(self, frame: object, by: tuple[Array, Array, float] | None, depth: float) -> Array:
+    def residual(self, frame: Frame, by: tuple[Array, Array, float] | None, depth: float) -> Array:
         """Return residuals (n, d), after a small similarity about the middles."""
         state = dict(self.state)
         if by is not None:
@@ -192,7 +193,7 @@ class _Sample:
                     values[own, :9] = small.of_poses(values[own])[:, :9]
                 values[own, -3:] = small.of(values[own, -3:] - middle) + middle
                 state[kind] = values
-        return self.block.evaluate(frame, state, jacobians=False).residual  # type: ignore[arg-type]
+        return self.block.evaluate(frame, state, jacobians=False).residual
 
     def behind(self) -> Mask:
         """Return the image points whose object points are behind their cameras, (n,)."""

@@ -6,6 +6,7 @@ in the adjustment, because of its rank or of poor start values.
 
 from __future__ import annotations
 
+from ..approximate.image_axes import problems_of_marks
 from ..errors import InputError, Problem
 from ..graph.equations import compile_network
 from ..network.network import Network
@@ -21,8 +22,9 @@ def check(network: Network, *, sources: Sources | None = None) -> tuple[Problem,
 
     The problems are: nothing to adjust; points without observations or with too few; photos with
     too few points; frames with too few common places; unconnected parts; a missing datum in a
-    network that is not free; and, for given approximate values: sights without length, vertical
-    sights with an azimuth, points behind a camera or in its focal plane.
+    network that is not free; marks of known points along other axes than stated, and known points
+    that all have the same coordinates; and, for given approximate values: sights without length,
+    vertical sights with an azimuth, points in the focal plane of a camera.
 
     Args:
         network: the network.
@@ -41,5 +43,6 @@ def check(network: Network, *, sources: Sources | None = None) -> tuple[Problem,
         *shape_problems(equations),
         *other_problems(equations),
         *datum_problems(equations),
+        *problems_of_marks(network),
         *(inside or geometry_problems(equations)),
     )

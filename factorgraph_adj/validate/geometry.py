@@ -9,7 +9,6 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..frames import GeocentricFrame
 from ..graph.equations import Equations
-from ..models.image import in_front
 from ..network.network import Network
 from .where import Sources, listed
 
@@ -38,7 +37,7 @@ def geometry_problems(equations: Equations) -> Iterator[Problem]:
 
     Yields:
         Problems of geometry that a model refuses (a sight without length, an azimuth of a vertical
-        sight), and of image points whose object points lie behind the camera.
+        sight).
     """
     state = equations.unknowns.start()
     filled = {k: v if k in PLACES else np.nan_to_num(v, nan=0.0) for k, v in state.items()}
@@ -50,21 +49,8 @@ def geometry_problems(equations: Equations) -> Iterator[Problem]:
         if not len(rows):
             continue
         some = block.select(rows)
-        named: set[str] = set()
         try:
             with np.errstate(over="ignore", invalid="ignore"):  # coordinates of 1e200 are damage
                 some.evaluate(equations.network.frame, filled, jacobians=False)
         except InputError as error:
             yield from error.problems
-            named = {p.where for p in error.problems}
-        if block.lens is not None:
-            (_, photo), _, (_, point) = some.variables
-            depths = in_front(filled["pose"][photo], filled["point"][point], block.lens)
-            for i in np.flatnonzero(depths < 0):
-                if some.labels(int(i)) in named:
-                    continue  # in the focal plane, up to rounding
-                yield Problem(
-                    f"the point lies {-depths[i]:.3g} m behind the camera, by the given "
-                    "coordinates and orientation: correct them, or leave approximate ones out",
-                    some.labels(int(i)),
-                )

@@ -81,7 +81,7 @@ def read_aicon(
     scale = stem.with_name(stem.name + ".scale")
     if scale.exists():
         _scale_bars(scale, network, reading, inactive)
-    reading.finish()
+    reading.finish(network)
     if any(o.kind == ControlPoint.kind for o in network.observations.values()) or any(
         any(p.fixed) for p in network.points.values()
     ):

@@ -91,7 +91,7 @@ def read_bundler(
         part = rows[begin : begin + PER_POINT]
         _point(network, f"{TIE}{j}", part, names, poses, gathered, reading, sigma_px, behind)
     gathered.into(network)
-    reading.finish()
+    reading.finish(network)
     return network
 
 

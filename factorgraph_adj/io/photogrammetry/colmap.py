@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from ...approximate.image_axes import problems_of_marks
 from ...errors import InputError, Problem, known
 from ...network.entities import Point
 from ...network.network import Network
@@ -17,7 +18,7 @@ from ...rotation import TURN_ABOUT_X, log_rotation
 from ...types import Array
 from .colmap_binary import read_binary_model
 from .colmap_cameras import BY_NAME
-from .colmap_marks import intersection, rays, refuse_other_axes
+from .colmap_marks import intersection, rays
 from .colmap_model import (
     NO_POINT,
     CameraRecord,
@@ -169,7 +170,6 @@ class _Assembly:
         """Return the network."""
         model, tables = self.model, self.tables
         free = not tables.control and not tables.priors
-        refuse_other_axes(model, tables.marks)
         moved = NOTHING if free else self._similarity()
         network = Network(datum="free" if free else "given")
         number_of = {p.number: i for i, p in enumerate(model.points)}
@@ -189,6 +189,8 @@ class _Assembly:
                 for p in tables.priors
             )
         )
+        if problems := problems_of_marks(network):
+            raise InputError(problems)
         network.name = name
         if left:
             network.name += f" without {left} images that see no 3-D point"

@@ -141,7 +141,7 @@ class _Script:
         images = ImagePoints(self.reading)
         self._image_points(given, network, images)
         images.into(network)
-        self.reading.finish()
+        self.reading.finish(network)
         return network
 
     def _refuse_strange(self, element: Element) -> None:

@@ -88,7 +88,7 @@ def read_metashape(
     add_scale_bars(context, network, markers)
     if not (network.photos or network.points or reading.problems):
         reading.wrong("the chunk has no aligned camera and no marker", source.chunk.file)
-    reading.finish()
+    reading.finish(network)
     kinds = {o.kind for o in network.observations.values()}
     if not kinds & {ControlPoint.kind, PhotoPosition.kind}:
         network.datum = "free"

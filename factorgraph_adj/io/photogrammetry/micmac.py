@@ -87,7 +87,7 @@ def read_micmac(
         if measures is not None:
             _measures(Path(measures), network, images, reading, sigma_px)
     images.into(network)
-    reading.finish()
+    reading.finish(network)
     if not network.observations:
         network.datum = "free"
     return network

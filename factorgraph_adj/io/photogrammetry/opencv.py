@@ -111,7 +111,7 @@ def read_opencv(
             add_pixel_camera(network, "camera", lens, values, size=sides, free=free)
     if views is not None and not reading.problems:
         _add_views(network, views, reading, sigma_px)
-    reading.finish()
+    reading.finish(network)
     return network
 
 

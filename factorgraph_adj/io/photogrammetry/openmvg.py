@@ -19,7 +19,6 @@ the content of a shared pointer at their first use only, with the highest bit of
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,8 +49,6 @@ NO_TYPE = 0x40000000
 """Number of the type of an object that is of the declared type itself."""
 NOTHING = 0xFFFFFFFF
 """Number of a pose or intrinsic that a view does not have."""
-FAR_OFF = 0.2
-"""Median misfit of control points in images, of the larger side, above which they lie in another
 frame than the reconstruction."""
 
 
@@ -145,10 +142,9 @@ def read_openmvg(
                 if control == "observe":
                     observed = ControlPoint(name, xyz, sigma=sigma_control, source=landmark.where)
                     network.add(observed)
-        _refuse_far_off(network, images, reading, marked)
     _without_rays(network, images)
     images.into(network)
-    reading.finish()
+    reading.finish(network)
     if not network.observations:
         network.datum = "free"
     return network
@@ -301,29 +297,3 @@ def _without_rays(network: Network, images: ImagePoints) -> None:
     seen = images.seen()
     few = [n for n in network.points if n.startswith(TIE) and seen.get(n, 0) < 2]
     images.leave_out(network, few)
-
-
-def _refuse_far_off(network: Network, images: ImagePoints, reading: Reading, node: Node) -> None:
-    """Note a problem if control points do not lie where the photos see them."""
-    misfits = []
-    for photo, rows in images.rows.items():
-        held = network.photos[photo]
-        camera = network.cameras[held.camera]
-        c, x0, y0 = (camera.values[camera.lens.names.index(n)] for n in ("c", "x0", "y0"))
-        world_r_camera = np.array(held.rotation)
-        side = max(camera.format) if camera.format else 4.0 * c
-        for point, x, y, *_ in rows:
-            if not point.startswith(CONTROL):
-                continue
-            at_point = np.array(network.points[point].coordinates)
-            q = (world_r_camera.T @ (at_point - np.array(held.position))).tolist()
-            ahead = q[2] if q[2] > 1e-9 * (abs(q[0]) + abs(q[1])) else math.nan
-            at = (x0 + c * q[0] / ahead, y0 - c * q[1] / ahead)
-            misfit = math.hypot(at[0] - x, at[1] - y) / side
-            misfits.append(misfit if math.isfinite(misfit) else math.inf)
-    if misfits and float(np.median(misfits)) > FAR_OFF:
-        what = (
-            "control points lie elsewhere than the photos see them: register the reconstruction "
-            'to them in OpenMVG first, or read it with control="leave out"'
-        )
-        reading.wrong(what, node.where)

@@ -96,7 +96,7 @@ def read_opensfm(
             break
     _without_rays(network, images)
     images.into(network)
-    reading.finish()
+    reading.finish(network)
     if not network.observations:
         network.datum = "free"
     return network

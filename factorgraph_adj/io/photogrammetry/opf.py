@@ -82,7 +82,7 @@ def read_opf(
     if tie_points:
         _ties(project, network, reading, images, photos.names, sigma_px)
     images.into(network)
-    reading.finish()
+    reading.finish(network)
     kinds = {o.kind for o in network.observations.values()}
     if not kinds & {ControlPoint.kind, PhotoPosition.kind}:
         network.datum = "free"

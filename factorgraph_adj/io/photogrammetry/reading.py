@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...approximate.image_axes import problems_of_marks
 from ...errors import InputError, Problem
 from ...network.network import Network
 from ...types import Array
@@ -84,12 +85,17 @@ class Reading:
         found = [self.number(text, what, where) for text in texts]
         return None if any(v is None for v in found) else tuple(found)  # type: ignore[arg-type]
 
-    def finish(self) -> None:
+    def finish(self, network: Network | None = None) -> None:
         """Raise all problems.
+
+        Args:
+            network: the network that was read; its marks of known points are judged as a whole.
 
         Raises:
             InputError: there is any.
         """
+        if network is not None and not self.problems:
+            self.problems += problems_of_marks(network)
         if not self.problems:
             return
         shown = self.problems[:MOST_PROBLEMS]

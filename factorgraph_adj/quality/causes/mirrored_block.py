@@ -21,6 +21,7 @@ import numpy as np
 from ...errors import AdjustmentError
 from ...graph.blocks import Block
 from ...graph.equations import Equations, compile_network
+from ...models.image_axes import OTHER, Axes
 from ...network.network import Network
 from ...solve.batch import adjust
 from ...solve.solution import Solution
@@ -28,7 +29,6 @@ from ...types import Array, Mask
 from ..distributions import chi2_quantile
 from ..innovations import Innovations
 from ..robust import robust_adjust
-from .image_axes import OTHER, Axes
 from .matches import Match
 from .photos import FIT, GONE, LEAST, Oriented, fits_attitude, told_apart
 from .search import SAME

@@ -22,6 +22,7 @@ from ...approximate.resection import resect
 from ...errors import AdjustmentError
 from ...graph.blocks import Block
 from ...graph.equations import Equations
+from ...models.image_axes import MIRRORED, OTHER
 from ...models.inverse import directions
 from ...network.network import DatumChoice, Network
 from ...network.selection import without
@@ -30,7 +31,6 @@ from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 from ..distributions import chi2_quantile
 from ..innovations import Innovations
-from .image_axes import MIRRORED, OTHER
 from .matches import Match
 from .search import SAME
 

@@ -12,11 +12,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from ...approximate.image_axes import ray_misfits
 from ...errors import known
 from ...graph.equations import Equations
-from ...models.inverse import directions
-from ...models.lens import Lens
-from ...quality.causes.image_axes import ALONG_X, ALONG_Y, EXCHANGED, OTHER
+from ...models.image_axes import ALONG_X, ALONG_Y, EXCHANGED, OTHER
 from ...types import Array
 from .finding import Finding
 from .given_rows import BETTER, LEAST, given_rows, median
@@ -50,15 +49,15 @@ def photo_axes(equations: Equations) -> Iterator[Finding]:
         rotation = poses[photo, :9].reshape(-1, 3, 3)
         xy, at = block.observed[rows], calibration[:, 1:3]
 
-        now = _misfit(block.lens, calibration, xy, rotation, away)
+        now = ray_misfits(block.lens, calibration, xy, rotation, away)
         otherwise: list[tuple[str, Array]] = []
         for cause, axes in OTHER:
             other = axes(xy, at)
-            otherwise.append((cause, _misfit(block.lens, calibration, other, rotation, away)))
+            otherwise.append((cause, ray_misfits(block.lens, calibration, other, rotation, away)))
         turned = np.swapaxes(rotation, 1, 2)
-        otherwise.append((TRANSPOSED, _misfit(block.lens, calibration, xy, turned, away)))
+        otherwise.append((TRANSPOSED, ray_misfits(block.lens, calibration, xy, turned, away)))
         moved = calibration * np.where(np.arange(calibration.shape[1]) == 2, -1.0, 1.0)
-        across = _misfit(block.lens, moved, xy, rotation, away)
+        across = ray_misfits(block.lens, moved, xy, rotation, away)
 
         better: dict[str, list[tuple[int, float]]] = {}
         order = np.argsort(photo, kind="stable")
@@ -89,25 +88,3 @@ def _outside(y: Array, y0: Array) -> bool:
     low, high = float(y.min()), float(y.max())
     middle = float(np.median(y0))
     return not low <= middle <= high and low <= -middle <= high
-
-
-def _misfit(lens: Lens, calibration: Array, xy: Array, rotation: Array, away: Array) -> Array:
-    """Return how far the directions of rays (n,) are from those to their points; 2 at most.
-
-    Args:
-        lens: the lens model.
-        calibration: parameters of the lens, (n, k).
-        xy: measured coordinates, (n, 2).
-        rotation: world_R_camera, camera axes x right, y down, z ahead, (n, 3, 3).
-        away: vectors from the projection centres to the points, (n, 3), metres.
-    """
-    with np.errstate(all="ignore"):  # distortion far outside the image
-        ray = directions(lens, xy, calibration)
-        q = np.einsum("nji,nj->ni", rotation, away)
-        off = _unit(q) - ray
-        length = np.linalg.norm(off, axis=1)
-    return np.asarray(np.nan_to_num(length, nan=2.0, posinf=2.0))
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))

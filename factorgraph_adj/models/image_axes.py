@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ...types import Array
+from ..types import Array
 
 EXCHANGED = "x and y, exchanged,"
 ALONG_X, ALONG_Y = "the direction of x", "the direction of y"
