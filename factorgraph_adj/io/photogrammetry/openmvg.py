@@ -49,7 +49,6 @@ NO_TYPE = 0x40000000
 """Number of the type of an object that is of the declared type itself."""
 NOTHING = 0xFFFFFFFF
 """Number of a pose or intrinsic that a view does not have."""
-frame than the reconstruction."""
 
 
 @dataclass(frozen=True)
