@@ -41,6 +41,35 @@ class Doubt(Problem):
     for readings of a whole set-up."""
 
 
+@dataclass(frozen=True)
+class LeftOut:
+    """Rows of one sort that a reader left out."""
+
+    what: str
+    """The rows, in words: ``marks of known points``."""
+    why: str
+    """Why they were left out."""
+    names: tuple[str, ...]
+    """Names of the photos, points or rows, each once."""
+    count: int
+    """Number of the rows."""
+    of: int = 0
+    """Number of all rows of the sort, if it is known; 0: it is not."""
+    where: str = ""
+    """File and line of the first row."""
+    hint: str = ""
+    """What may have been meant."""
+    doubtful: bool = False
+    """Whether the rows were expected to be used, so that the result is doubtful."""
+
+    def __str__(self) -> str:
+        of = f" of {self.of}" if self.of else ""
+        be = "was" if self.count == 1 else "were"
+        named = f": {known(self.names)}{self.hint}" if self.names else ""
+        first = f"; first in {self.where}" if self.where else ""
+        return f"{self.count}{of} {self.what} {be} left out, as {self.why}{named}{first}"
+
+
 _NUMBER = re.compile(r"\d+")
 _LIST = re.compile(r"(?<=; )(valid|known|it takes): .{60,}?(?=; did you mean '|$)", re.DOTALL)
 """A long list of what would be valid, to the end of a message or to the name that was meant."""

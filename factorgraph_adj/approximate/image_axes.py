@@ -98,6 +98,12 @@ def problems_of_marks(network: Network, poses: Array | None = None) -> tuple[Pro
     return tuple(problems)
 
 
+def marks_of_known_points(network: Network) -> int:
+    """Return the number of image points of control, check, held and weighted points."""
+    point = network.images.columns()[1]
+    return int(_known_points(network)[point].sum()) if len(point) else 0
+
+
 def cameras_along_other_axes(network: Network, poses: Array, points: Array) -> tuple[str, ...]:
     """Return the cameras whose image points fit the given poses and points along other axes only.
 

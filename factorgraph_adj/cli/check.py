@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 
 from ..block_orientation.begin import problems_of_start
-from ..errors import InputError, Problem
+from ..errors import InputError, LeftOut, Problem
 from ..io.project import Project
 from ..validate.check import check
 from ..validate.preliminary.search import mistaken, preliminary
@@ -45,9 +46,11 @@ def _check(options: argparse.Namespace) -> int:
     length, angle = project.units.length, project.units.angle
     found = [*project.warnings, *preliminary(network, length=length, angle=angle)]
     without = problems_of_start(network)
+    noted = [left for left in network.left_out if not left.doubtful]
     name = network.name or "a network without a name"
     if not found and not without:
         print(f"{name}: no problems found in {content}; approximate values are there")
+        _print_notes(noted)
         return FINE
     print(f"{name}: {content}")
     if found:
@@ -61,7 +64,14 @@ def _check(options: argparse.Namespace) -> int:
         print("adjust will find no approximate values for:")
         for line in listed(without, every=options.all):
             print(line)
+    _print_notes(noted)
     return DOUBTFUL
+
+
+def _print_notes(left: Sequence[LeftOut]) -> None:
+    """Print what the reader left out, as it always does."""
+    for one in left:
+        print(f"note: {one}")
 
 
 def refuse_problems(project: Project) -> None:

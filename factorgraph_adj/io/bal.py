@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, LeftOut, Problem
 from ..files import opened, read_bytes, unpacked
 from ..models.image import depth
 from ..models.lens import NormalisedLens
@@ -79,6 +79,10 @@ def read_bal(path: str | Path, *, behind: Literal["leave out", "keep"] = "leave 
         used &= present[point]
         name += f" without {np.sum(~used)} observations of {np.sum(~present)} points behind cameras"
     network = Network(name, datum="free")
+    if not used.all():
+        names = tuple(str(i) for i in np.unique(point[~used]).tolist())
+        why = "their points are behind the cameras"
+        network.left_out.append(LeftOut("observations", why, names, int(np.sum(~used))))
     network.add_points([str(i) for i in np.flatnonzero(present)], points[present])
     for i, (c, k1, k2) in enumerate(cameras[:, 6:].tolist()):
         network.add_camera(

@@ -121,6 +121,7 @@ def from_grid(
     out = Network(network.name, frame=found, datum=network.datum, crs=stated)
     out.cameras = network.cameras.copy()
     out.doubts = network.doubts.copy()
+    out.left_out = network.left_out.copy()
     out.images = network.images.copy()
     out.clusters = network.clusters.copy()
     out.point_number = network.point_number.copy()

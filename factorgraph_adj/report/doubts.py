@@ -64,11 +64,12 @@ def doubts_about(solution: Ended) -> list[str]:
 def of_network(network: Network) -> list[str]:
     """Return doubts about what was adjusted.
 
-    They are how many readings did not agree when they were reduced, with the first of them, and
-    frames that no rotation leads to.
+    They are how many readings did not agree when they were reduced, with the first of them, what
+    a reader left out although it was to be used, and frames that no rotation leads to.
     """
     n = len(network.doubts)
     found = [str(f) for f in left_handed(network)]
+    found += [str(left) for left in network.left_out if left.doubtful]
     if n:
         first = network.doubts[0]
         found.append(

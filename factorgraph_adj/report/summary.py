@@ -55,6 +55,7 @@ def summary(report: Report) -> dict[str, Any]:
         "reason": s.reason,
         "iterations": s.iterations,
         **({"start": list(s.begun)} if s.begun else {}),
+        **({"left_out": [str(left) for left in network.left_out]} if network.left_out else {}),
         **({"extrapolated": asdict(s.extrapolated)} if s.extrapolated.count else {}),
         "n_observations": s.n_observations,
         "n_unknowns": s.n_unknowns,

@@ -119,7 +119,7 @@ def _overview(report: Report) -> list[str]:
         out += [f"  cameras        {', '.join(named)}{more}"]
     if network.orientations:
         out += [f"  direction sets {len(network.orientations)}"]
-    for sentence in report.solution.begun:
+    for sentence in (*report.solution.begun, *map(str, network.left_out)):
         out += paragraph(sentence, indent=2)
     return out
 

@@ -23,7 +23,7 @@ from ...network.network import Network
 from ...observations import ControlPoint, SlopeDistance
 from ...units import LENGTH
 from ..text import read_text
-from .reading import ImagePoints, Reading, lines_of, whole
+from .reading import SWITCHED_OFF, ImagePoints, Reading, lines_of, whole
 
 MM = LENGTH["mm"]
 SUFFIXES = (".phc", ".eor", ".obc", ".ior")
@@ -197,6 +197,7 @@ def _points(path: Path, network: Network, reading: Reading, marked: bool) -> set
         found = reading.numbers(fields[1:7], 6, f"point {name!r}", where)
         if active == "0":
             off.add(f"point {name}")
+            reading.leave_out(SWITCHED_OFF, f"point {name}", where)
         if active == "0" or found is None:
             continue
         at = (MM * found[0], MM * found[1], MM * found[2])
@@ -236,6 +237,7 @@ def _photos(path: Path, network: Network, reading: Reading, cameras: set[str]) -
                 reading.wrong(f"{what_for} must be a whole number, not {number[:20]!r}", where)
         if fields[9] == "0":
             off.add(f"photo {name}")
+            reading.leave_out(SWITCHED_OFF, f"photo {name}", where)
             continue
         if fields[8] != "0":
             what_is = f"sequence of rotations {fields[8]!r} cannot be read; valid: 0 (ω, φ, κ)"
@@ -272,6 +274,7 @@ def _image_points(
             continue
         left = point not in network.points or f"photo {photo}" in off
         if left or (fields[9] == "0" and not keep):
+            reading.leave_out(SWITCHED_OFF, f"image point {photo}/{point}", where)
             continue
         xy = reading.numbers(fields[2:4], 2, f"image point {photo}/{point}", where)
         if xy is not None:
@@ -287,6 +290,7 @@ def _scale_bars(path: Path, network: Network, reading: Reading, off: set[str]) -
             what_is = f"the number of a scale bar must be whole, not {fields[0][:20]!r}"
             reading.wrong(what_is, where)
         if fields[6] == "0" or f"point {a}" in off or f"point {b}" in off:
+            reading.leave_out(SWITCHED_OFF, f"scale bar {name}", where)
             continue
         found = reading.numbers(fields[4:6], 2, f"scale bar {name!r}", where)
         if found is not None:

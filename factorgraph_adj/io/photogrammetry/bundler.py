@@ -23,7 +23,18 @@ from ...network.network import Network
 from ...rotation import TURN_ABOUT_X
 from ...types import Array
 from ..text import beginning, read_text
-from .reading import TIE, ImagePoints, Reading, lines_of, rotation_of, whole
+from .reading import (
+    BEHIND_CAMERA,
+    FEW_RAYS,
+    PHOTOS_WITHOUT_POSE,
+    RAYS_WITHOUT_PHOTO,
+    TIE,
+    ImagePoints,
+    Reading,
+    lines_of,
+    rotation_of,
+    whole,
+)
 
 HEAD = "# Bundle file v0."
 """Beginning of the first line."""
@@ -127,6 +138,7 @@ def _camera(
     values = np.array(numbers)
     (c, k1, k2), matrix, t = values[0].tolist(), values[1:4], values[4]
     if c == 0:
+        reading.leave_out(PHOTOS_WITHOUT_POSE, name, where)
         return None
     split = rotation_of(matrix)
     if c < 0 or split is None or abs(split[1] - 1) > 1e-3:
@@ -175,14 +187,20 @@ def _point(
             reading.wrong(f"there is no camera {camera}; valid: 0 to {len(names) - 1}", where)
         elif found is not None and int(camera) in poses:
             seen.append((int(camera), found))
+        elif found is not None:
+            reading.leave_out(RAYS_WITHOUT_PHOTO, names[int(camera)], where)
     if len({c for c, _ in seen}) < len(seen):
         twice = next(c for i, (c, _) in enumerate(seen) if c in {d for d, _ in seen[:i]})
         reading.wrong(f"point {name!r} is measured twice in photo {names[twice]!r}", where)
         return
     if behind == "leave out" and seen:
         ahead = depth(np.array([poses[c] for c, _ in seen]), np.tile(at, (len(seen), 1))) > 0
+        for (c, _), a in zip(seen, ahead.tolist(), strict=True):
+            if not a:
+                reading.leave_out(BEHIND_CAMERA, f"{names[c]} {name}", where)
         seen = [s for s, a in zip(seen, ahead.tolist(), strict=True) if a]
     if len(seen) < 2:
+        reading.leave_out(FEW_RAYS, name, where)
         return
     network.add_point(name, at)
     for camera_number, xy_found in seen:

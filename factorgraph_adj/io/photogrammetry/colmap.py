@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ...approximate.image_axes import problems_of_marks
-from ...errors import InputError, Problem, known
+from ...errors import InputError, LeftOut, Problem, known
 from ...network.entities import Point
 from ...network.network import Network
 from ...observations.positions import PhotoPosition
@@ -191,10 +191,16 @@ class _Assembly:
         )
         if problems := problems_of_marks(network):
             raise InputError(problems)
+        network.left_out += tables.left_out
         network.name = name
         if left:
-            network.name += f" without {left} images that see no 3-D point"
+            network.left_out.append(
+                LeftOut("images", "they see no 3-D point", tuple(left), len(left))
+            )
+            network.name += f" without {len(left)} images that see no 3-D point"
         if out:
+            why = "their points are measured several times in one image"
+            network.left_out.append(LeftOut("measurements", why, (), out))
             network.name += f" without {out} measurements of points measured twice in an image"
         return network
 
@@ -265,8 +271,8 @@ class _Assembly:
             y_down_in_files=True,
         )
 
-    def _photos(self, network: Network, moved: Similarity) -> int:
-        """Add photos, on carriers where rigs have several cameras; return how many are left out."""
+    def _photos(self, network: Network, moved: Similarity) -> list[str]:
+        """Add photos, on carriers where rigs have several cameras; return the others."""
         frames = self._frames()
         marked = {m.photo for m in self.tables.marks}
         present = {
@@ -303,7 +309,7 @@ class _Assembly:
         for image in self.model.images:
             if image.number in present - done:
                 self._photo(network, moved, image.name, image.camera, image.pose)
-        return len(self.model.images) - len(present)
+        return [i.name for i in self.model.images if i.number not in present]
 
     def _frames(self) -> list[tuple[RigRecord, FrameRecord]]:
         """Return the frames of rigs of two sensors or more."""

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...errors import InputError, Problem, known
+from ...errors import InputError, LeftOut, Problem, known
 from ...files import opened
 from ...network.entities import Point
 from ...network.network import Network
@@ -220,6 +220,8 @@ class Tables:
     """Their measured image coordinates."""
     priors: Sequence[Prior] = ()
     """Observed positions of photos."""
+    left_out: Sequence[LeftOut] = ()
+    """Rows of images that the model does not have."""
 
     @classmethod
     def read(
@@ -259,6 +261,15 @@ class Tables:
                 for photo, at in rows
                 if photo not in present
             ]
+        left_out = []
+        for what, lost in (
+            ("marks", [(m.photo, m.where) for m in measured if m.photo not in present]),
+            ("positions", [(p.photo, p.where) for p in positions if p.photo not in present]),
+        ):
+            if lost:
+                why = "their images are not in the model"
+                names = tuple(dict.fromkeys(photo for photo, _ in lost))
+                left_out.append(LeftOut(what, why, names, len(lost), where=lost[0][1]))
         measured = [m for m in measured if m.photo in present]
         positions = [p for p in positions if p.photo in present]
         taken = {str(p.number) for p in model.points}
@@ -291,7 +302,7 @@ class Tables:
                 first.setdefault((photo, point), at)
         if problems:
             raise InputError(problems)
-        return cls(points, measured, positions)
+        return cls(points, measured, positions, left_out)
 
 
 def _names(names: Iterable[str], meant: str) -> str:

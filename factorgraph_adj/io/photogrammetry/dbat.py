@@ -19,7 +19,9 @@ from ...units import ANGLE
 from ..text import beginning, read_text
 from ..xml_tree import Element, read_xml
 from .dbat_camera import DbatCamera, read_camera, set_estimated, set_initial
-from .reading import ImagePoints, Reading, lines_of
+from .reading import ImagePoints, Reading, Reason, lines_of
+
+FILTERED = Reason("points", "a <filter> of the file leaves them out")
 
 CONTROL = ("id", "label", "ignored", "x", "y", "z", "sx", "sy", "sz", "sxy", "sxyz")
 IMAGES = ("id", "cam", "label", "path", "ignored")
@@ -284,7 +286,11 @@ class _Script:
             if word not in ("keep", "remove"):
                 what = f"a filter must be keep or remove, not {word!r}"
                 self.reading.wrong(what, self.where(rule))
-            rows = [r for r in rows if (self._name(r) in chosen) == (word == "keep")]
+            kept = [r for r in rows if (self._name(r) in chosen) == (word == "keep")]
+            for row in rows:
+                if row not in kept:
+                    self.reading.leave_out(FILTERED, self._name(row), row.where)
+            rows = kept
         return rows
 
     def _prior(self, given: Element) -> dict[str, Row]:

@@ -17,8 +17,9 @@ from pathlib import Path
 from ...errors import InputError, Problem
 from ..json_tree import parse_json
 from ..text import read_text
-from .reading import Reading, lines_of
+from .reading import Reading, Reason, lines_of
 
+NOT_MEASURED = Reason("marks", "they have no image coordinates")
 CHECK = "CHK-"
 """Beginning of the names of check points."""
 
@@ -117,7 +118,8 @@ def _read_json(path: Path, reading: Reading) -> GroundList:
             for mark in node.need("observations").list():
                 at = mark.get("projection")
                 if at is None:
-                    continue  # an image in which the point was seen, but not measured
+                    reading.leave_out(NOT_MEASURED, name, mark.where)
+                    continue
                 x, y = at.numbers(2)
                 point.marks.append((mark.need("shot_id").text(), x, y, True, mark.where))
             points.append(point)

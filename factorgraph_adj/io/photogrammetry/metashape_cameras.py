@@ -14,7 +14,7 @@ from ..xml_tree import Element
 from .metashape_context import Context, cameras_of, listed, off
 from .metashape_lens import TYPES, Calibration, read_calibration
 from .pixel import add_pixel_camera
-from .reading import rotation_of
+from .reading import PHOTOS_WITHOUT_POSE, SWITCHED_OFF, rotation_of
 
 Choice: TypeAlias = Literal["optimised", "held"] | Sequence[str]
 """Which calibration parameters are unknown."""
@@ -120,12 +120,14 @@ def add_cameras(
             reading.wrong(f"camera {ident!r} is defined twice", where)
             continue
         ids.add(ident)
+        label = camera.attributes.get("label", "") or f"camera {ident}"
         if off(camera):
+            reading.leave_out(SWITCHED_OFF, label, where)
             continue
         aligned, rotation, centre = _pose(context, camera, where)
         if not (aligned or unaligned):
+            reading.leave_out(PHOTOS_WITHOUT_POSE, label, where)
             continue
-        label = camera.attributes.get("label", "") or f"camera {ident}"
         sensor = camera.attributes.get("sensor_id", "")
         if sensor not in sensors:
             if not reading.problems:

@@ -14,7 +14,16 @@ from ...types import Array
 from .metashape_context import Context, cameras_of, listed, off
 from .metashape_source import Place
 from .ply import read_vertices
-from .reading import TIE, ImagePoints, finite
+from .reading import FEW_RAYS, TIE, ImagePoints, Reason, finite
+
+LOCATION_WITHOUT_PHOTO = Reason(
+    "locations of markers", "their cameras are switched off or not aligned"
+)
+LOCATION_NOT_VALID = Reason("locations of markers", "the file says that they are not valid")
+FILES_WITHOUT_PHOTO = Reason(
+    "files of projections", "their cameras are switched off or not aligned"
+)
+BAR_NOT_USED = Reason("scale bars", "they are switched off, or have no length")
 
 Numbers = npt.NDArray[np.int64]
 
@@ -80,9 +89,11 @@ def gather_locations(
             if camera not in known:
                 reading.wrong(f"location in the unknown camera {camera!r}", frame.where(location))
             photo = cameras.get(camera)
-            if photo is None or location.attributes.get("valid") in ("false", "0"):
-                continue
             where = frame.where(location)
+            if photo is None or location.attributes.get("valid") in ("false", "0"):
+                why = LOCATION_WITHOUT_PHOTO if photo is None else LOCATION_NOT_VALID
+                reading.leave_out(why, f"{markers[ident]} in camera {camera}", where)
+                continue
             texts = [location.attributes.get(a) for a in "xy"]
             xy = reading.numbers(texts, 2, "location", where)
             if xy is not None:
@@ -123,6 +134,11 @@ def add_ties(
     seen = np.concatenate([np.unique(names) for _, names, _, _ in projected] or [number[:0]])
     values, counts = np.unique(seen, return_counts=True)
     used = np.isin(number, values[counts >= 2])
+    for n in number[~used].tolist():
+        context.reading.leave_out(FEW_RAYS, f"{TIE}{n}", file)
+    for element in ties.element.all("projections"):
+        if (camera := element.attributes.get("camera_id", "")) not in cameras:
+            context.reading.leave_out(FILES_WITHOUT_PHOTO, f"camera {camera}", ties.where(element))
     network.add_points([f"{TIE}{n}" for n in number[used].tolist()], xyz[used])
     sigma = (context.accuracy["tiepoints"],)
     for photo, names, xy, where in projected:
@@ -186,6 +202,8 @@ def add_scale_bars(context: Context, network: Network, markers: Mapping[str, str
     for bar in listed(chunk.element, "scalebars", "scalebar"):
         element, where = bar.first("reference"), chunk.where(bar)
         if element is None or off(element) or "distance" not in element.attributes:
+            name = bar.attributes.get("label", "") or bar.attributes.get("id", "")
+            reading.leave_out(BAR_NOT_USED, name, where)
             continue
         said = element.attributes
         value = reading.number(said["distance"], "distance", where, positive=True)

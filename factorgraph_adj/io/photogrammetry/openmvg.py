@@ -35,7 +35,15 @@ from ...types import Array
 from ..json_tree import Node, parse_json
 from ..text import beginning, read_text
 from .pixel import add_pixel_camera
-from .reading import TIE, ImagePoints, Reading, rotation_of
+from .reading import (
+    MARKS_WITHOUT_PHOTO,
+    PHOTOS_WITHOUT_POSE,
+    RAYS_WITHOUT_PHOTO,
+    TIE,
+    ImagePoints,
+    Reading,
+    rotation_of,
+)
 
 VERSIONS = ("0.1", "0.2", "0.3")
 """Versions of sfm_data that are read."""
@@ -243,10 +251,11 @@ def _photos(network: Network, root: Node, reading: Reading, observe: bool) -> di
             if kind not in VIEWS:
                 raise value.fail(f"a view of type {kind!r} cannot be read; valid: {VIEWS[1]}")
             pose = view.need("id_pose").integer()
-            if pose not in poses:
-                continue
             folder = view.get("local_path")
             name = view.need("filename").text()
+            if pose not in poses:
+                reading.leave_out(PHOTOS_WITHOUT_POSE, name, view.where)
+                continue
             if folder is not None and folder.text().strip("./"):
                 name = f"{folder.text().rstrip('/')}/{name}"
             if pose in used:
@@ -288,6 +297,10 @@ def _landmark(
         x, y = seen.need("x").numbers(2)
         if key in photos:
             images.add(photos[key], name, (x, -y), (sigma,), seen.where)
+        else:
+            reading = images.reading
+            why = RAYS_WITHOUT_PHOTO if name.startswith(TIE) else MARKS_WITHOUT_PHOTO
+            reading.leave_out(why, f"view {key}", seen.where)
     return xyz
 
 

@@ -20,12 +20,22 @@ from ..text import beginning, read_text
 from .gcp_list import Ground, GroundList, read_gcp_list
 from .opensfm_lens import SfmCamera, read_camera
 from .pixel import add_pixel_camera
-from .reading import TIE, ImagePoints, Reading, lines_of
+from .reading import (
+    MARKS_WITHOUT_PHOTO,
+    RAYS_WITHOUT_PHOTO,
+    RAYS_WITHOUT_POINT,
+    TIE,
+    ImagePoints,
+    Reading,
+    Reason,
+    lines_of,
+)
 
 TRACKS = "OPENSFM_TRACKS_VERSION_v"
 """Beginning of the first line of tracks.csv."""
 GROUND = ("gcp_list.txt", "ground_control_points.json")
 """Files of ground control beside a reconstruction."""
+OTHER_RECONSTRUCTION = Reason("reconstructions", "one is read at a time: reconstruction=… chooses")
 FARTHEST = 100e3
 """Largest level distance of ground control from the origin of a reconstruction, metres."""
 
@@ -78,7 +88,11 @@ def read_opensfm(
         if not value > 0:
             raise InputError(f"{name} must be greater than zero, not {value}")
     reading = Reading()
-    root = _choose(parse_json(read_text(source), source.name), reconstruction)
+    every = parse_json(read_text(source), source.name)
+    root = _choose(every, reconstruction)
+    for number, other in enumerate(every.list() if isinstance(every.value, list) else ()):
+        if other.where != root.where:
+            reading.leave_out(OTHER_RECONSTRUCTION, str(number), other.where)
     frame = _frame(root, source.parent)
     network = Network(source.parent.name or source.stem, frame=frame)
     cameras = _cameras(network, root, reading, calibration == "optimised")
@@ -238,7 +252,11 @@ def _tracks(
             reading.wrong(f"{what}, not {len(fields)} fields", where)
             continue
         photo, track = fields[0], TIE + fields[1]
-        if photo not in network.photos or track not in network.points:
+        if photo not in network.photos:
+            reading.leave_out(RAYS_WITHOUT_PHOTO, photo, where)
+            continue
+        if track not in network.points:
+            reading.leave_out(RAYS_WITHOUT_POINT, track, where)
             continue
         xy = reading.numbers(fields[3:5], 2, "x, y", where)
         if xy is not None:
@@ -283,6 +301,7 @@ def _control(
             _add_ground(network, frame, grid, point, sigma)
             for photo, x, y, normalised, where in point.marks:
                 if photo not in network.photos:
+                    reading.leave_out(MARKS_WITHOUT_PHOTO, photo, where)
                     continue
                 camera = cameras[network.photos[photo].camera]
                 xy = camera.pixel(x, y) if normalised else (x + 0.5, -y - 0.5)

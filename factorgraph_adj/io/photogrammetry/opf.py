@@ -22,7 +22,18 @@ from ..json_tree import Node
 from .opf_project import OpfProject, file_name, open_project
 from .opf_ties import read_cloud
 from .pixel import add_pixel_camera
-from .reading import TIE, ImagePoints, Reading
+from .reading import (
+    FEW_RAYS,
+    MARKS_WITHOUT_PHOTO,
+    RAYS_WITHOUT_PHOTO,
+    TIE,
+    ImagePoints,
+    Reading,
+    Reason,
+)
+
+CHECKED_TIE = Reason("manual tie points", "they are check points without given coordinates")
+POSITION_WITHOUT_PHOTO = Reason("positions of captures", "they have no calibrated camera")
 
 FREE = ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
 """Parameters of a perspective camera, all of which a calibration estimates."""
@@ -183,6 +194,9 @@ def _positions(
         with reading.at(capture.where):
             place = capture.get("geolocation")
             photo = photos.get(reference.get(capture.need("id").integer(), -1))
+            if photo is None and place is not None:
+                capture_name = f"capture {capture.need('id').integer()}"
+                reading.leave_out(POSITION_WITHOUT_PHOTO, capture_name, capture.where)
             if place is None or photo is None:
                 continue
             if "gps-bias" in project.resources:
@@ -256,6 +270,7 @@ def _control(
         with reading.at(node.where):
             name = node.need("id").text()
             if node.need("is_checkpoint").truth():
+                reading.leave_out(CHECKED_TIE, name, node.where)
                 continue
             network.add_point(name, found.get(name))
             _marks(node, name, reading, images, photos, sigma_px)
@@ -274,8 +289,11 @@ def _marks(
             photo = photos.get(mark.need("camera_id").integer())
             column, row = mark.need("position_px").numbers(2)
             sigma = sigma_px * mark.need("accuracy").number(positive=True)
-            if photo is not None:  # a camera that is not calibrated has no photo
-                images.add(photo, name, (column, -row), (sigma,), mark.where)
+            if photo is None:  # a camera that is not calibrated has no photo
+                camera = f"camera {mark.need('camera_id').integer()}"
+                reading.leave_out(MARKS_WITHOUT_PHOTO, camera, mark.where)
+                continue
+            images.add(photo, name, (column, -row), (sigma,), mark.where)
 
 
 def _constraints(project: OpfProject, network: Network, reading: Reading) -> None:
@@ -330,6 +348,10 @@ def _ties(
                 known = np.array([c in photos for c in cloud.camera], dtype=bool)
                 count = np.bincount(cloud.point[known], minlength=len(cloud.points))
                 used = count >= 2
+                for i in np.flatnonzero(~used).tolist():
+                    reading.leave_out(FEW_RAYS, f"{TIE}{begin + i}", cloud.name)
+                for i in np.flatnonzero(~known).tolist():
+                    reading.leave_out(RAYS_WITHOUT_PHOTO, f"camera {cloud.camera[i]}", cloud.name)
                 names = [f"{TIE}{begin + i}" for i in np.flatnonzero(used).tolist()]
                 network.add_points(names, cloud.points[used])
                 kept = np.flatnonzero(known & used[cloud.point])

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...approximate.image_axes import problems_of_marks
-from ...errors import InputError, Problem
+from ...approximate.image_axes import marks_of_known_points, problems_of_marks
+from ...errors import InputError, LeftOut, Problem, similar
 from ...network.network import Network
 from ...types import Array
 from .. import numbers
@@ -23,12 +23,37 @@ MOST_PROBLEMS = 60
 """Largest number of listed problems; in a file of another layout every line is a problem."""
 
 
+@dataclass(frozen=True)
+class Reason:
+    """Why rows of a sort are left out."""
+
+    what: str
+    """The rows, in words."""
+    why: str
+    """Why they are left out."""
+    doubtful: bool = False
+    """Whether they were expected to be used: marks of known points."""
+
+
+MARKS_WITHOUT_PHOTO = Reason(
+    "marks of known points", "their photos are not in the reconstruction", doubtful=True
+)
+RAYS_WITHOUT_PHOTO = Reason("image points of tie points", "their photos are not in the network")
+RAYS_WITHOUT_POINT = Reason("image points", "their tie points have no coordinates")
+FEW_RAYS = Reason("points", "fewer than two photos of the network see them")
+BEHIND_CAMERA = Reason("image points", "their points are behind the cameras")
+SWITCHED_OFF = Reason("photos, points and readings", "they are switched off in the file")
+PHOTOS_WITHOUT_POSE = Reason("photos", "they have no pose")
+
+
 @dataclass
 class Reading:
     """Problems of the files that a reader opens, all of which one error lists."""
 
     problems: list[Problem] = field(default_factory=list)
     """What was found so far."""
+    left: dict[Reason, list[tuple[str, str]]] = field(default_factory=dict)
+    """Name and place of the rows that are left out, by the reason."""
 
     def wrong(self, what: str, where: str) -> None:
         """Add a problem."""
@@ -85,8 +110,12 @@ class Reading:
         found = [self.number(text, what, where) for text in texts]
         return None if any(v is None for v in found) else tuple(found)  # type: ignore[arg-type]
 
+    def leave_out(self, why: Reason, name: str, where: str = "") -> None:
+        """Count and name a row that is left out; ``name``: of its photo, point or itself."""
+        self.left.setdefault(why, []).append((name, where))
+
     def finish(self, network: Network | None = None) -> None:
-        """Raise all problems.
+        """Raise all problems, and say in the network what was left out.
 
         Args:
             network: the network that was read; its marks of known points are judged as a whole.
@@ -94,8 +123,10 @@ class Reading:
         Raises:
             InputError: there is any.
         """
-        if network is not None and not self.problems:
-            self.problems += problems_of_marks(network)
+        if network is not None:
+            network.left_out += self._left_out(network)
+            if not self.problems:
+                self.problems += problems_of_marks(network)
         if not self.problems:
             return
         shown = self.problems[:MOST_PROBLEMS]
@@ -103,6 +134,19 @@ class Reading:
         if rest:
             shown.append(Problem(f"and {rest} further problems", shown[-1].where))
         raise InputError(shown)
+
+    def _left_out(self, network: Network) -> Iterator[LeftOut]:
+        """Yield what was left out; all marks of known points are a problem."""
+        for why, rows in self.left.items():
+            names = tuple(dict.fromkeys(name for name, _ in rows))
+            first = next((where for _, where in rows if where), "")
+            kept = marks_of_known_points(network) if why.doubtful else 0
+            hint = similar(names[0], network.photos) if why.doubtful else ""
+            of = kept + len(rows) if why.doubtful else 0
+            left = LeftOut(why.what, why.why, names, len(rows), of, first, hint, why.doubtful)
+            if why.doubtful and not kept:
+                self.wrong(str(left), first)
+            yield left
 
 
 def lines_of(text: str) -> Iterator[tuple[int, str]]:
@@ -139,6 +183,9 @@ class ImagePoints:
     def leave_out(self, network: Network, names: Iterable[str]) -> None:
         """Take points out of the network, with their image points."""
         lost = set(names)
+        for name in network.points:
+            if name in lost:
+                self.reading.leave_out(FEW_RAYS, name)
         for photo, rows in self.rows.items():
             self.rows[photo] = [r for r in rows if r[0] not in lost]
         for name in lost:

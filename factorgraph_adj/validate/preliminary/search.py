@@ -36,7 +36,7 @@ def mistaken(network: Network, *, length: str = "m", angle: str = "gon") -> tupl
 def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> tuple[Finding, ...]:
     """Check the readings of a network without adjusting it.
 
-    The two faces of targets, where readings were reduced; levelled loops, loops of GNSS vectors,
+    The two faces of targets, where readings were reduced; rows that a reader left out; levelled loops, loops of GNSS vectors,
     and traverses; places in frames of their own, and loops of such frames; distances measured
     several times, height differences forth and back; readings that are there twice; angles beyond
     the circle, and zenith angles that are level in another unit; heights of instruments within a
@@ -58,6 +58,7 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
         # What whole groups have in common explains what does not fit one by one.
         *compared,
         *(Finding(str(p), "look at the readings of both faces") for p in network.doubts),
+        *(Finding(str(left), "correct the file") for left in network.left_out if left.doubtful),
         *(() if compared else traverse_scale(network, length)),
         *beyond_circle(network, angle),
         *level_sights(network, angle, compared_kinds(equations)),
