@@ -36,8 +36,8 @@ def mistaken(network: Network, *, length: str = "m", angle: str = "gon") -> tupl
 def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> tuple[Finding, ...]:
     """Check the readings of a network without adjusting it.
 
-    The two faces of targets, where readings were reduced; rows that a reader left out; levelled loops, loops of GNSS vectors,
-    and traverses; places in frames of their own, and loops of such frames; distances measured
+    The two faces of targets, where readings were reduced; rows that a reader left out; levelled
+    loops, loops of GNSS vectors, and traverses; places in frames of their own, and loops of such frames; distances measured
     several times, height differences forth and back; readings that are there twice; angles beyond
     the circle, and zenith angles that are level in another unit; heights of instruments within a
     set-up; stated heights of surfaces, units, signs, frames, axes
