@@ -32,6 +32,8 @@ APART = 0.02
 """Median angle by which rays miss their point that is not asked about, radians: one degree."""
 BETTER = 0.1
 """Largest share of that angle that is left where another meaning is the right one."""
+LIKELIER = 0.5
+"""The same where points and poses are rough: their own errors remain with the right meaning."""
 LEAST = 3
 """Smallest number of points with marks in two photos that tell the axes."""
 PARALLEL = 1e-3
@@ -52,7 +54,7 @@ def problems_of_marks(network: Network, poses: Array | None = None) -> tuple[Pro
         along other axes (`BETTER` times that); or all points have the same coordinates.
     """
     photo, point, xy, _ = network.images.columns()
-    wanted = _known_points(network)
+    wanted = known_points(network)
     rows = np.flatnonzero(wanted[point]) if len(point) else np.zeros(0, dtype=np.intp)
     if not len(rows):
         return ()
@@ -101,11 +103,11 @@ def problems_of_marks(network: Network, poses: Array | None = None) -> tuple[Pro
 def marks_of_known_points(network: Network) -> int:
     """Return the number of image points of control, check, held and weighted points."""
     point = network.images.columns()[1]
-    return int(_known_points(network)[point].sum()) if len(point) else 0
+    return int(known_points(network)[point].sum()) if len(point) else 0
 
 
 def cameras_along_other_axes(network: Network, poses: Array, points: Array) -> tuple[str, ...]:
-    """Return the cameras whose image points fit the given poses and points along other axes only.
+    """Return the cameras whose image points fit given poses and points better along other axes.
 
     Args:
         network: the network.
@@ -132,7 +134,7 @@ def cameras_along_other_axes(network: Network, poses: Array, points: Array) -> t
             )
             for _, axes in OTHER
         )
-        if stated > APART and best < BETTER * stated:
+        if stated > APART and best < LIKELIER * stated:
             out.append(name)
     return tuple(out)
 
@@ -176,7 +178,7 @@ def _median_miss(pose: Array, ray: Array, group: Index, n: int) -> float:
     return float(np.median(angle))
 
 
-def _known_points(network: Network) -> Mask:
+def known_points(network: Network) -> Mask:
     """Return the control and check points, and those with held or weighted coordinates."""
     control = {o.point for o in network.observations.values() if isinstance(o, ControlPoint)}
     return np.array(

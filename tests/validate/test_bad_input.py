@@ -567,11 +567,6 @@ CHECKING = {
         "observations.csv:4: slope_distance A D (id 3): station and target coincide: the sight "
         "has no length",
     ),
-    "a point behind a camera": (
-        {"points": POINTS.replace("F,5,5,3", "F,5,-12,3")},
-        "images.csv:7: image P F: the point lies 2 m behind the camera, by the given coordinates "
-        "and orientation: correct them, or leave approximate ones out",
-    ),
     "a point in the focal plane": (
         {"points": POINTS.replace("F,5,5,3", "F,7,-10,3")},
         "images.csv:7: image P F: the point lies in the focal plane of the photo: it has no image",

@@ -6,6 +6,7 @@ from ...errors import InputError
 from ...graph.equations import compile_rows
 from ...network.network import Network
 from .against_given import against_given
+from .behind_cameras import behind_cameras
 from .circles import beyond_circle, level_sights
 from .closures import closures
 from .finding import Finding
@@ -37,11 +38,12 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
     """Check the readings of a network without adjusting it.
 
     The two faces of targets, where readings were reduced; rows that a reader left out; levelled
-    loops, loops of GNSS vectors, and traverses; places in frames of their own, and loops of such frames; distances measured
-    several times, height differences forth and back; readings that are there twice; angles beyond
-    the circle, and zenith angles that are level in another unit; heights of instruments within a
-    set-up; stated heights of surfaces, units, signs, frames, axes
-    and rotations against given coordinates;
+    loops, loops of GNSS vectors, and traverses; places in frames of their own, and loops of such
+    frames; distances measured several times, height differences forth and back; readings that are
+    there twice; angles beyond the circle, and zenith angles that are level in another unit; heights
+    of instruments within a set-up; stated heights of surfaces, points behind cameras, units, signs,
+    frames, axes and
+    rotations against given coordinates;
     points that these leave undetermined, or at either of two places. Nothing is changed.
 
     Args:
@@ -68,6 +70,7 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
         *traverses(network),
         *in_frames(equations, length, angle),
         *surfaces(equations),
+        *behind_cameras(equations),
         # Where given coordinates are wrong they say nothing of geometry.
         *(() if compared else undetermined(equations)),
     )

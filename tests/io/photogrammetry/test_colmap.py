@@ -287,7 +287,7 @@ def test_marks_along_other_axes_are_refused(tmp_path: Path, axes: Any, message: 
             p.track.length() for p in made.points3D.values()
         )
         return
-    with pytest.raises(InputError, match=r"^marks\.csv: the rays of the marks miss .*" + message):
+    with pytest.raises(InputError, match=r"^marks\.csv: the rays of the marks of 5 .*" + message):
         read_colmap(folder, **tables)
 
 

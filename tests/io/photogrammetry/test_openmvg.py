@@ -116,13 +116,19 @@ def test_control_points_are_observed_compared_or_left_out(tmp_path):
     assert left.n_image_points == 4 * 5
 
 
-def test_control_points_in_another_frame_are_refused(tmp_path):
+def test_a_reconstruction_in_another_frame_is_moved_to_the_control_points(tmp_path):
     document = json.loads(block("pinhole", control=4)["sfm_data.json"])
+    same = fga.adjust(
+        fga.read_openmvg(write(tmp_path, {"sfm_data.json": json.dumps(document).encode()}))
+    )
     for entry in document["control_points"]:
-        entry["value"]["X"] = [4e5 + v for v in entry["value"]["X"]]
+        entry["value"]["X"] = [400.0 - 3.0 * v for v in entry["value"]["X"][:2]] + [
+            3.0 * entry["value"]["X"][2]
+        ]
     path = write(tmp_path, {"sfm_data.json": json.dumps(document).encode()})
-    with pytest.raises(InputError, match="register the reconstruction"):
-        fga.read_openmvg(path)
+    moved = fga.adjust(fga.read_openmvg(path, sigma_control=(0.03, 0.03, 0.3)))
+    assert moved.converged and "similarity" in moved.begun[1]
+    assert same.converged
     assert fga.read_openmvg(path, control="leave out").datum == "free"
 
 
