@@ -64,10 +64,9 @@ class LeftOut:
 
     def __str__(self) -> str:
         of = f" of {self.of}" if self.of else ""
-        be = "was" if self.count == 1 else "were"
         named = f": {known(self.names)}{self.hint}" if self.names else ""
         first = f"; first in {self.where}" if self.where else ""
-        return f"{self.count}{of} {self.what} {be} left out, as {self.why}{named}{first}"
+        return f"{self.what}: {self.count}{of} left out, as {self.why}{named}{first}"
 
 
 _NUMBER = re.compile(r"\d+")

@@ -51,7 +51,8 @@ def problems_of_marks(network: Network, poses: Array | None = None) -> tuple[Pro
 
     Returns:
         Problems: the rays of the points do not meet (their median miss exceeds `APART`), and do
-        along other axes (`BETTER` times that); or all points have the same coordinates.
+        along other axes (to less than `APART`, and `BETTER` times that); or all points have the
+        same coordinates.
     """
     photo, point, xy, _ = network.images.columns()
     wanted = known_points(network)
@@ -87,7 +88,7 @@ def problems_of_marks(network: Network, poses: Array | None = None) -> tuple[Pro
     if not stated > APART:
         return tuple(problems)
     best, cause = min((miss(axes), cause) for cause, axes in OTHER)
-    if best < BETTER * stated:
+    if best < min(BETTER * stated, APART):
         problems.append(
             Problem(
                 f"the rays of the marks of {len(several)} known points miss their points by "

@@ -192,6 +192,10 @@ class _Assembly:
         if problems := problems_of_marks(network):
             raise InputError(problems)
         network.left_out += tables.left_out
+        if apart := sum(int((i.points == NO_POINT).sum()) for i in model.images):
+            network.left_out.append(
+                LeftOut("measurements", "they belong to no 3-D point", (), apart)
+            )
         network.name = name
         if left:
             network.left_out.append(
