@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from pathlib import Path
 from typing import Literal
 
@@ -36,6 +36,7 @@ TRACKS = "OPENSFM_TRACKS_VERSION_v"
 GROUND = ("gcp_list.txt", "ground_control_points.json")
 """Files of ground control beside a reconstruction."""
 OTHER_RECONSTRUCTION = Reason("reconstructions", "one is read at a time: reconstruction=… chooses")
+MARKS_ELSEWHERE = Reason("marks of known points", "another reconstruction has their photos")
 FARTHEST = 100e3
 """Largest level distance of ground control from the origin of a reconstruction, metres."""
 
@@ -90,9 +91,11 @@ def read_opensfm(
     reading = Reading()
     every = parse_json(read_text(source), source.name)
     root = _choose(every, reconstruction)
+    elsewhere: set[str] = set()
     for number, other in enumerate(every.list() if isinstance(every.value, list) else ()):
-        if other.where != root.where:
+        if other.value is not root.value:
             reading.leave_out(OTHER_RECONSTRUCTION, str(number), other.where)
+            elsewhere |= set(other.need("shots").members())
     frame = _frame(root, source.parent)
     network = Network(source.parent.name or source.stem, frame=frame)
     cameras = _cameras(network, root, reading, calibration == "optimised")
@@ -106,7 +109,7 @@ def read_opensfm(
         listed = Path(name) if gcp is not None else source.parent / name
         if gcp is not None or listed.exists():
             ground = read_gcp_list(listed, reading)
-            _control(network, ground, images, reading, cameras, sigma_gcp_px, sigma_gcp)
+            _control(network, ground, images, reading, cameras, sigma_gcp_px, sigma_gcp, elsewhere)
             break
     _without_rays(network, images)
     images.into(network)
@@ -284,8 +287,12 @@ def _control(
     cameras: Mapping[str, SfmCamera],
     sigma_px: float,
     sigma: tuple[float, float],
+    elsewhere: Set[str],
 ) -> None:
-    """Add control and check points with their measurements in photos of the reconstruction."""
+    """Add control and check points with their measurements in photos of the reconstruction.
+
+    ``elsewhere``: photos of the other reconstructions of the file.
+    """
     frame = network.frame
     if not isinstance(frame, TopocentricFrame):
         what = "ground control needs reference_lla.json, the origin of the reconstruction"
@@ -301,7 +308,8 @@ def _control(
             _add_ground(network, frame, grid, point, sigma)
             for photo, x, y, normalised, where in point.marks:
                 if photo not in network.photos:
-                    reading.leave_out(MARKS_WITHOUT_PHOTO, photo, where)
+                    why = MARKS_ELSEWHERE if photo in elsewhere else MARKS_WITHOUT_PHOTO
+                    reading.leave_out(why, photo, where)
                     continue
                 camera = cameras[network.photos[photo].camera]
                 xy = camera.pixel(x, y) if normalised else (x + 0.5, -y - 0.5)

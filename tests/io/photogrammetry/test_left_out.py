@@ -89,7 +89,8 @@ DAMAGES = {
     ),
     "Metashape": Damage(
         photo_files.metashape, "cameras.xml", "cameras.xml",
-        'sensor_id="0" label="IMG 0.jpg" enabled="true"', 'sensor_id="0" label="IMG 0.jpg" enabled="false"',
+        'sensor_id="0" label="IMG 0.jpg" enabled="true"',
+        'sensor_id="0" label="IMG 0.jpg" enabled="false"',
         "photos, points and readings: 1 left out, as they are switched off in the file: IMG 0.jpg",
     ),
     "COLMAP, a measurement": Damage(
@@ -140,6 +141,6 @@ def test_marks_that_are_all_left_out_are_refused(tmp_path: Path) -> None:
 
 
 def test_check_says_what_was_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["check", str(opensfm_with(tmp_path, "201 1.jpg", "201 1.JPG"))])
+    main(["check", str(opensfm_with(tmp_path, "201 1.jpg G2", "201 1.JPG G2"))])
     said = capsys.readouterr().out
     assert "marks of known points: 1 of 4 left out" in " ".join(said.split())
