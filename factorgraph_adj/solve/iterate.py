@@ -167,6 +167,7 @@ def _gauss_newton(
         if iteration > max_iterations:
             break
         bounds.append(bound)
+        run.damped = run.damped or damping.value > 0.0
         stop = stop.noted(attempt, judged, before, run.state)
         moved = _movement(run, normal, beyond, attempt, judged, stop)
         run.state, vtpv = moved.state, moved.vtpv

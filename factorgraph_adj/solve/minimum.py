@@ -41,6 +41,13 @@ MOST_WEIGHINGS = 10
 """Largest number of times that weights are computed: they depend on the lengths of sights, which
 hardly change with the unknowns."""
 
+BEYOND_CHANCE = 4.0
+"""Excess of vᵀPv over the redundancy, in its standard deviations, that chance does not explain."""
+ELSEWHERE = (
+    "the start was far from this minimum and vᵀPv is larger than chance explains: gross errors, or "
+    "a lower minimum elsewhere, cannot be excluded"
+)
+"""Addition to the reason of such an adjustment."""
 MOST_PULLED_BACK = 3
 """Largest number of times that points are pulled back from behind cameras after an iteration."""
 
@@ -122,6 +129,8 @@ def adjust_from(
     if run.datum is not None:
         ended = _carry_to_datum_points(run, ended, tolerance)
     refuse_points_behind(run.equations, run.state)
+    if ended.converged and run.damped and _fits_badly(run, ended.vtpv):
+        ended = replace(ended, reason=f"{ended.reason}; {ELSEWHERE}")
     return Solution(
         network=equations.network,
         equations=run.equations,
@@ -228,6 +237,14 @@ def _minimise(
         )
         ended = replace(ended, converged=False, reason=reason, left=np.inf)
     return run, replace(ended, iterations=iterations, second_places=told)
+
+
+def _fits_badly(run: Run, vtpv: float) -> bool:
+    """Return whether vᵀPv is larger than chance explains: its deviation is √(2 r)."""
+    unknowns = run.equations.unknowns
+    r = run.equations.n_rows + run.extra.n_rows - int(unknowns.free.sum())
+    r += sum(d.size for d in run.defects)
+    return bool(vtpv > r + BEYOND_CHANCE * np.sqrt(2.0 * max(r, 1)))
 
 
 def _ahead_of_cameras(run: Run, ended: Ended, go_on: _Iteration) -> Ended:

@@ -42,6 +42,8 @@ CAMERA = "camera"
 WRONG_PIXELS = 0.15
 """Share of image points that are anywhere in the format."""
 BAL = "problem-49-7776-pre-shrink-1800.txt"
+LEAST_OF_PHOTO = 12
+"""Points of each photo of a part of that block."""
 WHEEL = Path(gtsam.__file__).parent / "Data"
 SPHERE, PLANE = "sphere2500.txt", "w100.graph"
 """Pose graphs of the wheel: a sphere of 2500 poses, and 100 poses in a plane."""
@@ -185,7 +187,7 @@ def _ladybug() -> Network:
 
 
 def part_of_bal(rng: np.random.Generator) -> Network:
-    """Return 6 to 9 photos in sequence of Ladybug 49 with up to 60 points, as they start there."""
+    """Return 6 to 9 photos in sequence of Ladybug 49 with some points, as they start there."""
     whole = _ladybug()
     first, count = int(rng.integers(0, 40)), int(rng.integers(6, 10))
     photos = [str(i) for i in range(first, first + count)]
@@ -194,8 +196,13 @@ def part_of_bal(rng: np.random.Generator) -> Network:
     poses, points = table.unknowns["pose"].names, table.unknowns["point"].names
     inside = np.isin(np.array(poses)[block.variables[0][1]], photos)
     photo, point = (block.variables[k][1][inside] for k in (0, 2))
+    # Photos with few of the points would not be determined, so that these come first.
     rays = np.bincount(point, minlength=len(points))
-    chosen = rng.permutation(np.flatnonzero(rays >= 3))[:60]
+    needed = np.concatenate(
+        [rng.permutation(np.unique(point[photo == k]))[:LEAST_OF_PHOTO] for k in np.unique(photo)]
+    )
+    chosen = np.unique(np.concatenate([needed, rng.permutation(np.flatnonzero(rays >= 4))[:30]]))
+    chosen = chosen[rays[chosen] >= 2]
     out = Network(f"{BAL}: photos {first} to {first + count - 1}", datum="free")
     start = table.unknowns.start()
     for k in np.sort(chosen).tolist():
