@@ -81,7 +81,7 @@ def compare(network: Network, number: int, found: Compared) -> State:
     best = min(costs.values())
     found.blocks += 1
     for name, value in costs.items():
-        reached = value <= best + LOWEST * (1.0 + best) if np.isfinite(best) else name == "ours"
+        reached = bool(np.isfinite(value)) and value <= best + LOWEST * (1.0 + best)
         found.lowest[name] = found.lowest.get(name, 0) + reached
         found.seconds[name] = found.seconds.get(name, 0.0) + taken[name]
         if name == "ours":

@@ -43,7 +43,7 @@ WRONG_PIXELS = 0.15
 """Share of image points that are anywhere in the format."""
 BAL = "problem-49-7776-pre-shrink-1800.txt"
 LEAST_OF_PHOTO = 12
-"""Points of each photo of a part of that block."""
+"""Smallest number of points of a photo in a part of that block."""
 WHEEL = Path(gtsam.__file__).parent / "Data"
 SPHERE, PLANE = "sphere2500.txt", "w100.graph"
 """Pose graphs of the wheel: a sphere of 2500 poses, and 100 poses in a plane."""
@@ -187,34 +187,42 @@ def _ladybug() -> Network:
 
 
 def part_of_bal(rng: np.random.Generator) -> Network:
-    """Return 6 to 9 photos in sequence of Ladybug 49 with some points, as they start there."""
+    """Return 6 to 9 photos of Ladybug 49 that share many points, as they start there.
+
+    Every photo has at least `LEAST_OF_PHOTO` of the points, and every point at least three rays.
+    """
     whole = _ladybug()
-    first, count = int(rng.integers(0, 40)), int(rng.integers(6, 10))
-    photos = [str(i) for i in range(first, first + count)]
     table = compile_network(whole)
     block = next(b for b in table.blocks if b.kind == "image")
     poses, points = table.unknowns["pose"].names, table.unknowns["point"].names
-    inside = np.isin(np.array(poses)[block.variables[0][1]], photos)
-    photo, point = (block.variables[k][1][inside] for k in (0, 2))
-    # Photos with few of the points would not be determined, so that these come first.
-    rays = np.bincount(point, minlength=len(points))
-    needed = np.concatenate(
-        [rng.permutation(np.unique(point[photo == k]))[:LEAST_OF_PHOTO] for k in np.unique(photo)]
-    )
-    chosen = np.unique(np.concatenate([needed, rng.permutation(np.flatnonzero(rays >= 4))[:30]]))
-    chosen = chosen[rays[chosen] >= 2]
-    out = Network(f"{BAL}: photos {first} to {first + count - 1}", datum="free")
+    photo, point = block.variables[0][1], block.variables[2][1]
+    seen = np.zeros((len(poses), len(points)), dtype=bool)
+    seen[photo, point] = True
+    while True:
+        chosen = [int(rng.integers(len(poses)))]
+        for _ in range(int(rng.integers(5, 9))):
+            shared = np.sum(seen & (seen[chosen].sum(axis=0) > 0), axis=1)
+            shared[chosen] = -1
+            chosen.append(int(np.argmax(shared)))
+        kept = np.flatnonzero(seen[chosen].sum(axis=0) >= 3)
+        kept = np.sort(rng.permutation(kept)[:60])
+        if seen[np.ix_(chosen, kept)].sum(axis=1).min() >= LEAST_OF_PHOTO and np.all(
+            seen[np.ix_(chosen, kept)].sum(axis=0) >= 3
+        ):
+            break
+    out = Network(f"{BAL}: photos {sorted(chosen)}", datum="free")
     start = table.unknowns.start()
-    for k in np.sort(chosen).tolist():
+    for k in kept.tolist():
         out.add_point(points[k], start["point"][k])
-    for name in photos:
+    for number in sorted(chosen):
+        name = poses[number]
         old = dict(zip(NormalisedLens().names, whole.cameras[name].values, strict=True))
         out.add_camera(name, NormalisedLens(), old, free=("c", "k1", "k2"), unit="px")
-        pose = start["pose"][poses.index(name)]
+        pose = start["pose"][number]
         out.add_photo(name, name, position=pose[9:], rotation=pose[:9].reshape(3, 3))
-        on = (np.array(poses)[photo] == name) & np.isin(point, chosen)
-        seen = [points[k] for k in point[on].tolist()]
-        out.add_image_points(name, seen, block.observed[inside][on], sigma=1.0)
+        on = (photo == number) & np.isin(point, kept)
+        names = [points[k] for k in point[on].tolist()]
+        out.add_image_points(name, names, block.observed[on], sigma=1.0)
     return out
 
 
