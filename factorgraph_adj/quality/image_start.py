@@ -8,6 +8,7 @@ set aside: what fits the clean solution is put back.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..solve.start import Start
 from ..types import Array
+from .causes.matches import Match
 from .rejections import PointSetAside, Rejected, Test
 from .snooping_search import SnoopingSearch
 
@@ -46,6 +48,7 @@ def search_beside(
     power: float,
     options: dict[str, Any],
     withdrawing: bool,
+    exchanged: Sequence[Match] = (),
 ) -> SnoopingSearch:
     """Return a search of data snooping that begins with a clean adjustment.
 
@@ -58,6 +61,7 @@ def search_beside(
         power: as there.
         options: as there.
         withdrawing: as there.
+        exchanged: what is known already of observations that do not agree.
     """
     search = SnoopingSearch(clean, test, alpha, power, options, withdrawing=withdrawing)
     equations = compile_network(network)
@@ -69,6 +73,7 @@ def search_beside(
     rays = _rays(equations, _lost(network, start))
     of_points = {ray for own in rays.values() for ray in own}
     search.network, search.equations, search.whole = network, equations, None
+    search.exchanged = tuple(exchanged)
     search.start = moved.origin["point"]
     for ident in start.doubtful:
         if ident not in of_points:
@@ -84,16 +89,17 @@ def search_beside(
 
 
 def _rejected(equations: Equations, ident: str, v: Array, raw: Array) -> tuple[Rejected, int]:
-    """Return an image point that does not agree with the start, and its worse component."""
+    """Return an observation that does not agree with the start, and its worst component."""
     (rows,) = equations.find([ident])
     place = int(np.argmax(np.abs(v[rows])))
     row = int(rows[place])
     nan = float("nan")
+    block = next(b for b in equations.blocks if b.rows.start <= row < b.rows.stop)
     found = Rejected(
         ident,
-        "image",
+        block.kind,
         equations.label(row),
-        "xy"[place],
+        block.components[place],
         float(v[row]),
         float(-raw[row]),
         0,

@@ -10,17 +10,22 @@ where so many are set aside that those that stay only place the network.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..graph.equations import Equations, compile_network
 from ..network.network import Network
 from ..observations.registry import KINDS
 from ..solve.solution import Solution
-from ..types import Array
+from ..solve.standing import standing
+from ..solve.start import Start
+from ..types import Array, Mask
 from .causes.hypotheses import SIGHTS
 from .rejections import Snooping
+from .reliability import reliability
 
 PART = 1.0 / 3.0
 """Largest share of its readings that an instrument loses to gross errors of single readings."""
@@ -28,6 +33,8 @@ LEAST = 6
 """Smallest number of readings set aside of an instrument: two sights with all they consist of."""
 KEPT = 0.5
 """Smallest share of its observations that a point keeps."""
+NAMED = 6
+"""Largest number of points that a sentence names."""
 MOVED = 10.0
 """Largest change of the place of such a point, in its standard deviations."""
 
@@ -120,6 +127,92 @@ def bare_place(found: Snooping) -> BarePlace | None:
     if not left or any(controlled[rows].any() for rows in own):
         return None
     return BarePlace(len(lost), left)
+
+
+@dataclass(frozen=True)
+class LostControl:
+    """Points of which what is left is controlled by nothing, after others have gone."""
+
+    points: tuple[str, ...]
+    """Names of the points."""
+    rows: int
+    """Number of scalar observations that have lost their control."""
+
+    def __str__(self) -> str:
+        """Return it as a sentence without a stop."""
+        named = ", ".join(repr(p) for p in self.points[:NAMED])
+        more = f", … {len(self.points)} in all" if len(self.points) > NAMED else ""
+        one = len(self.points) == 1
+        return (
+            f"gross errors took the control of point{'s' * (not one)} {named}{more} away: {self.rows} "
+            f"of the readings that are left of {'it' if one else 'them'} are controlled by nothing, "
+            "so that nothing tells whether the wrong ones were set aside"
+        )
+
+
+def lost_control(found: Snooping, original: Network) -> LostControl | None:
+    """Return the points whose control data snooping has set aside; none: there are none.
+
+    An observation has lost its control if others control it in the whole network, and none do in
+    the clean one: then its error and that of what was set aside change all others alike. Points
+    that only images observe do not count: a block has many of two rays, whose depth nothing
+    controls.
+
+    Args:
+        found: the result of data snooping.
+        original: the network before it.
+    """
+    clean, controlled = found.solution, found.reliability.controlled
+    aside = found.ids_set_aside
+    if not aside or controlled.all():
+        return None
+    left = clean.equations
+    rows = np.flatnonzero(~controlled)
+    whole = _whole(found, original)
+    if whole is None:
+        return None
+    equations, before = whole.equations, reliability(whole).controlled
+    ids = [left.id(int(row)) for row in rows]
+    lost = []
+    for row, own in zip(rows.tolist(), equations.find(ids), strict=True):
+        place = row - int(left.find([left.id(row)])[0][0])
+        if len(own) and before[own[place]]:
+            lost.append(row)
+    counts, touched = _points_of_rows(left, controlled, lost)
+    names = left.unknowns["point"].names
+    points = dict.fromkeys(names[min(own, key=lambda p: counts[p])] for own in touched if own)
+    return LostControl(tuple(sorted(points)), len([t for t in touched if t])) if points else None
+
+
+def _whole(found: Snooping, original: Network) -> Solution | None:
+    """Return the whole network at the clean solution, where gross errors have bent nothing."""
+    if found.solution.datum is not None:
+        return found.whole
+    equations = compile_network(original)
+    start = Start.of(found.solution).carried_to(equations.unknowns)
+    return None if start is None else standing(equations, start, None, reason="", doubt="")
+
+
+def _points_of_rows(
+    equations: Equations, controlled: Mask, rows: Sequence[int]
+) -> tuple[Array, list[list[int]]]:
+    """Return the number of controlled rows of each point, and the free points of some rows."""
+    table = equations.unknowns["point"]
+    counts = np.zeros(len(table.names))
+    own: dict[int, list[int]] = defaultdict(list)
+    for block in equations.blocks:
+        if block.kind == "image":
+            continue
+        fine = controlled[block.rows].reshape(block.n, block.dimension)
+        for kind, index in block.variables:
+            if kind != "point":
+                continue
+            np.add.at(counts, index, fine.sum(axis=1))
+            for row in rows:
+                if block.rows.start <= row < block.rows.stop:
+                    p = int(index[(row - block.first_row) // block.dimension])
+                    own[row] += [p] if table.free[p].any() else []
+    return counts, [own[row] for row in rows]
 
 
 def _members(network: Network) -> tuple[dict[tuple[str, str], list[str]], dict[str, list[str]]]:

@@ -9,7 +9,7 @@ observation is set aside with all its components, by their largest test value.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -23,6 +23,8 @@ from ..solve.minimum import MOST_ITERATIONS
 from ..solve.solution import Solution
 from ..solve.start import Start
 from ..types import Array
+from .causes.matches import Match
+from .exchanged_names import exchanged_names, sights_far_off, start_beside
 from .far_off import approximate_values, astray, simpler
 from .image_start import clean_adjustment, search_beside
 from .levels import ALPHA, POWER
@@ -131,6 +133,12 @@ def snoop(
                 f"the network has no minimum with its factors: {first.reason}; find the gross "
                 "errors without extra_factors first"
             )
+    if plain and first is not None and sights_far_off(first):
+        # Exchanged names bend an adjustment, and a search that begins with it.
+        names = exchanged_names(network, first, alpha)
+        beside = start_beside(network, names, options) if names else None
+        if beside is not None:
+            return searching.run_beside(beside, [n.match for n in names])[1]
     if first is not None and first.converged:
         search, found = searching.run(first)
         # There is no robust estimator of free networks, nor one with factors.
@@ -194,8 +202,15 @@ class _Searching:
 
         return self._to_the_end(made)
 
-    def run_beside(self, start: Start) -> tuple[SnoopingSearch, Snooping]:
-        """Return a search that begins without what does not agree with a start from images."""
+    def run_beside(
+        self, start: Start, exchanged: Sequence[Match] = ()
+    ) -> tuple[SnoopingSearch, Snooping]:
+        """Return a search that begins without what does not agree with a start.
+
+        Args:
+            start: the start, which names the observations that do not agree.
+            exchanged: what is known of them already.
+        """
         try:
             clean = clean_adjustment(self.network, start, self.options)
         except (InputError, DatumError) as error:
@@ -211,6 +226,7 @@ class _Searching:
                 power=self.power,
                 options=self.options,
                 withdrawing=withdrawing,
+                exchanged=exchanged,
             )
 
         return self._to_the_end(made)

@@ -9,6 +9,7 @@ from ..quality.causes.search import EXCHANGES, Cause
 from ..quality.distributions import chi2_quantile
 from ..units import decimal
 from .context import Report
+from .doubts import nothing_tells
 from .layout import NO_BREAK, listed, paragraph, percent, short, table, title
 
 MOST = 3
@@ -29,8 +30,12 @@ def unit_of(report: Report, size: Size) -> tuple[float, str]:
 def causes(report: Report) -> list[str]:
     """Return the likeliest causes of misfits that several observations share."""
     found = report.causes
-    if found is None or not found.likelier:
+    if found is None:
         return []
+    undecided = [line for text in nothing_tells(found) for line in paragraph(text)]
+    if not found.likelier:
+        heading = title("An error, but nothing tells in which reading")
+        return [*heading, *undecided] if undecided else []
     shown = found.likelier[:MOST]
     out = title("Likely causes, each of which explains more than any single reading")
     for i, cause in enumerate(shown, start=1):
@@ -39,12 +44,13 @@ def causes(report: Report) -> list[str]:
     more = len(found.likelier) - len(shown)
     if more:
         out.append(f"  … {more} more explain less")
+    out += undecided
     legend = (
         f"of {found.tested} hypotheses, each tested with α0 = {percent(found.alpha)}; T²: by how "
         "much less vᵀPv would be; size: observed, recorded or given − true, of centring instrument "
         "or target − mark. One of them may be right: put the first right, and adjust again"
     )
-    if report.snooping is None:
+    if report.snooping is None and all(c.sizes for c in found.found):
         legend += f"; {EXCHANGES}"
     return [*out, *paragraph(legend)]
 
@@ -55,12 +61,12 @@ def exchanges_untested(report: Report) -> list[str]:
     They may where the adjustment has no minimum, or where the likeliest cause would have to be
     larger than such an error is.
     """
-    if report.snooping is not None:
+    found = report.causes
+    if report.snooping is not None or (found is not None and not all(c.sizes for c in found.found)):
         return []
     if not report.solution.converged:
         return [f"gross errors may keep an adjustment from a minimum; {EXCHANGES}"]
-    found = report.causes
-    if found is None or all(c.plausible for c in found.likelier[:1]):
+    if found is None or all(c.plausible for c in found.found[:1]):
         return []
     return [f"its size is not that of such an error: readings may be exchanged; {EXCHANGES}"]
 
@@ -71,11 +77,16 @@ def sentence(report: Report, cause: Cause) -> str:
 
 
 def likeliest(report: Report) -> str:
-    """Return the cause that explains most; empty if none explains more than single readings."""
+    """Return the cause that explains most, or between which errors nothing tells.
+
+    Empty if no cause explains more than single readings.
+    """
     found = report.causes
-    if found is None or not found.likelier:
+    if found is None:
         return ""
-    return f"likeliest cause: {sentence(report, found.likelier[0])}"
+    if (first := found.likeliest) is None:
+        return next(iter(nothing_tells(found)), "")
+    return f"likeliest cause: {sentence(report, first)}"
 
 
 def _members(cause: Cause) -> str:

@@ -14,12 +14,14 @@ from ..graph.variables import calibration_name
 from ..io.numbers import Units
 from ..models.variables import VariableKind
 from ..network.network import Network
+from ..quality.causes.exchanged_targets import Exchange
 from ..quality.causes.given import GivenValue
-from ..quality.causes.search import Causes, causes
+from ..quality.causes.search import Causes, causes, exchanges_alone
 from ..quality.check_points import check_points
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
 from ..quality.lines import AdjustedLine, adjusted_lines
-from ..quality.losses import bare_place, losses
+from ..quality.exchanged_names import exchanged_names, sights_far_off
+from ..quality.losses import bare_place, lost_control, losses
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
@@ -38,7 +40,15 @@ from ..types import Array, Mask
 from ..units import ANGLE, LENGTH
 from ..validate.preliminary.search import mistaken, preliminary
 from . import axes
-from .doubts import above_critical, at_check_points, doubts_about, lost, of_network, reasons
+from .doubts import (
+    above_critical,
+    at_check_points,
+    doubts_about,
+    lost,
+    nothing_tells,
+    of_network,
+    reasons,
+)
 from .options import Provenance, ReportOptions
 from .rows import ReportRows
 from .set_aside import SetAside, set_aside
@@ -206,7 +216,8 @@ class Report:
         if not wrong:
             return []
         found = preliminary(original, length=self.units.length, angle=self.units.angle)
-        named = set(self.causes.likelier[0].ids) if self.likelier and self.causes else set()
+        first = None if self.causes is None else self.causes.likeliest
+        named = set() if first is None else set(first.ids)
         return reasons([f for f in found if not named or set(f.ids) != named], wrong)
 
     @cached_property
@@ -217,19 +228,25 @@ class Report:
             return []
         place = bare_place(self.snooping)
         found = lost(losses(self.snooping, original, self.snooping.whole))
-        return [*found, *([str(place)] if place else [])]
+        control = lost_control(self.snooping, original)
+        return [*found, *(str(x) for x in (place, control) if x is not None)]
 
     @property
     def likelier(self) -> list[str]:
         """The cause that explains more than what data snooping set aside; empty if there is none.
 
-        Without snooping the test values are the doubt, and the cause stands in its own section.
+        Without snooping the test values are the doubt, and a cause with a size stands in its own
+        section.
         """
-        if self.snooping is None or self.causes is None:
+        if self.causes is None:
             return []
-        return [
-            f"likelier than gross errors of single readings: {c}" for c in self.causes.likelier[:1]
-        ]
+        first = self.causes.likeliest
+        if self.snooping is None:
+            told = first is not None and not first.sizes
+            return [f"readings fit under other names: {first}"] if told else []
+        if first is None:
+            return nothing_tells(self.causes)
+        return [f"likelier than gross errors of single readings: {first}"]
 
     @cached_property
     def causes(self) -> Causes | None:
@@ -237,16 +254,24 @@ class Report:
         if self.snooping is not None:
             found = self.snooping.causes
             return None if found is None else axes.causes(self.network, found)
-        rel = self.reliability
+        rel, matches = self.reliability, [e.match for e in self._exchanged]
         if rel is None or not self.solution.converged:
-            return None
+            found = exchanges_alone(self.solution, matches, self.options.alpha)
+            return found if matches else None
         values, critical = self.tests
         if (
             not np.nanmax(np.abs(values), initial=0.0) > critical
             and global_test(self.solution).accepted
         ):
             return None
-        return axes.causes(self.network, causes(rel))
+        return axes.causes(self.network, causes(rel, matches))
+
+    @cached_property
+    def _exchanged(self) -> tuple[Exchange, ...]:
+        """Exchanged names of targets, where readings of sights are far off."""
+        if self.snooping is not None or not sights_far_off(self.solution):
+            return ()
+        return exchanged_names(self.network, self.solution, self.options.alpha)
 
     @cached_property
     def given(self) -> tuple[GivenValue, ...]:

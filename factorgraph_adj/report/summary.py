@@ -79,6 +79,7 @@ def summary(report: Report) -> dict[str, Any]:
         ],
         "reliability": _reliability(report),
         "causes": [] if report.causes is None else [_cause(c) for c in report.causes.likelier],
+        "undecided": [] if report.causes is None else list(report.causes.undecided),
         **({} if report.snooping is None else {"snooping": _snooping(report, report.snooping)}),
         **({} if report.components is None else {"variance_components": _components(report)}),
         **({} if report.significance is None else {"parameters": _parameters(report)}),

@@ -136,7 +136,7 @@ def _doubts(report: Report) -> list[str]:
         return []
     out = paragraph(f"DOUBTFUL RESULT: {'; '.join(report.doubts)}")
     hints = exchanges_untested(report)
-    if cause := likeliest(report):
+    if (cause := likeliest(report)) and cause not in report.doubts:
         hints.insert(0, cause)
     out += paragraph("; ".join(hints), indent=4) if hints else []
     return [*out, ""]

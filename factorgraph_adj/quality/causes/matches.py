@@ -67,6 +67,8 @@ class Match:
     """Station, target and the point that it is, of one sight."""
     moved: bool = False
     """Whether the height of the target is that of the wrong name as well."""
+    same: tuple[str, ...] = ()
+    """Other places, after which all readings would fit as well."""
 
 
 def matches(

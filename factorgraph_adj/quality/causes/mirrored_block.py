@@ -31,7 +31,7 @@ from ..innovations import Innovations
 from ..robust import robust_adjust
 from .matches import Match
 from .photos import FIT, GONE, LEAST, Oriented, fits_attitude, told_apart
-from .search import SAME
+from .separable import SAME
 
 MOST_ITERATIONS = 20
 """Largest number of iterations of an adjustment with other axes: with the right ones it is near its

@@ -32,7 +32,7 @@ from ...types import Array, Index, Mask
 from ..distributions import chi2_quantile
 from ..innovations import Innovations
 from .matches import Match
-from .search import SAME
+from .separable import SAME
 
 MOST = 20
 """Largest number of photos that are tested, those with the most rays set aside."""

@@ -52,7 +52,7 @@ class Readings:
         parts: list[tuple[Index, ...]] = []
         kinds: list[str] = []
         for here, block in enumerate(equations.blocks):
-            at = _ends(block)
+            at = ends_of(block)
             if at is None:
                 continue
             n, d = block.observed.shape
@@ -162,7 +162,7 @@ class Readings:
         """Return ∂f by the position of the station or the target, east and north, (m, 2)."""
         out, frame = np.zeros((len(self.row), 2)), self.equations.network.frame
         for block, at in self.parts():
-            ends = _ends(block)
+            ends = ends_of(block)
             assert ends is not None
             which = ends[0 if end == "station" else 1]
             index = block.arguments[which][1]
@@ -184,13 +184,13 @@ class Readings:
         """
         out = np.full(len(self.row), np.nan)
         for block, at in self.parts():
-            ends = _ends(block)
+            ends = ends_of(block)
             assert ends is not None
             part = block.select(self.number[at]).by_role()
             before = self._residuals(part)
             variables = list(part.variables)
             old = variables[ends[1]][1]
-            vertical = _vertical_of(block, ends[1])
+            vertical = vertical_of(block, ends[1])
             variables[ends[1]] = ("point", targets[at])
             if vertical is not None:
                 names = self.equations.unknowns["point"].names
@@ -211,7 +211,7 @@ class Readings:
         return out
 
 
-def _ends(block: Block) -> tuple[int, int] | None:
+def ends_of(block: Block) -> tuple[int, int] | None:
     """Return the places of station and target among the variables; none: it has none."""
     if block.prior or block.lens is not None or block.model is None or block.by_axis:
         return None
@@ -222,7 +222,7 @@ def _ends(block: Block) -> tuple[int, int] | None:
     return places["station"], places["target"]
 
 
-def _vertical_of(block: Block, end: int) -> int | None:
+def vertical_of(block: Block, end: int) -> int | None:
     """Return the place of the vertical at one of the ends."""
     named = observation_kind(block.kind).variables
     attribute = named[end][1]

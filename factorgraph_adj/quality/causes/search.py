@@ -8,7 +8,7 @@ bend an adjustment too far for its linear model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,11 +27,10 @@ from .given import GivenValue, given_values
 from .hypotheses import Hypotheses, Size, hypotheses
 from .matches import Match
 from .readings import Readings
+from .separable import SAME, indifference
 
 MOST = 50
 """Largest number of places at which a cause is tested in full: those that may explain most."""
-SAME = 11.0
-"""Difference of T² below which two causes cannot be told apart."""
 CHANCE = 0.01
 """Largest probability with which good readings make any of the tested causes likelier."""
 SHARED = 2
@@ -95,6 +94,8 @@ class Cause:
     """Place among causes that explain as much: what one set-up makes comes first."""
     given: GivenValue | None = None
     """The held value that is wrong; None for other causes."""
+    same: tuple[str, ...] = ()
+    """Other places of an exchange, after which all readings would fit as well."""
 
     def __str__(self) -> str:
         """Return the cause, its size and its test, in millimetres and milligons."""
@@ -126,6 +127,8 @@ class Cause:
             test += f", {self.dof} degree{'s' * (self.dof != 1)} of freedom, critical "
             test += f"{self.critical:.1f}"
         text = f"{self.cause} {self.where}"
+        if self.same:
+            text += f", or {', or '.join(self.same)}: nothing tells which"
         return (f"{text}: {', '.join(sizes)}" if sizes else text) + f" ({test})"
 
     @property
@@ -133,6 +136,11 @@ class Cause:
         """Whether an error of this size is one that people make, see `PLAUSIBLE`."""
         limits = np.array([PLAUSIBLE[size] for size in self.sizes])
         return not np.any(np.abs(self.error) > limits)
+
+    @property
+    def possible(self) -> bool:
+        """Whether it may be a likely cause: a given value of any size may have been mistyped."""
+        return self.given is not None or self.plausible
 
     @property
     def evidence(self) -> float:
@@ -149,13 +157,16 @@ class Causes(Shown):
     found: tuple[Cause, ...]
     """The causes."""
     single: float
-    """Evidence of the single observation with the largest test value."""
+    """T² of the single observation with the largest test value, w²."""
     tested: int
     """Number of hypotheses."""
     alpha: float
     """Probability of a false alarm of one test."""
     given: tuple[GivenValue, ...] = field(default=())
     """Tests of all given values that are held."""
+    readings: tuple[str, ...] = ()
+    """Labels of the observations that cannot be told from the one with the largest test value, that
+    one first; empty where no test value is critical."""
 
     def headline(self) -> str:
         """Return how many causes were found."""
@@ -168,13 +179,58 @@ class Causes(Shown):
 
     @property
     def likelier(self) -> tuple[Cause, ...]:
-        """Exchanges, and causes that explain more than any single observation.
+        """Exchanges, and causes that explain significantly more than any single observation.
 
         Those only that good readings make as likely as this, at any of the places tested, with a
-        probability below `CHANCE`.
+        probability below `CHANCE`; and of a size that such an error has.
         """
-        least = max(self.single, float(np.log(max(self.tested, 1) / CHANCE)))
-        return tuple(c for c in self.found if not c.sizes or c.evidence > least)
+        least = float(np.log(max(self.tested, 1) / CHANCE))
+        single = evidence(self.single, 1) + 0.5 * indifference(self.single)
+        return tuple(
+            c
+            for c in self.found
+            if not c.sizes or (c.evidence > max(least, single) and c.possible)
+        )
+
+    @property
+    def likeliest(self) -> Cause | None:
+        """The cause that explains significantly more than single readings and all other causes."""
+        first = next(iter(self.likelier), None)
+        return None if self.undecided else first
+
+    @property
+    def undecided(self) -> tuple[str, ...]:
+        """All errors of which one has happened, and nothing tells which; empty if something does.
+
+        They are the causes that cannot be told from the first one, or the observations, and the
+        causes, that cannot be told from the observation with the largest test value.
+        """
+        likelier = self.likelier
+        if likelier:
+            same = _alike(likelier, likelier[0].t2)
+            return () if not likelier[0].sizes or len(same) < 2 else _said(same)
+        if not self.readings:
+            return ()
+        same = _alike([c for c in self.found if c.possible and c.sizes], self.single)
+        every = (*self.readings, *_said(same))
+        return every if len(every) > 1 else ()
+
+
+def _alike(found: Sequence[Cause], t2: float) -> list[Cause]:
+    """Return the causes that explain as much as T²; of one cause at one set of readings the first.
+
+    A cause at a station is the same as everywhere, where there is no other station.
+    """
+    out: list[Cause] = []
+    for c in found:
+        if abs(c.t2 - t2) < indifference(max(c.t2, t2)):
+            if not any(c.ids and o.cause == c.cause and set(o.ids) == set(c.ids) for o in out):
+                out.append(c)
+    return out
+
+
+def _said(found: Iterable[Cause]) -> tuple[str, ...]:
+    return tuple(f"{c.cause} {c.where}" for c in found)
 
 
 def evidence(t2: float, dof: int) -> float:
@@ -208,9 +264,31 @@ def causes(rel: Reliability, found: Iterable[Match] = (), *, sigma0: float | Non
         if c.t2 > critical:
             out.append(replace(c, critical=critical))
     out = [*sorted((_of_match(m) for m in found), key=lambda c: -c.t2), *_ordered(out)]
-    w = rel.w[rel.controlled]
-    single = evidence(float(np.max(w * w, initial=0.0)) / variance, 1)
-    return Causes(solution, tuple(out), single, len(tested), alpha, given)
+    w = np.where(rel.controlled, np.abs(rel.w), 0.0)
+    single = float(np.max(w * w, initial=0.0)) / variance
+    readings = _readings_alike(rel, w, single) if single > rel.critical_w**2 else ()
+    return Causes(solution, tuple(out), single, len(tested), alpha, given, readings)
+
+
+def exchanges_alone(solution: Solution, found: Iterable[Match], alpha: float) -> Causes:
+    """Return exchanges as the causes in an adjustment without a minimum, which has no tests.
+
+    Args:
+        solution: where the adjustment ended.
+        found: the exchanges.
+        alpha: probability of a false alarm of one test.
+    """
+    every = tuple(sorted((_of_match(m) for m in found), key=lambda c: -c.t2))
+    return Causes(solution, every, 0.0, len(every), alpha)
+
+
+def _readings_alike(rel: Reliability, w: Array, t2: float) -> tuple[str, ...]:
+    """Return the labels of the observations that cannot be told from the largest one."""
+    first, equations = int(np.argmax(w)), rel.solution.equations
+    rho = np.nan_to_num(rel.correlations_with(np.array([first]))[:, 0])
+    alike = rel.controlled & ((1.0 - rho**2) * t2 < indifference(t2))
+    alike[first] = False
+    return tuple(equations.label(int(row)) for row in (first, *np.flatnonzero(alike).tolist()))
 
 
 def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) -> list[Cause]:
@@ -235,7 +313,9 @@ def _ordered(found: Iterable[Cause]) -> list[Cause]:
     out: list[Cause] = []
     while left:
         same = [
-            c for c in left if c.t2 > left[0].t2 - SAME and c.evidence > left[0].evidence - SAME
+            c
+            for c in left
+            if c.t2 > left[0].t2 - indifference(left[0].t2) and c.evidence > left[0].evidence - SAME
         ]
         out += sorted(same, key=lambda c: c.rank)
         left = [c for c in left if c not in same]
@@ -244,7 +324,8 @@ def _ordered(found: Iterable[Cause]) -> list[Cause]:
 
 def _of_match(m: Match) -> Cause:
     none = np.zeros(0)
-    return Cause(m.cause, m.where, (), (), none, none, m.before - m.after, 1, 0.0, m.ids)
+    gain = m.before - m.after
+    return Cause(m.cause, m.where, (), (), none, none, gain, 1, 0.0, m.ids, same=m.same)
 
 
 def _of_given(v: GivenValue) -> Cause:

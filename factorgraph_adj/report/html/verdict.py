@@ -11,7 +11,7 @@ import numpy as np
 from ...quality.check_points import check_points
 from ...quality.unit_weight import global_test
 from ..context import Report
-from ..doubts import above_critical, by_chance, doubts_about, of_network
+from ..doubts import above_critical, by_chance, doubts_about, nothing_tells, of_network
 from ..layout import listed, percent
 from ..weakest import point_redundancy
 from .language import Texts
@@ -153,9 +153,13 @@ def _snooping(report: Report, t: Texts) -> list[Light]:
 
 def _cause(report: Report, t: Texts) -> list[Light]:
     found = report.causes
-    if found is None or not found.likelier:
+    if found is None:
         return []
-    c = found.likelier[0]
+    if undecided := nothing_tells(found):
+        link = "table-causes" if found.likelier else ""
+        return [Light("red", t("light.cause"), t("light.cause.text.none"), undecided[0], link)]
+    if (c := found.likeliest) is None:
+        return []
     text = t.number("light.cause.text", len(found.likelier))
     return [Light("red", t("light.cause"), text, f"{c.cause} {c.where}", "table-causes")]
 

@@ -1,0 +1,27 @@
+"""How sure it is which of two errors has happened.
+
+An error that is tested by T² = uᵀS⁻¹u leaves vᵀPv smaller by T². Of two errors with one component
+each, the test values w₁, w₂ have a correlation ρ, and if the first is the true one, T₁² exceeds T₂²
+by (1 − ρ²) T₁² on the average. The difference is twice the logarithm of the likelihood ratio.
+"""
+
+from __future__ import annotations
+
+SAME = 11.0
+"""Difference of T² below which two causes cannot be told apart: above it, one of them is
+exp(11/2) = 245 times as likely as the other, so that less than one in 200 is the wrong one."""
+FARTHEST = 1000.0
+"""Largest test value of an error for which the linear model of the tests holds."""
+SEPARABLE = SAME / FARTHEST**2
+"""Smallest 1 − ρ² of test values that can tell two errors apart: with less, even an error of the
+size of `FARTHEST` leaves T² of both different by less than `SAME`. Rounding is smaller by far."""
+
+
+def indifference(t2: float) -> float:
+    """Return the difference from T² up to which another error explains as much.
+
+    Of errors with one component it is reached where (1 − ρ²) T² is, so that it also decides
+    whether something tells of two errors at all: with a correlation of ±1 their T² differ by
+    rounding alone.
+    """
+    return max(SAME, SEPARABLE * t2)

@@ -1,0 +1,94 @@
+"""Exchanged names of targets, looked up before data snooping where an adjustment is far off.
+
+A few exchanged names bend an adjustment until its largest residuals are those of good readings, and
+where the places of points come from readings alone the approximate values as well. A robust
+estimate says which readings may be wrong; what is right is found beside the rest, without them
+(`causes.exchanged_targets`). Then data snooping begins without the exchanged sights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..graph.equations import compile_network
+from ..network.network import Network
+from ..network.selection import without
+from ..solve.batch import adjust
+from ..solve.solution import Solution
+from ..solve.start import Start
+from .causes.exchanged_targets import Exchange, exchanged_targets
+from .causes.hypotheses import SIGHTS
+from .causes.separable import FARTHEST
+from .distributions import normal_quantile
+from .far_off import approximate_values
+from .robust import robust_adjust
+
+ENOUGH = 8
+"""Number of adjustments of the robust estimate: readings that are far off show long before the
+weights of all others have converged."""
+
+
+def sights_far_off(solution: Solution) -> bool:
+    """Return whether several readings of sights are so far off that names may be exchanged.
+
+    Args:
+        solution: the adjustment of everything, or where it ended.
+    """
+    v = np.nan_to_num(solution.equations.residuals(solution.state))
+    far = 0
+    for block in solution.equations.blocks:
+        if block.kind in SIGHTS:
+            far += int(np.sum(np.abs(v[block.rows]) > FARTHEST))
+    return far > 1
+
+
+def exchanged_names(network: Network, solution: Solution, alpha: float) -> tuple[Exchange, ...]:
+    """Return the exchanges of names that explain why readings are far off, if there are any.
+
+    Args:
+        network: the whole network.
+        solution: its adjustment, or where it ended.
+        alpha: probability with which readings of the right names do not fit.
+    """
+    if solution.datum is not None or network.datum == "free":
+        return ()  # there is no robust estimator of free networks
+    try:
+        found = robust_adjust(
+            network, start=approximate_values(solution), from_start=True, max_iterations=ENOUGH
+        )
+    except AdjustmentError:
+        return ()
+    equations = found.solution.equations
+    wrong = np.abs(np.nan_to_num(found.test_values)) > normal_quantile(1.0 - 0.5 * alpha)
+    bad = {equations.id(int(row)) for row in np.flatnonzero(wrong)}
+    return exchanged_targets(equations, found.solution, bad, alpha)
+
+
+def start_beside(
+    network: Network, found: tuple[Exchange, ...], options: dict[str, Any]
+) -> Start | None:
+    """Return the start of data snooping without exchanged sights; none: they determine something.
+
+    Args:
+        network: the whole network.
+        found: the exchanges.
+        options: options of the adjustment.
+    """
+    ids = tuple(dict.fromkeys(i for e in found for i in e.match.ids))
+    there = network.copy()
+    for e in found:
+        for name, at in e.points.items():
+            there.points[name] = replace(there.points[name], coordinates=tuple(at.tolist()))
+    try:
+        clean = adjust(without(there, ids), start=found[0].core, **options)
+    except AdjustmentError:
+        return None
+    if not clean.converged:
+        return None
+    start = replace(Start.of(clean), doubtful=ids)
+    whole = compile_network(there).unknowns
+    return None if start.carried_to(whole) is None else start
