@@ -8,7 +8,8 @@ from ..errors import Problem, known
 from ..graph.equations import Equations
 from ..types import Array, Index, Mask
 from .in_frames import InFrames
-from .intersection import doubtful
+from .intersection import LEAST_CROSSING, doubtful, figure_size, gather
+from .loci import NOISE, crossings
 from .progress import Progress
 from .rays import ImageRays, posed
 from .relative_poses import RelativePoses
@@ -210,6 +211,7 @@ class _Joined:
         has_pose = posed(progress)
         self._rays = np.bincount(rays.point[has_pose[rays.photo]], minlength=n)
         self._blind = np.bincount(rays.point[~has_pose[rays.photo]], minlength=n)
+        self._loci = gather(progress)
         self._doubt: dict[int, list[Array]] = dict(doubtful(progress))
         self._in_space = {p for p, found in positions_in_space(progress) if len(found) > 1}
 
@@ -251,9 +253,26 @@ class _Joined:
             return "1 image ray, no distance"
         if self._rays[p] >= 2 and not others:
             return f"{found} that do not meet in front of the photos"
+        if contradiction := self._contradiction(p):
+            return f"{found} that contradict one another: {contradiction}"
         return f"{found}: not enough to find its position" + (
             f"; not reached either: {known(away)}" if away else ""
         )
+
+    def _contradiction(self, p: int) -> str:
+        """Return by how much what is observed of a point misses; empty if it does not."""
+        own = self._loci.get(p)
+        if own is None or own.count < 3:
+            return ""
+        size = figure_size(own)
+        places = [c for c in crossings(own, size) if c.crossing >= LEAST_CROSSING]
+        advice = "correct what is wrong, or give approximate coordinates"
+        if not places:
+            return f"no two of them meet; {advice}"
+        if places[0].misfit <= NOISE:
+            return ""
+        miss = places[0].misfit * size * own.count / (own.count - 2)
+        return f"where two of them meet, the rest misses by {miss:.3f} m at the least; {advice}"
 
     def _why_not_by_frames(self, p: int) -> str:
         """Return why a point that nothing but frames sees could not be reached."""

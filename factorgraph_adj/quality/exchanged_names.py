@@ -30,6 +30,9 @@ from .robust import robust_adjust
 ENOUGH = 8
 """Number of adjustments of the robust estimate: readings that are far off show long before the
 weights of all others have converged."""
+PART = 0.01
+"""Part of the largest test value from which on readings are suspects at first: what such readings
+have bent is less far off, and what else does not fit shows without them."""
 
 
 def sights_far_off(solution: Solution) -> bool:
@@ -62,10 +65,21 @@ def exchanged_names(network: Network, solution: Solution, alpha: float) -> tuple
         )
     except AdjustmentError:
         return ()
-    equations = found.solution.equations
-    wrong = np.abs(np.nan_to_num(found.test_values)) > normal_quantile(1.0 - 0.5 * alpha)
-    bad = {equations.id(int(row)) for row in np.flatnonzero(wrong)}
+    equations = compile_network(network)  # those of the estimate have other weights
+    size = np.abs(np.nan_to_num(found.test_values))
+    limit = max(normal_quantile(1.0 - 0.5 * alpha), PART * float(size.max(initial=0.0)))
+    bad = {equations.id(int(row)) for row in np.flatnonzero(size > limit)}
     return exchanged_targets(equations, found.solution, bad, alpha)
+
+
+def _with_another(network: Network, ids: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the ids without those of targets that nothing else observes, which stay."""
+    wrong, rest = set(ids), set[str]()
+    for ident, o in network.observations.items():
+        if ident not in wrong:
+            rest.update(o.points())
+    rest.update(ray.point for ray in network.image_points())
+    return tuple(i for i in ids if rest.issuperset(network.observations[i].points()))
 
 
 def start_beside(
@@ -78,7 +92,7 @@ def start_beside(
         found: the exchanges.
         options: options of the adjustment.
     """
-    ids = tuple(dict.fromkeys(i for e in found for i in e.match.ids))
+    ids = _with_another(network, tuple(dict.fromkeys(i for e in found for i in e.match.ids)))
     there = network.copy()
     for e in found:
         for name, at in e.points.items():

@@ -2,7 +2,8 @@
 
 Exchanged names bend the places of both points, and where these come from the readings alone also
 the approximate values. So nothing is taken from an adjustment of them: the points of all readings
-that do not fit (the suspects) leave the network, and what is left is adjusted (the core). Then, for
+that do not fit (the suspects) leave the network, and what is left is adjusted (the core); stations, and points that place
+the network, stay without the sights that do not fit. Then, for
 each set-up that sees a suspect, its readings are given other names, and the points are fitted to
 all their readings beside the core (`renamed`). Two hypotheses are tested: two targets of a set-up
 are each other, and a target is another point of the list. A set-up is a station with one height of
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -24,6 +26,7 @@ import numpy as np
 
 from ...errors import AdjustmentError
 from ...graph.equations import Equations
+from ...network.network import Network
 from ...network.selection import without
 from ...solve.batch import adjust
 from ...solve.solution import Solution
@@ -35,7 +38,7 @@ from .matches import EXCHANGED, NAME, WITH_HEIGHT, Match
 from .places_seen import places_seen
 from .readings import HEIGHT, Readings
 from .renamed import Fit, RenamedReadings
-from .separable import SAME
+from .separable import FARTHEST, SAME
 
 MOST_SUSPECTS = 40
 """Largest number of points that may leave the network: exchanges are few."""
@@ -190,10 +193,10 @@ class _Core:
             leave = [names[p] for p in suspects & _may_leave(equations, sights)]
             try:
                 network = without(equations.network, ids | aside, points=leave)
-                core = adjust(network, start=solution)
-                rel = reliability(core, alpha=alpha)
+                rel = reliability(_adjusted(network, solution), alpha=alpha)
             except AdjustmentError:
                 return out
+            core = rel.solution
             if not core.converged:
                 return out
             out = cls(core, rel, frozenset(suspects))
@@ -203,6 +206,21 @@ class _Core:
             worst = np.flatnonzero(w >= max(critical, SHARE * float(w.max())))
             aside |= {core.equations.id(int(row)) for row in worst}
         return out
+
+
+def _adjusted(network: Network, start: Solution) -> Solution:
+    """Return the adjustment of a part; from its own approximate values, if they lead further down.
+
+    What has bent the whole may have bent the start.
+    """
+    out = adjust(network, start=start)
+    if out.converged and out.vtpv < FARTHEST**2:
+        return out
+    with suppress(AdjustmentError):
+        other = adjust(network)
+        if other.converged and not (out.converged and out.vtpv <= other.vtpv):
+            return other
+    return out
 
 
 def _suspects(
@@ -220,8 +238,13 @@ def _suspects(
 
 
 def _may_leave(equations: Equations, sights: Mapping[SetUp, Mapping[int, Sight]]) -> set[int]:
-    """Return the points without which a network still has its stations and its held points."""
+    """Return the points without which a network still has its stations and its datum."""
     free = equations.unknowns["point"].free.all(axis=1)
+    for block in equations.blocks:
+        if block.fixes == "coordinates":
+            for kind, index in block.variables:
+                if kind == "point":
+                    free[index] = False
     stations = {s.station for s in sights}
     return {p for p in np.flatnonzero(free).tolist() if p not in stations}
 

@@ -27,7 +27,7 @@ from .given import GivenValue, given_values
 from .hypotheses import Hypotheses, Size, hypotheses
 from .matches import Match
 from .readings import Readings
-from .separable import SAME, indifference
+from .separable import SAME, SEPARABLE, indifference
 
 MOST = 50
 """Largest number of places at which a cause is tested in full: those that may explain most."""
@@ -166,7 +166,7 @@ class Causes(Shown):
     """Tests of all given values that are held."""
     readings: tuple[str, ...] = ()
     """Labels of the observations that cannot be told from the one with the largest test value, that
-    one first; empty where no test value is critical."""
+    one first; empty where no test value is more than good readings make, see `CHANCE`."""
 
     def headline(self) -> str:
         """Return how many causes were found."""
@@ -207,23 +207,25 @@ class Causes(Shown):
         """
         likelier = self.likelier
         if likelier:
-            same = _alike(likelier, likelier[0].t2)
+            same = _alike(likelier, likelier[0].t2, indifference(likelier[0].t2))
             return () if not likelier[0].sizes or len(same) < 2 else _said(same)
         if not self.readings:
             return ()
-        same = _alike([c for c in self.found if c.possible and c.sizes], self.single)
+        same = _alike(
+            [c for c in self.found if c.possible and c.sizes], self.single, SEPARABLE * self.single
+        )
         every = (*self.readings, *_said(same))
         return every if len(every) > 1 else ()
 
 
-def _alike(found: Sequence[Cause], t2: float) -> list[Cause]:
-    """Return the causes that explain as much as T²; of one cause at one set of readings the first.
+def _alike(found: Sequence[Cause], t2: float, within: float) -> list[Cause]:
+    """Return the causes whose T² differ by little; of one cause at one set of readings the first.
 
     A cause at a station is the same as everywhere, where there is no other station.
     """
     out: list[Cause] = []
     for c in found:
-        if abs(c.t2 - t2) < indifference(max(c.t2, t2)):
+        if abs(c.t2 - t2) < within:
             if not any(c.ids and o.cause == c.cause and set(o.ids) == set(c.ids) for o in out):
                 out.append(c)
     return out
@@ -266,7 +268,9 @@ def causes(rel: Reliability, found: Iterable[Match] = (), *, sigma0: float | Non
     out = [*sorted((_of_match(m) for m in found), key=lambda c: -c.t2), *_ordered(out)]
     w = np.where(rel.controlled, np.abs(rel.w), 0.0)
     single = float(np.max(w * w, initial=0.0)) / variance
-    readings = _readings_alike(rel, w, single) if single > rel.critical_w**2 else ()
+    chance = len(w) + len(tested)
+    shows = evidence(single, 1) > np.log(chance / CHANCE)
+    readings = _readings_alike(rel, w) if shows else ()
     return Causes(solution, tuple(out), single, len(tested), alpha, given, readings)
 
 
@@ -282,11 +286,11 @@ def exchanges_alone(solution: Solution, found: Iterable[Match], alpha: float) ->
     return Causes(solution, every, 0.0, len(every), alpha)
 
 
-def _readings_alike(rel: Reliability, w: Array, t2: float) -> tuple[str, ...]:
+def _readings_alike(rel: Reliability, w: Array) -> tuple[str, ...]:
     """Return the labels of the observations that cannot be told from the largest one."""
     first, equations = int(np.argmax(w)), rel.solution.equations
     rho = np.nan_to_num(rel.correlations_with(np.array([first]))[:, 0])
-    alike = rel.controlled & ((1.0 - rho**2) * t2 < indifference(t2))
+    alike = rel.controlled & (1.0 - rho**2 < SEPARABLE)
     alike[first] = False
     return tuple(equations.label(int(row)) for row in (first, *np.flatnonzero(alike).tolist()))
 
