@@ -8,7 +8,6 @@ set aside: what fits the clean solution is put back.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..solve.start import Start
 from ..types import Array
-from .causes.matches import Match
 from .rejections import PointSetAside, Rejected, Test
 from .snooping_search import SnoopingSearch
 
@@ -48,7 +46,6 @@ def search_beside(
     power: float,
     options: dict[str, Any],
     withdrawing: bool,
-    exchanged: Sequence[Match] = (),
 ) -> SnoopingSearch:
     """Return a search of data snooping that begins with a clean adjustment.
 
@@ -61,7 +58,6 @@ def search_beside(
         power: as there.
         options: as there.
         withdrawing: as there.
-        exchanged: what is known already of observations that do not agree.
     """
     search = SnoopingSearch(clean, test, alpha, power, options, withdrawing=withdrawing)
     equations = compile_network(network)
@@ -73,7 +69,6 @@ def search_beside(
     rays = _rays(equations, _lost(network, start))
     of_points = {ray for own in rays.values() for ray in own}
     search.network, search.equations, search.whole = network, equations, None
-    search.exchanged = tuple(exchanged)
     search.start = moved.origin["point"]
     for ident in start.doubtful:
         if ident not in of_points:

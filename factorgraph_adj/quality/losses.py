@@ -142,11 +142,11 @@ class LostControl:
         """Return it as a sentence without a stop."""
         named = ", ".join(repr(p) for p in self.points[:NAMED])
         more = f", … {len(self.points)} in all" if len(self.points) > NAMED else ""
-        one = len(self.points) == 1
+        noun, them = ("point", "it") if len(self.points) == 1 else ("points", "them")
         return (
-            f"gross errors took the control of point{'s' * (not one)} {named}{more} away: {self.rows} "
-            f"of the readings that are left of {'it' if one else 'them'} are controlled by nothing, "
-            "so that nothing tells whether the wrong ones were set aside"
+            f"gross errors took the control of {noun} {named}{more} away: {self.rows} of the "
+            f"readings that are left of {them} are controlled by nothing, so that nothing "
+            "tells whether the wrong ones were set aside"
         )
 
 

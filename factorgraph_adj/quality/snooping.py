@@ -133,25 +133,27 @@ def snoop(
                 f"the network has no minimum with its factors: {first.reason}; find the gross "
                 "errors without extra_factors first"
             )
+    names: list[Match] = []
     if plain and first is not None and sights_far_off(first):
         # Exchanged names bend an adjustment, and a search that begins with it.
-        names = exchanged_names(network, first, alpha)
-        beside = start_beside(network, names, options) if names else None
+        exchanged = exchanged_names(network, first, alpha)
+        names = [e.match for e in exchanged]
+        beside = start_beside(network, exchanged, options) if names else None
         if beside is not None:
-            return searching.run_beside(beside, [n.match for n in names])[1]
+            return searching.run_beside(beside, names)[1]
     if first is not None and first.converged:
-        search, found = searching.run(first)
+        search, found = searching.run(first, exchanged=names)
         # There is no robust estimator of free networks, nor one with factors.
         free = datum == "free" or network.datum == "free"
         if free or extra.factors or not astray(search, found):
             return found
         with suppress(AdjustmentError):
             again = searching.robust("huber", approximate_values(first), from_start=True)
-            found = simpler(search, found, *searching.run(*again))
+            found = simpler(search, found, *searching.run(*again, exchanged=names))
         return found
     # An adjustment without a minimum need not be tried again: the start values are what is left.
     begin = searching.robust(robust or "huber", start, from_start=first is not None)
-    return searching.run(*begin)[1]
+    return searching.run(*begin, exchanged=names)[1]
 
 
 @dataclass(frozen=True)
@@ -184,13 +186,18 @@ class _Searching:
         return found.solution, found.test_values / found.scale
 
     def run(
-        self, solution: Solution, values: Array | None = None
+        self,
+        solution: Solution,
+        values: Array | None = None,
+        *,
+        exchanged: Sequence[Match] = (),
     ) -> tuple[SnoopingSearch, Snooping]:
         """Return a search at its end, and its result.
 
         Args:
             solution: the adjustment of the whole network.
             values: test values (n,) of its outliers, which are set aside before the first round.
+            exchanged: exchanges that are known already.
         """
         arguments = (solution, self.test, self._alpha(solution), self.power, self.options)
 
@@ -200,7 +207,7 @@ class _Searching:
                 search.begin(values, self.progress)
             return search
 
-        return self._to_the_end(made)
+        return self._to_the_end(made, exchanged)
 
     def run_beside(
         self, start: Start, exchanged: Sequence[Match] = ()
@@ -226,10 +233,9 @@ class _Searching:
                 power=self.power,
                 options=self.options,
                 withdrawing=withdrawing,
-                exchanged=exchanged,
             )
 
-        return self._to_the_end(made)
+        return self._to_the_end(made, exchanged)
 
     def _alpha(self, solution: Solution) -> float:
         """Return the probability of a false alarm of one test."""
@@ -238,16 +244,18 @@ class _Searching:
         return float(1.0 - (1.0 - self.alpha) ** (1.0 / solution.equations.n_rows))
 
     def _to_the_end(
-        self, made: Callable[[bool], SnoopingSearch]
+        self, made: Callable[[bool], SnoopingSearch], exchanged: Sequence[Match]
     ) -> tuple[SnoopingSearch, Snooping]:
         """Return a search at its end, and its result.
 
         Args:
             made: makes the search; whether its rounds withdraw observations.
+            exchanged: exchanges that are known already.
         """
         for withdrawing in (True, False):
             try:
                 search = made(withdrawing)
+                search.exchanged = tuple(exchanged)
                 reason = search.run(self.share, self.max_rounds, self.progress)
             except CannotSettle:
                 continue

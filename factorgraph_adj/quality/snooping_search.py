@@ -82,7 +82,7 @@ class SnoopingSearch:
         """Coordinates of each removed point at its removal, (3,) metres."""
         self.rounds: list[Round] = []
         self.exchanged: tuple[Match, ...] = ()
-        """Exchanges of names that were found before the search."""
+        """Exchanges found before the search."""
         self._predicted: tuple[Solution, Prediction | None] | None = None
         self._matched: tuple[Solution, tuple[Match, ...]] | None = None
 
@@ -431,14 +431,11 @@ class SnoopingSearch:
     def matches(self) -> tuple[Match, ...]:
         """Return what the observations set aside may be instead; a solution looks once."""
         if self._matched is None or self._matched[0] is not self.solution:
-            aside, again = self.ids_aside(), not self.factors.given.factors
-            known = tuple(m for m in self.exchanged if not set(m.ids).isdisjoint(aside))
-            told = {i for m in known for i in m.ids}
-            rest, above = [i for i in aside if i not in told], self._above()
-            found = every_match(
-                self.equations, self.solution, rest, above, self.alpha, again=again
-            )
-            self._matched = self.solution, (*known, *found)
+            told = {i for m in self.exchanged for i in m.ids}
+            bad = [i for i in self.ids_aside() if i not in told], self._above()
+            again = not self.factors.given.factors
+            found = every_match(self.equations, self.solution, *bad, self.alpha, again=again)
+            self._matched = self.solution, (*self.exchanged, *found)
         return self._matched[1]
 
     def _above(self) -> list[str]:

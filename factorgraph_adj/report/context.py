@@ -19,9 +19,9 @@ from ..quality.causes.given import GivenValue
 from ..quality.causes.search import Causes, causes, exchanges_alone
 from ..quality.check_points import check_points
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
-from ..quality.lines import AdjustedLine, adjusted_lines
 from ..quality.exchanged_names import exchanged_names, sights_far_off
-from ..quality.losses import bare_place, lost_control, losses
+from ..quality.lines import AdjustedLine, adjusted_lines
+from ..quality.losses import bare_place, losses, lost_control
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability

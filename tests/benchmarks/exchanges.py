@@ -1,13 +1,13 @@
-"""Exchanged targets, clean networks and small ones: ``python -m tests.benchmarks.exchanges [DAYS]``.
+"""Exchanged targets and small networks: ``python -m tests.benchmarks.exchanges [DAYS [MOST]]``.
 
-A day has 10 to 60 targets, seen from two to four set-ups, with one to three exchanges of names; half
+A day has 10 to 60 targets (MOST), seen from two to four set-ups, with one to three exchanges; half
 of the days have approximate coordinates. Counts how often the exchanges of which two others tell
 come first among the causes, by both names and the station; whether one of which nothing tells is
 named all the same; and whether a day ends with exit code 0 though a point is off by more than 5 σ.
 
 Clean days are counted as false alarms if a cause, or that nothing tells, is said. Small networks
-have a redundancy of 1 or 2 and one error of 20 σ: a cause that is named must explain more than every
-reading and every other cause, which a dense computation checks.
+have a redundancy of 1 or 2 and one error of 20 σ: a cause that is named must explain more than
+every reading and every other cause, which a dense computation checks.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from factorgraph_adj.quality.rejections import Snooping
 from factorgraph_adj.report.context import Report
 from factorgraph_adj.report.doubts import doubts_about, of_network
 from factorgraph_adj.report.options import Provenance, ReportOptions
-from tests.networks.exchanged_day import Day, day
+from tests.networks.exchanged_day import MOST, Day, day
 from tests.networks.small import small
 
 DAYS, CLEAN, SMALL = 1000, 500, 300
@@ -61,7 +61,9 @@ def doubts(found: Snooping, network: fga.Network) -> list[str]:
 def off(found: Snooping, case: Day) -> bool:
     """Return whether a point is off by more than 5 σ."""
     return any(
-        np.max(np.abs(found.solution.point(p) - case.true[p]) / found.solution.standard_deviations(p))
+        np.max(
+            np.abs(found.solution.point(p) - case.true[p]) / found.solution.standard_deviations(p)
+        )
         > OFF
         for p in found.solution.network.points
     )
@@ -100,7 +102,7 @@ def count(case: Day, counts: Counts) -> str:
     return "; ".join(failed)
 
 
-def exchanged(days: int, *, most: int = 60) -> Counts:
+def exchanged(days: int, *, most: int = MOST) -> Counts:
     """Return what became of days with exchanges."""
     counts = Counts()
     for seed in range(days):
@@ -109,7 +111,7 @@ def exchanged(days: int, *, most: int = 60) -> Counts:
     return counts
 
 
-def false_alarms(days: int, *, most: int = 60) -> int:
+def false_alarms(days: int, *, most: int = MOST) -> int:
     """Return in how many clean days a cause is named, or nothing tells between several."""
     out = 0
     for seed in range(days):
@@ -153,12 +155,13 @@ def dense(solution: fga.Solution) -> tuple[np.ndarray, np.ndarray]:
 def main() -> None:
     """Print the counts."""
     days = int(sys.argv[1]) if len(sys.argv) > 1 else DAYS
-    c = exchanged(days)
+    most = int(sys.argv[2]) if len(sys.argv) > 2 else MOST
+    c = exchanged(days, most=most)
     print(f"{days} days with exchanges: {c.first} of {c.told} that others tell of come first")
     print(f"  of {c.untold} that nothing tells of, {c.guessed} are named at the wrong set-up alone")
     print(f"  exit 0 with a point off by more than {OFF:g} σ: {c.wrong}; refused: {c.refused}")
     clean = max(1, days * CLEAN // DAYS)
-    print(f"{clean} clean days: {false_alarms(clean)} with a cause")
+    print(f"{clean} clean days: {false_alarms(clean, most=most)} with a cause")
     few = max(1, days * SMALL // DAYS)
     named, guessed = named_by_chance(few)
     print(f"{few} networks of redundancy 1 and 2: {named} causes named, {guessed} without a reason")

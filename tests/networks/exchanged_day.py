@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,7 +65,9 @@ def day(seed: int, *, exchanges: int | None = None, most: int = MOST) -> Day:
     true = _places(rng, stations, targets)
     readings = _sights(rng, true, stations, targets)
     levelled = rng.permutation(targets)[: int(rng.integers(0, n // 2 + 1))].tolist()
-    seen = {s: sorted({o.target for o in readings if o.station == s} - {*stations}) for s in stations}
+    seen = {
+        s: sorted({o.target for o in readings if o.station == s} - {*stations}) for s in stations
+    }
     number = int(rng.integers(1, 4)) if exchanges is None else exchanges
     gnss = ["P1", "P2", "P3"]
     swapped = _drawn(rng, seen, number)
@@ -74,7 +77,7 @@ def day(seed: int, *, exchanges: int | None = None, most: int = MOST) -> Day:
         network.add_point(name, near)
     names = {(s, a): b for s, (a, b) in swapped} | {(s, b): a for s, (a, b) in swapped}
     network.add(*(replace(o, target=names.get((o.station, o.target), o.target)) for o in readings))
-    for a, b in zip(levelled, levelled[1:], strict=False):
+    for a, b in itertools.pairwise(levelled):
         rise = float(true[b][2] - true[a][2] + SIGMA_LEVEL * rng.normal())
         network.add(HeightDifference(a, b, rise, sigma=SIGMA_LEVEL))
     for name in gnss:

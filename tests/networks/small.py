@@ -79,7 +79,9 @@ def _levelling(rng: np.random.Generator) -> tuple[Network, list[Observation]]:
     n = int(rng.integers(3, 6))
     height = rng.uniform(90.0, 110.0, n)
     for i in range(n):
-        network.add_point(f"B{i}", (10.0 * i, 0.0, float(height[i])), fixed="xyz" if not i else "xy")
+        network.add_point(
+            f"B{i}", (10.0 * i, 0.0, float(height[i])), fixed="xyz" if not i else "xy"
+        )
     lines = [(i, (i + 1) % n) for i in range(n)]
     if n > 3 and rng.uniform() < 0.5:
         lines.append((0, 2))

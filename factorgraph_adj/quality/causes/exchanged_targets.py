@@ -2,12 +2,12 @@
 
 Exchanged names bend the places of both points, and where these come from the readings alone also
 the approximate values. So nothing is taken from an adjustment of them: the points of all readings
-that do not fit (the suspects) leave the network, and what is left is adjusted (the core); stations, and points that place
-the network, stay without the sights that do not fit. Then, for
-each set-up that sees a suspect, its readings are given other names, and the points are fitted to
-all their readings beside the core (`renamed`). Two hypotheses are tested: two targets of a set-up
-are each other, and a target is another point of the list. A set-up is a station with one height of
-the instrument. Each name that is tried must lie near where the readings of other set-ups have the
+that do not fit (the suspects) leave the network, and what is left is adjusted (the core);
+stations, and points that place the network, stay without the sights that do not fit. Then, for each
+set-up that sees a suspect, its readings are given other names, and the points are fitted to all
+their readings beside the core (`renamed`). Two hypotheses are tested: two targets of a set-up are
+each other, and a target is another point of the list. A set-up is a station with one height of the
+instrument. Each name that is tried must lie near where the readings of other set-ups have the
 point, in the order of these distances.
 
 An exchange at one set-up may be the same to all readings as the exchange of the two points at
@@ -30,7 +30,7 @@ from ...network.network import Network
 from ...network.selection import without
 from ...solve.batch import adjust
 from ...solve.solution import Solution
-from ...types import Array, Index
+from ...types import Array, Index, Mask
 from ..distributions import chi2_quantile, normal_quantile
 from ..reliability import Reliability, reliability
 from .hypotheses import INCLINATIONS, SIGHTS
@@ -51,8 +51,8 @@ MOST_PAIRS = 40
 TRIED = 6
 """Number of hypotheses that are fitted for a point at a set-up: those whose places are nearest."""
 NEAR = 0.02
-"""Largest distance of places that a name may join, as a share of the length of the sight: refraction,
-an old orientation or a height that goes with the name move a place by far less."""
+"""Largest distance of places that a name may join, as a share of the length of the sight:
+refraction or a height that goes with the name move a place by far less."""
 NEAR_AT_LEAST = 1.0
 """The same for short sights, metres."""
 
@@ -239,7 +239,7 @@ def _suspects(
 
 def _may_leave(equations: Equations, sights: Mapping[SetUp, Mapping[int, Sight]]) -> set[int]:
     """Return the points without which a network still has its stations and its datum."""
-    free = equations.unknowns["point"].free.all(axis=1)
+    free: Mask = np.array(equations.unknowns["point"].free.all(axis=1))
     for block in equations.blocks:
         if block.fixes == "coordinates":
             for kind, index in block.variables:
@@ -343,7 +343,7 @@ class _Search:
             for a, b in h.names:
                 sight = self.sights[h.set_up][a]
                 height = self.recorded[b][0] if h.with_height and self.recorded[b] else None
-                changed |= {reading: (b, height) for reading in sight.readings}
+                changed |= dict.fromkeys(sight.readings, (b, height))
         readings: set[tuple[int, int]] = set(changed)
         for p in new:
             readings |= self.readings[p]
@@ -435,7 +435,7 @@ def _by_block(readings: Collection[tuple[int, int]]) -> dict[int, Index]:
 
 def _sharing(every: Sequence[_Hypothesis]) -> list[tuple[_Hypothesis, ...]]:
     """Return pairs of exchanges at different set-ups that share a point, the nearest first."""
-    pairs = [
+    pairs: list[tuple[_Hypothesis, ...]] = [
         (a, b)
         for a, b in combinations([h for h in every if len(h.names) > 1], 2)
         if a.set_up != b.set_up and a.points & b.points and a.points != b.points

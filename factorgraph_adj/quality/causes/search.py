@@ -187,9 +187,7 @@ class Causes(Shown):
         least = float(np.log(max(self.tested, 1) / CHANCE))
         single = evidence(self.single, 1) + 0.5 * indifference(self.single)
         return tuple(
-            c
-            for c in self.found
-            if not c.sizes or (c.evidence > max(least, single) and c.possible)
+            c for c in self.found if not c.sizes or (c.evidence > max(least, single) and c.possible)
         )
 
     @property
@@ -225,9 +223,9 @@ def _alike(found: Sequence[Cause], t2: float, within: float) -> list[Cause]:
     """
     out: list[Cause] = []
     for c in found:
-        if abs(c.t2 - t2) < within:
-            if not any(c.ids and o.cause == c.cause and set(o.ids) == set(c.ids) for o in out):
-                out.append(c)
+        twice = any(c.ids and o.cause == c.cause and set(o.ids) == set(c.ids) for o in out)
+        if abs(c.t2 - t2) < within and not twice:
+            out.append(c)
     return out
 
 

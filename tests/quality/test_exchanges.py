@@ -1,0 +1,91 @@
+"""Exchanged names without good approximate values, lost control, and errors nothing tells apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.quality.causes.matches import EXCHANGED
+from factorgraph_adj.quality.losses import lost_control
+from tests.benchmarks.exchanges import Counts, count, dense, doubts
+from tests.networks.exchanged_day import day
+from tests.networks.small import small
+
+
+@pytest.mark.parametrize("seed", [1, 2, 6, 14])
+def test_an_exchange_is_named_first_with_and_without_approximate_coordinates(seed: int) -> None:
+    """Both names and the station come first, where two others tell of one of the points."""
+    case, counts = day(seed, most=25), Counts()
+    assert count(case, counts) == ""
+    assert counts.told
+    assert counts.first == counts.told
+
+
+def test_an_exchange_that_two_set_ups_may_have_is_named_at_both() -> None:
+    """With two set-ups the exchange at either makes all readings fit: nothing tells which."""
+    for seed in range(40):
+        case = day(seed, exchanges=1, most=15)
+        (e,) = case.exchanged
+        if not e.told:
+            break
+    found = fga.snoop(case.network)
+    assert found.causes is not None
+    first = found.causes.found[0]
+    assert first.cause == EXCHANGED
+    both = [first.where, *first.same]
+    a, b = e.pair
+    assert f"{a!r} and {b!r} seen from {e.station!r}" in both
+    assert len(both) == 2
+    assert doubts(found, case.network)
+
+
+def test_what_gross_errors_leave_without_control_is_doubtful() -> None:
+    """Of three distances to a point one is wrong: whichever goes, nothing controls the others."""
+    network = small(1)
+    found = fga.snoop(network)
+    assert len(found.rejected) == 1
+    lost = lost_control(found, network)
+    if found.solution.redundancy:
+        assert lost is None
+    else:
+        assert lost is not None
+        assert lost.points == ("P",)
+        assert doubts(found, network)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_cause_is_named_where_the_redundancy_tells_none_apart(seed: int) -> None:
+    """With a redundancy of 1 all test values have a correlation of one: the whole set is named."""
+    solution = fga.adjust(small(seed))
+    found = fga.causes(fga.reliability(solution))
+    if solution.redundancy > 1:
+        assert found.likeliest is None or found.likeliest.t2 > found.single + 11
+        return
+    assert found.likeliest is None
+    a, _ = dense(solution)
+    q = np.eye(len(a)) - a @ np.linalg.pinv(a)
+    controlled = np.flatnonzero(np.diag(q) > 1e-6)
+    labels = {solution.equations.label(int(row)) for row in controlled}
+    if found.single > 25:
+        assert labels == set(found.readings)
+        assert labels <= set(found.undecided)
+
+
+def test_a_set_with_one_reading_too_many_tells_of_no_cause_whatever_rounding_does() -> None:
+    """Thirty copies of one network, turned by a little, say the same."""
+    said = set()
+    for turn in np.linspace(0.0, 6.0, 30):
+        network = fga.Network("three distances")
+        c, s = np.cos(turn), np.sin(turn)
+        places = {"A": (0.0, 0.0), "B": (100.0, 0.0), "C": (50.0, 90.0), "P": (30.0, 40.0)}
+        for name, (x, y) in places.items():
+            at = (c * x - s * y, s * x + c * y, 0.0)
+            network.add_point(name, at, fixed="z" if name == "P" else "xyz")
+        for name, length in {"A": 50.001, "B": 80.6226, "C": 54.8516}.items():
+            network.add(fga.observations.HorizontalDistance(name, "P", length, sigma=0.002))
+        found = fga.causes(fga.reliability(fga.adjust(network)))
+        assert found.likeliest is None
+        said.add(frozenset(t for t in found.undecided if "horizontal_distance" in t))
+    assert len(said) == 1
+    assert len(said.pop()) == 3
