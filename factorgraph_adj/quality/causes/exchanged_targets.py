@@ -33,12 +33,10 @@ from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 from ..distributions import chi2_quantile, normal_quantile
 from ..reliability import Reliability, reliability
-from .hypotheses import INCLINATIONS, SIGHTS
 from .matches import EXCHANGED, NAME, WITH_HEIGHT, Match
-from .places_seen import places_seen
-from .readings import HEIGHT, Readings
 from .renamed import Fit, RenamedReadings
 from .separable import FARTHEST, SAME
+from .set_ups import SetUp, Sight, places_seen, sights_of
 
 MOST_SUSPECTS = 40
 """Largest number of points that may leave the network: exchanges are few."""
@@ -55,28 +53,6 @@ NEAR = 0.02
 refraction or a height that goes with the name move a place by far less."""
 NEAR_AT_LEAST = 1.0
 """The same for short sights, metres."""
-
-
-@dataclass(frozen=True)
-class SetUp:
-    """A set-up: the station, and the height of the instrument."""
-
-    station: int
-    """Number of the station."""
-    height: float
-    """Height of the instrument, metres."""
-
-
-@dataclass(frozen=True)
-class Sight:
-    """All that was read from a set-up to a target."""
-
-    readings: tuple[tuple[int, int], ...]
-    """Place of the block and number of the observation in it, of each reading."""
-    ids: tuple[str, ...]
-    """Ids of the readings."""
-    heights: tuple[float, ...]
-    """Heights of the target recorded with them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,36 +108,9 @@ def exchanged_targets(
         bad: ids of the readings that do not fit there.
         alpha: probability with which readings of the right names do not fit.
     """
-    sights = _sights(equations, solution)
+    sights = sights_of(equations, solution)
     core = _Core.of(equations, solution, bad, sights, alpha)
     return () if core is None else _Search(equations, core, sights, alpha).found()
-
-
-def _sights(equations: Equations, solution: Solution) -> dict[SetUp, dict[int, Sight]]:
-    """Return the sights of each set-up by the number of the target."""
-    r = Readings.of(equations, solution.state).of_kinds(
-        *(k for k in SIGHTS if k != "horizontal_angle")
-    )
-    above, target_height = r.constant("instrument_height"), r.constant(HEIGHT)
-    inclined = np.isin(r.kind, INCLINATIONS)
-    heights: dict[int, set[float]] = defaultdict(set)
-    for station, height in zip(r.station[inclined].tolist(), above[inclined].tolist(), strict=True):
-        heights[station].add(height)
-    rows: dict[tuple[SetUp, int], list[int]] = defaultdict(list)
-    ends = zip(r.station.tolist(), r.target.tolist(), above.tolist(), strict=True)
-    for i, (station, target, height) in enumerate(ends):
-        known = heights[station]
-        # Directions are often recorded without a height: they belong to all of the station.
-        for h in [height] if height in known else known or {0.0}:
-            rows[SetUp(station, h), target].append(i)
-    out: dict[SetUp, dict[int, Sight]] = defaultdict(dict)
-    for (set_up, target), at in rows.items():
-        out[set_up][target] = Sight(
-            tuple((int(r.block[i]), int(r.number[i])) for i in at),
-            tuple(r.equations.id(int(r.row[i])) for i in at),
-            tuple(dict.fromkeys(float(h) for h in target_height[at])),
-        )
-    return out
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,19 +1,68 @@
-"""Where the targets of a set-up are, by a direction, a distance and an inclination."""
+"""Set-ups with their sights, and where the targets are by what was read there."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...graph.equations import Equations
 from ...graph.variables import State
+from ...solve.solution import Solution
 from ...types import Array
-from .readings import HEIGHT
+from .hypotheses import INCLINATIONS, SIGHTS
+from .readings import HEIGHT, Readings
 
-if TYPE_CHECKING:
-    from .exchanged_targets import Sight
+
+@dataclass(frozen=True)
+class SetUp:
+    """A set-up: the station, and the height of the instrument."""
+
+    station: int
+    """Number of the station."""
+    height: float
+    """Height of the instrument, metres."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """All that was read from a set-up to a target."""
+
+    readings: tuple[tuple[int, int], ...]
+    """Place of the block and number of the observation in it, of each reading."""
+    ids: tuple[str, ...]
+    """Ids of the readings."""
+    heights: tuple[float, ...]
+    """Heights of the target recorded with them."""
+
+
+def sights_of(equations: Equations, solution: Solution) -> dict[SetUp, dict[int, Sight]]:
+    """Return the sights of each set-up by the number of the target."""
+    r = Readings.of(equations, solution.state).of_kinds(
+        *(k for k in SIGHTS if k != "horizontal_angle")
+    )
+    above, target_height = r.constant("instrument_height"), r.constant(HEIGHT)
+    inclined = np.isin(r.kind, INCLINATIONS)
+    heights: dict[int, set[float]] = defaultdict(set)
+    for station, height in zip(r.station[inclined].tolist(), above[inclined].tolist(), strict=True):
+        heights[station].add(height)
+    rows: dict[tuple[SetUp, int], list[int]] = defaultdict(list)
+    ends = zip(r.station.tolist(), r.target.tolist(), above.tolist(), strict=True)
+    for i, (station, target, height) in enumerate(ends):
+        known = heights[station]
+        # Directions are often recorded without a height: they belong to all of the station.
+        for h in [height] if height in known else known or {0.0}:
+            rows[SetUp(station, h), target].append(i)
+    out: dict[SetUp, dict[int, Sight]] = defaultdict(dict)
+    for (set_up, target), at in rows.items():
+        out[set_up][target] = Sight(
+            tuple((int(r.block[i]), int(r.number[i])) for i in at),
+            tuple(r.equations.id(int(r.row[i])) for i in at),
+            tuple(dict.fromkeys(float(h) for h in target_height[at])),
+        )
+    return out
 
 
 def places_seen(
