@@ -22,7 +22,7 @@ from ..solve.solution import Solution
 from ..types import Array
 from .candidates import Choice, Outlier, Units, choose, conditions
 from .causes.every_match import every_match
-from .causes.matches import Match
+from .causes.matches import Match, both_ways
 from .causes.search import Causes, causes
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
 from .factor_search import FactorSearch
@@ -435,7 +435,7 @@ class SnoopingSearch:
             bad = [i for i in self.ids_aside() if i not in told], self._above()
             again = not self.factors.given.factors
             found = every_match(self.equations, self.solution, *bad, self.alpha, again=again)
-            self._matched = self.solution, (*self.exchanged, *found)
+            self._matched = self.solution, tuple(both_ways([*self.exchanged, *found]))
         return self._matched[1]
 
     def _above(self) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from factorgraph_adj.observations import (
     Direction,
     GnssPosition,
     HeightDifference,
-    Observation,
     SlopeDistance,
     ZenithAngle,
 )
@@ -103,9 +103,9 @@ def _places(rng: np.random.Generator, stations: list[str], targets: list[str]) -
 
 def _sights(
     rng: np.random.Generator, true: dict[str, Array], stations: list[str], targets: list[str]
-) -> list[Observation]:
+) -> list[Any]:
     """Return direction, zenith angle and slope distance of every sight, with noise."""
-    out: list[Observation] = []
+    out: list[Any] = []
     for station in stations:
         height = round(float(rng.uniform(1.45, 1.7)), 3)
         share = rng.uniform(0.6, 1.0)
@@ -116,10 +116,10 @@ def _sights(
         for target in [*(s for s in stations if s != station), *sorted(some)]:
             d = true[target] + [0.0, 0.0, ABOVE] - true[station] - [0.0, 0.0, height]
             length, e = float(np.linalg.norm(d)), rng.normal(0.0, 1.0, 3)
-            heights = {"instrument_height": height, "target_height": ABOVE}
+            heights: dict[str, Any] = {"instrument_height": height, "target_height": ABOVE}
             azimuth = np.arctan2(d[0], d[1]) - orientation + SIGMA_ANGLE * e[0]
             zenith = np.arccos(d[2] / length) + SIGMA_ANGLE * e[1]
-            both = dict(sigma=SIGMA_ANGLE, **heights)
+            both: dict[str, Any] = {"sigma": SIGMA_ANGLE, **heights}
             out += [
                 Direction(station, target, float(azimuth % (2 * np.pi)), **both),
                 ZenithAngle(station, target, float(zenith), **both),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -29,9 +30,8 @@ def small(seed: int) -> Network:
     make = (_side_shots, _trilateration, _levelling)[seed % 3]
     network, readings = make(rng)
     wrong = int(rng.integers(len(readings)))
-    readings[wrong] = replace(
-        readings[wrong], value=readings[wrong].value + TIMES * readings[wrong].sigma
-    )  # type: ignore[attr-defined, call-arg]
+    spoiled: Any = readings[wrong]
+    readings[wrong] = replace(spoiled, value=spoiled.value + TIMES * spoiled.sigma)
     network.add(*readings)
     return network
 
@@ -47,7 +47,8 @@ def _side_shots(rng: np.random.Generator) -> tuple[Network, list[Observation]]:
     with_distance = rng.uniform() < 0.5
     for i in range(5):
         target = f"P{i}"
-        d, heights = true[target] - true["S"], {"instrument_height": 1.5, "target_height": 1.5}
+        d = true[target] - true["S"]
+        heights: dict[str, Any] = {"instrument_height": 1.5, "target_height": 1.5}
         e, length = rng.normal(0.0, 1.0, 3), float(np.linalg.norm(d))
         azimuth = float(np.arctan2(d[0], d[1]) + SIGMA_ANGLE * e[0]) % (2 * np.pi)
         zenith = float(np.arccos(d[2] / length) + SIGMA_ANGLE * e[1])

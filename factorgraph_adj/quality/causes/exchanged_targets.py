@@ -33,7 +33,7 @@ from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 from ..distributions import chi2_quantile, normal_quantile
 from ..reliability import Reliability, reliability
-from .matches import EXCHANGED, NAME, WITH_HEIGHT, Match
+from .matches import EXCHANGED, NAME, WITH_HEIGHT, Match, both_ways
 from .renamed import Fit, RenamedReadings
 from .separable import FARTHEST, SAME
 from .set_ups import SetUp, Sight, places_seen, sights_of
@@ -110,7 +110,10 @@ def exchanged_targets(
     """
     sights = sights_of(equations, solution)
     core = _Core.of(equations, solution, bad, sights, alpha)
-    return () if core is None else _Search(equations, core, sights, alpha).found()
+    found = () if core is None else _Search(equations, core, sights, alpha).found()
+    points = {name: at for e in found for name, at in e.points.items()}
+    # Two names that are found one after the other are an exchange too.
+    return tuple(Exchange(m, points, found[0].core) for m in both_ways([e.match for e in found]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,7 +346,10 @@ class _Search:
             ids = tuple(dict.fromkeys(i for a, _ in h.names for i in self.sights[h.set_up][a].ids))
             cause = EXCHANGED if len(h.names) > 1 else NAME
             t2 = t.before.t2, t.after.t2
-            match = Match(cause, self._said((h,)), ids, *t2, same=same)
+            a, b = h.names[0]
+            sight = (self.names[h.set_up.station], self.names[a], self.names[b])
+            alone = sight if len(h.names) == 1 and not same else None
+            match = Match(cause, self._said((h,)), ids, *t2, alone, h.with_height, same)
             yield Exchange(match, coordinates, self.core.solution)
 
     def _said(self, together: Sequence[_Hypothesis]) -> str:

@@ -89,7 +89,7 @@ def matches(
     readings = Readings.of(equations, Innovations(equations, clean).state)
     search = _Search(clean, network.observations, aside, chi2_quantile(1.0 - alpha, 1))
     found = [*search.sights(readings), *search.vectors(), *search.faces(), *search.places()]
-    return tuple(sorted(_both_ways(found), key=lambda m: m.after - m.before))
+    return tuple(sorted(both_ways(found), key=lambda m: m.after - m.before))
 
 
 class _Search:
@@ -257,7 +257,7 @@ def _to_place(o: Observation, names: Mapping[str, str]) -> Observation:
     return replace(o, **{attribute: names[getattr(o, attribute)]})
 
 
-def _both_ways(found: Sequence[Match]) -> Iterator[Match]:
+def both_ways(found: Sequence[Match]) -> Iterator[Match]:
     """Iterate over matches; two targets that are each other become one exchange."""
     sights = {m.sight: m for m in found if m.sight is not None}
     done: set[tuple[str, str, str]] = set()
