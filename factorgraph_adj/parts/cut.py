@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -30,6 +31,7 @@ from ..solve.start import Start
 from ..types import Index, Mask
 from .folder import Folder
 from .part import Part, StoredPart
+from .stored import write_part
 
 Regions: TypeAlias = int | Mapping[str, str] | Callable[[str], str]
 """A number of parts, or the region of each point and photo by its name."""
@@ -76,8 +78,8 @@ def cut_network(network: Network, regions: Regions, folder: Folder) -> list[Part
         name = assigned.names[number]
         part = _part(equations, assigned.of_rows == number, home, name)
         own = folder.of_part(place)
-        own.write("network", (part, _carried(start, part)))
-        parts.append(Part(name, StoredPart(own.path / "network.pickle")))
+        write_part(own, part, _carried(start, part))
+        parts.append(Part(name, StoredPart(own.path, _geoids(network))))
     return parts
 
 
@@ -275,6 +277,12 @@ def _part(
         for kind, flags in used.items()
     }
     return only(equations.network, name, ids, images, names)
+
+
+def _geoids(network: Network) -> tuple[str, ...]:
+    """Return the path of the geoid, which processes may open wherever it lies."""
+    given = None if network.crs is None else network.crs.geoid
+    return (str(Path(given).absolute()), given) if isinstance(given, str) else ()
 
 
 def _carried(start: Start, network: Network) -> Start:

@@ -1,14 +1,13 @@
 """The folder of a run in parts: states, results and progress, which a killed run resumes from.
 
 Every file is written beside its place and then moved into it, so that a killed process leaves
-either the old file or the new one.
+either the old file or the new one. All of them are arrays and JSON, which hold no code.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import pickle
 import shutil
 import tempfile
 import weakref
@@ -54,23 +53,27 @@ class Folder:
             InputError: they are not there.
         """
         path = self.path / f"{name}.npz"
-        with _reaching(path), path.open("rb") as stream, np.load(stream) as stored:
+        with (
+            _reaching(path),
+            path.open("rb") as stream,
+            np.load(stream, allow_pickle=False) as stored,
+        ):
             return {key: stored[key] for key in stored.files}
 
     def write(self, name: str, value: object) -> None:
-        """Write an object."""
-        with _beside(self.path / f"{name}.pickle") as path, path.open("wb") as stream:
-            pickle.dump(value, stream, protocol=pickle.HIGHEST_PROTOCOL)
+        """Write texts and numbers, in lists and tables, as JSON."""
+        with _beside(self.path / f"{name}.json") as path:
+            path.write_text(json.dumps(value), encoding="utf-8")
 
     def read(self, name: str) -> Any:
-        """Return an object that this program has written.
+        """Return what was written under a name.
 
         Raises:
             InputError: it is not there.
         """
-        path = self.path / f"{name}.pickle"
-        with _reaching(path), path.open("rb") as stream:
-            return pickle.load(stream)
+        path = self.path / f"{name}.json"
+        with _reaching(path):
+            return json.loads(path.read_text(encoding="utf-8"))
 
     def forget(self, name: str) -> None:
         """Remove arrays; nothing happens where there are none."""
@@ -129,8 +132,13 @@ def _reaching(path: Path) -> Iterator[None]:
         yield
     except FileNotFoundError:
         what = "is missing: every worker must reach the folder of the run under this path"
+        if path.with_suffix(".pickle").exists():
+            what = (
+                "is missing: the folder is of an earlier version, whose pickled objects could run "
+                "code and are not read; give an empty folder, in which the run begins anew"
+            )
         raise InputError(Problem(what, str(path))) from None
-    except (BadZipFile, ValueError, EOFError, pickle.UnpicklingError):
+    except (BadZipFile, ValueError, EOFError, KeyError):
         what = "is damaged: give an empty folder, in which the run begins anew"
         raise InputError(Problem(what, str(path))) from None
 

@@ -24,6 +24,7 @@ from ..types import Array, Index, Keys, Mask
 from .folder import Folder
 from .messages import At, Begun, Setup, Shared, Surveyed, Variable
 from .part import Part, StoredPart
+from .stored import read_setup, write_setup
 
 OLDEST = 12
 """Number of states that are kept: the iteration may end at one of the last ten."""
@@ -208,7 +209,7 @@ class Loaded:
         for name in ("setup", "kept", "equations"):  # they follow from earlier junctions
             self.__dict__.pop(name, None)
         self.last = self._weighed = None
-        self.job.own.write("setup", setup)
+        write_setup(self.job.own, setup)
         self.job.own.write_arrays("keys", {str(kind): keys for kind, keys in self.keys.items()})
         try:
             state = self._started(setup)
@@ -257,9 +258,7 @@ class Loaded:
     @cached_property
     def setup(self) -> Setup:
         """What the root has told about the junctions."""
-        found = self.job.own.read("setup")
-        assert isinstance(found, Setup)
-        return found
+        return read_setup(self.job.own)
 
     @cached_property
     def kept(self) -> Index:

@@ -13,6 +13,7 @@ from ..io.readers import read
 from ..network.network import Network
 from ..solve.start import Start
 from .folder import Folder
+from .stored import read_part
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,9 @@ class StoredPart:
     """A part that `factorgraph_adj.parts.cut` has written."""
 
     path: Path
-    """A file with the pickled network and its start."""
+    """Folder with the network and its start."""
+    geoids: tuple[str, ...] = ()
+    """Paths of geoids that may be read although they lie outside."""
 
     def __call__(self) -> Network:
         """Return the network."""
@@ -38,8 +41,7 @@ class StoredPart:
 
     def read(self) -> tuple[Network, Start | None]:
         """Return the network, and values to start from."""
-        network, start = Folder(self.path.parent).read(self.path.stem)
-        return network, start
+        return read_part(Folder(self.path), self.geoids)
 
 
 Source: TypeAlias = Part | str | Path

@@ -205,7 +205,7 @@ class PartsSolution(Shown):
             )
         loaded = Loaded(found[name])
         folder = found[name].own
-        if folder.read(STAMP) != loaded.stamp():
+        if folder.read(STAMP) != list(loaded.stamp()):
             what = (
                 "a later run has written into the folder of this solution, or the part has "
                 "changed since: adjust again, and give each solution a folder of its own"

@@ -15,6 +15,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.parts import workers
 from factorgraph_adj.parts.cut import cut_network
 from factorgraph_adj.parts.folder import Folder
+from factorgraph_adj.parts.stored import read_part
 from tests.benchmarks.grids import simulate_grid
 from tests.support.cluster import local_client
 
@@ -43,7 +44,7 @@ class Deadly:
         if self.always or not self.died.exists():
             self.died.touch()
             os.kill(os.getpid(), signal.SIGKILL)
-        network, _ = Folder(self.path).read("network")
+        network, _ = read_part(Folder(self.path))
         return network
 
 
@@ -67,7 +68,7 @@ def test_a_killed_worker_changes_nothing(client, tmp_path):
     here = fga.adjust_parts(stored, folder=tmp_path / "here")
     parts = [
         *stored[:2],
-        fga.Part("deadly", Deadly(stored[2].load.path.parent, tmp_path / "died")),
+        fga.Part("deadly", Deadly(stored[2].load.path, tmp_path / "died")),
     ]
     found = fga.adjust_parts(parts, client=client, folder=tmp_path / "there")
     assert (tmp_path / "died").exists()
@@ -79,7 +80,7 @@ def test_a_killed_worker_changes_nothing(client, tmp_path):
 def test_a_part_that_kills_every_worker_is_named(client, tmp_path):
     network = simulate_grid(1, points=36).network
     stored = cut_network(network, 2, Folder(tmp_path))
-    deadly = Deadly(stored[1].load.path.parent, tmp_path / "died", always=True)
+    deadly = Deadly(stored[1].load.path, tmp_path / "died", always=True)
     with pytest.raises(fga.AdjustmentError, match="part 'deadly': every worker that computed it"):
         fga.adjust_parts([stored[0], fga.Part("deadly", deadly)], client=client)
 

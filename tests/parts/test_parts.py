@@ -331,7 +331,7 @@ def test_undetermined_unknowns_are_named_without_an_iteration():
 
 def test_a_worker_that_does_not_reach_the_folder_is_told(tmp_path):
     parts = cut_network(simulated.levelling(), 2, Folder(tmp_path))
-    (tmp_path / "part-0001" / "network.pickle").unlink()
+    (tmp_path / "part-0001" / "network.npz").unlink()
     with pytest.raises(fga.InputError, match=r"part '2', \S+: is missing: every worker must reach"):
         fga.adjust_parts(parts)
 
