@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -37,9 +38,9 @@ def write_part(folder: Folder, network: Network, start: Start) -> None:
         "words": start.words,
         "doubtful": start.doubtful,
         "unreached": start.unreached,
-        "sources": {name: o.source for name, o in network.observations.items()},
+        "sources": {name: getattr(o, "source", None) for name, o in network.observations.items()},
     }
-    text = np.frombuffer(json.dumps(header).encode("utf-8"), dtype=np.uint8)
+    text: Any = np.frombuffer(json.dumps(header).encode("utf-8"), dtype=np.uint8)
     state = {f"state/{kind}": x for kind, x in start.state.items()}
     origin = {f"origin/{kind}": x for kind, x in start.origin.items()}
     folder.write_arrays(NAME, {"header": text, **state, **origin})
@@ -59,7 +60,8 @@ def read_part(folder: Folder, geoids: Collection[str] = ()) -> tuple[Network, St
     header = json.loads(arrays["header"].tobytes().decode("utf-8"))
     network = network_of(header["files"], geoids=geoids)
     for name, source in header["sources"].items():  # messages name the file that the user has
-        network.observations[name] = replace(network.observations[name], source=source)
+        own: Any = network.observations[name]
+        network.observations[name] = replace(own, source=source)
     unknowns = Unknowns(network)
     state, origin = (
         {kind: arrays[f"{of}/{kind}"] for kind in unknowns.start()} for of in ("state", "origin")
