@@ -12,6 +12,13 @@ from .layout import decimals, exponent, rms, short, table, title
 from .precision import ellipse_columns
 
 
+NOT_AT_A_MINIMUM = (
+    "not converged: standard deviations belong to the place where the iteration stopped; at a "
+    "minimum they may be several times larger or smaller"
+)
+"""What is said of the precision of a result that is none."""
+
+
 def points(report: Report) -> list[str]:
     """Return adjusted coordinates with their standard deviations, RMS and weakest point."""
     given = {n: p for n, p in report.network.points.items() if not p.side_shot}
@@ -22,6 +29,8 @@ def points(report: Report) -> list[str]:
     places, _ = digits_of_points(report)
     axes = [i for i in range(3) if not all(given[n].fixed[i] for n in names)]
     out = [*title("Adjusted coordinates"), *_coordinates(report, list(given), axes)]
+    if not report.solution.converged:
+        out.append(f"  {NOT_AT_A_MINIMUM}")
     if len(names) > 1:
         free = {i: [sigmas[n][i] for n in names if not given[n].fixed[i]] for i in axes}
         mean = ", ".join(f"σ{'xyz'[i]} {rms(each):.{places}f}" for i, each in free.items())
@@ -123,7 +132,8 @@ def photos(report: Report) -> list[str]:
         rows.append(["", "", label, *("held" if held else short(s) for s, held in sigmas)])
     header = ["photo", "points", "RMS v/σ", *(f"{a} [{units.length}]" for a in ("X0", "Y0", "Z0"))]
     header += [f"{a} [{units.angle}]" for a in "ωφκ"]
-    return [*title("Photos"), *table(header, rows), *note]
+    stopped = [] if report.solution.converged else [f"  {NOT_AT_A_MINIMUM}"]
+    return [*title("Photos"), *table(header, rows), *note, *stopped]
 
 
 def held_of_pose(fixed: tuple[bool, ...]) -> tuple[bool, ...]:

@@ -6,6 +6,9 @@ Gauss-Newton steps stay in it, even if vᵀPv is smaller on both sides. A weak w
 for what determines the point. Such a point has a direction in which N is much weaker than in
 another. At the end, vᵀPv is computed at points moved to both sides along it; where it decreases,
 the adjustment goes on from there.
+
+Points whose stations lie in a plane, or in plan on a line, are adjusted from their mirror images
+too. What fits equally well at another place is told.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from .datum import middle
 from .iterate import Ended
 from .linear import ExtraRows
 from .linear_block import LinearBlock
+from .mirrors import mirrored
 from .normal import NormalEquations
 from .run import Run
 
@@ -88,6 +92,8 @@ def look_both_ways(
             return ended, ()
     else:
         return replace(ended, converged=False, reason=BETWEEN, left=np.inf), ()
+    candidates = standing_free(run.equations)
+    between = mirrored(run.equations, run.state, candidates) | between
     ended, told = _second_places(run, ended, between, examine)
     return ended, tuple(told)
 

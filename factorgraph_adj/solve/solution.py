@@ -253,7 +253,8 @@ class Solution(Shown):
         """Return the covariance of points, or between points, metres².
 
         Σ = σ² Q, with σ² = 1 or σ̂0² as chosen for the adjustment; zero for held components. In a
-        free network Σ belongs to the inner constraints.
+        free network Σ belongs to the inner constraints. Where ``converged`` is false it belongs to
+        the place where the iteration stopped, and may be wrong by several times.
 
         Args:
             a: a point, or several.

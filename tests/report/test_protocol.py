@@ -420,3 +420,10 @@ def test_few_cameras_are_groups_of_their_own_and_many_are_one(monkeypatch):
     assert images() == [f"image, D{i}" for i in range(4)]
     monkeypatch.setattr("factorgraph_adj.report.rows.MOST_CAMERAS", 3)
     assert images() == ["image, mm"]
+
+
+def test_the_precision_of_what_has_not_converged_is_marked() -> None:
+    begun = adjust(small_block(), max_iterations=1)
+    assert not begun.converged
+    assert protocol(begun).count("not converged: standard deviations belong to the place") == 2
+    assert "standard deviations belong to the place" not in protocol(solution())
