@@ -11,7 +11,6 @@ from .context import Report
 from .layout import decimals, exponent, rms, short, table, title
 from .precision import ellipse_columns
 
-
 NOT_AT_A_MINIMUM = (
     "not converged: standard deviations belong to the place where the iteration stopped; at a "
     "minimum they may be several times larger or smaller"
