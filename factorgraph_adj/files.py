@@ -9,7 +9,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -140,6 +140,38 @@ def named_by_user(*paths: object) -> Iterator[None]:
 _NAMED: ContextVar[frozenset[Path]] = ContextVar("paths named by the user", default=frozenset())
 
 
+# -- inputs that outputs must not replace ---------------------------------------------------------
+
+
+@contextmanager
+def keeping_inputs() -> Iterator[None]:
+    """Note every file that is read, so that `refuse_replacing` keeps it from being written over."""
+    token = _READ.set(set())
+    try:
+        yield
+    finally:
+        _READ.reset(token)
+
+
+def refuse_replacing(paths: Iterable[Path]) -> None:
+    """Raise the files that would be replaced or removed though they were read.
+
+    Raises:
+        InputError: files that were read within `keeping_inputs`, all of them.
+    """
+    read = _READ.get() or set()
+    problems = [
+        Problem("was read, and would be written over: write to another file or folder", str(path))
+        for path in paths
+        if path.exists() and path.resolve() in read
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+_READ: ContextVar[set[Path] | None] = ContextVar("files that were read", default=None)
+
+
 # -- contents -------------------------------------------------------------------------------------
 
 
@@ -166,6 +198,8 @@ def opened(path: Path, name: str = "") -> Iterator[IO[bytes]]:
         descriptor = os.open(path, os.O_RDONLY | _NO_WAITING)
     except (OSError, ValueError) as error:  # ValueError: the path has a zero byte
         raise InputError(_unread(error, name)) from None
+    if (read := _READ.get()) is not None:
+        read.add(Path(path).resolve())
     with open(descriptor, "rb") as stream:
         status = os.fstat(descriptor)
         refuse_special(status, name)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import get_args
 
 from ..errors import InputError, Problem
+from ..io.atomic import one_transaction
 from ..io.project import Project
 from ..parts.network import adjust
 from ..quality.rejections import Snooping
@@ -203,13 +204,13 @@ def _adjust(options: argparse.Namespace) -> int:
             found.snooping, found.project.network, found.components, run_of(options, found.project)
         ),
     )
-    write_exports(report, options)
-    if options.out is not None:
-        write_tables(report, options.out)
-    if options.report is not None:
-        write_html(
-            report, options.report, language=options.language or "en", files=[options.project]
-        )
+    with one_transaction():
+        write_exports(report, options)
+        if options.out is not None:
+            write_tables(report, options.out)
+        if options.report is not None:
+            language = options.language or "en"
+            write_html(report, options.report, language=language, files=[options.project])
     if not options.quiet:
         print(render(report), end="", flush=True)
     return _verdict(found, report)

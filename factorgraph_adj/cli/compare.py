@@ -12,7 +12,7 @@ from ..epochs.blocks import BlockMotion, Model, block_motion
 from ..epochs.congruence import Congruence, congruence
 from ..epochs.localise import Method
 from ..errors import InputError, Problem, known
-from ..io.atomic import write_files
+from ..io.atomic import one_transaction, write_files
 from ..io.numbers import Units
 from ..quality.levels import ALPHA_OF_MODEL, CONFIDENCE, POWER
 from ..report.epochs.context import EpochsReport
@@ -125,7 +125,8 @@ def _compare(options: argparse.Namespace) -> int:
         options.ellipses,
         units,
     )
-    _write(options, report)
+    with one_transaction():
+        _write(options, report)
     print(render_congruence(found, blocks=report.blocks), end="", flush=True)
     return FINE if found.fine else DOUBTFUL
 

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem
+from ..files import keeping_inputs
 from ..version import __version__
 from .adjust import add_adjust
 from .check import add_check
@@ -73,7 +74,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name, stream in streams.items():
             setattr(sys, name, UntilClosed(stream))
     try:
-        code = int(options.run(options))
+        with keeping_inputs():
+            code = int(options.run(options))
         sys.stdout.flush()
         return code
     except (InputError, ApproximationError) as error:
