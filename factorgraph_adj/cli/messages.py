@@ -12,6 +12,8 @@ from .repeats import summed_up
 
 Show: TypeAlias = Callable[[str], None]
 """Function that replaces the line of progress by a text."""
+VISIBLE = {c: f"\\x{c:02x}" for c in (*range(32), *range(127, 160)) if chr(c) not in "\n\t"}
+"""Escapes for control characters of names and cells, which would steer the terminal."""
 MOST_PROBLEMS = 200
 """Largest number of lines of problems."""
 
@@ -25,6 +27,7 @@ def listed(problems: Sequence[object], *, every: bool = False) -> list[str]:
             `MOST_PROBLEMS` lines are returned.
     """
     lines = [str(p) for p in problems] if every else summed_up(problems)
+    lines = [line.translate(VISIBLE) for line in lines]
     shown = lines if every else lines[:MOST_PROBLEMS]
     out = [f"  {line}".replace("\n", "\n    ") for line in shown]
     if len(lines) > len(shown):
@@ -48,7 +51,7 @@ def complain(problems: Sequence[Problem], *, every: bool = False) -> None:
 def warn(warnings: Sequence[Problem]) -> None:
     """Print warnings on stderr, one in each line."""
     for warning in warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+        print(f"warning: {str(warning).translate(VISIBLE)}", file=sys.stderr)
 
 
 @contextmanager
