@@ -1,10 +1,12 @@
-"""An adjustment from approximate values, where what is at rest does not fit.
+"""An adjustment from approximate values, which may end in another minimum than where everything is.
 
 Observations that arrive one by one find an unknown from the first few of them, which several values
-may fit, as a frame does that two points leave on either side. Later observations show which it is,
-and the iteration from the other one may end in a minimum of its own, at any distance. Where vᵀPv
-exceeds what chance explains, the network is adjusted from approximate values of all that is in,
-and the smaller vᵀPv counts.
+may fit, as a frame does that two points leave on either side; a gross error that was in for a time
+may have led an unknown there, too. Later observations show which it is, and the iteration from the
+other one may end in a minimum of its own, at any distance. At rest, the network is therefore
+adjusted from approximate values of all that is in as well, as `adjust` does it. The smaller vᵀPv
+counts, and the solution tells of the other one. In large networks, where this takes as long as the
+rest, it is done where vᵀPv exceeds what chance explains.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ BEYOND_CHANCE = 4.0
 """Excess of vᵀPv over the redundancy r, in units of its standard deviation √(2r), from which on a
 network is adjusted from approximate values."""
 LOWER = 1e-6
-"""Decrease of vᵀPv relative to vᵀPv from which another minimum counts as better."""
+"""Decrease of vᵀPv, relative to 1 + vᵀPv, from which another minimum counts as better."""
+LARGE = 3_000
+"""Number of unknowns from which on a network is large."""
 
 
 def better_of(
@@ -34,21 +38,42 @@ def better_of(
 ) -> System:
     """Return the system with the smaller vᵀPv: as found, or adjusted from approximate values.
 
+    It tells of the other, if these are two.
+
     Args:
         draft: the whole network, from where everything was.
         found: its system at rest.
         datum: given or free.
         tolerances: bounds of the last step, as for `Draft.adjusted`.
     """
-    if not exceeds_chance(found):
+    if draft.equations.unknowns.n_columns > LARGE and not exceeds_chance(found):
         return found
     with suppress(AdjustmentError):  # no approximate values, or nothing can be computed there
         values = start_of(draft.equations, datum, None).state
         begin = Start(draft.equations.unknowns, values, draft.start.origin)
         anew = replace(draft, start=begin).adjusted(datum, tolerances=tolerances)
         if isinstance(anew, System) and anew.base.converged:
-            return anew if anew.vtpv < (1.0 - LOWER) * found.vtpv else found
+            least = LOWER * (1.0 + min(found.vtpv, anew.vtpv))
+            if anew.vtpv < found.vtpv - least:
+                return _with_other(anew, found)
+            if found.vtpv < anew.vtpv - least:
+                return _with_other(found, anew)
     return found
+
+
+def _with_other(system: System, other: System) -> System:
+    """Return a system at rest whose solution tells of another minimum."""
+    ours, theirs = system.base, other.base
+    told = f"another minimum has vᵀPv {theirs.vtpv:.6g} instead of {ours.vtpv:.6g}"
+    unknowns, there = ours.equations.unknowns["point"], theirs.equations.unknowns["point"]
+    names = [n for n in unknowns.names if n in there.number]
+    if names:
+        apart = [float(np.linalg.norm(ours.point(n) - theirs.point(n))) for n in names]
+        name = names[int(np.argmax(apart))]
+        at = ", ".join(f"{x:.4f}" for x in theirs.point(name))
+        told += f", with point {name!r} at {at}, {max(apart):.3g} m away"
+    base = replace(ours, second_places=(*ours.second_places, told))
+    return System.of(base, rows=system.rows, section=system.section)
 
 
 def exceeds_chance(system: System) -> bool:

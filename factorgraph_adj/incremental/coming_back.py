@@ -31,6 +31,7 @@ from ..quality.leave_out import critical_t2
 from ..types import NO_ROWS, Index
 from .beside import Beside
 from .candidates import Candidates, Nothing, known_in
+from .curvature import tested_by_adjusting
 from .flow import AT_ONCE, State, Task, Told, absorb
 from .judging import decide
 from .ledger import Ledger
@@ -65,6 +66,8 @@ def looked_again(
         The state, and the verdicts of the command and on what came back.
     """
     told = dict(told)
+    state, bent = _bent(state, {*told, *but}, rules)
+    told |= bent
     tested = {*told, *but}
     for _ in range(MOST_LOOKS):
         system, ledger = state.system, state.ledger
@@ -87,6 +90,18 @@ def looked_again(
         if not back:
             break
     return state, told
+
+
+def _bent(state: State, tested: Collection[str], rules: Rules) -> tuple[State, Told]:
+    """Let suspects enter that fit when everything is adjusted with them, see `curvature`."""
+    system, ledger = state.system, state.ledger
+    suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(tested))
+    if system is None or not len(suspects):
+        return state, {}
+    ledger, system, told = tested_by_adjusting(ledger, system, suspects, rules, ())
+    if not told:
+        return state, {}
+    return State(ledger, system, settled=False), {v.id: v for v in told}
 
 
 def measured_again(ledger: Ledger, chosen: Index) -> Index:

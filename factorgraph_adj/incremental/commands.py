@@ -239,7 +239,7 @@ def snooped(
 
 
 def settle(state: State, rules: Rules) -> tuple[State, Arrival]:
-    """Go to rest, and look once more at everything that waits."""
+    """Go to rest, and look once more at everything that waits, and at what was left out."""
     after, told = settled(state, rules), Told()
     for _ in range(MOST_ROUNDS):
         waiting = after.ledger.having("waiting")
@@ -251,6 +251,9 @@ def settle(state: State, rules: Rules) -> tuple[State, Arrival]:
             after = settled(after, rules)
         if len(after.ledger.having("waiting")) == len(waiting):
             break
+    after, told = looked_again(after, told, rules)
+    if not after.settled:
+        after = settled(after, rules)
     return after, arrival_of(state, after, told, (), "settle")
 
 

@@ -21,10 +21,11 @@ from .anew import better_of
 from .beside import Beside
 from .candidates import Candidates, Nothing, known_in
 from .finding import LIMITS, Found
-from .holding import with_rest, within
+from .holding import with_rest
 from .inside import Inside
 from .judging import Joint, accepted, decide, left_out, untested
 from .ledger import Ledger
+from .nearness import near_minimum
 from .rebasing import EFFORT, Draft, Failure, notices, with_doubt
 from .rules import Rules
 from .system import MOST_BESIDE, System
@@ -176,7 +177,9 @@ class Entering:
                 return None
         doubted = bool(system.doubt)
         try:
-            held = None if doubted else within(joint.after, self.rules.accuracy, joint.forms)
+            held = None
+            if not doubted:
+                held = near_minimum(self.ledger, joint.after, self.rules, joint.forms)
         except AdjustmentError:
             return None
         if held is None:

@@ -21,6 +21,7 @@ from ..network.network import DatumChoice
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Index
 from .candidates import Candidates, known_in
+from .curvature import tested_by_adjusting
 from .cutting import due
 from .entering import Entered, Entering
 from .finding import Found, Search, firm
@@ -135,6 +136,7 @@ class _Loop:
         """Work the list off; where a new base was made, test again what had been left out."""
         before = self.state
         self._work()
+        self._test_by_adjusting()
         told = before.ledger.rows.verdicts
         again = self._fitting_by_now(before.system)
         if len(again):
@@ -156,6 +158,19 @@ class _Loop:
                 self._merge()
             else:
                 self._decide_whether_anew()
+
+    def _test_by_adjusting(self) -> None:
+        """Test again by adjusting what failed on linear forms that do not hold that far."""
+        failed = [i for i, v in self.told.items() if v.verdict == self.rules.failed and v.dof]
+        ledger, system = self.state.ledger, self.state.system
+        if system is None or not failed:
+            return
+        ledger, found, told = tested_by_adjusting(
+            ledger, system, ledger.find(failed), self.rules, self.given
+        )
+        self.told |= {v.id: v for v in told}
+        if told:
+            self.state = State(ledger, found, settled=False)
 
     def _merge(self) -> None:
         """Adjust the whole network where its sections have taken as long by now."""

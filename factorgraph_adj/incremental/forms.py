@@ -117,6 +117,22 @@ class Forms:
         size = np.maximum(np.linalg.norm(self.a, axis=1), np.finfo(float).tiny)
         return float(np.linalg.norm(gap)), float(np.linalg.norm(change / size[:, None]))
 
+    def bend(self, name: str, step: Array) -> float:
+        """Return √Σ|Δv|² of what the forms miss where a point is moved, and nothing else.
+
+        Args:
+            name: the point.
+            step: its movement from where they were linearised, (3,).
+
+        Raises:
+            InputError: names observations whose geometry has no answer there.
+        """
+        unknowns = self.at.unknowns
+        whole = np.zeros(unknowns.n_columns)
+        whole[unknowns.columns("point", unknowns["point"].number[name])] = step
+        there = self.at.equations.residuals(unknowns.retract(self.at.state, whole))
+        return float(np.linalg.norm(there[self.chosen] - (self.v + self.a @ whole[self.own])))
+
 
 def stacked(rows: Sequence[Index]) -> tuple[tuple[Index, ...], Index]:
     """Return the rows of each unit among those of all, and the rows of all."""

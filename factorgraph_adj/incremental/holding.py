@@ -64,7 +64,7 @@ def with_rest(system: System, accuracy: float) -> System | None:
     section = system.section
     if section is None:
         return system
-    bound, largest = _bound(system, accuracy), TURNED * accuracy
+    bound, largest = largest_step(system, accuracy), TURNED * accuracy
     d, u = system.followed_by
     gained = _of_rest(system, section.root)
     if section.looked is not None:
@@ -86,7 +86,7 @@ def with_rest(system: System, accuracy: float) -> System | None:
     return None  # neither are figures that are not finite
 
 
-def _bound(system: System, accuracy: float) -> float:
+def largest_step(system: System, accuracy: float) -> float:
     """Return the largest step, relative to σ, that may be left."""
     r = system.redundancy
     sigma0 = float(np.sqrt(system.vtpv / r)) if r > 0 else 1.0
@@ -95,7 +95,7 @@ def _bound(system: System, accuracy: float) -> float:
 
 def _within(system: System, accuracy: float, arrived: Forms | None) -> System | None:
     """Return a system, see `within`; what a section leaves out is not looked at."""
-    bound, gained = _bound(system, accuracy), _gained(system)
+    bound, gained = largest_step(system, accuracy), _gained(system)
     # Without the rows that left, cofactors are at most this much larger: N' ≥ M_min N.
     larger = 1.0 / system.update.condition
     step, changed = 0.0, 0.0

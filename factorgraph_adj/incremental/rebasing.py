@@ -308,8 +308,9 @@ def known_network(
 def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
     """Return the solution as it stands; a free network's on its inner constraints.
 
-    Where observations notice the way there a little, as verticals on the curved Earth do, it is
-    adjusted on the way.
+    All observations are linearised there. Where the step that is left is more than was promised,
+    or observations notice the way to the inner constraints a little, as verticals on the curved
+    Earth do, it is adjusted from there.
     """
     if system.section is None and not system.changed and not system.doubt:
         return system.base
@@ -323,11 +324,27 @@ def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
         within=rules.accuracy,
         doubt=system.doubt,
     )
-    if found.reason == OFF_DATUM and not system.doubt:
+    if not system.doubt and (found.reason == OFF_DATUM or _left(found) > rules.accuracy):
         with suppress(AdjustmentError):
-            adjusted = adjust_from(draft.equations, draft.start, free=True, tolerance=EFFORT.close)
+            adjusted = adjust_from(
+                draft.equations,
+                draft.start,
+                free=rules.datum == "free",
+                tolerance=EFFORT.close,
+            )
             return adjusted if adjusted.converged else found
     return found
+
+
+def _left(solution: Solution) -> float:
+    """Return a bound √(gᵀQg) of the step of every unknown that is left, relative to its σ.
+
+    Where residuals are large the minimum is further away, see `holding.SHARE`.
+    """
+    g = solution.normal().gradient
+    left = float(np.sqrt(max(float(g @ solution.factor.solve(g[:, None])[:, 0]), 0.0)))
+    r = solution.redundancy
+    return left * max(1.0, float(np.sqrt(solution.vtpv / r)) if r > 0 else 1.0)
 
 
 def notices(a: Array | csr_array, motions: Array) -> bool:

@@ -14,10 +14,10 @@ from ..types import NO_ROWS, Index
 from .beginning import adjusted
 from .candidates import Candidates, Nothing
 from .flow import State, Task
-from .holding import within
 from .judging import untested
 from .leaving import loosened, without
 from .ledger import Ledger
+from .nearness import near_minimum
 from .rebasing import Draft, Failure, with_doubt
 from .rules import Rules
 from .system import System
@@ -78,7 +78,7 @@ def _without(
     if not system.doubt:
         with suppress(AdjustmentError):
             after = without(system, ids)
-            after = None if after is None else within(after, rules.accuracy)
+            after = None if after is None else near_minimum(ledger, after, rules)
             if after is not None:
                 return ledger, after, NO_ROWS, None
     if system.section is not None:

@@ -1,0 +1,123 @@
+"""What bends within σ of a weak unknown is tested by adjusting with it and without."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.observations import HeightDifference, SlopeDistance
+
+STATIONS = {"A": (0, 0, 0.0), "B": (100, 0, 0.0), "C": (60, 90, 0.0), "D": (0, 80, 0.0)}
+TRUE = np.array([45.0, 40.0, 12.0])
+SIGMA = 0.002
+
+
+def distances(noise: int | None = None) -> dict[str, SlopeDistance]:
+    e = np.zeros(4) if noise is None else np.random.default_rng(noise).standard_normal(4)
+    return {
+        k: SlopeDistance(
+            k, "P", float(np.linalg.norm(TRUE - x)) + SIGMA * e[n], sigma=SIGMA, id=f"{k}P"
+        )
+        for n, (k, x) in enumerate(STATIONS.items())
+    }
+
+
+def near_the_plane(z: float, weight: float) -> fga.Network:
+    """Return four held stations in a plane, and P near it; its height has a weak weight."""
+    net = fga.Network("plane")
+    for k, x in STATIONS.items():
+        net.add_point(k, tuple(float(v) for v in x), fixed="xyz")
+    net.add_point("P", (45.5, 39.6, z), sigma=(np.inf, np.inf, weight))
+    return net
+
+
+def assert_right(inc: fga.IncrementalAdjustment) -> None:
+    assert not inc.suspects
+    assert len(inc) == 4
+    at = inc.estimate("P")
+    at[2] = abs(at[2])  # the other side fits as well, but for the weak weight
+    assert at == pytest.approx(TRUE, abs=0.03)
+    batch = fga.adjust(inc.network(), start=inc.solution())
+    moved = np.abs(inc.estimate("P") - batch.point("P")) / batch.standard_deviations("P")
+    assert moved.max() < 0.01
+    assert inc.standard_deviations("P") == pytest.approx(batch.standard_deviations("P"), rel=0.01)
+
+
+@pytest.mark.parametrize("weight", [10.0, 1000.0])
+@pytest.mark.parametrize("z", [-5.0, -1.0, 0.0, 0.5, 2.0, 5.0])
+def test_from_any_start_all_four_readings_are_accepted(z, weight):
+    inc = fga.IncrementalAdjustment(near_the_plane(z, weight))
+    verdicts = [v for o in distances(4).values() for v in inc.add(o).verdicts]
+    assert "suspect" not in {v.verdict for v in verdicts}
+    assert_right(inc)
+    inc.settle()
+    assert_right(inc)
+
+
+@pytest.mark.parametrize("order", list(permutations("ABCD"))[::5])
+def test_in_any_order(order):
+    inc = fga.IncrementalAdjustment(near_the_plane(0.0, 1000.0))
+    every = distances(7)
+    for name in order:
+        inc.add(every[name])
+    assert_right(inc)
+
+
+def test_together_and_in_two_parts():
+    every = list(distances(2).values())
+    for parts in ([every], [every[:2], every[2:]], [every[:3], every[3:]]):
+        inc = fga.IncrementalAdjustment(near_the_plane(0.0, 1000.0))
+        for part in parts:
+            inc.add(part)
+        assert_right(inc)
+
+
+def test_with_the_journal_it_is_the_same(tmp_path):
+    inc = fga.IncrementalAdjustment(near_the_plane(0.0, 10.0), journal=tmp_path / "day.jsonl")
+    for o in distances(3).values():
+        inc.add(o)
+    assert_right(inc)
+    del inc
+    again = fga.IncrementalAdjustment.resume(tmp_path / "day.jsonl")
+    assert_right(again)
+
+
+@pytest.mark.parametrize("policy", ["flag", "reject"])
+def test_a_gross_error_is_still_found(policy):
+    """The fifth distance is wrong by 25 σ: no place of P explains it with the others."""
+    net = near_the_plane(1.0, 1000.0)
+    net.add_point("E", (110.0, 70.0, 3.0), fixed="xyz")
+    inc = fga.IncrementalAdjustment(net, policy=policy)
+    for o in distances(5).values():
+        inc.add(o)
+    wrong = float(np.linalg.norm(TRUE - (110.0, 70.0, 3.0))) + 25 * SIGMA
+    (v,) = inc.add(SlopeDistance("E", "P", wrong, sigma=SIGMA, id="wrong")).verdicts
+    assert inc.estimate("P")[2] > 0
+    assert v.verdict == ("suspect" if policy == "flag" else "rejected")
+    if policy == "flag":
+        inc.discard("wrong")
+    assert_right(inc)
+
+
+def test_what_contradicts_the_weight_itself_stays_a_suspect():
+    """With σ of 1 cm the height of the start is known, and no reading moves it by 12 m."""
+    inc = fga.IncrementalAdjustment(near_the_plane(0.0, 0.01))
+    found = [v.verdict for o in distances().values() for v in inc.add(o).verdicts]
+    assert found[-1] == "suspect"
+    assert abs(inc.estimate("P")[2]) < 0.1
+
+
+def test_suspects_that_fit_after_settling_come_back():
+    """A levelled height was wrong; without it the two suspects fit at once, with it none."""
+    net = near_the_plane(0.0, 1000.0)
+    inc = fga.IncrementalAdjustment(net)
+    inc.add(HeightDifference("A", "P", 0.0, sigma=0.001, id="wrong"))
+    for o in distances(1).values():
+        inc.add(o)
+    assert {v.id for v in inc.suspects} == {"CP", "DP"}
+    inc.remove("wrong")
+    inc.settle()
+    assert_right(inc)
