@@ -167,9 +167,7 @@ def _(p: Project) -> None:
     "two targets exchanged, adjusted without data snooping",
     ADJUST,
     DOUBTFUL,
-    "its size is not that of such an error: readings may be exchanged; exchanges (of targets, "
-    "names of points, ends of vectors, faces, axes of photos) are tested by data snooping only "
-    "(adjust --snoop)",
+    "readings fit under other names: two targets, exchanged: 'A' and 'D' seen from 'S1'",
 )
 def _(p: Project) -> None:
     exchange_targets(p, "S1", "A", "D")
@@ -179,7 +177,7 @@ def _(p: Project) -> None:
     "two targets exchanged, with which the adjustment has no minimum",
     ADJUST,
     DOUBTFUL,
-    "gross errors may keep an adjustment from a minimum; exchanges (of targets",
+    "readings fit under other names: two targets, exchanged: 'A' and 'E' seen from 'S1'",
 )
 def _(p: Project) -> None:
     exchange_targets(p, "S1", "A", "E")
