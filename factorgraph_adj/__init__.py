@@ -135,7 +135,7 @@ if TYPE_CHECKING:
     from .report.html.write import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
-    from .solve.batch import memory_needed
+    from .solve.batch import determined_part, memory_needed
     from .solve.grid import (
         GridCoordinates,
         GridPhotos,
@@ -229,6 +229,7 @@ __all__ = [
     "check_points",
     "congruence",
     "covariance_array",
+    "determined_part",
     "distance_precision",
     "dlt",
     "error_ellipse",
@@ -398,6 +399,7 @@ _MODULES = {
     "grid_photos": "solve.grid",
     "join": "network.join",
     "load_solution": "io.solution_file",
+    "determined_part": "solve.batch",
     "memory_needed": "solve.batch",
     "orient": "block_orientation.orient",
     "plan": "planning.plan",

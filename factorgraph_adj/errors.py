@@ -42,31 +42,9 @@ class Doubt(Problem):
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """Rows of one sort that a reader left out."""
 
-    what: str
-    """The rows, in words: ``marks of known points``."""
-    why: str
-    """Why they were left out."""
-    names: tuple[str, ...]
-    """Names of the photos, points or rows, each once."""
-    count: int
-    """Number of the rows."""
-    of: int = 0
-    """Number of all rows of the sort, if it is known; 0: it is not."""
-    where: str = ""
-    """File and line of the first row."""
-    hint: str = ""
-    """What may have been meant."""
-    doubtful: bool = False
-    """Whether the rows were expected to be used, so that the result is doubtful."""
 
-    def __str__(self) -> str:
-        of = f" of {self.of}" if self.of else ""
-        named = f": {known(self.names)}{self.hint}" if self.names else ""
-        first = f"; first in {self.where}" if self.where else ""
-        return f"{self.what}: {self.count}{of} left out, as {self.why}{named}{first}"
+@dataclass(frozen=True)
 
 
 _NUMBER = re.compile(r"\d+")
@@ -110,7 +88,8 @@ class DatumError(AdjustmentError):
     """The observations and priors do not determine every unknown.
 
     ``defect`` is the number of missing conditions. ``names`` are the unknowns that the message
-    lists; ``unknowns`` are kind and name of all unknowns concerned.
+    lists; ``unknowns`` are kind and name of all unknowns concerned. ``apart`` are the same of parts
+    without a datum beside a part that has one.
     """
 
     def __init__(
@@ -120,7 +99,9 @@ class DatumError(AdjustmentError):
         defect: int,
         names: Sequence[str] = (),
         unknowns: Sequence[tuple[str, str]] = (),
+        apart: Sequence[tuple[str, str]] = (),
     ) -> None:
+        self.apart = tuple(apart)
         self.defect = defect
         self.names = tuple(names)
         self.unknowns = tuple(unknowns)
@@ -130,11 +111,19 @@ class DatumError(AdjustmentError):
 class ApproximationError(AdjustmentError):
     """Approximate values could not be found; ``problems`` names the unknowns and the reasons.
 
-    ``photos`` are the names of all photos without a pose.
+    ``photos`` are the names of all photos without a pose, ``unknowns`` kind and name of all
+    unknowns without a value.
     """
 
-    def __init__(self, problems: Iterable[Problem], *, photos: Iterable[str] = ()) -> None:
+    def __init__(
+        self,
+        problems: Iterable[Problem],
+        *,
+        photos: Iterable[str] = (),
+        unknowns: Iterable[tuple[str, str]] = (),
+    ) -> None:
         self.photos = tuple(photos)
+        self.unknowns = tuple(unknowns)
         self.problems: tuple[Problem, ...] = tuple(problems)
         super().__init__("\n".join(str(p) for p in self.problems))
 

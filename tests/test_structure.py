@@ -53,6 +53,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("solve",),
     # Poses and points from image points alone; the start of every adjustment.
     ("block_orientation",),
+    ("solve.determined_part",),
     ("solve.batch",),
     ("quality",),
     ("validate",),

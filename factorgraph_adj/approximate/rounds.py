@@ -65,9 +65,13 @@ def approximate(equations: Equations, *, datum: DatumChoice | None = None) -> St
     """
     state, problems = reach(equations, datum=datum)
     if problems:
-        lost = np.isnan(state["pose"]).any(axis=1)
-        names = equations.unknowns["pose"].names
-        raise ApproximationError(problems, photos=[names[i] for i in np.flatnonzero(lost)])
+        lost = [
+            (kind, equations.unknowns[kind].names[i])
+            for kind, values in state.items()
+            for i in np.flatnonzero(np.isnan(values).any(axis=1)).tolist()
+        ]
+        photos = [name for kind, name in lost if kind == "pose"]
+        raise ApproximationError(problems, photos=photos, unknowns=lost)
     return state
 
 

@@ -70,6 +70,7 @@ def block_of(
         raise ApproximationError(
             [*other.problems, *(p for p in error.problems if "fga.orient" not in p.what)],
             photos=error.photos,
+            unknowns=error.unknowns,
         ) from None
     if found.start is None and whole:
         # What the search for approximate values says of a photo is the nearer cause.
@@ -86,6 +87,7 @@ def block_of(
                 *(Problem(p) for p in found.problems),
             ],
             photos=found.unoriented,
+            unknowns=error.unknowns,
         )
     return found
 

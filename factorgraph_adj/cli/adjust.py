@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
 
-from ..errors import InputError, Problem
+from ..errors import AdjustmentError, InputError, Problem
 from ..io.atomic import one_transaction
 from ..io.project import Project
 from ..parts.network import adjust
@@ -18,12 +18,13 @@ from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.causes import likeliest
 from ..report.context import Report
-from ..report.doubts import doubts_about, of_network
+from ..report.doubts import doubts_about, notes_about, of_network, unknowns_left_out
 from ..report.html.language import Language
 from ..report.html.write import write_html
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
 from ..report.text import render
+from ..solve.batch import determined_part
 from ..solve.solution import Solution
 from ..units import significant
 from .check import refuse_problems
@@ -122,7 +123,10 @@ def _solve(options: argparse.Namespace) -> Adjusted:
     refuse_exports(network, options)
     if options.datum is not None:
         network.datum = options.datum
+    if options.leave_out_undetermined:
+        project = _determined(project)
     refuse_problems(project)
+    network = project.network
     warn(project.warnings)
     variance = options.variance or project.options.variance
     found = weights = None
@@ -159,6 +163,19 @@ def _solve(options: argparse.Namespace) -> Adjusted:
             )
             solution = replace(weights.solution, variance=variance)
     return Adjusted(project, solution, found, weights)
+
+
+def _determined(project: Project) -> Project:
+    """Return a project without what its observations do not determine.
+
+    Raises:
+        InputError: it has problems of other kinds.
+    """
+    try:
+        return replace(project, network=determined_part(project.network))
+    except AdjustmentError:
+        refuse_problems(project)
+        raise
 
 
 def _refuse_options(options: argparse.Namespace) -> None:
@@ -244,6 +261,8 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _verdict(found: Adjusted, report: Report) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
+    for said in (*unknowns_left_out(found.solution.network), *notes_about(found.solution)):
+        print(said, file=sys.stderr)
     doubts = [*doubts_about(found.solution), *of_network(found.solution.network)]
     if found.components is not None and not found.components.converged:
         doubts.append(f"variance components not converged: {found.components.reason}")

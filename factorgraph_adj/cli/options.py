@@ -27,6 +27,12 @@ def add_adjustment(parser: argparse.ArgumentParser) -> None:
     )
     how.add_argument("--max-iterations", type=count, metavar="N", help="instead of the project's")
     how.add_argument(
+        "--leave-out-undetermined",
+        action="store_true",
+        help="leave out what the observations do not determine, with all that hangs on it, and "
+        "name it",
+    )
+    how.add_argument(
         "--variance-components",
         nargs="?",
         const="kind",

@@ -11,7 +11,7 @@ from ..parts.network import adjust_cut
 from ..parts.result import PartsSolution
 from ..parts.workers import connected
 from ..quality.levels import ALPHA, POWER
-from ..report.doubts import doubts_about
+from ..report.doubts import doubts_about, notes_about
 from ..report.parts import parts_protocol, write_parts
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
@@ -23,6 +23,7 @@ from .run import run_of
 WHOLE_ONLY = (
     *("snoop", "robust", "variance_components", "ellipses", "relative", "between", "rows"),
     *("test", "sidak", "report", "language", "export"),
+    "leave_out_undetermined",
 )
 """Options of a network that is adjusted as a whole."""
 MOST_ITERATIONS = 100
@@ -105,6 +106,8 @@ def _solution(options: argparse.Namespace) -> PartsSolution:
 
 def _verdict(solution: PartsSolution) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
+    for note in notes_about(solution):
+        print(note, file=sys.stderr)
     doubts = doubts_about(solution)
     if n := len(solution.repeated):
         doubts.append(f"{n} observations agree with one of another part: is it the same one?")

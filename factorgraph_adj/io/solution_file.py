@@ -20,7 +20,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, UnknownLeftOut
 from ..files import read_arrays
 from ..graph.equations import Equations, compile_network
 from ..solve.datum import Defect, FreeDatum
@@ -71,6 +71,7 @@ def save_solution(solution: Solution, path: str | Path) -> None:
         "within": solution.within,
         "second_places": solution.second_places,
         "begun": solution.begun,
+        "unknowns_left_out": [asdict(x) for x in solution.network.unknowns_left_out],
         "vtpv": solution.vtpv,
         "variance": solution.variance,
         "extrapolated": asdict(solution.extrapolated),
@@ -142,6 +143,10 @@ def _solution(
     header: dict[str, Any], entries: Mapping[str, Any], folder: Path, allow_outside: bool
 ) -> Solution:
     network = network_of(header["files"], home=folder, allow_outside=allow_outside)
+    network.unknowns_left_out = [
+        UnknownLeftOut(x["kind"], x["name"], x["why"], tuple(x["ids"]))
+        for x in header.get("unknowns_left_out", ())
+    ]
     network.datum = "free" if "datum/motions" in entries else network.datum
     weights = entries.get("weights")
     equations = _with_sigmas(compile_network(network), entries["sigmas"], weights)

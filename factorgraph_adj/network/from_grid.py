@@ -122,6 +122,7 @@ def from_grid(
     out.cameras = network.cameras.copy()
     out.doubts = network.doubts.copy()
     out.left_out = network.left_out.copy()
+    out.unknowns_left_out = network.unknowns_left_out.copy()
     out.images = network.images.copy()
     out.clusters = network.clusters.copy()
     out.point_number = network.point_number.copy()

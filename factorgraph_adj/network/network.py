@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from ..crs.system import ReferenceSystem, reference_system
-from ..errors import Doubt, InputError, LeftOut, Problem, known
+from ..errors import Doubt, InputError, LeftOut, Problem, UnknownLeftOut, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
@@ -94,6 +94,8 @@ class Network(StatedUnknowns, Shown):
         """Readings that did not agree when they were reduced to observations."""
         self.left_out: list[LeftOut] = []
         """What the reader of a file left out of the network."""
+        self.unknowns_left_out: list[UnknownLeftOut] = []
+        """Unknowns that were left out as nothing determines them, see `determined_part`."""
         self.point_number: dict[str, int] = {}
         self.photo_number: dict[str, int] = {}
         self._next_id = 1

@@ -24,7 +24,13 @@ Weighted: TypeAlias = tuple[VariableKind, str, int]
 """Kind, name and component of a weighted unknown; component −1 means a whole attitude."""
 
 
-def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ()) -> Network:
+def without(
+    network: Network,
+    ids: Iterable[str],
+    *,
+    points: Iterable[str] = (),
+    photos: Iterable[str] = (),
+) -> Network:
     """Return a new network without some observations; ``network`` stays unchanged.
 
     The remaining observations of a correlated group keep their part of the covariance. A doubt
@@ -39,16 +45,22 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
             their own id, weighted unknowns by names such as ``"point P1 x"``.
         points: points to remove together with all their observations, and with the frames that
             have their origin there.
+        photos: photos to remove with their observations, and with cameras that took no others.
 
     Raises:
-        InputError: the network lacks ids or points; the message lists all of them.
+        InputError: the network lacks ids, points or photos; the message lists all of them.
     """
-    ids, points = ([x] if isinstance(x, str) else x for x in (ids, points))
-    wanted, lost = list(dict.fromkeys(ids)), dict.fromkeys(points)
+    ids, points, photos = ([x] if isinstance(x, str) else x for x in (ids, points, photos))
+    wanted, lost, unseen = list(dict.fromkeys(ids)), dict.fromkeys(points), dict.fromkeys(photos)
     problems = [
         Problem(f"unknown point; known: {known(network.points, meant=p)}", f"point {p!r}")
         for p in lost
         if p not in network.points
+    ]
+    problems += [
+        Problem(f"unknown photo; known: {known(network.photos, meant=p)}", f"photo {p!r}")
+        for p in unseen
+        if p not in network.photos
     ]
     gone = {i for i in wanted if i in network.observations}
     keep, in_images = _images(network, wanted)
@@ -81,6 +93,9 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
             if not lost.keys().isdisjoint(o.points())
             or any(origin_of(network, kind, key) in lost for kind, key in o.parameters())
         }
+    if unseen:
+        taken = unseen.keys()
+        gone |= {i for i, o in network.observations.items() if not taken.isdisjoint(o.photos())}
     out = network.copy()
     out.observations = {i: o for i, o in network.observations.items() if i not in gone}
     out.clusters = [c for group in network.clusters if (c := _remaining(network, group, gone))]
@@ -92,6 +107,8 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
         out.image_mask(keep)
     if lost:
         _drop_points(out, lost)
+    if unseen:
+        _drop_photos(out, unseen)
     return out
 
 
@@ -271,6 +288,17 @@ def _drop_points(network: Network, lost: Iterable[str]) -> None:
             for key in [k for k, p in table.items() if p.origin == name]:
                 del table[key]
     network.point_number = {name: i for i, name in enumerate(network.points)}
+
+
+def _drop_photos(network: Network, lost: Iterable[str]) -> None:
+    """Remove photos with their image points, and the cameras that took no others."""
+    gone = set(lost)
+    cameras = {network.photos[name].camera for name in gone}
+    stays = np.array([name not in gone for name in network.photos], dtype=bool)
+    network.image_mask(stays[network.images.columns()[0]])
+    _keep_entities(network, [n for n in network.photos if n not in gone], list(network.points))
+    for camera in cameras - {photo.camera for photo in network.photos.values()}:
+        del network.cameras[camera]
 
 
 def filtered(

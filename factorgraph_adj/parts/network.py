@@ -39,6 +39,7 @@ def adjust(
     max_iterations: int = 100,
     extra_factors: ExtraFactors = (),
     progress: Progress | None = None,
+    leave_out_undetermined: bool = False,
 ) -> Solution: ...
 
 
@@ -70,6 +71,7 @@ def adjust(
     max_iterations: int = 100,
     extra_factors: ExtraFactors = (),
     progress: Progress | None = None,
+    leave_out_undetermined: bool = False,
 ) -> Solution | PartsSolution:
     """Adjust a network by least squares: minimise vᵀPv over all unknowns.
 
@@ -103,6 +105,9 @@ def adjust(
             take part in solution and covariance, and have test values in `Reliability.factors`.
             Not with a client.
         progress: called after each iteration; an exception in it ends the adjustment.
+        leave_out_undetermined: whether `determined_part` is adjusted, without what the observations
+            do not determine; ``solution.network.unknowns_left_out`` names it. Not with ``weights`` or a
+            client.
 
     Returns:
         The solution; its ``converged`` and ``reason`` say how the iteration ended.
@@ -128,9 +133,15 @@ def adjust(
             max_iterations=max_iterations,
             extra_factors=extra_factors,
             progress=progress,
+            leave_out_undetermined=leave_out_undetermined,
         )
     check_client(client)
-    given = {"start": start, "weights": weights, "extra_factors": extra_factors or None}
+    given = {
+        "start": start,
+        "weights": weights,
+        "extra_factors": extra_factors or None,
+        "leave_out_undetermined": leave_out_undetermined or None,
+    }
     if refused := [name for name, value in given.items() if value is not None]:
         raise InputError(f"with a client there is no {', '.join(refused)}: adjust without it")
     if (datum or network.datum) != "given":

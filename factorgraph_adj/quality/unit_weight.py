@@ -49,6 +49,11 @@ class GlobalTest:
         """Whether σ̂0 lies between the bounds; always true without redundancy."""
         return self.redundancy <= 0 or self.lower <= self.sigma0 <= self.upper
 
+    @property
+    def too_good(self) -> bool:
+        """Whether σ̂0 lies below the bounds: the readings fit better than their σ say."""
+        return self.redundancy > 0 and self.sigma0 < self.lower
+
 
 def global_test(solution: Adjusted, *, alpha: float = ALPHA_OF_MODEL) -> GlobalTest:
     """Test the standard deviation of unit weight of a solution.

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ..models.variables import UNKNOWNS
 from ..network.network import Network
 from ..quality.causes.search import Causes
 from ..quality.check_points import CheckPoints
@@ -50,16 +51,33 @@ class Ended(Adjusted, Protocol):
 def doubts_about(solution: Ended) -> list[str]:
     """Return why the result of an adjustment may be wrong.
 
-    It is not at rest; or a point fits equally well at another place, or the global test failed.
+    It is not at rest; or a point fits equally well at another place, or σ̂0 is too large. One that
+    is too small is no doubt, see `notes_about`.
     """
     test = global_test(solution)
     if not solution.converged:
         return [f"not converged: {solution.reason}"]
     found = list(solution.second_places)
-    if not test.accepted:
+    if not test.accepted and not test.too_good:
         bounds = f"accepted from {test.lower:.4f} to {test.upper:.4f}"
         found.append(f"global test failed: σ̂0 = {test.sigma0:.4f}, {bounds}")
     return found
+
+
+def notes_about(solution: Ended) -> list[str]:
+    """Return what is striking about a result without making it doubtful.
+
+    Readings that fit better than their σ say have σ that are stated too large, or were rounded,
+    copied or computed; the adjusted values are as good as the stated σ at least.
+    """
+    test = global_test(solution)
+    if not solution.converged or not test.too_good:
+        return []
+    return [
+        f"the readings fit better than their σ say: σ̂0 = {test.sigma0:.4f}, expected from "
+        f"{test.lower:.4f} to {test.upper:.4f}; the σ are stated too large, or readings are not "
+        "independent"
+    ]
 
 
 def of_network(network: Network) -> list[str]:
@@ -77,6 +95,25 @@ def of_network(network: Network) -> list[str]:
             f"{n} doubt{'s' * (n != 1)} about the two faces of targets, the first: {first}"
         )
     return found
+
+
+def unknowns_left_out(network: Network) -> list[str]:
+    """Return a sentence with all that was left out, as nothing determines it; none: nothing was."""
+    gone = network.unknowns_left_out
+    if not gone:
+        return []
+    by_reason: dict[tuple[str, str], list[str]] = {}
+    for each in gone:
+        by_reason.setdefault((UNKNOWNS[each.kind].noun, each.why), []).append(each.name)
+    said = (
+        f"{noun}{'s' * (len(names) > 1)} {', '.join(names)} ({why})"
+        for (noun, why), names in by_reason.items()
+    )
+    n, many = len({i for each in gone for i in each.ids}), len(gone) > 1
+    return [
+        f"{len(gone)} unknown{'s' * many} left out with {n} observation{'s' * (n != 1)}: "
+        f"{'; '.join(said)}"
+    ]
 
 
 def reasons(found: Sequence[Finding], wrong: Set[str]) -> list[str]:

@@ -87,6 +87,9 @@ def write_tables(report: Report, folder: str | Path) -> None:
         "shapes.csv": shapes_table(report) or None,
         "relative.csv": lines_table(report) or None,
         "snooping.csv": snooping_table(report) or None,
+        "unknowns_left_out.csv": _left_out_table(report)
+        if report.network.unknowns_left_out
+        else None,
         "variance_components.csv": None,
         "given_values.csv": _given_table(report) if report.given else None,
     }
@@ -101,6 +104,12 @@ def write_tables(report: Report, folder: str | Path) -> None:
 
 
 # -- CSV ------------------------------------------------------------------------------------------
+
+
+def _left_out_table(report: Report) -> str:
+    gone = report.network.unknowns_left_out
+    columns = {name: [getattr(x, name) for x in gone] for name in ("kind", "name", "why")}
+    return write_columns(columns | {"observations": [" ".join(x.ids) for x in gone]})
 
 
 def _points_table(report: Report) -> str:

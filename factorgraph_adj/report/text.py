@@ -15,6 +15,7 @@ from .adjusted import observations, weighted_coordinates
 from .causes import causes, exchanges_untested, given, likeliest
 from .context import Report
 from .coordinates import check_points, photos, points, side_shots
+from .doubts import notes_about, unknowns_left_out
 from .epochs.text import render_congruence
 from .frames import frames
 from .geographic import geographic
@@ -107,6 +108,7 @@ def _overview(report: Report) -> list[str]:
         f"Adjustment of {network.name or 'a network without a name'}",
         "=" * WIDTH,
         *_doubts(report),
+        *_notes(report),
         *run_lines(report.provenance.run),
         f"  frame          {_frame(network.frame)}",
         *reference_system(report),
@@ -140,6 +142,12 @@ def _doubts(report: Report) -> list[str]:
         hints.insert(0, cause)
     out += paragraph("; ".join(hints), indent=4) if hints else []
     return [*out, ""]
+
+
+def _notes(report: Report) -> list[str]:
+    """Return what was left out, as nothing determines it, and what is striking."""
+    said = [*unknowns_left_out(report.network), *notes_about(report.solution)]
+    return [line for each in said for line in (*paragraph(each), "")]
 
 
 def _frame(frame: Frame) -> str:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 from ..block_orientation.begin import leaving_out, start_of
-from ..errors import DatumError, InputError, known
+from ..errors import ApproximationError, DatumError, InputError, known
 from ..graph.equations import compile_network
 from ..network.network import DatumChoice, Network
 from ..types import Array
+from .determined_part import largest_determined, with_option
 from .extra import Extra, ExtraFactors
 from .iterate import Progress
 from .memory import Memory, memory_of
@@ -32,6 +33,7 @@ def adjust(
     max_iterations: int = MOST_ITERATIONS,
     extra_factors: ExtraFactors = (),
     progress: Progress | None = None,
+    leave_out_undetermined: bool = False,
 ) -> Solution:
     """Adjust a network by least squares: minimise vᵀPv over all unknowns.
 
@@ -55,6 +57,8 @@ def adjust(
             by name, or functions by name that make them, as for `IncrementalAdjustment.add`; they
             take part in solution and covariance, and have test values in `Reliability.factors`.
         progress: called after each iteration; an exception in it ends the adjustment.
+        leave_out_undetermined: whether `determined_part` is adjusted, without what the observations
+            do not determine; ``solution.network.unknowns_left_out`` names it. Not with ``weights``.
 
     Returns:
         The solution; its ``converged`` and ``reason`` say how the iteration ended.
@@ -74,8 +78,18 @@ def adjust(
         raise InputError(
             f"unknown variance {variance!r}; valid: {known(VARIANCES, meant=variance)}"
         )
+    if leave_out_undetermined:
+        if weights is not None:
+            raise InputError(
+                "weights are in the order of all observations, of which leave_out_undetermined may "
+                "leave some out: adjust fga.determined_part(network) with weights of its own"
+            )
+        network = determined_part(network, datum=datum, start=start, extra_factors=extra_factors)
     equations = compile_network(network)
-    begin, extra = start_of(equations, choice, start), Extra.of(extra_factors, network)
+    try:
+        begin, extra = start_of(equations, choice, start), Extra.of(extra_factors, network)
+    except (ApproximationError, DatumError) as error:
+        raise with_option(error) from None
     extra.refuse_wrong_partials(equations, begin.state)
     try:
         return adjust_from(
@@ -91,7 +105,39 @@ def adjust(
             astray=True,
         )
     except (InputError, DatumError) as error:
-        raise (error if start is not None else leaving_out(begin, error)) from None
+        told = error if start is not None else leaving_out(begin, error)
+        raise (with_option(told) if isinstance(told, DatumError) else told) from None
+
+
+def determined_part(
+    network: Network,
+    *,
+    datum: DatumChoice | None = None,
+    start: Solution | Start | None = None,
+    extra_factors: ExtraFactors = (),
+) -> Network:
+    """Return a network without what its observations do not determine.
+
+    Points, photos, sets of directions and frames that are not determined are left out with all
+    observations of them, then what these observations have determined, and so on. The new network
+    names them with their observations (``unknowns_left_out``). A network that is determined is returned
+    itself.
+
+    Args:
+        network: the network; it stays unchanged.
+        datum: as for `adjust`.
+        start: as for `adjust`.
+        extra_factors: as for `adjust`.
+
+    Raises:
+        ApproximationError, DatumError: as `adjust`, if the rest has no datum, or if coefficients of
+            instruments, cameras or the air are not determined: these are to be held or weighted.
+    """
+
+    def attempt(some: Network) -> Solution:
+        return adjust(some, datum=datum, start=start, extra_factors=extra_factors)
+
+    return largest_determined(network, attempt)
 
 
 def memory_needed(network: Network) -> Memory:

@@ -233,7 +233,26 @@ def undetermined(
     at_least = "at least " if bounded else ""
     head = f"the network is not determined: {at_least}{total} defect{'s' * (total > 1)}"
     message = "\n  ".join([head, *lines])
-    return DatumError(message, defect=total, names=names, unknowns=concerned)
+    apart = [] if free else _apart(unknowns, defects)
+    return DatumError(message, defect=total, names=names, unknowns=concerned, apart=apart)
+
+
+def _apart(unknowns: Unknowns, defects: Sequence[Defect]) -> list[tuple[str, str]]:
+    """Return the variables that move with parts without a datum; none if all do.
+
+    A point about which a part turns does not move, and stays.
+    """
+    moving = np.zeros(unknowns.n_columns, dtype=bool)
+    for d in defects:
+        moves = np.linalg.norm(d.motions, axis=1)
+        moving |= moves > MOVED_ALONG * moves.max(initial=0.0)
+    active = list(unknowns.active())
+    found = [
+        (kind, unknowns[kind].names[number])
+        for kind, number in active
+        if moving[unknowns.columns(kind, number)].any()
+    ]
+    return found if len(found) < len(active) else []
 
 
 ALIKE = 0.999

@@ -101,8 +101,11 @@ class Solution(Shown):
         """Return the numbers of the adjustment, and how it ended."""
         ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
         if not (test := global_test(self)).accepted:
-            bounds = f"accepted from {test.lower:.3f} to {test.upper:.3f}"
-            ended += f", GLOBAL TEST REJECTED: σ̂0 {bounds}"
+            bounds = f"σ̂0 accepted from {test.lower:.3f} to {test.upper:.3f}"
+            failed = "fits better than its σ say" if test.too_good else "GLOBAL TEST REJECTED"
+            ended += f", {failed}: {bounds}"
+        if gone := len(self.network.unknowns_left_out):
+            ended += f", {gone} undetermined unknown{'s' * (gone > 1)} left out"
         ended += "".join(f", BUT {place}" for place in self.second_places if self.converged)
         return (
             f"Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "

@@ -48,7 +48,8 @@ def point_problems(equations: Equations, at: Sources) -> Iterator[Problem]:
     idle = [table.names[i] for i in np.flatnonzero((rows == 0) & (free > 0))]
     if idle:
         yield Problem(
-            "no observation: observe it, hold it (column fixed), or take it out",
+            "no observation: observe it, hold it (column fixed), take it out, or "
+            "adjust --leave-out-undetermined",
             listed("point", idle, at),
         )
     if network.datum == "free" and len(network.points) + len(network.photos) < TINY:
@@ -59,7 +60,7 @@ def point_problems(equations: Equations, at: Sources) -> Iterator[Problem]:
     for (unknown, have), names in groups.items():
         yield Problem(
             f"{have} for {unknown} free coordinates: observe it more, give control, "
-            "or hold coordinates (column fixed)",
+            "hold coordinates (column fixed), or adjust --leave-out-undetermined",
             listed("point", names, at),
         )
 

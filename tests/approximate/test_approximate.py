@@ -771,6 +771,10 @@ def test_a_network_that_knows_nothing_asks_for_a_start():
     assert "give the orientation of two photos" in problems_of(forgotten)
 
 
+@pytest.mark.slow(
+    "values of many random networks are compared with an independent search; short tests "
+    "take single ones"
+)
 @pytest.mark.parametrize("axes", ["xy exchanged", "y the wrong way"])
 def test_a_mirrored_photo_without_orientation_is_said_to_be_one(axes: str) -> None:
     network = block(0)

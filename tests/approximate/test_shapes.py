@@ -42,6 +42,10 @@ def sizes(solution: fga.Solution, shape: str) -> list[tuple[float, float, float]
     return found
 
 
+@pytest.mark.slow(
+    "values of many random networks are compared with an independent search; short tests "
+    "take single ones"
+)
 @pytest.mark.parametrize("arc", [2 * np.pi, QUARTER])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_shapes_anywhere_are_found_from_their_points_on_full_and_quarter_arcs(shape, arc):
@@ -105,6 +109,10 @@ def dense(shape: str, x: np.ndarray) -> float:
     return best / 2 / MM**2
 
 
+@pytest.mark.slow(
+    "values of many random networks are compared with an independent search; short tests "
+    "take single ones"
+)
 @pytest.mark.parametrize("shape", sorted(SHAPES.keys() - {"paraboloid"}))
 def test_the_sum_of_squares_is_that_of_an_independent_adjustment(shape):
     """By scipy, with another parametrisation, from twenty start values drawn by chance."""

@@ -52,6 +52,9 @@ def test_snooping_begins_from_images_and_tests_as_from_the_truth(free):
     assert found.solution.vtpv == pytest.approx(true.solution.vtpv, rel=SAME)
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 @pytest.mark.parametrize("kind", [ring, aerial])
 @pytest.mark.parametrize("control", [0, 8])
 def test_snooping_sets_mismatches_aside_and_only_a_few_others(kind, control):
@@ -127,6 +130,9 @@ def test_a_point_whose_two_rays_do_not_meet_is_named_with_the_way_out():
         fga.robust_adjust(block.network)
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 def test_snooping_begins_from_images_where_resections_led_nowhere():
     """Eight control points, one image of them a mismatch: a resection from them is wrong."""
     block = aerial(3, mismatches=0.05)
@@ -158,6 +164,9 @@ def test_a_plan_begins_from_images_that_were_taken(held):
     np.testing.assert_allclose(a, b, rtol=0.01)
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 def test_commands_begin_from_images(free, held, tmp_path, capsys):
     mixed = aerial(3, strips=2, photos=4, n_points=300, control=0, mismatches=0.05)
     for name, network in (("free", free.network), ("held", held.network), ("bad", mixed.network)):

@@ -171,11 +171,17 @@ CASES: dict[str, Case] = {
 """Datum, observations, datum defect of the adjustment, and what is said of the datum."""
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 @pytest.mark.parametrize("case", CASES)
 def test_what_there_is_gives_scale_and_datum(case):
     _same_minimum(ring(3, photos=7, control=0), case)
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 @pytest.mark.parametrize("case", ["GNSS vectors", "two control points and a total station"])
 def test_so_it_does_in_an_aerial_block(case):
     _same_minimum(aerial(3, strips=2, photos=5, n_points=300, control=0), case)

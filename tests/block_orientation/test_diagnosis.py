@@ -69,6 +69,9 @@ def test_photos_from_one_place():
         fga.adjust(network)
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_held_principal_distance_that_is_wrong(factor):
     network = ring(1, photos=6, control=0).network
@@ -79,6 +82,9 @@ def test_a_held_principal_distance_that_is_wrong(factor):
     assert re.search(rf"a principal distance of about 28(\.\d)?, not {28 * factor:g}:", said)
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 def test_photos_whose_y_counts_downwards():
     block = ring(1, photos=8, control=0)
     network = seen(block.rotations, block.centres, block.points, y_down=(2, 5))

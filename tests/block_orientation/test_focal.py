@@ -68,6 +68,9 @@ def test_a_camera_without_a_principal_distance_begins_at_a_multiple_of_its_forma
             network.add_camera("b", BrownLens(), {}, **options)
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_block_finds_the_principal_distance_that_nobody_knows(seed, tmp_path):
     block = ring(seed, photos=8, control=0, guess=28.0)

@@ -32,6 +32,9 @@ def minimum(network: fga.Network, start=None) -> fga.Solution:
     return solution
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("kind", ["aerial", "ring", "two parts", "unknown calibration"])
 def test_a_block_ends_where_the_truth_leads(kind, seed):
@@ -49,6 +52,9 @@ def test_a_block_ends_where_the_truth_leads(kind, seed):
         assert solution.calibration(CAMERA)["c"] == pytest.approx(28.0, abs=0.02)
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_mismatches_are_named_and_stay_in_the_network(seed):
     block = KINDS["mismatches"](seed)
@@ -327,6 +333,9 @@ def test_a_point_with_one_ray_is_named_and_taken_out_with_the_doubtful_ones():
     assert minimum(clean, found.start).vtpv == pytest.approx(minimum(block.truth).vtpv, rel=SAME)
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 @pytest.mark.parametrize("make", [aerial, ring])
 def test_a_fifth_of_mismatches_is_named(make):
     block = make(7, mismatches=0.2)
@@ -427,6 +436,9 @@ def test_photos_that_share_nothing_are_refused():
         fga.orient(network)
 
 
+@pytest.mark.slow(
+    "whole blocks from image points alone are compared with the truth; short tests take their steps"
+)
 @pytest.mark.parametrize("seed", range(3))
 def test_image_points_without_any_sense_are_refused_or_told(seed):
     """Random image coordinates: no traceback, and no start that calls them good."""

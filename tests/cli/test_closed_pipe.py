@@ -27,6 +27,10 @@ def first_lines(*arguments: object) -> tuple[int, list[str]]:
         return process.wait(HANGS), lines
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 @pytest.mark.parametrize(
     ("name", "code"),
     [

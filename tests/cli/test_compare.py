@@ -22,6 +22,10 @@ def epochs(tmp_path_factory):
     return [str(folder / "first"), str(folder / "second")]
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 def test_everything_is_written_by_one_run(epochs, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     files = {n: tmp_path / n for n in ("moved.png", "moved.html", "moved.gpkg", "moved.json")}

@@ -158,6 +158,10 @@ def test_without_rich_it_says_what_to_install_and_begins_nothing(tmp_path, monke
     assert not journal.exists()
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 @pytest.mark.skipif(os.name == "nt", reason="a pseudo-terminal needs POSIX")
 def test_a_real_terminal_shows_it_and_is_left_in_order(tmp_path):
     import pty

@@ -53,6 +53,10 @@ def block(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 def test_a_good_project_ends_with_0_protocol_and_files(block, tmp_path):
     result = run("adjust", block, "--out", tmp_path / "out")
     assert (result.returncode, result.stderr) == (0, "")
@@ -229,6 +233,10 @@ def test_an_interrupted_first_run_leaves_no_folder(block, tmp_path, monkeypatch,
     assert capsys.readouterr() == ("", "interrupted: nothing was written\n")
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT of another process needs POSIX")
 def test_ctrl_c_ends_with_130_and_writes_nothing(block, tmp_path):
     waits = (
@@ -274,6 +282,10 @@ def test_a_fault_of_the_program_is_no_traceback(block, monkeypatch, capsys):
         cli.main(["adjust", str(block)])
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 def test_a_reader_that_stops_early_is_no_fault(block):
     command = f"{sys.executable} -m factorgraph_adj.cli.main adjust {block} | head -1"
     result = subprocess.run(command, shell=True, **TEXT)

@@ -98,6 +98,10 @@ def test_nothing_to_set_aside_says_nothing_on_stderr(block, here):
     assert "nothing set aside in 1 round" in result.stdout
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 @pytest.mark.parametrize("estimator", ["huber", "danish", "igg3", "tukey"])
 def test_a_robust_start_implies_snooping(wrong, estimator, here):
     result = here("adjust", wrong, "--robust", estimator)
@@ -244,6 +248,10 @@ def test_bad_options_are_found_before_anything_is_read(here):
 # -- plot -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 @pytest.mark.parametrize("kind", ["png", "svg"])
 def test_figures_are_written_and_named(block, tmp_path, here, kind):
     pytest.importorskip("matplotlib")

@@ -94,6 +94,10 @@ def lines_of(*lines: dict | str) -> bytes:
 # -- a pipe ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 def test_each_line_is_answered_before_the_next_one_is_written(yard):
     with pipe(yard) as p:
         assert p.read()["ready"] is True
@@ -108,6 +112,10 @@ def test_each_line_is_answered_before_the_next_one_is_written(yard):
         assert (p.process.stdout.read(), p.process.stderr.read()) == (b"", b"")
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 def test_stop_ends_it_while_the_pipe_is_open(yard):
     with pipe(yard) as p:
         p.read()
@@ -115,6 +123,10 @@ def test_stop_ends_it_while_the_pipe_is_open(yard):
         assert p.process.wait(HANGS) == 0
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 @POSIX
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
 def test_a_signal_ends_it_while_it_waits_for_a_line(yard, number, code):
@@ -152,6 +164,10 @@ def slow(*arguments: object, signals: str, lines: bytes) -> subprocess.Completed
     )
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 @POSIX
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
 def test_the_line_in_hand_is_finished_answered_and_recorded(yard, tmp_path, number, code):
@@ -164,6 +180,10 @@ def test_the_line_in_hand_is_finished_answered_and_recorded(yard, tmp_path, numb
     assert len(IncrementalAdjustment.resume(journal)) == 1
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 @POSIX
 def test_a_second_interruption_does_not_wait_for_the_line(yard):
     twice = f"{int(signal.SIGINT)} {int(signal.SIGINT)}"
@@ -173,6 +193,10 @@ def test_a_second_interruption_does_not_wait_for_the_line(yard):
     assert len(ran.stdout.splitlines()) == 1
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 @POSIX
 def test_a_reader_that_goes_away_ends_it_with_the_journal_written(yard, tmp_path):
     journal = tmp_path / "journal.jsonl"
@@ -391,6 +415,10 @@ def test_a_journal_of_another_project_or_with_other_options_is_refused(yard, tmp
     assert same[0] == 0
 
 
+@pytest.mark.slow(
+    "the command runs in a process of its own with signals, pipes or terminals; short "
+    "tests call it in this process"
+)
 def test_two_streams_cannot_share_a_journal(yard, tmp_path, here):
     journal = tmp_path / "journal.jsonl"
     with pipe(yard, "--journal", journal) as p:

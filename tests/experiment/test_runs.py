@@ -84,6 +84,9 @@ def lines(path: Path) -> list[dict[str, object]]:
 # -- the same results -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow(
+    "processes and clusters of their own are started; short tests run repetitions in this process"
+)
 def test_two_processes_give_the_same_table_as_one(alone, tmp_path):
     out = tmp_path / "study.jsonl"
     results = run(EVERY, SEVERAL, out=out, processes=2)
@@ -92,6 +95,9 @@ def test_two_processes_give_the_same_table_as_one(alone, tmp_path):
     assert run(EVERY, SEVERAL, out=out, processes=2).table() == alone.table()  # from the file
 
 
+@pytest.mark.slow(
+    "processes and clusters of their own are started; short tests run repetitions in this process"
+)
 def test_what_is_finished_first_is_written_first_and_stands_in_its_place(tmp_path):
     """The first repetition ends once another one is written, whenever that one starts."""
     out = tmp_path / "study.jsonl"
@@ -166,6 +172,9 @@ def test_blas_has_one_thread_here_too():
             setter(count)
 
 
+@pytest.mark.slow(
+    "processes and clusters of their own are started; short tests run repetitions in this process"
+)
 def test_a_worker_that_ends_is_one_failed_repetition(tmp_path):
     ends = Experiment("seeds", trials.normal, seed=SEED).seed_of({}, 5)
     experiment = Experiment("ends", trials.sometimes_ends, {"ends": [ends, -1]}, SEED)
@@ -182,6 +191,9 @@ def test_a_worker_that_ends_is_one_failed_repetition(tmp_path):
     assert run(experiment, 12, out=out).table() == results.table()  # or this would end here
 
 
+@pytest.mark.slow(
+    "processes and clusters of their own are started; short tests run repetitions in this process"
+)
 @pytest.mark.filterwarnings("default")  # Dask warns of its own worker's death
 def test_a_cluster_worker_that_ends_is_one_failed_repetition(client):
     ends = Experiment("seeds", trials.normal, seed=SEED).seed_of({}, 5)

@@ -37,6 +37,10 @@ def assert_same(inc: IncrementalAdjustment, expected: fga.Solution) -> None:
             assert (off <= PERCENT * e.sigmas + 1e-9).all(), (kind, name)
 
 
+@pytest.mark.slow(
+    "what arrives ends where the batch adjustment does, in every order and network; short "
+    "tests take a few"
+)
 @pytest.mark.parametrize("make", [tunnel, offsets, body])
 @pytest.mark.parametrize("which", [1, 4])
 def test_readings_arrive_in_any_order(make: Callable[[], Network], which: int, tmp_path) -> None:

@@ -88,6 +88,10 @@ def assert_as_batch(inc: fga.IncrementalAdjustment) -> None:
         assert max(found.estimates, found.sigmas) < 1e-6
 
 
+@pytest.mark.slow(
+    "what arrives ends where the batch adjustment does, in every order and network; short "
+    "tests take a few"
+)
 @pytest.mark.parametrize("name", ALL_WILD)
 def test_what_was_accepted_is_harmless_once_it_is_taken_out(tmp_path: Path, name: str) -> None:
     """Between, the solution says that it is none, or the batch has it too.
@@ -129,6 +133,10 @@ def test_right_readings_are_not_suspect_because_of_it() -> None:
     assert all(v.verdict == "accepted" for v in judged)
 
 
+@pytest.mark.slow(
+    "what arrives ends where the batch adjustment does, in every order and network; short "
+    "tests take a few"
+)
 def test_a_start_without_minimum_says_so() -> None:
     """The batch that it begins with did not come to rest."""
     inc = surveyed()
@@ -220,6 +228,10 @@ def test_weights_do_not_depend_on_where_an_adjustment_starts() -> None:
     assert max(found.estimates, found.sigmas) < 1e-6
 
 
+@pytest.mark.slow(
+    "what arrives ends where the batch adjustment does, in every order and network; short "
+    "tests take a few"
+)
 @pytest.mark.parametrize("wrong", [(0.0, -60.0), (0.0, -40.0), (60.0, -60.0), (40.0, -40.0)])
 def test_a_photo_enters_without_the_point_that_keeps_it_from_a_solution(
     wrong: tuple[float, float],

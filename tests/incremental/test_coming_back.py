@@ -203,6 +203,10 @@ def line_of(seed: int) -> tuple[fga.Network, list[HeightDifference], set[str]]:
     return network, readings, {str(i) for i in bad}
 
 
+@pytest.mark.slow(
+    "what arrives ends where the batch adjustment does, in every order and network; short "
+    "tests take a few"
+)
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 7, 9, 10])
 def test_all_good_readings_are_in_when_the_bad_ones_are_removed(seed: int) -> None:
     """Bad ones that came early led to good ones being rejected; bad ones that came late are out."""

@@ -288,6 +288,7 @@ def test_a_process_killed_at_any_moment_has_lost_nothing_but_what_was_in_hand(tm
     assert killed == A_FEW or late < killed
 
 
+@pytest.mark.slow("a day with many crashes ends as one without; short tests interrupt once")
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
 @SEVERAL
 def test_days_of_many_crashes_end_as_one_without(tmp_path, killed):
@@ -361,6 +362,7 @@ def test_every_step_of_the_day_is_resumed(tmp_path):
         assert_is(inc, moment, exact=True)
 
 
+@pytest.mark.slow("a day with many crashes ends as one without; short tests interrupt once")
 def test_a_torn_last_line_is_reported_and_left_out(tmp_path):
     """However much of it is there; the journal goes on on a line of its own."""
     moments, journals = undisturbed()

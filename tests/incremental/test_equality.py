@@ -111,6 +111,7 @@ def marked() -> Iterator[object]:
         yield pytest.param(name, order, moments, marks=marks)
 
 
+@pytest.mark.slow("every network of the batch tests arrives; short tests compare one network")
 @pytest.mark.parametrize(("name", "order", "moments"), list(marked()))
 def test_what_arrives_is_the_batch_adjustment_at_any_time(
     name: str, order: int | None, moments: int

@@ -42,6 +42,10 @@ def assert_same(inc: IncrementalAdjustment, s: Solution) -> None:
     assert found.vtpv == pytest.approx(s.vtpv, rel=1e-4)
 
 
+@pytest.mark.slow(
+    "what arrives ends where the batch adjustment does, in every order and network; short "
+    "tests take a few"
+)
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_observations_of_a_flight_arrive_in_any_order(plan: str, seed: int, tmp_path) -> None:

@@ -28,6 +28,10 @@ def assert_same(inc: fga.IncrementalAdjustment, s: fga.Solution) -> None:
         assert (off <= PERCENT * e.sigmas + 1e-12).all()
 
 
+@pytest.mark.slow(
+    "what arrives ends where the batch adjustment does, in every order and network; short "
+    "tests take a few"
+)
 @pytest.mark.parametrize("seed", range(3))
 def test_sights_arrive_in_any_order_and_end_where_the_batch_adjustment_does(seed, tmp_path) -> None:
     whole = network()

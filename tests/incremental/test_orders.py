@@ -46,6 +46,10 @@ def cases(seeds: dict[int, str | None]) -> list[object]:
     ]
 
 
+@pytest.mark.slow(
+    "many orders and groupings of whole days, with gross errors, end alike; short tests "
+    "take one order of each kind"
+)
 @pytest.mark.parametrize("seed", cases(NETWORKS))
 def test_the_end_depends_neither_on_order_nor_on_grouping(seed: int) -> None:
     result = study(random_network(seed))
@@ -53,6 +57,10 @@ def test_the_end_depends_neither_on_order_nor_on_grouping(seed: int) -> None:
     assert max(result.from_batch, result.between) <= AT_REST
 
 
+@pytest.mark.slow(
+    "many orders and groupings of whole days, with gross errors, end alike; short tests "
+    "take one order of each kind"
+)
 @pytest.mark.parametrize("seed", GROSS)
 def test_gross_errors_end_in_no_error_of_the_program(seed: int) -> None:
     assert not errors(seed)
@@ -97,6 +105,10 @@ def test_a_network_without_unknowns_may_be_handed_over() -> None:
         assert IncrementalAdjustment(network, policy="accept").n_waiting == 1
 
 
+@pytest.mark.slow(
+    "many orders and groupings of whole days, with gross errors, end alike; short tests "
+    "take one order of each kind"
+)
 def test_the_networks_have_something_in_and_something_waiting() -> None:
     """Networks of which everything waited, or nothing, would prove little."""
     results = [study(random_network(seed)) for seed in (0, 15)]

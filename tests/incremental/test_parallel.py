@@ -95,6 +95,10 @@ def test_the_batch_of_all_names_it() -> None:
     assert caught.value.unknowns == (("point", "far"),)
 
 
+@pytest.mark.slow(
+    "what arrives ends where the batch adjustment does, in every order and network; short "
+    "tests take a few"
+)
 @pytest.mark.parametrize("between", ["nothing", "settle", "resume"])
 def test_it_enters_again_when_what_drove_it_out_is_gone(tmp_path: Path, between: str) -> None:
     """And is where it was."""

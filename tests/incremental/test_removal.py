@@ -117,6 +117,10 @@ def test_a_determined_core_stays_beside_much_that_waits(datum: str) -> None:
     assert inc.n_waiting == waited + 2
 
 
+@pytest.mark.slow(
+    "what arrives ends where the batch adjustment does, in every order and network; short "
+    "tests take a few"
+)
 def test_what_a_wrong_reading_kept_out_enters_when_it_is_removed() -> None:
     """Directions to the wrong target keep two points waiting."""
     xy = {"A": (0, 0), "B": (80, 0), "C": (30, 50), "D": (70, 60)}
@@ -156,6 +160,10 @@ def test_what_waits_on_is_not_recorded_again(tmp_path: Path) -> None:
     assert [w.id for w in again.waiting] == ["BP", "PQ"]
 
 
+@pytest.mark.slow(
+    "what arrives ends where the batch adjustment does, in every order and network; short "
+    "tests take a few"
+)
 @pytest.mark.parametrize("seed", [12, 15, 22])
 def test_a_free_network_settles_on_its_inner_constraints(seed: int) -> None:
     """Though its first step is larger than what a motion onto them may follow, its second small."""

@@ -108,6 +108,7 @@ def cofactor_gap(inc: fga.IncrementalAdjustment, batch: Solution, pairs: Sequenc
     return worst
 
 
+@pytest.mark.slow("sections keep the promise in many networks; short tests take one network")
 def test_everything_is_as_in_the_batch_inside_a_section_and_outside():
     driving = Driving()
     sections, outside, worst, gap = 0, 0, 0.0, 0.0
@@ -158,12 +159,14 @@ def test_a_factor_of_a_user_enters_a_section():
     assert verdict.w[0] == pytest.approx(found.w[found.row("tape")], rel=0.02)
 
 
+@pytest.mark.slow("sections keep the promise in many networks; short tests take one network")
 @pytest.mark.parametrize("name", BLOCKS)
 def test_networks_keep_the_promise(name: str) -> None:
     for moment in CASES[name].play(1, 4):
         assert moment.promise <= 1.0, moment
 
 
+@pytest.mark.slow("sections keep the promise in many networks; short tests take one network")
 def test_verdicts_are_those_of_the_whole(monkeypatch):
     """T² with gross errors among the rays, and what is in, waits and is suspect at the end.
 
@@ -201,6 +204,7 @@ def section_with(driving: Driving, photos: int = 2) -> None:
     assert driving.system.section is not None
 
 
+@pytest.mark.slow("sections keep the promise in many networks; short tests take one network")
 def test_what_is_removed_is_out_wherever_it_was():
     driving = Driving()
     section_with(driving)

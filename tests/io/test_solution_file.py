@@ -42,6 +42,9 @@ def same(a: Solution, b: Solution) -> None:
         assert np.allclose(x, y, rtol=1e-6, atol=1e-8, equal_nan=True), figure
 
 
+@pytest.mark.slow(
+    "hundreds of damaged files are read or refused; short tests read and refuse single ones"
+)
 @pytest.mark.parametrize("name", NETWORKS)
 def test_a_solution_comes_back_with_its_reliability(name, tmp_path):
     solution = fga.adjust(CASES[name].make())

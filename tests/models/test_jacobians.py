@@ -16,6 +16,10 @@ from tests.networks.every_kind import FRAMES, GEOMETRIES, LENSES_USED, OBSERVED,
 from tests.support.differences import assert_partials_are_right, observed_as_computed
 
 
+@pytest.mark.slow(
+    "partials of all kinds and lenses by differences in every frame; short tests compare "
+    "values and some partials"
+)
 @pytest.mark.parametrize("geometry", GEOMETRIES)
 @pytest.mark.parametrize("frame", FRAMES)
 def test_partials_of_every_kind_are_right_in_every_frame(frame: str, geometry: str) -> None:
@@ -24,6 +28,10 @@ def test_partials_of_every_kind_are_right_in_every_frame(frame: str, geometry: s
     assert_partials_are_right(observed_as_computed(equations, state), state, steps)
 
 
+@pytest.mark.slow(
+    "partials of all kinds and lenses by differences in every frame; short tests compare "
+    "values and some partials"
+)
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("lens", LENSES_USED)
 def test_partials_of_image_coordinates_are_right_for_every_lens(lens: str, view: str) -> None:
@@ -32,6 +40,10 @@ def test_partials_of_image_coordinates_are_right_for_every_lens(lens: str, view:
     assert_partials_are_right(observed_as_computed(equations, state), state, steps)
 
 
+@pytest.mark.slow(
+    "partials of all kinds and lenses by differences in every frame; short tests compare "
+    "values and some partials"
+)
 @pytest.mark.parametrize("view", [v for v in VIEWS if v != "90° across"])
 @pytest.mark.parametrize("lens", LENSES_USED)
 def test_partials_of_lines_in_images_are_right_for_every_lens(lens: str, view: str) -> None:
@@ -41,6 +53,10 @@ def test_partials_of_lines_in_images_are_right_for_every_lens(lens: str, view: s
     assert_partials_are_right(observed_as_computed(equations, state), state, steps)
 
 
+@pytest.mark.slow(
+    "partials of all kinds and lenses by differences in every frame; short tests compare "
+    "values and some partials"
+)
 @pytest.mark.parametrize("turned", [0.0, 0.3, 2.0])
 @pytest.mark.parametrize("frame", [n for n, (f, _) in FRAMES.items() if not f.left_handed])
 def test_partials_of_a_photo_flight_are_right_in_every_frame(frame: str, turned: float) -> None:

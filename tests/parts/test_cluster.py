@@ -48,6 +48,9 @@ class Deadly:
         return network
 
 
+@pytest.mark.slow(
+    "networks in parts on a cluster of processes; short tests adjust parts in this process"
+)
 def test_a_network_on_a_cluster_has_the_result_of_its_parts_to_the_last_bit(client, tmp_path):
     network = simulate_grid(1, points=144).network
     found = fga.adjust(network, client=client, folder=tmp_path)
@@ -62,6 +65,9 @@ def test_a_network_on_a_cluster_has_the_result_of_its_parts_to_the_last_bit(clie
         np.testing.assert_array_equal(a.redundancy_numbers, b.redundancy_numbers)
 
 
+@pytest.mark.slow(
+    "networks in parts on a cluster of processes; short tests adjust parts in this process"
+)
 def test_a_killed_worker_changes_nothing(client, tmp_path):
     network = simulate_grid(1, points=144).network
     stored = cut_network(network, 3, Folder(tmp_path))
@@ -77,6 +83,9 @@ def test_a_killed_worker_changes_nothing(client, tmp_path):
         np.testing.assert_allclose(found.point(name), here.point(name), rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow(
+    "networks in parts on a cluster of processes; short tests adjust parts in this process"
+)
 def test_a_part_that_kills_every_worker_is_named(client, tmp_path):
     network = simulate_grid(1, points=36).network
     stored = cut_network(network, 2, Folder(tmp_path))
@@ -97,6 +106,9 @@ def test_a_cluster_without_workers_is_refused(monkeypatch):
         fga.adjust(simulate_grid(1, points=36).network, client=client)
 
 
+@pytest.mark.slow(
+    "networks in parts on a cluster of processes; short tests adjust parts in this process"
+)
 def test_what_parts_cannot_do_is_refused(client):
     network = simulate_grid(1, points=36).network
     with pytest.raises(fga.InputError, match="with a client there is no start, weights"):

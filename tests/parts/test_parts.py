@@ -88,6 +88,9 @@ def equal_to_the_whole(
     return found
 
 
+@pytest.mark.slow(
+    "networks in parts on a cluster of processes; short tests adjust parts in this process"
+)
 @pytest.mark.parametrize("parts", [1, 2, 5])
 def test_total_stations_cut_by_nested_dissection(tmp_path, parts):
     found = equal_to_the_whole(simulate_grid(1, points=100).network, parts, tmp_path)
@@ -99,6 +102,9 @@ def test_photos_over_total_stations_share_a_calibration_and_points(tmp_path):
     assert set(found.junctions.by_kind()) >= {"calibration", "pose", "point"}
 
 
+@pytest.mark.slow(
+    "networks in parts on a cluster of processes; short tests adjust parts in this process"
+)
 @pytest.mark.parametrize("shape", [shapes.ring, shapes.corridor, shapes.tied, shapes.unordered])
 def test_blocks_that_are_not_strips(tmp_path, shape):
     found = equal_to_the_whole(shape(1), 3, tmp_path)
@@ -107,6 +113,9 @@ def test_blocks_that_are_not_strips(tmp_path, shape):
     assert ("pose" in found.junctions.by_kind()) == (len(found.jobs) > 1)
 
 
+@pytest.mark.slow(
+    "networks in parts on a cluster of processes; short tests adjust parts in this process"
+)
 @pytest.mark.parametrize(
     "make",
     [

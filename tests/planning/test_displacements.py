@@ -85,6 +85,9 @@ def test_dimensions_have_their_noncentrality():
         assert ncx2.sf(chi2.ppf(0.99, k), k, lam) == pytest.approx(0.9, abs=1e-6)
 
 
+@pytest.mark.slow(
+    "whole proposals are compared with the cheapest ones; short tests take single steps of a plan"
+)
 def test_a_displacement_of_this_size_is_found_with_the_power():
     """60 pairs of levelled epochs in which P rises by what the design finds with 80 %."""
     rise = planned(levelled(), points="P", reference=())["P"]
@@ -135,8 +138,8 @@ def test_a_proposal_meets_the_target():
     assert figure <= target.at_most
     assert planned(found.plan.network, points="P")["P"] == pytest.approx(figure, rel=1e-9)
     # Without any one of them the target is missed.
-    for left_out in found.steps:
-        rest = [s.candidate for s in found.steps if s is not left_out]
+    for unknowns_left_out in found.steps:
+        rest = [s.candidate for s in found.steps if s is not unknowns_left_out]
         assert planned(with_candidates(design, identified(rest)), points="P")["P"] > target.at_most
 
 

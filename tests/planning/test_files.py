@@ -405,6 +405,9 @@ def test_help_tells_the_exit_codes(name: str, capsys: pytest.CaptureFixture[str]
     assert "; 2 bad input" in text
 
 
+@pytest.mark.slow(
+    "whole proposals are compared with the cheapest ones; short tests take single steps of a plan"
+)
 def test_the_package_is_run_as_the_command() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "factorgraph_adj", "--help"],
@@ -416,6 +419,9 @@ def test_the_package_is_run_as_the_command() -> None:
     assert done.stdout.startswith("usage: factorgraph-adj ")
 
 
+@pytest.mark.slow(
+    "whole proposals are compared with the cheapest ones; short tests take single steps of a plan"
+)
 @pytest.mark.parametrize(
     "name", ["gallery_4_epochs", "gallery_6_planning", "gallery_7_monte_carlo"]
 )

@@ -85,6 +85,9 @@ def test_candidates_bring_the_unknowns_that_they_need(candidates: list[fga.Candi
     }
 
 
+@pytest.mark.slow(
+    "whole proposals are compared with the cheapest ones; short tests take single steps of a plan"
+)
 @pytest.mark.parametrize("limit", [1.2, 0.85, 0.7, 0.3])
 def test_the_cheapest_additions_that_reach_a_height_are_proposed(
     block: fga.Network, candidates: list[fga.Candidate], limit: float

@@ -60,6 +60,9 @@ def test_a_plan_has_the_precision_of_its_adjustment(known) -> None:
     np.testing.assert_allclose(found, after, rtol=0.01)
 
 
+@pytest.mark.slow(
+    "whole proposals are compared with the cheapest ones; short tests take single steps of a plan"
+)
 def test_auxiliary_data_are_proposed_where_they_meet_a_target(known) -> None:
     network, candidates, full = known
     names = list(network.points)

@@ -192,6 +192,9 @@ def test_bad_targets_are_told_all_at_once(industry: fga.Network) -> None:
 # -- proposals ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(
+    "whole proposals are compared with the cheapest ones; short tests take single steps of a plan"
+)
 @pytest.mark.parametrize("seed", range(6))
 def test_a_proposal_is_within_5_percent_of_the_cheapest(seed: int) -> None:
     """Against all subsets of eight candidates, each planned anew."""

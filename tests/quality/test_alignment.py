@@ -51,6 +51,10 @@ def blundered(network: fga.Network, where: tuple[str, str, str], error: float) -
     return out
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize("where", BLUNDERS)
 def test_a_blunder_at_the_limit_is_seen_as_often_as_predicted(where: str) -> None:
     kind, point, axis = BLUNDERS[where]

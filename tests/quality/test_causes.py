@@ -97,6 +97,9 @@ def test_what_alone_holds_the_datum_has_no_test() -> None:
         assert np.isinf(v.together.sigma).all() and np.isnan(v.w).all()
 
 
+@pytest.mark.slow(
+    "causes are found in blocks of every kind with their sizes; short tests take single hypotheses"
+)
 @pytest.mark.parametrize("cause", SIZED)
 def test_a_cause_is_found_with_its_size(cause: str) -> None:
     """First of all, with its size; three places."""
@@ -115,12 +118,18 @@ def test_a_cause_is_found_with_its_size(cause: str) -> None:
     assert done >= 2
 
 
+@pytest.mark.slow(
+    "causes are found in blocks of every kind with their sizes; short tests take single hypotheses"
+)
 @pytest.mark.parametrize("cause", [*EXCHANGES, *PHOTOS])
 def test_an_exchange_is_found_in_the_clean_solution(cause: str) -> None:
     counted = count(cause, 3)
     assert counted.first == counted.named == counted.cases == 3
 
 
+@pytest.mark.slow(
+    "causes are found in blocks of every kind with their sizes; short tests take single hypotheses"
+)
 @pytest.mark.parametrize(
     ("cause", "seed", "readings"),
     [("wrong_face", 13, 1), ("confused_point", 8, 3), ("exchanged_targets", 39, 6)],
@@ -150,6 +159,9 @@ def test_of_readings_that_did_not_bend_it_there_is_one_search() -> None:
     assert len(found.rejected) >= 1 and not found.unresolved
 
 
+@pytest.mark.slow(
+    "causes are found in blocks of every kind with their sizes; short tests take single hypotheses"
+)
 def test_a_photo_that_does_not_fit_for_another_reason_is_not_called_mirrored() -> None:
     """Names of its points in another order: no axes make them fit."""
     network = block(4)
@@ -163,6 +175,9 @@ def test_a_photo_that_does_not_fit_for_another_reason_is_not_called_mirrored() -
     assert not [c for c in found.found if "photo 'F3'" in c.where and not c.sizes]
 
 
+@pytest.mark.slow(
+    "causes are found in blocks of every kind with their sizes; short tests take single hypotheses"
+)
 def test_a_mirrored_photo_is_left_out_with_its_position(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without its rays the photo is held anywhere, which its GNSS position would contradict."""
     network = simulate_geocentric_block(seed=1).network
@@ -176,10 +191,10 @@ def test_a_mirrored_photo_is_left_out_with_its_position(monkeypatch: pytest.Monk
             weak = {"sigma": (1e3, 1e3, 1e3), "covariance": None}
             network.observations[ident] = replace(o, **weak)  # type: ignore[arg-type]
     found: list[fga.Solution] = []
-    left_out = photos._without
+    unknowns_left_out = photos._without
 
     def seen(*args: Any) -> fga.Solution:
-        found.append(left_out(*args))
+        found.append(unknowns_left_out(*args))
         return found[-1]
 
     monkeypatch.setattr(photos, "_without", seen)

@@ -37,6 +37,10 @@ def spoiled(network: fga.Network, ident: str, error: float) -> fga.Network:
     return out
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_point_off_its_shape_is_found(shape):
     network = measure(on_shapes.plan(shape), seed=4)
@@ -47,6 +51,10 @@ def test_a_point_off_its_shape_is_found(shape):
     assert size == pytest.approx(20 * MM, abs=5 * found.rejected[0].final_sigma)
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 def test_a_point_off_the_plane_is_found_with_the_power_that_is_predicted():
     """An error of the smallest detectable size is found in 80 of 100 cases, as it says."""
     plan = on_shapes.plan("plane")
@@ -68,6 +76,10 @@ ALIKE = 0.01
 """Difference of test values that linearisation leaves."""
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize("kind", RELATIONS)
 def test_a_relation_that_does_not_hold_is_found(kind):
     network = measure(on_shapes.room(), seed=2)

@@ -25,6 +25,10 @@ def shifted(network: fga.Network, ident: str, component: int, by: float) -> fga.
     return out
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize(("ident", "component"), [("GNSS 1b", 2), ("INS 0c", 0)])
 def test_the_smallest_detectable_error_is_found_in_80_per_cent(ident: str, component: int) -> None:
     plan = plan_of(FLIGHT)

@@ -40,6 +40,10 @@ def test_a_target_confused_in_one_scan_is_found() -> None:
     assert np.all(moved < 4 * right.standard_deviations("P8"))
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize("kind", ["frame_direction", "frame_zenith", "frame_distance"])
 def test_smallest_detectable_errors_are_detected_as_often_as_predicted(kind: str) -> None:
     """The test of the wrong reading exceeds its limit with the probability of the mdb, 80 %."""

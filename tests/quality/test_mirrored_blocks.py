@@ -42,6 +42,9 @@ def told(network: Network) -> tuple[fga.Snooping, list[str]]:
     ]
 
 
+@pytest.mark.slow(
+    "whole blocks with turned image axes are named; short tests of causes take single photos"
+)
 @pytest.mark.parametrize(
     ("cause", "turned"),
     [(ALONG_Y, lambda xy: xy * [1.0, -1.0]), (EXCHANGED, lambda xy: xy[:, ::-1])],
@@ -54,6 +57,9 @@ def test_the_axes_of_all_photos_are_named(block: Network, cause: str, turned) ->
     assert found.causes is not None and len(found.causes.found[0].ids) == block.n_image_points
 
 
+@pytest.mark.slow(
+    "whole blocks with turned image axes are named; short tests of causes take single photos"
+)
 def test_the_photos_of_one_camera_are_named(block: Network) -> None:
     network = block.copy()
     network.cameras["other"] = replace(network.cameras[CAMERA], name="other")
@@ -67,6 +73,9 @@ def test_the_photos_of_one_camera_are_named(block: Network) -> None:
     assert causes[0] == "the direction of y of all photos of camera 'other'"
 
 
+@pytest.mark.slow(
+    "whole blocks with turned image axes are named; short tests of causes take single photos"
+)
 def test_levelling_with_the_other_sign_is_not_the_axes(block: Network) -> None:
     """A mirror image of the world too; the attitudes that were given fit as they are."""
     network = block.copy()

@@ -45,6 +45,10 @@ def of_each_kind() -> list[str]:
     return [*first.values(), *network.clusters[0][0]]
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize("ident", of_each_kind())
 def test_a_test_value_is_that_of_the_adjustment_with_the_observation(ident):
     """For every component of every kind: w and T², without that adjustment being made.

@@ -30,6 +30,10 @@ def rel(solution: fga.Solution):
     return fga.reliability(solution)
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 def test_redundancy_numbers_and_their_parts_are_those_of_dense_inverses(rel, dense) -> None:
     np.testing.assert_allclose(
         rel.redundancy_numbers, dense.redundancy_numbers, rtol=0, atol=ROUNDING

@@ -245,6 +245,10 @@ def case(request: pytest.FixtureRequest) -> Case:
 # -- sums -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 def test_redundancy_numbers_sum_to_the_redundancy(case: Case) -> None:
     total = case.rel.redundancy_numbers.sum() + case.rel.redundancy_of_extra_factors
     assert total == pytest.approx(case.solution.redundancy, abs=SUM)
@@ -261,6 +265,10 @@ def test_what_goes_into_the_points_is_what_they_alone_absorb_and_sums_to_their_r
     assert case.rel.e2.sum() + hat[n:].sum() == pytest.approx(rank, abs=SUM)
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 def test_every_error_goes_somewhere(case: Case) -> None:
     """R + e1 + e2 + e12 = 1, e12 = 2 A1 Q12 A2ᵀP + A2 (Q22 − N22⁻¹) A2ᵀP from its formula."""
     rel = case.rel
@@ -464,6 +472,10 @@ def minimally_held(solution: fga.Solution) -> fga.Network:
     return network
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize("other", [other_datum_points, minimally_held])
 def test_the_datum_of_a_free_network_does_not_matter(
     free: Case, other: Callable[[fga.Solution], fga.Network]
@@ -520,6 +532,10 @@ def shuffled(network: fga.Network, seed: int) -> fga.Network:
     return out
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize(
     "name",
     [

@@ -33,6 +33,10 @@ def with_error(network: Network, ident: str, component: int, size: float) -> Net
     return out
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize(
     ("plan", "ident"),
     [

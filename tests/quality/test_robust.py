@@ -171,6 +171,10 @@ def test_the_weights_at_rest_are_those_of_the_residuals():
         assert np.abs(gradient / np.linalg.norm(dense.design, axis=0)).max() < 1e-2
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 def test_all_components_of_an_observation_share_a_weight():
     network = simulate_geocentric_block(4).network
     found = robust_adjust(network)

@@ -22,6 +22,10 @@ def only(network: fga.Network) -> tuple[fga.Solution, AdjustedShape]:
     return solution, found
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_place_axis_and_sizes_give_the_distances_of_the_points(shape) -> None:
     """Each from the text book: with d = X − X₀, h = a·d and ρ = |d − h a|."""
@@ -56,6 +60,10 @@ def test_place_axis_and_sizes_give_the_distances_of_the_points(shape) -> None:
     assert found.rms == pytest.approx(np.sqrt(np.mean(v**2)))
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_covariances_are_those_of_steps_of_the_unknowns(shape) -> None:
     """J Σ Jᵀ, with J from adjusted states that are moved a little, and symmetry taken out."""

@@ -110,6 +110,10 @@ def test_what_was_found_is_described(found: Snooping) -> None:
     assert 1 <= image.round <= len(found.rounds)
 
 
+@pytest.mark.slow(
+    "rounds of snooping agree with adjustments anew and with alpha; short tests take "
+    "single gross errors"
+)
 def test_the_network_passed_in_is_never_changed():
     network, _ = quarry()
     before = contents(network)
@@ -395,6 +399,10 @@ def test_what_cannot_be_told_apart_is_said():
 # -- clean networks ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow(
+    "rounds of snooping agree with adjustments anew and with alpha; short tests take "
+    "single gross errors"
+)
 def test_right_observations_are_rejected_as_often_as_alpha_says():
     """60 clean networks of 105 distances, α0 = 1 %: 63 false alarms, ± 4 √63.
 
@@ -520,6 +528,10 @@ SPOILT = {
 }
 
 
+@pytest.mark.slow(
+    "rounds of snooping agree with adjustments anew and with alpha; short tests take "
+    "single gross errors"
+)
 @pytest.mark.parametrize("name", SPOILT)
 def test_rounds_decide_as_adjustments_anew_do(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same observations go in the same rounds; what is reported is the adjustment anew."""

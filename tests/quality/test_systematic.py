@@ -279,6 +279,10 @@ def without_errors(plan: Network) -> Network:
     return measured
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 def test_only_the_real_parameter_stays_and_false_ones_pass_as_often_as_alpha_says() -> None:
     """k1 alone is real. 24 blocks, α = 20 %, counts inside 99.9 % of a binomial distribution.
 

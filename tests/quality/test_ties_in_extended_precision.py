@@ -59,6 +59,10 @@ def extended(solution: fga.Solution) -> tuple[Array, Array]:
     return 1 - np.sum((a @ root) ** 2, axis=1), np.sum((others @ root) ** 2, axis=1)
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize("play", LOST)
 @pytest.mark.parametrize("free", [(), PARTS])
 @pytest.mark.parametrize("in_fronts", [False, True])

@@ -312,6 +312,10 @@ def standardised(repetitions: list[VarianceComponents], kind: str) -> Array:
     return np.array([np.log(c.factor / TRUE[kind]) * c.factor / c.sigma for c in found])
 
 
+@pytest.mark.slow(
+    "the figure is compared with dense algebra or repeated simulation; short tests take "
+    "its laws in small networks"
+)
 @pytest.mark.parametrize("kind", TRUE)
 def test_doubled_halved_and_true_weights_are_recovered(
     repetitions: list[VarianceComponents], kind: str

@@ -92,6 +92,9 @@ def is_y(record: dict[str, str]) -> bool:
     return record["component"] == "y0" or (record["component"], record["kind"]) == ("y", "image")
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 def test_only_what_points_along_y_changes_its_sign(both):
     up, turned = both
     for file, signed in SIGNED.items():

@@ -20,6 +20,9 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 @given(VALUES)
 def test_text_is_that_of_the_standard_library(value: Any) -> None:
     assert json_text(value) == json.dumps(value, indent=1, ensure_ascii=False)

@@ -186,6 +186,9 @@ def shape(request) -> tuple[str, Solution]:
     return request.param, fga.adjust(on_shapes.measured(request.param, 1))
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 @pytest.mark.parametrize("view", VIEWS)
 def test_an_outline_holds_the_points_of_its_shape(shape, view):
     name, solution = shape
@@ -203,6 +206,9 @@ def _turns() -> np.ndarray:
     return np.column_stack([np.cos(turn), np.sin(turn)])
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("name", ["circle", "sphere", "torus"])
 def test_the_outline_of_a_closed_shape_is_as_large_as_the_shape(name, view):

@@ -98,6 +98,9 @@ def figures_of(solution, rel) -> dict[str, Figure]:
     }
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 def test_every_figure_says_in_its_title_that_its_result_is_doubtful(doubtful, clean):
     for name, figure in figures_of(*doubtful).items():
         assert "DOUBTFUL RESULT: global test failed" in figure.get_suptitle(), name

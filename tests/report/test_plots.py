@@ -158,6 +158,9 @@ DRAWN = [
 ]
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 @pytest.mark.parametrize("name", DRAWN)
 def test_every_figure_of_every_network_can_be_drawn(name):
     solution = fga.adjust(PICTURES[name]())
@@ -172,6 +175,9 @@ def test_every_figure_of_every_network_can_be_drawn(name):
         assert solution.network.name[:16] in texts(figure)
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 def test_no_state_of_pyplot_and_no_setting_of_the_user_is_touched(solution, rel):
     import matplotlib
 
@@ -252,6 +258,9 @@ def test_ellipses_are_the_error_ellipses_times_the_factor(solution):
         assert f"confidence {100 * confidence:g} %, {scale}" in texts(figure)
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 @pytest.mark.parametrize("name", ["combined block", "industry block", "geocentric block", "gnss"])
 def test_the_scale_key_is_its_length_times_the_factor(name):
     solution = fga.adjust(PICTURES[name]())
@@ -642,8 +651,8 @@ def test_the_mean_photo_holds_the_means_of_its_cells():
         counts += int(own.sum())
     numbers = [int(t.get_text()) for t in written(figure, "number of points")]
     assert sum(numbers) == len(rows.row) == 400
-    left_out = sum(n for n in numbers if n < 0.1 * np.mean(numbers))
-    assert counts == 400 - left_out
+    unknowns_left_out = sum(n for n in numbers if n < 0.1 * np.mean(numbers))
+    assert counts == 400 - unknowns_left_out
 
 
 def test_a_pattern_that_the_calibration_does_not_describe_shows_in_the_mean_photo():
@@ -741,6 +750,9 @@ def test_all_figures_are_written_the_same_each_time(solution, rel, tmp_path, for
         assert first.read_bytes() == second.read_bytes()
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 def test_each_of_several_cameras_has_a_mean_photo_and_a_file_of_its_own(tmp_path):
     network = small_block()
     for name in ("a/b", "A b"):
@@ -752,6 +764,9 @@ def test_each_of_several_cameras_has_a_mean_photo_and_a_file_of_its_own(tmp_path
     assert [f.name for f in files[-2:]] == ["mean_photo_1_a_b.png", "mean_photo_2_A_b.png"]
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 def test_if_one_figure_cannot_be_written_all_files_stay_as_they_were(
     solution, rel, tmp_path, monkeypatch
 ):

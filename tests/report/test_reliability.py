@@ -185,6 +185,9 @@ def test_the_weakest_observations_stand_with_what_they_can_hide():
         assert " ".join(words).startswith(f"{r.kind_name} {r.what}")
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 @pytest.mark.parametrize("name", list(NETWORKS))
 def test_the_weakest_points_are_those_of_all_effects_of_all_observations(name):
     """Against every effect of every controlled observation on every point."""
@@ -723,6 +726,9 @@ def test_the_protocol_of_a_healthy_small_network_is_short():
     assert max(map(len, lines)) <= 110
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 @pytest.mark.parametrize("name", list(NETWORKS))
 def test_no_line_ends_in_blanks_and_no_figure_is_nan(name):
     network = NETWORKS[name]()

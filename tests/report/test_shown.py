@@ -63,6 +63,9 @@ class Seen(HTMLParser):
         assert self.open.pop() == tag
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 def test_every_result_is_one_short_line_and_pure_html(results: dict[str, Shown]) -> None:
     for name, result in results.items():
         line = repr(result)

@@ -453,6 +453,7 @@ def test_a_line_that_is_too_long_is_refused(empty):
 SIGHT = {"kind": "slope_distance", "station": "A", "target": "C", "value": 58.33}
 
 
+@pytest.mark.slow("every damaged or bad line is answered; short tests send one of each sort")
 @pytest.mark.parametrize(
     ("fields", "where", "what"),
     [
@@ -508,6 +509,7 @@ def test_all_that_is_wrong_with_a_line_is_told_at_once(yard):
     assert problems[5]["what"] == "point 3 must be an object {…}, not 5"
 
 
+@pytest.mark.slow("every damaged or bad line is answered; short tests send one of each sort")
 @pytest.mark.parametrize(
     ("command", "what"),
     [
@@ -611,6 +613,7 @@ def damaged(line: str, chance: random.Random) -> bytes:
     return bytes(data)
 
 
+@pytest.mark.slow("every damaged or bad line is answered; short tests send one of each sort")
 def test_damaged_lines_get_an_answer_and_change_nothing_unless_they_are_sound(yard):
     """300 lines, seeded: refused ones leave every bit, others are what the library takes."""
     chance = random.Random(4)

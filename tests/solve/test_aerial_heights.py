@@ -96,6 +96,10 @@ def row_of(rel: fga.quality.reliability.Reliability, ident: str) -> int:
     return rel.row(ident, components[0] or None)
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("ident", ["statoscope 12", "tilt 12", "sun 01"])
 def test_the_smallest_detectable_error_has_the_test_value_of_its_power(ident: str) -> None:
     """With it, w follows the normal distribution about δ0, so that 80 of 100 are found."""

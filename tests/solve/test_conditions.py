@@ -48,6 +48,10 @@ def braced(shape: str, *, datum: str = "free") -> fga.Network:
     return network
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_shapes_move_with_a_free_network(shape):
     """Six defects, of which shapes notice nothing; the sum of squares is that of any datum."""
@@ -103,6 +107,10 @@ def test_a_finite_motion_leaves_the_residuals_of_shapes(shape):
 # -- arrivals -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_points_on_shapes_arrive_and_leave_as_in_the_batch_adjustment(shape, tmp_path):
     network = measure(on_shapes.plan(shape), seed=6)
@@ -143,6 +151,10 @@ def test_relations_and_edges_arrive():
 # -- reports --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize(
     "network", [*(on_shapes.plan(s) for s in SHAPES), on_shapes.room(), on_shapes.edges()]
 )

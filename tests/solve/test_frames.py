@@ -46,6 +46,10 @@ def all_points(solution: fga.Solution) -> np.ndarray:
     return np.array([solution.point(n) for n in solution.network.points])
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("frame_name", FRAMES)
 @pytest.mark.parametrize("sorts", DEFECTS, ids="+".join)
 def test_a_free_network_of_frames_misses_what_no_frame_knows(sorts, frame_name):
@@ -76,6 +80,10 @@ def test_motions_of_the_defect_are_unnoticed_to_what_the_figure_of_the_earth_tel
     assert np.all(told < (1e-12 if frame_name in ("flat", "left-handed") else curved) * alone)
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("frame_name", FRAMES)
 def test_partials_of_frames_of_every_sort(frame_name):
     """At the solution, with every component of every frame unknown."""

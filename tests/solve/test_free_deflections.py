@@ -10,6 +10,10 @@ from tests.support.dense import Dense
 from tests.support.inner import assert_sigmas, bordered
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("sigma", [1e-6, 1e-5, 1e-4, 1e-3])
 @pytest.mark.parametrize("stations", [("P0",), ("P0", "P3", "P4")])
 @pytest.mark.parametrize("seed", range(4))

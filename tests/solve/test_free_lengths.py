@@ -38,6 +38,10 @@ def seen(shape: str, seed: int) -> fga.Network:
     return network
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("seed", range(2))
 def test_what_only_shrinks_is_refused_in_words(shape, seed):

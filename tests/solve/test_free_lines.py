@@ -50,6 +50,10 @@ def beside_a_line(
 SIGMAS = ((MM, MM), (MM, 2 * MM))
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("sigma", SIGMAS)
 @pytest.mark.parametrize("distance", [0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0])
 @pytest.mark.parametrize("seed", range(3))
@@ -65,6 +69,10 @@ def test_one_distance_for_all_is_an_offset_of_the_line_and_tells_no_turn(distanc
     assert_sigmas(solution, bordered(solution, solution.datum.motions[dense.free]), rtol=1e-4)
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("sigma", SIGMAS)
 @pytest.mark.parametrize("distance", [1e-4, 1e-3, 0.3, 1.0])
 @pytest.mark.parametrize("seed", range(3))

@@ -92,6 +92,10 @@ def dense(m: BlockMatrix) -> Array:
     return out
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize(("width", "side"), [(6, 5), (9, 0), (1, 3)])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_solution_and_selected_inverse_are_those_of_dense_matrices(shape, width, side) -> None:

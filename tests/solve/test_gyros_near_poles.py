@@ -63,6 +63,10 @@ def stations(
     return disturb(measure(network, seed=seed), seed=seed, points=coarse)
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("latitude", LATITUDES)
 @pytest.mark.parametrize("geocentric", [False, True])
@@ -106,6 +110,10 @@ def test_a_direction_that_convergence_tells_badly_stays_a_defect(latitude):
         )
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("latitude", LATITUDES)
 @pytest.mark.parametrize("size", SIZES)
 def test_azimuths_of_one_station_tell_nothing_beside_their_constant(latitude, size):

@@ -89,6 +89,10 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
 }
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("name", NETWORKS)
 def test_points_that_only_instruments_see_are_eliminated_first(
     name: str, monkeypatch: pytest.MonkeyPatch

@@ -18,6 +18,10 @@ NETWORKS = {
 }
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("name", NETWORKS)
 def test_the_estimate_is_what_is_taken(name: str) -> None:
     """Traced allocations are between a half and all of the estimate, with a tenth to spare."""

@@ -27,6 +27,10 @@ FIGURES = Figures(iterations=5, calls=6, largest_front=60, fronts=3, bytes_of_pa
 ROW = Row("0.6.0", "2026-01-01", "block", 5, 6, 60, 3, 1000, 0.52, 0.75, 0.3, 0.31, 318.0)
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("name", QUICK)
 def test_no_figure_is_worse_than_its_newest_record(name: str) -> None:
     work = WORKS[name]

@@ -33,6 +33,10 @@ def weights_of(n: int, *, clusters: list[Array] = [], seed: int = 1) -> Array:  
     return weights
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("name", NAMES)
 def test_adjusting_again_with_other_weights_is_adjusting(
     name: str, monkeypatch: pytest.MonkeyPatch

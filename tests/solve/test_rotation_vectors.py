@@ -103,6 +103,10 @@ def test_sigmas_of_a_frame_are_those_of_its_rotation_vector() -> None:
     assert np.abs(ratio - 1.0).max() > 0.4
 
 
+@pytest.mark.slow(
+    "values scatter by their standard deviations in repeated simulation; short tests "
+    "compare one adjustment"
+)
 def test_values_scatter_by_their_standard_deviations() -> None:
     found = np.array(
         [

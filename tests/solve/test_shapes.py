@@ -36,6 +36,10 @@ def whole(name: str) -> tuple[Array, Array]:
     return system.times(np.eye(len(free))), q
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("name", SHAPES)
 def test_covariances_and_redundancy_numbers_are_those_of_dense_algebra(name: str) -> None:
     solution = adjusted(name)

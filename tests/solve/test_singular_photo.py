@@ -156,6 +156,10 @@ SIMILAR = {
 }
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize(("seen", "tie", "named"), SIMILAR.values(), ids=SIMILAR)
 @pytest.mark.parametrize("arrangement", ARRANGEMENTS)
 def test_similar_ones_are_named(arrangement, seen, tie, named) -> None:
@@ -286,6 +290,10 @@ DETERMINING = (
 )
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("change", DETERMINING)
 @pytest.mark.parametrize("arrangement", [spread, above])
 def test_one_more_observation_is_enough(arrangement, change) -> None:

@@ -27,6 +27,10 @@ nor a barometer knows it."""
 NEAR_A_POLE = "geocentric, near a pole"
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("frame_name", FRAMES)
 @pytest.mark.parametrize(("sorts", "added"), DEFECTS, ids=str)
 def test_surfaces_and_gyros_move_with_a_free_network(sorts, added, frame_name):

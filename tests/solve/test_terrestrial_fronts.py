@@ -35,6 +35,10 @@ def in_fronts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(elimination, "LARGEST_TREE", 0)
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("name", NAMES)
 def test_every_network_has_the_same_adjustment(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Estimates to 1e-6 σ, covariances to 1e-6, redundancy numbers and their parts to 1e-8."""
@@ -84,6 +88,10 @@ def test_a_grid_is_cut_into_small_fronts(datum: str, in_fronts: None) -> None:
     assert rel.redundancy_numbers.sum() == pytest.approx(solution.redundancy, abs=1e-7)
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 def test_photos_over_a_grid_share_its_fronts(in_fronts: None) -> None:
     """Terrestrial points tie photos that are far from one another."""
     network = simulate_mixed(1, points=200).network

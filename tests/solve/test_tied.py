@@ -27,6 +27,10 @@ def solution(request: pytest.FixtureRequest) -> Iterator[fga.Solution]:
         yield found
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 def test_covariances_and_redundancy_numbers_are_those_of_dense_qr(solution: fga.Solution) -> None:
     """Covariances to 1e-6 of σσ, redundancy numbers to 1e-8, and their sum is the redundancy."""
     system = solution.normal().system

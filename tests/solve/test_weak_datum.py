@@ -165,6 +165,10 @@ def worst(solution: fga.Solution) -> float:
 # -- right ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow(
+    "every network of the kind is compared with dense algebra or another adjustment; "
+    "short tests take single ones"
+)
 @pytest.mark.parametrize("seed", [*CANCELLED, *BADLY_HELD])
 def test_standard_deviations_of_the_worst_blocks_are_those_of_the_dense_inverse(seed):
     solution = fga.adjust(weak_block(seed))

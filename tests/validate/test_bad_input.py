@@ -535,13 +535,13 @@ CHECKING = {
     ),
     "a point that nothing observes": (
         {"points": POINTS + "G,1,2,3,\n"},
-        "points.csv:8: point 'G': no observation: observe it, hold it (column fixed), or take it "
-        "out",
+        "points.csv:8: point 'G': no observation: observe it, hold it (column fixed), take it "
+        "out, or adjust --leave-out-undetermined",
     ),
     "a point with one ray": (
         {"points": POINTS + "G,1,2,3,\n", "images": IMAGES + "P,G,0,0\n"},
         "points.csv:8: point 'G': only 1 image ray for 3 free coordinates: observe it more, give "
-        "control, or hold coordinates (column fixed)",
+        "control, hold coordinates (column fixed), or adjust --leave-out-undetermined",
     ),
     "a photo with too few points": (
         {
@@ -668,6 +668,9 @@ SPLINTERS = [
 ]
 
 
+@pytest.mark.slow(
+    "hundreds of damaged projects are read or refused; short tests refuse single mistakes"
+)
 @pytest.mark.parametrize("seed", range(20))
 def test_a_damaged_project_is_read_or_refused_but_never_a_traceback(tmp_path, seed):
     rng = np.random.default_rng(seed)

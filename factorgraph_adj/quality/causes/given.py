@@ -76,16 +76,19 @@ def given_values(solution: Solution) -> tuple[GivenValue, ...]:
     held = held_components(solution.equations)
     unknowns = solution.equations.unknowns.freed(held)
     equations = replace(solution.equations, unknowns=unknowns)
+    system = LinearSystem(equations, solution.state)
+    # What no observation depends on, such as x and y in levelling, was not given.
+    noticed = system.diagonal() > 0
     named = [
-        (kind, number, np.flatnonzero(flags[number]))
+        (kind, number, which)
         for kind, flags in held.items()
         for number in np.flatnonzero(flags.any(axis=1)).tolist()
+        if len(which := _noticed(unknowns, kind, number, np.flatnonzero(flags[number]), noticed))
     ]
     if not named:
         return ()
     columns, groups = _columns(unknowns, named)
     alone = [np.array([column]) for group in groups for column in group.tolist()]
-    system = LinearSystem(equations, solution.state)
     touched = [equations.touching(k, np.array([n for o, n, _ in named if o == k])) for k in held]
     rows = np.unique(np.concatenate(touched))
 
@@ -111,6 +114,13 @@ def given_values(solution: Solution) -> tuple[GivenValue, ...]:
             )
         )
     return tuple(out)
+
+
+def _noticed(
+    unknowns: Unknowns, kind: VariableKind, number: int, held: Index, noticed: Mask
+) -> Index:
+    """Return the held components of a variable on which an observation depends."""
+    return held[noticed[unknowns.columns(kind, number)[held]]]
 
 
 def _possible(

@@ -96,6 +96,8 @@ TEXTS: dict[str, str] = {
     "light.controlled.some.many": "{n} scalar observations are controlled by no other: an error of "
     "theirs would not show.",
     "light.controlled.points": "Points with no controlled observation: {names}.",
+    "light.unknowns_left_out": "Left out",
+    "light.unknowns_left_out.text": "Nothing determines:",
     "light.input": "Input",
     "light.input.text": "Before the adjustment:",
     "light.parameters": "Parameters",

@@ -97,6 +97,8 @@ TEXTS: dict[str, str] = {
     "light.controlled.some.many": "{n} skalare Beobachtungen werden von keiner anderen "
     "kontrolliert: ein Fehler in ihnen fiele nicht auf.",
     "light.controlled.points": "Punkte ohne kontrollierte Beobachtung: {names}.",
+    "light.unknowns_left_out": "Weggelassen",
+    "light.unknowns_left_out.text": "Nicht bestimmt sind:",
     "light.input": "Eingabe",
     "light.input.text": "Vor der Ausgleichung:",
     "light.parameters": "Parameter",

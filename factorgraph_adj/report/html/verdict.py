@@ -11,7 +11,14 @@ import numpy as np
 from ...quality.check_points import check_points
 from ...quality.unit_weight import global_test
 from ..context import Report
-from ..doubts import above_critical, by_chance, doubts_about, nothing_tells, of_network
+from ..doubts import (
+    above_critical,
+    by_chance,
+    doubts_about,
+    nothing_tells,
+    of_network,
+    unknowns_left_out,
+)
 from ..layout import listed, percent
 from ..weakest import point_redundancy
 from .language import Texts
@@ -64,6 +71,7 @@ def verdict(report: Report, t: Texts) -> Verdict:
         *_cause(report, t),
         _controlled(report, t),
         *_of_network(report, t),
+        *_unknowns_left_out(report, t),
         *_parameters(report, t),
         *_check(report, t),
     ]
@@ -110,8 +118,9 @@ def _global(report: Report, t: Texts) -> Light:
     }
     if test.accepted:
         return Light("green", title, t("light.global.accepted", **figures), link="groups")
-    key = "light.global.large" if test.sigma0 > 1 else "light.global.small"
-    return Light("red", title, t(key, **figures), link="groups")
+    if test.too_good:
+        return Light("amber", title, t("light.global.small", **figures), link="groups")
+    return Light("red", title, t("light.global.large", **figures), link="groups")
 
 
 def _tests(report: Report, t: Texts) -> Light:
@@ -193,6 +202,13 @@ def _of_network(report: Report, t: Texts) -> list[Light]:
     rest = [d for d in report.doubts if d not in told]
     assert set(of_network(report.network)) <= set(rest) | told
     return [Light("red", t("light.input"), t("light.input.text"), d, "inputs") for d in rest]
+
+
+def _unknowns_left_out(report: Report, t: Texts) -> list[Light]:
+    return [
+        Light("amber", t("light.unknowns_left_out"), t("light.unknowns_left_out.text"), said)
+        for said in unknowns_left_out(report.network)
+    ]
 
 
 def _parameters(report: Report, t: Texts) -> list[Light]:

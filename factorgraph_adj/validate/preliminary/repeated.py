@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
-from itertools import combinations
-from typing import Any
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -19,13 +18,28 @@ from ...observations import (
     ZenithAngle,
 )
 from ...observations.weights import Along
+from ...quality.distributions import poisson_from
 from ...stochastic import StandardDeviation
+from ...types import Array
 from .finding import TIMES, Finding
 
 REFRACTION = 0.13
 """Coefficient of refraction with which height differences forth and back are compared."""
 DOUBT = 0.3
 """Standard deviation of it, for the tolerance."""
+
+CHANCE = 0.02
+"""Probability with which so many equal readings are no copies, above which nothing is doubted."""
+STEPS = 2.0
+"""Scatter of repeated readings in steps of their resolution, below which equal ones are common."""
+UNITS = (1.0, np.pi / 200, np.pi / 180, np.pi / 648000)
+"""Metre, gon, degree and second: in one of them readings are rounded."""
+DECIMALS = 8
+"""Number of decimals that are tried."""
+FINEST = 1e-9
+"""Resolution of readings that are rounded in no unit."""
+ROUNDING = 1e-4
+"""Distance from a whole number of steps that is rounding of double precision."""
 
 
 def size_of(o: Observation, length: float) -> float:
@@ -46,21 +60,61 @@ def repeated(network: Network) -> Iterator[Finding]:
 
 
 def _duplicates(network: Network) -> Iterator[Finding]:
-    """Rows that are there twice: the same kind, names, value and σ."""
-    seen: dict[tuple[object, ...], Observation] = {}
+    """Rows that are there twice more often than independent readings would be equal.
+
+    Two readings with resolution u and standard deviation s are equal with p ≈ u / (2 √π s). Where
+    repeated readings differ by some steps of their resolution only, equal ones tell nothing.
+    """
+    by_kind: dict[str, dict[tuple[object, ...], list[Observation]]] = {}
     for o in network.observations.values():
-        reading: Any = getattr(o, "value", o)  # what has no value is the same as itself alone
-        value = reading if np.ndim(reading) == 0 else tuple(reading)
-        group = getattr(o, "set", None)
-        key = (o.kind, o.names(), value, repr(getattr(o, "sigma", None)), group)
-        if key in seen:
-            yield Finding(
-                f"{o.label()} has the same names, value and σ as {seen[key].label()}",
-                "remove one if the reading was copied: two of them make the result look more "
-                "precise than it is",
-            )
-        else:
-            seen[key] = o
+        key = (o.names(), repr(getattr(o, "sigma", None)), getattr(o, "set", None))
+        by_kind.setdefault(o.kind, defaultdict(list))[key].append(o)
+    for kind, again in by_kind.items():
+        pairs = [pair for some in again.values() for pair in pairwise(_sorted(some))]
+        copies = [(a, b) for a, b in pairs if np.array_equal(_reading(a), _reading(b))]
+        if not copies:
+            continue
+        step = _resolution(np.concatenate([_reading(o) for some in again.values() for o in some]))
+        apart = [np.max(np.abs(_reading(a) - _reading(b))) for a, b in pairs]
+        scatter = [d for d in apart if d > 0.5 * step]
+        if scatter and np.sqrt(np.mean(np.square(scatter)) / 2) < STEPS * step:
+            continue
+        expected = sum(_chance(a, step) for a, _ in pairs)
+        if expected and poisson_from(len(copies), expected) > CHANCE:
+            continue
+        (first, second), n = copies[0], len(copies) - 1
+        more = f", and {n} more of kind {kind}" if n else ""
+        yield Finding(
+            f"{second.label()} has the same names, value and σ as {first.label()}{more}",
+            "remove one if the reading was copied: two of them make the result look more "
+            "precise than it is",
+        )
+
+
+def _reading(o: Observation) -> Array:
+    """Return the observed values (q,); what has no value equals itself alone."""
+    return np.atleast_1d(np.asarray(getattr(o, "value", np.nan), dtype=float)).ravel()
+
+
+def _sorted(some: list[Observation]) -> list[Observation]:
+    return sorted(some, key=lambda o: tuple(_reading(o)))
+
+
+def _chance(o: Observation, step: float) -> float:
+    """Return the probability with which a second reading equals this one; 0 if σ is not known."""
+    reading = _reading(o)
+    if len(reading) > 1:
+        return 0.0
+    s = size_of(o, float(abs(reading[0])))
+    return min(1.0, step / (2 * np.sqrt(np.pi) * s)) if s > 0 else 1.0
+
+
+def _resolution(readings: Array) -> float:
+    """Return the coarsest decimal step of readings, in metres, gon, degrees or seconds."""
+    finite = readings[np.isfinite(readings)]
+    tried = (u * m / 10.0**d for u in UNITS for d in range(DECIMALS) for m in (5.0, 2.0, 1.0))
+    fits = [s for s in tried if np.all(np.abs(finite / s - np.round(finite / s)) < ROUNDING)]
+    return max([FINEST, *fits])
 
 
 def _distances(network: Network) -> Iterator[Finding]:

@@ -320,6 +320,9 @@ def test_altitudes_of_a_grid_take_a_geoid(tmp_path: Path) -> None:
     assert lifted == pytest.approx(44.0, abs=1e-6)
 
 
+@pytest.mark.slow(
+    "hundreds of damaged files are read or refused; short tests read and refuse single ones"
+)
 def test_200_damaged_projects_in_a_grid(tmp_path: Path) -> None:
     pytest.importorskip("pyproj", reason="the extra crs is not installed")
     named = {"p.comp": PROJECT, "net.cor": GRID_POINTS, "net.obs": GRID_OBSERVATIONS}

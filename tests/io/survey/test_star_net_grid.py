@@ -308,6 +308,9 @@ def test_what_a_grid_project_cannot_hold_is_refused_all_at_once(tmp_path: Path) 
     assert not (tmp_path / "no.dat").exists()
 
 
+@pytest.mark.slow(
+    "hundreds of damaged files are read or refused; short tests read and refuse single ones"
+)
 def test_200_damaged_grid_projects(tmp_path: Path) -> None:
     text = "\n".join([line_of("PH", "A", "! ! !"), line_of("CH", "B", "0.01 0.01 0.02"),
                       ".GPS WEIGHT COVARIANCE", ".GPS FACTOR 2 VERT 3", vector("A", "B"),

@@ -352,6 +352,9 @@ def test_the_report_of_roma_is_small_and_soon_ready(browser, tmp_path):
         assert found.said == []
 
 
+@pytest.mark.slow(
+    "every figure and page of every network is drawn or read; short tests take one report"
+)
 def test_the_text_of_a_page_is_the_same_as_the_file(folder):
     report = Report(fga.adjust(three_points()))
     assert (folder / "three.html").read_text(encoding="utf-8") == html(report, language="de")
