@@ -43,6 +43,8 @@ point there."""
 BENDS = 0.5
 """Change of an observation by its bend, relative to its residual, from which on a test on its
 linear form says nothing."""
+BEYOND = 1e12
+"""Residual relative to σ of a reading beyond all bounds: no place of a point explains it."""
 MOST = 8
 """Largest number of units that are tested so after one command: each takes an adjustment."""
 
@@ -96,7 +98,10 @@ def _bends(ledger: Ledger, system: System, row: int) -> bool:
         forms = system.forms(ledger, np.array([row]))
     except AdjustmentError:
         return False
-    size = float(np.linalg.norm(forms.v))
+    with np.errstate(over="ignore"):
+        size = float(np.linalg.norm(forms.v))
+    if not size < BEYOND:
+        return False
     for name in forms.units[0].points:
         step = _weakest(system, name)
         if step is None:
