@@ -42,9 +42,45 @@ class Doubt(Problem):
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """Rows of one sort that a reader left out."""
+
+    what: str
+    """The rows, in words: ``marks of known points``."""
+    why: str
+    """Why they were left out."""
+    names: tuple[str, ...]
+    """Names of the photos, points or rows, each once."""
+    count: int
+    """Number of the rows."""
+    of: int = 0
+    """Number of all rows of the sort, if it is known; 0: it is not."""
+    where: str = ""
+    """File and line of the first row."""
+    hint: str = ""
+    """What may have been meant."""
+    doubtful: bool = False
+    """Whether the rows were expected to be used, so that the result is doubtful."""
+
+    def __str__(self) -> str:
+        of = f" of {self.of}" if self.of else ""
+        named = f": {known(self.names)}{self.hint}" if self.names else ""
+        first = f"; first in {self.where}" if self.where else ""
+        return f"{self.what}: {self.count}{of} left out, as {self.why}{named}{first}"
 
 
 @dataclass(frozen=True)
+class UnknownLeftOut:
+    """An unknown that was left out before an adjustment, as nothing determines it."""
+
+    kind: str
+    """Kind of the unknown, such as ``point``."""
+    name: str
+    """Its name."""
+    why: str
+    """Why it was left out."""
+    ids: tuple[str, ...]
+    """Observations that were left out with it; image points by photo/point."""
 
 
 _NUMBER = re.compile(r"\d+")

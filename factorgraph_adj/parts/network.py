@@ -106,8 +106,8 @@ def adjust(
             Not with a client.
         progress: called after each iteration; an exception in it ends the adjustment.
         leave_out_undetermined: whether `determined_part` is adjusted, without what the observations
-            do not determine; ``solution.network.unknowns_left_out`` names it. Not with ``weights`` or a
-            client.
+            do not determine; ``solution.network.unknowns_left_out`` names it. Not with ``weights``
+            or a client.
 
     Returns:
         The solution; its ``converged`` and ``reason`` say how the iteration ended.

@@ -120,8 +120,8 @@ def determined_part(
 
     Points, photos, sets of directions and frames that are not determined are left out with all
     observations of them, then what these observations have determined, and so on. The new network
-    names them with their observations (``unknowns_left_out``). A network that is determined is returned
-    itself.
+    names them with their observations (``unknowns_left_out``). A network that is determined is
+    returned itself.
 
     Args:
         network: the network; it stays unchanged.
