@@ -186,6 +186,16 @@ def known(names: Iterable[object], *, meant: object = "", most: int = 12) -> str
     return ", ".join(listed[:most]) + f", … ({len(listed)} in all)" + asked
 
 
+def system_reason(error: Exception) -> str:
+    """Return why the system refused a file, in the words of messages.
+
+    >>> system_reason(FileNotFoundError(2, "No such file or directory"))
+    'no such file or folder'
+    """
+    said = str(getattr(error, "strerror", None) or error).replace("directory", "folder")
+    return said[:1].lower() + said[1:]
+
+
 def similar(name: str, names: Collection[str]) -> str:
     """Return ``"; did you mean 'x'?"`` with the name that is most similar; empty if none is.
 

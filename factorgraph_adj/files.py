@@ -18,7 +18,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from .errors import InputError, Problem
+from .errors import InputError, Problem, system_reason
 
 MAX_FILE_BYTES = 4_000_000_000
 """Largest size of a file, or of one that is unpacked, bytes."""
@@ -200,10 +200,14 @@ def opened(path: Path, name: str = "") -> Iterator[IO[bytes]]:
         raise InputError(_unread(error, name)) from None
     if (read := _READ.get()) is not None:
         read.add(Path(path).resolve())
-    with open(descriptor, "rb") as stream:
+    try:
         status = os.fstat(descriptor)
-        refuse_special(status, name)
+        refuse_special(status, name)  # a folder cannot even become a stream
         refuse_growth(status.st_size, _stored(descriptor, status), name)
+    except InputError:
+        os.close(descriptor)
+        raise
+    with open(descriptor, "rb") as stream:
         yield stream
 
 
@@ -215,7 +219,7 @@ def refuse_special(status: os.stat_result, name: str) -> None:
 
 
 def _unread(error: Exception, name: str) -> Problem:
-    return Problem(f"cannot be read: {getattr(error, 'strerror', None) or error}", name)
+    return Problem(f"cannot be read: {system_reason(error)}", name)
 
 
 def read_bytes(path: Path, name: str = "") -> bytes:

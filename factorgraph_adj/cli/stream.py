@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from types import FrameType
 from typing import IO, Any, get_args
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, system_reason
 from ..incremental.adjustment import IncrementalAdjustment
 from ..incremental.verdicts import Policy
 from ..io.project import Project
@@ -206,7 +206,7 @@ class _Signals:
             except _Stopped:
                 return
             except OSError as error:
-                problem = Problem(f"cannot be read: {error.strerror}", "standard input")
+                problem = Problem(f"cannot be read: {system_reason(error)}", "standard input")
                 raise InputError(problem) from None
             if not line:
                 return

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, system_reason
 from ..io.journal import Journal
 from .repetition import Outcome, Task
 from .study import Experiment, encoded, key, said, written
@@ -46,7 +46,7 @@ def open_file(path: str | Path, experiment: Experiment) -> tuple[Journal, Done]:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            what = f"its folder cannot be made: {error.strerror}"
+            what = f"its folder cannot be made: {system_reason(error)}"
             raise InputError(Problem(what, str(path))) from None
         return Journal.create(path, header, durable=False), {}
     journal, there, lines, _ = Journal.open(path, durable=False)

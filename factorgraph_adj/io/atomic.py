@@ -16,7 +16,7 @@ from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, system_reason
 from ..files import refuse_replacing
 
 Files = Mapping[str, str | bytes | None]
@@ -95,7 +95,9 @@ def _write(outputs: list[tuple[Path, Files]]) -> None:
         for path in sorted(made, key=lambda p: -len(p.parts)):
             shutil.rmtree(path, ignore_errors=True)
         if isinstance(error, OSError):
-            problem = Problem(f"cannot be written: {error.strerror}", str(error.filename or folder))
+            problem = Problem(
+                f"cannot be written: {system_reason(error)}", str(error.filename or folder)
+            )
             raise InputError(problem) from None
         raise
 

@@ -25,7 +25,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, NoReturn
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, system_reason
 from ..files import refuse_special
 
 if sys.platform != "win32":
@@ -198,7 +198,7 @@ class Journal:
         except FileNotFoundError:
             what = "was deleted or renamed"
         except OSError as error:
-            what = f"cannot be looked at any more ({error.strerror})"
+            what = f"cannot be looked at any more ({system_reason(error)})"
         else:
             if not os.path.samestat(own, named):
                 what = "was replaced by another file"
@@ -236,7 +236,7 @@ class Journal:
             # An interruption counts as well: the caller takes the entry for not recorded.
             self._take_back()
             if isinstance(error, OSError):
-                what = f"cannot be written: {error.strerror}; nothing was recorded"
+                what = f"cannot be written: {system_reason(error)}; nothing was recorded"
                 raise InputError(Problem(what, str(self.path))) from None
             raise
         self._size += len(line)
@@ -246,9 +246,8 @@ class Journal:
         try:
             os.ftruncate(self._descriptor, self._size)
         except OSError as error:
-            self._unusable = (
-                f"a torn line could not be cut off ({error.strerror}): resume from this journal"
-            )
+            why = system_reason(error)
+            self._unusable = f"a torn line could not be cut off ({why}): resume from this journal"
 
 
 # -- files ----------------------------------------------------------------------------------------
@@ -257,7 +256,7 @@ class Journal:
 def _explain(error: BaseException, path: Path) -> NoReturn:
     """Raise an error of the operating system as one for people, others as they are."""
     if isinstance(error, OSError):
-        problem = Problem(f"cannot be used as a journal: {error.strerror}", str(path))
+        problem = Problem(f"cannot be used as a journal: {system_reason(error)}", str(path))
         raise InputError(problem) from None
     raise error
 
@@ -267,8 +266,8 @@ def _open(path: Path, flags: int = 0) -> int:
         flags |= os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0)
         descriptor = os.open(path, flags, 0o666)
     except (OSError, ValueError) as error:  # ValueError: the path has a zero byte
-        why = getattr(error, "strerror", None) or error
-        raise InputError(Problem(f"cannot be opened: {why}", str(path))) from None
+        what = f"cannot be opened: {system_reason(error)}"
+        raise InputError(Problem(what, str(path))) from None
     try:
         refuse_special(os.fstat(descriptor), str(path))
     except InputError:

@@ -20,7 +20,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, system_reason
 from ..frames import Frame
 from ..models.lens import NoDistortion
 from ..models.variables import VariableKind, parameter_kinds
@@ -260,7 +260,7 @@ def network_of(
             return load_project(folder, geoids=[*geoids, *own]).network
     except OSError as error:
         where = str(error.filename or tempfile.gettempdir())
-        raise InputError(Problem(f"cannot be written: {error.strerror}", where)) from None
+        raise InputError(Problem(f"cannot be written: {system_reason(error)}", where)) from None
 
 
 def _geoids(text: str, home: Path | None, anywhere: bool) -> list[str]:

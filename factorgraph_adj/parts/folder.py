@@ -21,7 +21,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, system_reason
 from ..types import Array, Keys
 
 PROGRESS = "run.json"
@@ -88,7 +88,7 @@ class Folder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            what = f"the folder of the run cannot be made: {error.strerror}"
+            what = f"the folder of the run cannot be made: {system_reason(error)}"
             raise InputError(Problem(what, str(self.path))) from None
         return self
 

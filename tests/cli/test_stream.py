@@ -259,7 +259,7 @@ def test_standard_input_that_cannot_be_read_ends_with_2(yard, monkeypatch, capsy
 
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BufferedReader(Broken())))
     assert cli.main(["stream", str(yard)]) == 2
-    assert "standard input: cannot be read: Input/output error" in capsys.readouterr().err
+    assert "standard input: cannot be read: input/output error" in capsys.readouterr().err
 
 
 # -- options --------------------------------------------------------------------------------------
@@ -304,7 +304,7 @@ def test_a_free_network_can_be_asked_for(tmp_path, here):
         (("--alpha", "2"), "'2' is not a probability between 0 and 1"),
         (("--policy", "guess"), "invalid choice: 'guess'"),
         (("--journal", "nowhere/at/all.jsonl"), "nowhere/at/all.jsonl: cannot be opened"),
-        (("--journal", "none.jsonl", "--resume"), "none.jsonl: cannot be opened: No such file"),
+        (("--journal", "none.jsonl", "--resume"), "none.jsonl: cannot be opened: no such file"),
     ],
 )
 def test_bad_options_end_with_2_and_no_line(yard, here, monkeypatch, options, expected):

@@ -664,10 +664,10 @@ def test_what_is_no_journal_is_refused_and_left_as_it_is(tmp_path, case):
 def test_a_file_that_cannot_be_opened_is_named(tmp_path):
     missing = tmp_path / "none.jsonl"
     assert problems_of(Journal.open, missing) == [
-        ("cannot be opened: No such file or directory", str(missing))
+        ("cannot be opened: no such file or folder", str(missing))
     ]
     assert problems_of(Journal.create, tmp_path, {}) == [
-        ("cannot be opened: Is a directory", str(tmp_path))
+        ("cannot be opened: is a folder", str(tmp_path))
     ]
     inside = missing / "a.jsonl"
     assert problems_of(Journal.create, inside, {})[0][1] == str(inside)

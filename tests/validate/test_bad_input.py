@@ -261,7 +261,7 @@ READING = {
     ),
     "a table that is not there": (
         *("project", 'name = "yard"', 'name = "yard"\n[files]\nverticals = "v.csv"'),
-        "v.csv: cannot be read: No such file or directory",
+        "v.csv: cannot be read: no such file or folder",
     ),
 }
 
@@ -375,7 +375,7 @@ def test_photos_do_not_repeat_what_is_wrong_with_their_camera(tmp_path, good, ba
 
 
 def test_a_project_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"nowhere\.toml: cannot be read: No such file"):
+    with pytest.raises(InputError, match=r"nowhere\.toml: cannot be read: no such file"):
         read_project(tmp_path / "nowhere.toml")
 
 

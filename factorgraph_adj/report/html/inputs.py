@@ -9,7 +9,7 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from ...errors import InputError, Problem
+from ...errors import InputError, Problem, system_reason
 from ...version import __version__
 from ..context import Report
 from ..layout import percent
@@ -40,7 +40,7 @@ def files(paths: Sequence[str | Path], t: Texts) -> Sheet | None:
                     digest = hashlib.file_digest(stream, "sha256").hexdigest()
                 rows.append([str(file), str(file.stat().st_size), digest])
             except OSError as error:
-                problems.append(Problem(f"cannot be read: {error.strerror}", str(file)))
+                problems.append(Problem(f"cannot be read: {system_reason(error)}", str(file)))
     if problems:
         raise InputError(problems)
     heads: list[Head] = [(t("col.file"), False), (t("col.bytes"), True), ("SHA-256", False)]

@@ -287,7 +287,7 @@ def test_priors_of_unregistered_images_are_refused_or_left_out(tmp_path: Path) -
 def test_database_that_is_none_is_refused(tmp_path: Path) -> None:
     path = folder(tmp_path)
     (tmp_path / "database.db").write_bytes(b"not a database" * 100)
-    for name, told in (("database.db", "is no database of COLMAP"), ("none.db", "No such file")):
+    for name, told in (("database.db", "is no database of COLMAP"), ("none.db", "no such file")):
         with pytest.raises(InputError, match=told):
             read_colmap(path, sigma_by_scale=tmp_path / name)
 
