@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from ..errors import InputError, Problem
 from ..files import read_bytes
+from .left_out import Reason, RowsLeftOut
 from .text import last_line, read_text
 
 T = TypeVar("T")
@@ -39,6 +40,7 @@ class Collected:
         self.last = 0
         """Line at which a problem of the whole file is told: its last one; 0: none is known."""
         self.problems: list[Problem] = []
+        self.left = RowsLeftOut()
 
     def place(self, line: int) -> str:
         """Return file and line; 0 is the last line of the file."""
@@ -50,6 +52,10 @@ class Collected:
         problem = Problem(what, self.place(line))
         if problem not in self.problems[-MOST_LISTED:]:
             self.problems.append(problem)
+
+    def leave_out(self, line: int, why: Reason, name: str) -> None:
+        """Count and name a row that is left out; ``name``: of its points or itself."""
+        self.left.add(why, name, self.place(line))
 
     def number(
         self, line: int, name: str, text: str, *, positive: bool = False, least: float = -math.inf

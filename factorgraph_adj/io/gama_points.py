@@ -9,11 +9,14 @@ from typing import Literal, TypeAlias
 from ..errors import known
 from ..network.network import Network
 from .gama_source import GamaSource
+from .left_out import Reason, RowsLeftOut
 from .xml_tree import Element
 
 Status: TypeAlias = Literal["fixed", "free", "constrained"]
 COMPONENTS = ("xy", "XY", "z", "Z", "xyz", "XYZ", "xyZ", "XYz")
 """Values of ``fix`` and ``adj``."""
+
+NEITHER_FIX_NOR_ADJ = Reason("points", "the file neither fixes nor adjusts them")
 
 
 @dataclass
@@ -124,8 +127,10 @@ class GamaPoints:
 
     def add_to(self, network: Network) -> None:
         """Add the points that take part in the adjustment to the network."""
+        left = RowsLeftOut()
         for name, point in self._points.items():
             if not point.status:
+                left.add(NEITHER_FIX_NOR_ADJ, name, self.source.place(point.element))
                 continue
             values = point.observed | point.values
             free = [a for a in "xyz" if point.status.get(a, "fixed") != "fixed"]
@@ -151,3 +156,4 @@ class GamaPoints:
                 fixed="".join(a for a in "xyz" if a not in free),
                 datum=bool(constrained),
             )
+        network.left_out += left.told().values()

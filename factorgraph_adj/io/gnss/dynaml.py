@@ -17,6 +17,7 @@ from ...network.network import Network
 from ...observations import ControlPoint
 from ...types import Array
 from ..collected import raise_all
+from ..left_out import all_left_out
 from ..xml_source import XmlSource
 from ..xml_tree import Element
 from .dynaml_measurements import DynamlMeasurements, degrees_of
@@ -131,6 +132,7 @@ def read_dynaml(
             for element in file.root.all("DnaMeasurement"):
                 reader.read(file, element)
     raise_all(files)
+    network.left_out += all_left_out(file.left for file in files)
     return network
 
 

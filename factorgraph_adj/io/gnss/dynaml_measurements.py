@@ -32,6 +32,7 @@ from ...observations import (
 )
 from ...types import Array
 from ...units import ARCSEC
+from ..left_out import ROWS_SWITCHED_OFF
 from ..xml_source import XmlSource
 from ..xml_tree import Element
 from .reference_frames import FRAMES, between
@@ -73,6 +74,12 @@ def degrees_of(file: XmlSource, element: Element, tag: str) -> float:
     return -angle if found[1] == "-" else angle
 
 
+def _named(file: XmlSource, element: Element, kind: str) -> str:
+    """Return the type of a measurement and its points."""
+    ends = (file.text(element, tag, "") for tag in ("First", "Second", "Third"))
+    return " ".join((kind, *filter(None, ends)))
+
+
 class DynamlMeasurements:
     """Adds measurements to a network that has the stations."""
 
@@ -95,6 +102,7 @@ class DynamlMeasurements:
         """Add one ``<DnaMeasurement>``; problems are noted in the file."""
         kind = file.text(element, "Type")
         if file.text(element, "Ignore", "") == "*":
+            file.leave_out(element.line, ROWS_SWITCHED_OFF, _named(file, element, kind))
             return
         if kind in REFUSED:
             what = f"type {kind} is {REFUSED[kind]}, which has no counterpart here: give S"
@@ -293,6 +301,8 @@ class DynamlMeasurements:
         made: list[Direction] = []
         for row, tag in rows:
             if file.text(row, "Ignore", "") == "*":
+                name = f"D {station} {file.text(row, tag, '')}"
+                file.leave_out(row.line, ROWS_SWITCHED_OFF, name)
                 continue
             target = file.text(row, tag)
             value = degrees_of(file, row, "Value")

@@ -22,6 +22,7 @@ from ...frames import GeocentricFrame
 from ...network.network import Network
 from ...observations import Correlated, GnssPosition
 from ...types import Array, Index
+from ..left_out import Reason
 from .sinex_file import METRES, SinexFile, SinexMatrix, SinexParameter
 
 AXES = ("STAX", "STAY", "STAZ")
@@ -31,6 +32,8 @@ LEAST_INFORMATION = 1e-9
 of its diagonal, to the largest one, from which the matrix is positive definite."""
 SAME_EPOCH = 1.0 / 365.0
 """Largest difference of reference epochs of one set of coordinates, years."""
+
+NO_COORDINATE = Reason("parameters", "coordinates of stations alone are read")
 
 
 def read_sinex(
@@ -80,6 +83,11 @@ def read_sinex(
     value, covariance = _at_epoch(file, estimate, rows, value, covariance, epoch)
     file.raise_all()
     network = Network(Path(path).stem, frame=GeocentricFrame(ellipsoid))
+    used = {int(i) for r in rows for i in (r if epoch is not None else r[:3])}
+    for p in estimate.values():
+        if p.index - 1 not in used:
+            file.leave_out(p.line, NO_COORDINATE, p.kind)
+    network.left_out += file.left.told().values()
     members = []
     for i, name in enumerate(names):
         line = estimate[int(rows[i][0]) + 1].line

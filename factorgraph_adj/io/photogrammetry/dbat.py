@@ -16,10 +16,11 @@ from ...files import inside
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoAngle, PhotoPosition
 from ...units import ANGLE
+from ..left_out import Reason
 from ..text import beginning, read_text
 from ..xml_tree import Element, read_xml
 from .dbat_camera import DbatCamera, read_camera, set_estimated, set_initial
-from .reading import ImagePoints, Reading, Reason, lines_of
+from .reading import ImagePoints, Reading, lines_of
 
 FILTERED = Reason("points", "a <filter> of the file leaves them out")
 

@@ -16,8 +16,9 @@ from pathlib import Path
 
 from ...errors import InputError, Problem
 from ..json_tree import parse_json
+from ..left_out import Reason
 from ..text import read_text
-from .reading import Reading, Reason, lines_of
+from .reading import Reading, lines_of
 
 NOT_MEASURED = Reason("marks", "they have no image coordinates")
 CHECK = "CHK-"

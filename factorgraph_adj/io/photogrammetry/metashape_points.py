@@ -11,10 +11,11 @@ from ...errors import InputError, Problem
 from ...network.network import Network
 from ...observations import ControlPoint, SlopeDistance
 from ...types import Array
+from ..left_out import Reason
 from .metashape_context import Context, cameras_of, listed, off
 from .metashape_source import Place
 from .ply import read_vertices
-from .reading import FEW_RAYS, TIE, ImagePoints, Reason, finite
+from .reading import FEW_RAYS, TIE, ImagePoints, finite
 
 LOCATION_WITHOUT_PHOTO = Reason(
     "locations of markers", "their cameras are switched off or not aligned"

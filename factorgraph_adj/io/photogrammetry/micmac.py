@@ -340,11 +340,12 @@ def _measures(
     if whole is None:
         reading.wrong("has no <SetOfMesureAppuisFlottants>", f"{path.name}:{root.line}")
         return
+    oriented = not reading.problems
     for image in whole.all("MesureAppuiFlottant1Im"):
         named = image.first("NameIm")
         photo = "" if named is None else named.text.strip()
         if photo not in network.photos:
-            if not reading.problems:
+            if oriented:
                 what = f"image {photo!r} has no orientation; its measurements need one"
                 reading.wrong(what, f"{path.name}:{image.line}")
             continue

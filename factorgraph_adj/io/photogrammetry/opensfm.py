@@ -16,6 +16,7 @@ from ...observations import ControlPoint, PhotoPosition
 from ...rotation import exp_rotation
 from ...types import Array
 from ..json_tree import Node, parse_json
+from ..left_out import Reason
 from ..text import beginning, read_text
 from .gcp_list import Ground, GroundList, read_gcp_list
 from .opensfm_lens import SfmCamera, read_camera
@@ -27,7 +28,6 @@ from .reading import (
     TIE,
     ImagePoints,
     Reading,
-    Reason,
     lines_of,
 )
 

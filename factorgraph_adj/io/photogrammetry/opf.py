@@ -19,20 +19,22 @@ from ...models.lens import NormalisedLens
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
 from ..json_tree import Node
+from ..left_out import Reason
 from .opf_project import OpfProject, file_name, open_project
 from .opf_ties import read_cloud
 from .pixel import add_pixel_camera
 from .reading import (
     FEW_RAYS,
     MARKS_WITHOUT_PHOTO,
+    PHOTOS_WITHOUT_POSE,
     RAYS_WITHOUT_PHOTO,
     TIE,
     ImagePoints,
     Reading,
-    Reason,
 )
 
 CHECKED_TIE = Reason("manual tie points", "they are check points without given coordinates")
+POSE_WITHOUT_CAPTURE = Reason("poses", "no capture has their camera")
 POSITION_WITHOUT_PHOTO = Reason("positions of captures", "they have no calibrated camera")
 
 FREE = ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
@@ -129,15 +131,25 @@ class _Cameras:
         poses = {
             n.need("id").integer(): n for n in self.project.list("calibrated-cameras", "cameras")
         }
+        taken = set()
         for capture in self.project.list("input-cameras", "captures"):
             with self.reading.at(capture.where):
                 every = list(capture.need("cameras").list())
                 used = [c for c in every if not poses or c.need("id").integer() in poses]
+                for camera in every:
+                    ident = camera.need("id").integer()
+                    taken.add(ident)
+                    if poses and ident not in poses:
+                        name = listed.get(ident, f"camera {ident}")
+                        self.reading.leave_out(PHOTOS_WITHOUT_POSE, name, camera.where)
                 if len(used) > 1 and not self.apart:
                     what = "a capture of several cameras (a rig) is read with rigs='apart' only"
                     raise capture.fail(what)
                 for camera in used:
                     self._photo(camera, poses, listed)
+        for ident, node in poses.items():
+            if ident not in taken:
+                self.reading.leave_out(POSE_WITHOUT_CAPTURE, f"camera {ident}", node.where)
 
     def _sensor(self, ident: int, given: Node, node: Node) -> None:
         size = given.need("image_size_px").numbers(2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ...errors import InputError, LeftOut, Problem, similar
 from ...network.network import Network
 from ...types import Array
 from .. import numbers
+from ..left_out import Reason, RowsLeftOut
 
 LARGEST = 1e12
 """Largest absolute value of a number of a file: beyond it squares of squares overflow."""
@@ -21,18 +22,6 @@ TIE = "tie "
 """Beginning of the names of tie points; their number in the file follows."""
 MOST_PROBLEMS = 60
 """Largest number of listed problems; in a file of another layout every line is a problem."""
-
-
-@dataclass(frozen=True)
-class Reason:
-    """Why rows of a sort are left out."""
-
-    what: str
-    """The rows, in words."""
-    why: str
-    """Why they are left out."""
-    doubtful: bool = False
-    """Whether they were expected to be used: marks of known points."""
 
 
 MARKS_WITHOUT_PHOTO = Reason(
@@ -52,8 +41,8 @@ class Reading:
 
     problems: list[Problem] = field(default_factory=list)
     """What was found so far."""
-    left: dict[Reason, list[tuple[str, str]]] = field(default_factory=dict)
-    """Name and place of the rows that are left out, by the reason."""
+    left: RowsLeftOut = field(default_factory=RowsLeftOut)
+    """What is left out."""
 
     def wrong(self, what: str, where: str) -> None:
         """Add a problem."""
@@ -112,7 +101,7 @@ class Reading:
 
     def leave_out(self, why: Reason, name: str, where: str = "") -> None:
         """Count and name a row that is left out; ``name``: of its photo, point or itself."""
-        self.left.setdefault(why, []).append((name, where))
+        self.left.add(why, name, where)
 
     def finish(self, network: Network | None = None) -> None:
         """Raise all problems, and say in the network what was left out.
@@ -137,15 +126,13 @@ class Reading:
 
     def _left_out(self, network: Network) -> Iterator[LeftOut]:
         """Yield what was left out; all marks of known points are a problem."""
-        for why, rows in self.left.items():
-            names = tuple(dict.fromkeys(name for name, _ in rows))
-            first = next((where for _, where in rows if where), "")
-            kept = marks_of_known_points(network) if why.doubtful else 0
-            hint = similar(names[0], network.photos) if why.doubtful else ""
-            of = kept + len(rows) if why.doubtful else 0
-            left = LeftOut(why.what, why.why, names, len(rows), of, first, hint, why.doubtful)
-            if why.doubtful and not kept:
-                self.wrong(str(left), first)
+        for why, left in self.left.told().items():
+            if why.doubtful:
+                kept = marks_of_known_points(network)
+                hint = similar(left.names[0], network.photos)
+                left = replace(left, of=kept + left.count, hint=hint)
+                if not kept:
+                    self.wrong(str(left), left.where)
             yield left
 
 

@@ -236,6 +236,7 @@ class FieldBook:
                 self.notes.add(1, f"fixed: the file has no coordinates of point {name!r}")
         self.notes.raise_all()
         network = Network(self.path.stem, frame=LocalFrame(), datum="given" if held else "free")
+        network.left_out += self.notes.left.told().values()
         self._add_points(network, held)
         if self.accuracies.refraction is not None and reduced:
             # Heights follow the curved Earth while the frame is flat: κ = k − 1 does both.

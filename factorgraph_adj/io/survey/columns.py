@@ -140,6 +140,7 @@ class _Reader:
                 out.parameters[kind] = dict(table)
         out.add(*network.observations.values())
         out.doubts = list(network.doubts)
+        out.left_out = list(network.left_out)
         return out
 
     # -- rows -----------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ from ...observations import (
 )
 from ...stochastic import StandardDeviation
 from ...units import GON
+from ..left_out import all_left_out
 from .comp3d_files import Comp3dFiles, Comp3dProject, Line, read_project
 from .comp3d_grid import grid_of, grid_system, network_in_grid, projected
 from .comp3d_places import Comp3dOrigin
@@ -139,6 +140,7 @@ def read_comp3d(
     if deflections == "as stated":
         _deflections(network, used)
     files.raise_all()
+    network.left_out += all_left_out(file.left for file in files.files)
     return network
 
 
@@ -293,6 +295,7 @@ class _Observations:
                 continue
             simple = code.lstrip("-") in SIMPLE
             if ignored & set(line.words[1 : 3 if simple else 2]):
+                line.switched_off()
                 continue
             active.append(line)
         for line in active:
@@ -337,6 +340,7 @@ class _Observations:
         if opens or (code == "-7"):
             self.sets[station] = self.sets.get(station, 0) + 1
         if code.startswith("-") or (absolute < 0 and code != "9"):
+            line.switched_off()
             return
         if absolute == 0 and relative == 0 and code != "9":
             line.wrong("σ must be > 0, or negative for an observation that takes no part")
@@ -410,6 +414,8 @@ class _Observations:
                 )
                 if made is not None:
                     line.attempt(self.network.add, made)
+            else:
+                line.switched_off()
 
 
 def _of_length(

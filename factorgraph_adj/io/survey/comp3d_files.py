@@ -11,6 +11,7 @@ from typing import Any
 from ...errors import InputError, Problem
 from ...files import astray
 from ..collected import LinesOfFile, raise_all
+from ..left_out import ROWS_SWITCHED_OFF
 
 DEEPEST = 8
 """Largest depth of files in files."""
@@ -39,6 +40,11 @@ class Line:
     def wrong(self, what: str) -> None:
         """Note a problem."""
         self.file.add(self.number, what)
+
+    def switched_off(self) -> None:
+        """Count and name the line as one that is left out: its code and points."""
+        name = " ".join(self.words[:3])
+        self.file.leave_out(self.number, ROWS_SWITCHED_OFF, name)
 
     def number_at(self, at: int, name: str, **bounds: Any) -> float:
         """Return a word as a number; NaN, and a problem, if it is none."""

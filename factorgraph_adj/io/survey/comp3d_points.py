@@ -96,6 +96,7 @@ def _point(
     code, name = int(words[0]), words[1]
     nothing, free = np.zeros(3), np.full(3, math.inf)
     if code == IGNORED:
+        line.switched_off()
         return Comp3dPoint(name, code, nothing, nothing, "", free, None, line)
     if len(words) not in (5, 8, 10):
         what = "a point has a code, a name, E, N, h, three standard deviations or none, and two "

@@ -92,7 +92,11 @@ def _cartesian(network: Network, frame: str, row: Line) -> None:
     axes = "".join(a for a, s in zip("xyz", sigma, strict=True) if s > 0)
     if 0.0 in sigma:
         row.wrong("σ must be > 0, or negative for a coordinate that takes no part")
-    if len(row.file.problems) > before or not axes:
+    if len(row.file.problems) > before:
+        return
+    if len(axes) < 3:
+        row.switched_off()
+    if not axes:
         return
     made = row.attempt(
         FrameCoordinate,
@@ -124,6 +128,8 @@ def _polar(network: Network, frame: str, row: Line) -> None:
     if len(row.file.problems) > before:
         return
     made = []
+    if min(of_angle, of_distance) <= 0:
+        row.switched_off()
     more = {"source": row.source}
     if of_angle > 0:
         sigma = of_angle * GON + (angle_rel / distance if angle_rel else 0.0)
@@ -167,7 +173,11 @@ def add_axis(files: Comp3dFiles, network: Network, line: Line) -> None:
         radial, axial = (row.number_at(i, "σ") for i in (3, 4))
         if row.words[2] not in network.points:
             row.wrong(f"unknown point {row.words[2][:40]!r}")
-        if len(row.file.problems) == before and min(radial, axial) > 0:
+        if len(row.file.problems) > before:
+            continue
+        if min(radial, axial) <= 0:
+            row.switched_off()
+        else:
             targets.setdefault(row.words[0], []).append((row, radial, axial))
     rows = [r for of in targets.values() for r in of]
     if not rows:
@@ -234,7 +244,8 @@ def add_baselines(files: Comp3dFiles, network: Network, line: Line) -> None:
         if len(row.file.problems) > before:
             continue
         xx, xy, xz, yy, yz, zz = numbers[3:9]
-        if min(xx, yy, zz) < 0:  # switched off
+        if min(xx, yy, zz) < 0:
+            row.switched_off()
             continue
         covariance = (
             factor**2 * turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
@@ -280,6 +291,8 @@ def add_equalities(files: Comp3dFiles, network: Network, line: Line) -> None:
             pairs.append((row, sigma))
         elif sigma == 0:
             row.wrong("σ must be > 0, or negative for a pair that takes no part")
+        elif sigma < 0:
+            row.switched_off()
     if len(pairs) < 2:
         if pairs:
             line.wrong("one pair alone is equal to nothing")

@@ -13,6 +13,7 @@ from typing import Any, Literal, TypeAlias
 
 from ...errors import InputError, Problem
 from ...network.network import Network
+from ..left_out import ROWS_SWITCHED_OFF, Reason, RowsLeftOut
 from ..text import beginning, last_line, read_text
 from .hsqldb import Row as TableRow
 from .hsqldb import Table, read_tables
@@ -49,6 +50,11 @@ NEEDED = (
     "VerticalDeflectionApriori",
 )
 """Tables that are read."""
+OBSERVATIONS = ("ObservationApriori", "GNSSObservationApriori")
+"""Tables of observations."""
+ROWS = ("PointApriori", *OBSERVATIONS, "VerticalDeflectionApriori")
+"""Tables of which every row that is not used is counted and named."""
+OTHER_EPOCH = Reason("observations", "they belong to the other epoch: epoch=… chooses")
 ESSENTIAL = ("ObservationGroup", "ObservationApriori", "PointGroup", "PointApriori")
 """Tables without which a database is no project of JAG3D."""
 PROJECTIONS = {1: "Gauß-Krüger", 2: "UTM", 3: "a local ellipsoidal system"}
@@ -167,15 +173,38 @@ class _Tables:
             )
             for g in groups
         ]
-        return as_network(
+        deflections = self._deflections()
+        network = as_network(
             self.path.stem,
             points,
             with_set_names([g for g in groups if g.rows]),
-            deflections=self._deflections(),
+            deflections=deflections,
             reduction=reduction,
             problems=self.problems,
             where=f"{self.path.name}:{last_line(read_text(self.path))}",
         )
+        used = {p.source for p in points} | {r.source for g in groups for r in g.rows}
+        used |= {d.source for d in deflections if d.name in known}
+        network.left_out += self._left_out(used, epoch).told().values()
+        return network
+
+    def _left_out(self, used: set[str], epoch: Epoch) -> RowsLeftOut:
+        """Return the points, observations and deflections whose rows are not used."""
+        left = RowsLeftOut()
+        other = {
+            group.values.get("id")
+            for group in self.rows("ObservationGroup")
+            if epoch != "both" and group.values.get("reference_epoch") != (epoch == "reference")
+        }
+        for table in ROWS:
+            for row in self._all(table):
+                if row.source in used:
+                    continue
+                of_other = table in OBSERVATIONS and row.values.get("group_id") in other
+                names = (row.values.get(c) for c in ("name", "start_point_name", "end_point_name"))
+                why = OTHER_EPOCH if of_other else ROWS_SWITCHED_OFF
+                left.add(why, " ".join(str(n) for n in names if n), row.source)
+        return left
 
     def _all(self, name: str) -> list[TableRow]:
         table = self.tables.get(name)
@@ -251,7 +280,7 @@ class _Tables:
                 epoch == "reference"
             ):
                 found[self.get(group, "id")] = kind, group
-        for table in ("ObservationApriori", "GNSSObservationApriori"):
+        for table in OBSERVATIONS:
             for row in self.rows(table):
                 number = self.get(row, "group_id")
                 if number in found:

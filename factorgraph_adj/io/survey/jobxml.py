@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ...errors import InputError, Problem, known
 from ...network.network import Network
+from ..left_out import ROWS_SWITCHED_OFF, Reason
 from ..xml_tree import Element
 from .accuracies import USUAL, Accuracies
 from .book import FieldBook, Stated
@@ -58,6 +59,11 @@ def read_jobxml(
     return reader.book.network()
 
 
+OF_GNSS = ("ECEFDeltas", "ECEF", "WGS84")
+"""Elements of a point that was measured with GNSS."""
+GNSS_RECORD = Reason("points of GNSS", "sights of total stations alone are read")
+
+
 class _Reader:
     def __init__(self, book: FieldBook) -> None:
         self.book = book
@@ -71,8 +77,13 @@ class _Reader:
             ident = record.attributes.get("ID", "")
             self.records.setdefault(record.tag, {})[ident] = record
         for record in () if book is None else book.children:
-            if record.tag == "PointRecord" and text_of(record, "Deleted").lower() != "true":
-                self._point(record)
+            if record.tag != "PointRecord":
+                continue
+            if text_of(record, "Deleted").lower() == "true":
+                name = text_of(record, "Name")
+                self.book.notes.leave_out(record.line, ROWS_SWITCHED_OFF, name)
+                continue
+            self._point(record)
         reductions = first(root, "Reductions")
         for point in () if reductions is None else reductions.all("Point"):
             self._coordinates(point, text_of(point, "Name"), "Grid")
@@ -100,6 +111,8 @@ class _Reader:
         name = notes.name(record.line, text_of(record, "Name"), "<Name> of a point")
         self._coordinates(record, name, "Grid")
         circle = first(record, "Circle")
+        if circle is None and any(first(record, tag) is not None for tag in OF_GNSS):
+            notes.leave_out(record.line, GNSS_RECORD, name)
         if circle is None or not name:
             return
         station = self._record(record, "StationRecord", "StationID")

@@ -14,6 +14,7 @@ from typing import Literal
 from ...errors import InputError, Problem, known
 from ...network.network import Network
 from ...units import GON
+from ..left_out import ROWS_SWITCHED_OFF
 from ..xml_tree import Element
 from .accuracies import USUAL, Accuracies
 from .book import FieldBook
@@ -99,11 +100,15 @@ class _Reader:
         inside = set() if extension is None else {id(e) for e in extension.walk()}
         elements = [e for e in root.walk() if id(e) not in inside]
         for e in elements:
-            if e.tag == "CgPoint" and not _deleted(e):
+            if e.tag in ("CgPoint", *STATIONS) and _deleted(e):
+                name = e.attributes.get("name") or e.attributes.get("stationName", "")
+                self.book.notes.leave_out(e.line, ROWS_SWITCHED_OFF, name)
+                continue
+            if e.tag == "CgPoint":
                 self._cg_point(e)
             elif e.tag in NOT_READ:
                 self.book.notes.add(e.line, f"<{e.tag}> is not read: {NOT_READ[e.tag]}")
-            elif e.tag in STATIONS and not _deleted(e):
+            elif e.tag in STATIONS:
                 self._setup(e)
         surveys = [e for e in elements if e.tag == "Survey"]
         found = [(o, setup) for survey in surveys for o, setup in self._observations(survey)]
@@ -189,16 +194,23 @@ class _Reader:
             group = e.attributes.get("setupID", "")
             if e.tag == "InstrumentSetup":
                 group = e.attributes.get("id", "")
-            if _deleted(e):
-                continue
+            gone = _deleted(e)
             for o in e.walk():
+                observed = o.tag in ("RawObservation", "Backsight", "ReducedObservation")
+                if observed and (gone or _deleted(o)):
+                    setup = o.attributes.get("setupID") or group
+                    station = self.setups.get(setup)
+                    at = setup if station is None else station.attributes.get("stationName", "")
+                    why = ROWS_SWITCHED_OFF
+                    self.book.notes.leave_out(o.line, why, f"{at} {self._target(o)}".strip())
+                    continue
                 if o.tag == "ReducedObservation":
                     self.book.notes.add(
                         o.line, "<ReducedObservation> is not read: give the raw one"
                     )
-                elif o.tag == "RawObservation" and not _deleted(o):
+                elif o.tag == "RawObservation":
                     yield o, o.attributes.get("setupID") or group
-                elif o.tag == "Backsight" and not _deleted(o):
+                elif o.tag == "Backsight":
                     setup = o.attributes.get("setupID") or group
                     self.backsights.setdefault(setup, []).append(o)
 

@@ -27,6 +27,7 @@ from ...observations import (
 )
 from ...units import GON, LENGTH
 from ..collected import LinesOfFile
+from ..left_out import ROWS_SWITCHED_OFF
 from ..text import beginning
 
 STATUS = ("#FIX", "#VERT", "#BASC", "#NEW")
@@ -99,6 +100,7 @@ def read_mmvii(
         problems.append(Problem("has no points", lines.place(0)))
     if problems:
         raise InputError(problems)
+    network.left_out += observed.left.told().values()
     return network
 
 
@@ -199,7 +201,10 @@ class _Observations:
             return
         value = self.lines.number(number, "the value", words[3])
         sigma = self.lines.number(number, "σ", words[4])
-        if math.isnan(value) or math.isnan(sigma) or sigma < 0 or self.status == "#BASC":
+        if math.isnan(value) or math.isnan(sigma) or self.status == "#BASC":
+            return
+        if sigma < 0:
+            self.lines.leave_out(number, ROWS_SWITCHED_OFF, " ".join(words[:3]))
             return
         if code in AXES and self.status != "#FIX":
             what = f"a coordinate difference in the instrument (code {code}) needs #FIX before it"

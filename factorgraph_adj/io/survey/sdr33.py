@@ -15,6 +15,7 @@ from pathlib import Path
 from ...errors import known
 from ...network.network import Network
 from ...units import GON
+from ..left_out import DERIVED
 from ..text import read_text
 from .accuracies import USUAL, Accuracies
 from .book import FieldBook
@@ -107,6 +108,8 @@ class _Reader:
                 "sets (12) are not read: take the record out, and its observations if "
                 "the set is marked bad",
             )
+        elif code == "11":
+            notes.leave_out(line, DERIVED, "11")
         elif code not in HARMLESS:
             valid = known(["00", "01", "02", "03", "04", "08", "09", *HARMLESS], most=20)
             notes.add(line, f"record {text[:4]!r} is not known; valid: {valid}")
@@ -179,6 +182,7 @@ class _Reader:
         notes, book = self.book.notes, self.book
         code = text[2:4]
         if code == "MC":
+            notes.leave_out(line, DERIVED, "MC")
             return
         if code not in ("F1", "F2", "MD"):
             notes.add(line, f"observation 09{code}; valid: F1, F2, MD and MC, which is derived")

@@ -30,7 +30,7 @@ from ..text import read_text
 from .notes import Notes
 from .star_net_gps import StarNetVectors
 from .star_net_grid import grid_system, horizons, lines_of, moved, to_grid
-from .star_net_lines import ANGLED, PLAIN, Sigma, Values, inline
+from .star_net_lines import ANGLED, DATA_OFF, NO_HEIGHTS, NO_VALUE, PLAIN, Sigma, Values, inline
 from .star_net_options import CHOICES, StarNetOptions, star_net_options
 from .star_net_points import StarNetPoints
 from .star_net_side_shots import SideShot, placed_side_shots
@@ -159,6 +159,7 @@ class _Reader:
                 self.reading = [w.upper() for w in words[1:]] != ["OFF"]
             return
         if not self.reading:
+            self.notes.leave_out(line, DATA_OFF, " ".join(words[:2]))
             return
         code, rest = words[0].upper(), words[1:]
         if code in NOT_BUILT:
@@ -232,6 +233,7 @@ class _Reader:
                 )
             return
         if self.values.options.adjustment == "2D":
+            self.notes.leave_out(line, NO_HEIGHTS, "-".join(names))
             return
         value = self.values.length(line, rest[0], "L difference")
         size = None
@@ -302,6 +304,7 @@ class _Reader:
         reverse = self._in_reverse(line, given)
         for kind, (text, error) in given.items():
             if text == "?":
+                self.notes.leave_out(line, NO_VALUE, f"{kind} {'-'.join(names)}")
                 continue
             if kind in ("angle", "direction", "bearing"):
                 self._horizontal(line, kind, names, text, error, azimuth, reverse)
@@ -309,6 +312,8 @@ class _Reader:
                 self._distance(line, ends, given, flat or project == "2D", heights)
             elif project != "2D":
                 self._vertical(line, ends, given, heights)
+            elif "distance" not in given:
+                self.notes.leave_out(line, NO_HEIGHTS, "-".join(names))
 
     def _side_shot(self, line: int, names: list[str], words: list[str]) -> None:
         """Keep the observations of an SS line, and its target, apart from those of the network."""
@@ -483,6 +488,7 @@ class _Reader:
     def _plain(self, adjustment: str, frame: LocalFrame) -> Network:
         held = self.points.anything_held(adjustment)
         network = Network(self.path.stem, frame=frame, datum="given" if held else "free")
+        network.left_out += self.notes.left.told().values()
         height = (self.values.options.elevation_of_project or 0.0) * self.values.options.metres
         self.points.add_to(network, adjustment, height if self.system is not None else 0.0)
         return network

@@ -10,6 +10,7 @@ from typing import Any
 from ...errors import known
 from ...stochastic import StandardDeviation
 from ...units import ARCSEC, GON
+from ..left_out import Reason
 from .notes import NUMBER, Notes
 from .star_net_options import CHOICES, KILOMETRE, LINEAR, MILE, StarNetOptions
 
@@ -36,6 +37,9 @@ ANGLED = ("A", "M", "SS")
 DMS = re.compile(r"([+-]?)(\d+)-(\d+)(?:-(\d+(?:\.\d*)?))?", re.ASCII)
 BEARING = re.compile(r"([NSns])(.+)([EWew])", re.ASCII)
 Sigma = float | StandardDeviation
+DATA_OFF = Reason("lines", "they stand behind .DATA OFF")
+NO_HEIGHTS = Reason("observations", "a 2D project has no heights")
+NO_VALUE = Reason("values", "the file has ? in their place")
 
 
 @dataclass

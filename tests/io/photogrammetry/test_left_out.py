@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +38,15 @@ class Damage:
 def no_folder(files: Callable[[], dict[str, bytes]]) -> Callable[[Path], dict[str, bytes]]:
     """Return files that need no folder to be made in."""
     return lambda folder: files()
+
+
+def openmvg_with_a_mark(folder: Path) -> dict[str, bytes]:
+    """Return a file of OpenMVG with a mark in the view that has no pose."""
+    files = photo_files.openmvg(control=4)
+    whole = json.loads(files["sfm_data.json"])
+    seen = whole["control_points"][0]["value"]["observations"]
+    seen.append({"key": 3, "value": {"id_feat": 0, "x": [10.0, 20.0]}})
+    return {"sfm_data.json": json.dumps(whole, indent=1).encode()}
 
 
 BAL = b"""2 3 5
@@ -102,6 +112,35 @@ DAMAGES = {
         "11 1 0 0 0 0 0 0 1 d.jpg\n10 10 -1\n2 0 1 0 0 0 0 10 1 c.jpg",
         "images: 1 left out, as they see no 3-D point: d.jpg",
     ),
+    "OpenMVG, a photo": Damage(
+        lambda folder: photo_files.openmvg(control=4), "sfm_data.json", "sfm_data.json",
+        '"sfm_data_version"', '"sfm_data_version"',
+        "photos: 1 left out, as they have no pose: 3.jpg; first in sfm_data.json:",
+    ),
+    "OpenMVG, a mark": Damage(
+        openmvg_with_a_mark, "sfm_data.json", "sfm_data.json",
+        '"sfm_data_version"', '"sfm_data_version"',
+        "marks of known points: 1 of 13 left out, as their photos are not in the reconstruction: "
+        "view 3",
+        doubtful=True,
+    ),
+    "OPF, a camera": Damage(
+        photo_files.opf, "block.opf", "calibrated-cameras.json",
+        '"id": 4,\n   "sensor_id"', '"id": 44,\n   "sensor_id"',
+        "photos: 1 left out, as they have no pose: ",
+    ),
+    "OPF, a pose": Damage(
+        photo_files.opf, "block.opf", "calibrated-cameras.json",
+        '"id": 4,\n   "sensor_id"', '"id": 44,\n   "sensor_id"',
+        "poses: 1 left out, as no capture has their camera: camera 44; "
+        "first in calibrated-cameras.json:",
+    ),
+    "OPF, marks": Damage(
+        photo_files.opf, "block.opf", "calibrated-cameras.json",
+        '"id": 4,\n   "sensor_id"', '"id": 44,\n   "sensor_id"',
+        "left out, as their photos are not in the reconstruction: camera 4",
+        doubtful=True,
+    ),
     "BAL": Damage(
         lambda folder: {"problem.txt": BAL}, "problem.txt", "problem.txt", "2 3 5", "2 3 5",
         "observations: 1 left out, as their points are behind the cameras: 2",
@@ -118,7 +157,7 @@ def test_what_is_left_out_is_counted_and_named(what: str, tmp_path: Path) -> Non
     text = path.read_text()
     assert damage.old in text
     path.write_text(text.replace(damage.old, damage.new, 1))
-    network = fga.read(tmp_path / damage.read, **damage.options)
+    network = fga.read(tmp_path / damage.read, **damage.options)  # type: ignore[arg-type]
     said = [str(left) for left in network.left_out]
     found = [left for left, s in zip(network.left_out, said, strict=True) if damage.said in s]
     assert found, said
@@ -144,3 +183,41 @@ def test_check_says_what_was_left_out(tmp_path: Path, capsys: pytest.CaptureFixt
     main(["check", str(opensfm_with(tmp_path, "201 1.jpg G2", "201 1.JPG G2"))])
     said = capsys.readouterr().out
     assert "marks of known points: 1 of 4 left out" in " ".join(said.split())
+
+
+@pytest.mark.parametrize(
+    ("files", "read", "file", "old", "new", "options", "said"),
+    [
+        (
+            photo_files.micmac, "", "measures.xml", ".tif", ".TIF",
+            {"format": "micmac", "control": "control.xml", "measures": "measures.xml"},
+            [f"image '{i}.TIF' has no orientation" for i in range(3)],
+        ),
+        (
+            photo_files.mmvii, "", "measures.xml", "0.tif", "7.tif",
+            {"format": "micmac", "control": "control.xml", "measures": "measures.xml"},
+            ["image '7.tif' has no orientation"],
+        ),
+    ],
+    ids=["MicMac", "MMVII"],
+)  # fmt: skip
+def test_measures_of_images_without_orientation_are_refused_all_at_once(
+    files: Callable[[], dict[str, bytes]],
+    read: str,
+    file: str,
+    old: str,
+    new: str,
+    options: dict[str, str],
+    said: list[str],
+    tmp_path: Path,
+) -> None:
+    for name, content in files().items():
+        (tmp_path / name).write_bytes(content)
+    path = tmp_path / file
+    path.write_text(path.read_text().replace(old, new))
+    options |= {k: str(tmp_path / v) for k, v in options.items() if v.endswith(".xml")}
+    with pytest.raises(InputError) as caught:
+        fga.read(tmp_path / read, **options)
+    told = [p.what for p in caught.value.problems]
+    for s in said:
+        assert any(s in what for what in told), told
