@@ -31,6 +31,8 @@ orders    5 000 random small networks, each in several orders and groupings, and
 verdicts  test values, T², redundancy numbers and innovations of arriving observations against
           `predict` on the batch: at moments of 200 random networks (``verdicts 50``: of 50), and of
           every test network
+components is a command of its own, python -m tests.benchmarks.components: factors of simulated
+          blocks against their truth and their law (about 15 minutes)
 starts    is a command of its own, python -m tests.benchmarks.starts: poor starts against scipy's
           trf and GTSAM's Levenberg-Marquardt
 reading   is a command of its own, python -m tests.benchmarks.reading: large files of each format

@@ -38,7 +38,7 @@ from factorgraph_adj.quality.variance_components import (
     VarianceComponents,
     estimate_variance_components,
 )
-from factorgraph_adj.simulation.industry_block import MICROMETRE, simulate_industry_block
+from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.minimum import readjust
@@ -46,6 +46,7 @@ from factorgraph_adj.solve.observation_table import ObservationRecord
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 from tests.networks.small_block import SIGMA_MM, plan, small_block
+from tests.networks.wrong_weights import TRUE, WRONG, industry_block, measured_kinds, rescaled
 from tests.support.dense import Dense
 from tests.support.places import data_dir
 
@@ -69,14 +70,6 @@ MM = 1e-3
 
 
 # -- networks -------------------------------------------------------------------------------------
-
-
-def rescaled(network: Network, factors: Mapping[str, float]) -> Network:
-    """Multiply what is said of the precision of observations by id, in place."""
-    for ident, factor in factors.items():
-        o = network.observations[ident]
-        network.observations[ident] = replace(o, sigma=o.sigma * factor)  # type: ignore[attr-defined, call-arg]
-    return network
 
 
 def levelling(
@@ -282,20 +275,6 @@ def test_components_have_the_greatest_restricted_likelihood(name: str) -> None:
 
 
 # -- wrong weights --------------------------------------------------------------------------------
-
-WRONG = {"slope_distance": 0.5, "height_difference": 2.0}
-"""What the industry block's tape and level claim of their σ, relative to the truth."""
-TRUE = {"slope_distance": 2.0, "height_difference": 0.5, "image": 1.0}
-
-
-def measured_kinds(record: ObservationRecord) -> str | None:
-    """Group by kind; the calibration certificate keeps its weight."""
-    return None if record.kind.startswith("weighted") else record.kind
-
-
-def industry_block(seed: int) -> Network:
-    network = simulate_industry_block(seed, photos=4, sigma_image=2 * MICROMETRE).network
-    return rescaled(network, {i: WRONG[o.kind] for i, o in network.observations.items()})
 
 
 @pytest.fixture(scope="module", params=REPETITIONS)
