@@ -88,6 +88,53 @@ def test_every_long_test_says_what_it_proves_beyond_the_short_ones(name):
             assert len(str(proves.value)) > 40, f"line {node.lineno}: says little"
 
 
+def is_slow(node: ast.AST) -> bool:
+    """Whether a decorator, or the value of a name, marks tests as slow."""
+    return any(
+        isinstance(n, ast.Attribute) and ast.unparse(n) == "pytest.mark.slow"
+        for n in ast.walk(node)
+    )
+
+
+def has_short_tests(text: str) -> bool:
+    """Whether a module has a test that ``-m "not slow"`` takes."""
+    tree = ast.parse(text)
+    assigned = {ast.unparse(n.targets[0]): n.value for n in tree.body if isinstance(n, ast.Assign)}
+    if "pytestmark" in assigned and is_slow(assigned["pytestmark"]):
+        return False
+    slow = {n for n, v in assigned.items() if ast.unparse(v).startswith("pytest.mark.slow(")}
+    return any(
+        isinstance(n, ast.FunctionDef)
+        and n.name.startswith("test_")
+        and not any(
+            ast.unparse(d) in slow or ast.unparse(d).startswith("pytest.mark.slow(")
+            for d in n.decorator_list
+        )
+        for n in ast.walk(tree)
+    )
+
+
+def test_every_folder_has_short_tests():
+    for folder in {name.rpartition("/")[0] for name in MODULES if "/test_" in name}:
+        files = (TESTS / folder).glob("test_*.py")
+        assert any(has_short_tests(p.read_text(encoding="utf-8")) for p in files), folder
+
+
+@pytest.mark.parametrize(
+    ("text", "short"),
+    [
+        ("def test_a(): pass", True),
+        ("pytestmark = pytest.mark.slow('x')\ndef test_a(): pass", False),
+        ("@pytest.mark.slow('x')\ndef test_a(): pass", False),
+        ("LONG = pytest.mark.slow('x')\n@LONG\ndef test_a(): pass", False),
+        ("@pytest.mark.slow('x')\ndef test_a(): pass\ndef test_b(): pass", True),
+        ("def helper(): pass", False),
+    ],
+)
+def test_short_tests_are_told_from_long_ones(text, short):
+    assert has_short_tests(text) is short
+
+
 def test_tests_against_published_figures_are_marked():
     files = sorted((TESTS / "published").glob("test_*.py"))
     assert files
