@@ -15,7 +15,7 @@ from pathlib import Path
 from ...errors import known
 from ...network.network import Network
 from ...units import GON
-from ..left_out import DERIVED
+from ..left_out import DERIVED, ROWS_SWITCHED_OFF
 from ..text import read_text
 from .accuracies import USUAL, Accuracies
 from .book import FieldBook
@@ -79,8 +79,11 @@ class _Reader:
     def read(self, line: int, text: str) -> None:
         """Read a record."""
         code, notes = text[:2], self.book.notes
-        if not text.strip() or code == "DD" or re.fullmatch(r"\d{1,6}\s*", text):
+        if not text.strip() or re.fullmatch(r"\d{1,6}\s*", text):
             return  # a check sum stands alone at the end
+        if code == "DD":
+            notes.leave_out(line, ROWS_SWITCHED_OFF, text[:40].strip())
+            return
         if code == "00":
             self._header(line, text)
         elif not self.header:

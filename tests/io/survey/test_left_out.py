@@ -88,6 +88,10 @@ DAMAGES = {
         "reduced observations: 1 left out, as they are derived: raw readings alone are read: MC; "
         "first in s.sdr:",
     ),
+    "SDR33, deleted": Damage(
+        one("s.sdr", field_files.sdr33), "s.sdr", "03NM", "DDF1S\n03NM",
+        OFF.format(1, "DDF1S", "s.sdr:"),
+    ),
     "STAR*NET, .DATA OFF": Damage(
         one("s.dat", survey_files.STAR_NET), "s.dat", "D A-P", ".DATA OFF\nD A-P",
         "lines: 4 left out, as they stand behind .DATA OFF: D A-P, L A-P, V B-P, B A-P; "
