@@ -10,6 +10,7 @@ from ..graph.equations import compile_network
 from ..network.network import DatumChoice, Network
 from ..types import Array
 from .determined_part import largest_determined, with_option
+from .double_precision import lost_rows
 from .extra import Extra, ExtraFactors
 from .iterate import Progress
 from .memory import Memory, memory_of
@@ -65,8 +66,9 @@ def adjust(
 
     Raises:
         InputError: an observation cannot be computed, a point lies behind a camera, there is
-            nothing to adjust, the Jacobian of a factor contradicts its error, or too little
-            memory; the error names all of them at once.
+            nothing to adjust, the Jacobian of a factor contradicts its error, standard deviations
+            are below what double precision carries, or too little memory; the error names all of
+            them at once.
         ApproximationError: the points, photos or sets that it names have no approximate values.
         DatumError: the observations do not determine the unknowns that it names, or the network
             has datum defects and no free network is asked for.
@@ -91,7 +93,8 @@ def adjust(
     except (ApproximationError, DatumError) as error:
         raise with_option(error) from None
     extra.refuse_wrong_partials(equations, begin.state)
-    try:
+
+    def attempt(weights: Array | None, progress: Progress | None = None) -> Solution:
         return adjust_from(
             equations,
             begin,
@@ -104,9 +107,26 @@ def adjust(
             progress=progress,
             astray=True,
         )
+
+    def lost(*, undetermined: bool) -> InputError | None:
+        weighed = equations.weighted_at(begin.state)
+
+        def works(eased: Array) -> bool:
+            return attempt(eased).converged or undetermined
+
+        return lost_rows(weighed, begin.state, weights, works)
+
+    try:
+        solution = attempt(weights, progress)
     except (InputError, DatumError) as error:
+        undetermined = isinstance(error, DatumError)
+        if undetermined and (why := lost(undetermined=True)) is not None:
+            raise why from None
         told = error if start is not None else leaving_out(begin, error)
         raise (with_option(told) if isinstance(told, DatumError) else told) from None
+    if not solution.converged and (why := lost(undetermined=False)) is not None:
+        raise why
+    return solution
 
 
 def determined_part(

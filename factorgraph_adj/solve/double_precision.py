@@ -1,0 +1,199 @@
+"""What double precision carries: standard deviations below rounding, and rows lost beside others.
+
+Coordinates have about 16 digits. A reading with a smaller standard deviation than the last digit of
+the coordinates that it joins cannot be adjusted: its computed value is rounding. In the normal
+matrix, too, the share of a row that is less than the last digit beside another row is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from ..errors import AdjustmentError, InputError, Problem, known
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..types import Array, Mask
+from .linear import LinearSystem
+
+MAX_ROUNDING = 0.1
+"""Largest rounding error of a computed value, relative to its σ."""
+SAFE_ROUNDING = 0.01
+"""Rounding error, relative to σ, with which an adjustment converges beside less precise readings;
+above it vᵀPv may be too rough to tell a step of these."""
+MAX_RATIO = 1e7
+"""Largest ratio of the square roots of weights of two rows that share unknowns. At 1e8 the smaller
+one keeps a digit or two in normal equations, at 1e9 none."""
+EASED_RATIO = 1e4
+"""Ratio to which weights are lowered, to see whether the network can be adjusted then."""
+LARGE_SHARE = 0.1
+"""Share of a row, in the root of a diagonal element of N, from which other rows are lost beside
+it."""
+ROWS_AT_ONCE = 100_000
+"""Number of rows of which the partials are in memory at once."""
+MAX_PROBLEMS = 50
+"""Largest number of observations that are listed."""
+_UNITS = {"m": " m", "rad": " rad"}
+
+
+def refuse_rounded(system: LinearSystem, resolution: float) -> None:
+    """Refuse observations whose σ is below what double precision carries at their coordinates.
+
+    The computed value of row i has a rounding error of ½ √(Σⱼ aᵢⱼ² δⱼ²) σ, with the whitened
+    partials a and the units δ in the last digits of the unknowns. Rows are looked at only where the
+    sum of all squares is large.
+
+    Args:
+        system: observations, linearised where an adjustment begins.
+        resolution: root of the sum of aᵢⱼ² δⱼ² over all rows, see `NormalEquations.resolution`.
+
+    Raises:
+        InputError: rounding errors are above `MAX_ROUNDING` σ; the error names the observations,
+            and the smallest σ that double precision carries safely.
+    """
+    if 0.5 * resolution <= MAX_ROUNDING:
+        return
+    errors = _rounding(system)
+    if (errors > MAX_ROUNDING).any():
+        raise _rounded(system, errors, MAX_ROUNDING)
+
+
+def _rounded(system: LinearSystem, errors: Array, limit: float) -> InputError:
+    """Return the error that names rows with rounding errors above a limit."""
+    equations, state = system.equations, system.state
+    worst = _worst(equations, errors > limit, errors)
+    size = float(np.abs(state["point"]).max(initial=0.0))
+    problems = []
+    for row in worst[:MAX_PROBLEMS]:
+        sigma, unit = _sigma(equations, row)
+        error = float(errors[row]) * sigma
+        problems.append(
+            Problem(
+                f"its σ of {sigma:.2g}{unit} is below what double precision carries: with "
+                f"coordinates of up to {size:.2g} m its computed value is rounded by "
+                f"{error:.1g}{unit}; valid: σ of at least {_up(error / SAFE_ROUNDING)}{unit}, or "
+                "coordinates from a nearer origin; what is known without error is to be held",
+                equations.label(row),
+            )
+        )
+    return InputError(_listed(problems, len(worst)))
+
+
+def _rounding(system: LinearSystem) -> Array:
+    """Return the rounding error of the computed value of each row, relative to its σ, (n_rows,)."""
+    squares = system.unknowns.spacing(system.state) ** 2
+    return np.concatenate([0.5 * np.sqrt(a.power(2) @ squares) for a in _pieces(system)])
+
+
+def lost_rows(
+    equations: Equations,
+    state: State,
+    weights: Array | None,
+    works: Callable[[Array], bool],
+) -> InputError | None:
+    """Return why a network could not be adjusted, if its weights are too different.
+
+    Args:
+        equations: the network, with the standard deviations of ``state``.
+        state: values of its variables.
+        weights: factors on the weights of all rows with which it could not be adjusted, (n_rows,).
+        works: whether it can be adjusted with other factors.
+
+    Returns:
+        The observations of which rounding is more than `SAFE_ROUNDING`; otherwise those with large
+        weights, and those that are lost beside them; None: there are none, or smaller weights do
+        not help.
+    """
+    if weights is not None:
+        equations = equations.reweighted(weights)
+    try:
+        system = LinearSystem(equations, state)
+    except InputError:
+        return None
+
+    def helps(eased: Array) -> bool:
+        try:
+            return works(eased if weights is None else eased * weights)
+        except AdjustmentError:
+            return False
+
+    errors = _rounding(system)
+    rough = errors > SAFE_ROUNDING
+    if rough.any() and helps(np.where(rough, (SAFE_ROUNDING / errors.max()) ** 2, 1.0)):
+        return _rounded(system, errors, SAFE_ROUNDING)
+    root = np.sqrt(system.diagonal())
+    scale = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
+    share = _largest(system, scale)
+    lost = (share > 0.0) & (share < 1.0 / MAX_RATIO)
+    if not lost.any():
+        return None
+    touched = np.zeros(len(scale))
+    for rows in np.array_split(np.flatnonzero(lost), 1 + int(lost.sum()) // ROWS_AT_ONCE):
+        touched[system.sparse(rows).indices] = 1.0
+    heavy = _largest(system, scale * touched) > LARGE_SHARE
+    ratio = 1.0 / float(share[lost].min())
+    eased = np.where(heavy, (EASED_RATIO / ratio) ** 2, 1.0)
+    if not helps(eased):
+        return None
+    names = known((equations.label(row) for row in _worst(equations, lost, -share)), most=3)
+    worst = _worst(equations, heavy, np.ones(len(share)))
+    problems = []
+    for row in worst[:MAX_PROBLEMS]:
+        sigma, unit = _sigma(equations, row)
+        problems.append(
+            Problem(
+                f"its σ of {sigma:.2g}{unit} gives it {ratio:.0e} times the effect of others, "
+                "which are lost beside it in double precision, so that they determine nothing: "
+                f"{names}; valid: at most {MAX_RATIO:.0e} times, σ of at least "
+                f"{_up(sigma * ratio / MAX_RATIO)}{unit}; what is known without error is to be "
+                "held",
+                equations.label(row),
+            )
+        )
+    return InputError(_listed(problems, len(worst)))
+
+
+def _pieces(system: LinearSystem) -> Iterator[csr_array]:
+    """Return the whitened partials of all rows, some at a time."""
+    n = system.equations.n_rows
+    for first in range(0, n, ROWS_AT_ONCE):
+        yield system.sparse(np.arange(first, min(first + ROWS_AT_ONCE, n)))
+
+
+def _largest(system: LinearSystem, scale: Array) -> Array:
+    """Return the largest element |aᵢⱼ| sⱼ of each row, (n_rows,)."""
+    by_column = diags_array(scale)
+    parts = [abs(a @ by_column).max(axis=1).toarray().ravel() for a in _pieces(system)]
+    return np.concatenate(parts)
+
+
+def _worst(equations: Equations, wrong: Mask, size: Array) -> list[int]:
+    """Return the row of each observation that is wrong by the largest size, in their order."""
+    out: dict[int, int] = {}
+    for row in np.flatnonzero(wrong).tolist():
+        of = int(equations.observation_of_row[row])
+        if of not in out or size[row] > size[out[of]]:
+            out[of] = row
+    return list(out.values())
+
+
+def _sigma(equations: Equations, row: int) -> tuple[float, str]:
+    """Return the standard deviation of a scalar row, and its unit after a blank."""
+    for block in equations.blocks:
+        if block.rows.start <= row < block.rows.stop:
+            return float(block.sigma.ravel()[row - block.first_row]), _UNITS.get(block.unit, "")
+    raise IndexError(row)
+
+
+def _up(value: float) -> str:
+    """Return a number, rounded up to one digit."""
+    step = 10.0 ** np.floor(np.log10(value))
+    return f"{np.ceil(value / step) * step:.0e}"
+
+
+def _listed(problems: list[Problem], count: int) -> list[Problem]:
+    if count > len(problems):
+        problems.append(Problem(f"and {count - len(problems)} further observations of such a σ"))
+    return problems
