@@ -22,7 +22,7 @@ SOURCE = ROOT / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "types", "version", "shown"),
-    ("units", "rotation", "ellipsoid", "blas", "columns", "files"),
+    ("units", "rotation", "ellipsoid", "blas", "columns", "files", "control_characters"),
     ("frames", "stochastic", "atmosphere"),
     # Grid coordinates and heights of reference systems, and geoids.
     ("crs",),

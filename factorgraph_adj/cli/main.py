@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
+from ..control_characters import escaped
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem
 from ..files import keeping_inputs
 from ..version import __version__
@@ -33,17 +34,19 @@ _TEXT = io.TextIOWrapper
 class UntilClosed:
     """A stream that writes to nothing once its reader has closed the pipe (… | head).
 
-    The command goes on: its exit code says what it found, not how much of it was read.
+    The command goes on: its exit code says what it found, not how much of it was read. Control
+    characters of texts from files become escapes; ``direct`` is the stream for programs that steer
+    the terminal themselves.
     """
 
     def __init__(self, stream: io.TextIOWrapper) -> None:
         """Write to a stream."""
-        self._stream = stream
+        self._stream = self.direct = stream
 
     def write(self, text: str) -> int:
         """Write a text."""
         try:
-            return self._stream.write(text)
+            return self._stream.write(escaped(text))
         except BrokenPipeError:
             self._forget()
             return len(text)

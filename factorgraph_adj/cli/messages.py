@@ -7,13 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TypeAlias
 
+from ..control_characters import escaped
 from ..errors import Problem
 from .repeats import summed_up
 
 Show: TypeAlias = Callable[[str], None]
 """Function that replaces the line of progress by a text."""
-VISIBLE = {c: f"\\x{c:02x}" for c in (*range(32), *range(127, 160)) if chr(c) not in "\n\t"}
-"""Escapes for control characters of names and cells, which would steer the terminal."""
 MOST_PROBLEMS = 200
 """Largest number of lines of problems."""
 
@@ -27,7 +26,7 @@ def listed(problems: Sequence[object], *, every: bool = False) -> list[str]:
             `MOST_PROBLEMS` lines are returned.
     """
     lines = [str(p) for p in problems] if every else summed_up(problems)
-    lines = [line.translate(VISIBLE) for line in lines]
+    lines = [escaped(line) for line in lines]
     shown = lines if every else lines[:MOST_PROBLEMS]
     out = [f"  {line}".replace("\n", "\n    ") for line in shown]
     if len(lines) > len(shown):
@@ -51,7 +50,7 @@ def complain(problems: Sequence[Problem], *, every: bool = False) -> None:
 def warn(warnings: Sequence[Problem]) -> None:
     """Print warnings on stderr, one in each line."""
     for warning in warnings:
-        print(f"warning: {str(warning).translate(VISIBLE)}", file=sys.stderr)
+        print(f"warning: {escaped(str(warning))}", file=sys.stderr)
 
 
 @contextmanager
@@ -77,7 +76,8 @@ def progress(name: str) -> Iterator[Show | None]:
         yield plain
         print(file=sys.stderr)
         return
-    with Console(stderr=True).status(f"{name}: reading and approximate values") as status:
+    terminal = getattr(sys.stderr, "direct", sys.stderr)
+    with Console(file=terminal).status(f"{name}: reading and approximate values") as status:
         yield lambda text: status.update(f"{name}: {text}")
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +11,7 @@ import numpy as np
 from ..columns import data_frame, polars_frame
 from ..errors import InputError, Problem, known
 from ..io.atomic import write_files
+from ..io.tables import write_all_columns
 from ..quality.levels import CONFIDENCE
 from ..shown import Shown
 from ..types import Array
@@ -97,22 +96,15 @@ class Results(Shown):
         Floats have all their digits (``repr``). The entry of a figure is empty if the repetition
         failed or lacks the figure; ``nan`` is a figure that is not a number.
         """
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        figures = self.figures
-        writer.writerow([*self.factors, "repetition", "seed", *figures, "error", "message"])
-        for row in self.rows:
-            writer.writerow(
-                [
-                    *(written(row.levels[name]) for name in self.factors),
-                    row.repetition,
-                    row.seed,
-                    *(repr(row.figures[name]) if name in row.figures else "" for name in figures),
-                    row.error,
-                    row.message,
-                ]
-            )
-        return text.getvalue()
+        rows = self.rows
+        columns = {n: [written(r.levels[n]) for r in rows] for n in self.factors}
+        columns["repetition"] = [str(r.repetition) for r in rows]
+        columns["seed"] = [str(r.seed) for r in rows]
+        for n in self.figures:
+            columns[n] = [repr(r.figures[n]) if n in r.figures else "" for r in rows]
+        columns["error"] = [r.error for r in rows]
+        columns["message"] = [r.message for r in rows]
+        return write_all_columns(columns)
 
     def write(self, path: str | Path) -> None:
         """Write the whole table to a file.

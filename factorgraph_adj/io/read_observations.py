@@ -9,6 +9,7 @@ from math import isfinite
 
 import numpy as np
 
+from ..control_characters import problems_of_names
 from ..errors import Doubt, InputError, Problem, known
 from ..network.network import Network
 from ..observations import KINDS, Correlated, ImagePoint, Observation
@@ -175,6 +176,8 @@ class ObservationsReader:
             seen[photo, point] = line
             if at_id is not None and cells[at_id]:
                 ids[first + len(photos)] = cells[at_id]
+                found = problems_of_names([cells[at_id]], "image point")
+                self.problems += [p.at(table.where(line)) for p in found]
             sources[first + len(photos)] = table.where(line)
             photos.append(photo)
             points.append(point)

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..control_characters import escaped
 from ..errors import InputError, Problem, known
 from . import numbers
 from .text import read_text
@@ -70,7 +71,7 @@ def read_table(path: Path, problems: list[Problem]) -> Table | None:
         for cells in reader:
             begun = reader.line_num + 1
             if any(cell.strip() for cell in cells):
-                found.append((reader.line_num, [cell.strip() for cell in cells]))
+                found.append((reader.line_num, [plain(cell.strip()) for cell in cells]))
     except csv.Error as error:
         problems.append(Problem(f"is not CSV: {error}", f"{name}:{begun}"))
         return None
@@ -141,20 +142,43 @@ def write_table(columns: Sequence[str], records: Iterable[Mapping[str, str]]) ->
 def write_columns(columns: Mapping[str, Sequence[str]]) -> str:
     """Return CSV text of columns, without empty ones; the first column is always written."""
     used = [c for i, c in enumerate(columns) if i == 0 or any(columns[c])]
-    cells = [_cells(columns[c]) for c in used]
-    lines = [",".join(used), *map(",".join, zip(*cells, strict=True))]
+    return write_all_columns({c: columns[c] for c in used})
+
+
+def write_all_columns(columns: Mapping[str, Sequence[str]]) -> str:
+    """Return CSV text of columns.
+
+    Text that a spreadsheet would take for a formula has an apostrophe before it, which `plain`
+    removes; control characters are escapes.
+    """
+    header = _cells(list(columns))
+    lines = [",".join(header), *map(",".join, zip(*map(_cells, columns.values()), strict=True))]
     return "\n".join(lines) + "\n"
+
+
+def plain(cell: str) -> str:
+    """Return the text of a cell without the apostrophe that kept it from being a formula."""
+    return cell[1:] if cell.startswith("'") and _GUARDED.match(cell) else cell
 
 
 _POINT = re.compile(r"[+-]?[0-9]*\.[0-9]*")
 _WHOLE = re.compile(r"[+-]?[0-9]+")
-_QUOTED = re.compile(r'^#|[,;\t"]')
+_QUOTED = re.compile(r'^#|[,;\t\n"]')
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|[+-]?(inf|nan)")
+_FORMULA = re.compile("'*[=@+\\-\t\r＝＠＋－]")
+"""Beginning of a text that a spreadsheet computes, also in the wide characters of East Asia, or
+that would be read as such a text behind its apostrophe."""
+_GUARDED = re.compile("'+[=@+\\-\t\r＝＠＋－]")
 
 
 def _cells(texts: Sequence[str]) -> Sequence[str]:
-    """Return texts, quoted where needed; most tables need no quotes at all."""
+    """Return texts as cells: guarded, escaped and quoted where needed; most need nothing."""
     every = "".join(texts)
-    if not any(c in every for c in '#,;\t"'):
+    if any(c in every for c in "=@+-\t\r＝＠＋－"):
+        texts = ["'" + t if _FORMULA.match(t) and not _NUMBER.fullmatch(t) else t for t in texts]
+    if not every.isprintable():
+        texts = [escaped(t) for t in texts]
+    if not any(c in every for c in '#,;\t\n"'):
         return texts
     return ['"' + t.replace('"', '""') + '"' if _QUOTED.search(t) else t for t in texts]
 

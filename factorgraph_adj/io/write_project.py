@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
+from ..control_characters import problems_of_names
 from ..errors import InputError, Problem
 from ..models.variables import UnknownKind, parameter_kinds
 from ..network.entities import Photo, Point, parameter_key
@@ -36,7 +36,6 @@ from .tables import write_table
 from .write_toml import toml_lines
 
 Records = Iterator[dict[str, str]]
-_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def write_project(network: Network, path: str | Path, *, units: Units | None = None) -> None:
@@ -115,17 +114,12 @@ def check_names(network: Network) -> None:
         ("image point", network.images.ids.values()),
     )
     problems = [
-        Problem("a name with blanks at its ends or a line break cannot be written", f"{what} {n!r}")
+        Problem("a name with blanks at its ends cannot be written", f"{what} {n!r}")
         for what, names in named
         for n in names
-        if n != n.strip() or "\n" in n or "\r" in n or "\0" in n
+        if n != n.strip()
     ]
-    problems += [
-        Problem("a name with half a character (a lone surrogate) is no text", f"{what} {n!r}")
-        for what, names in (*named, ("network", (network.name,)))
-        for n in names
-        if not n.isascii() and _SURROGATE.search(n)
-    ]
+    problems += [p for what, names in named for p in problems_of_names(names, what)]
     problems += [
         Problem(
             f"unit {c.unit!r} cannot be written; valid: px, {', '.join(LENGTH)}", f"camera {n!r}"

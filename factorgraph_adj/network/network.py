@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from ..control_characters import one_line
 from ..crs.system import ReferenceSystem, reference_system
 from ..errors import Doubt, InputError, LeftOut, Problem, UnknownLeftOut, known
 from ..frames import Frame, LocalFrame
@@ -99,6 +100,15 @@ class Network(StatedUnknowns, Shown):
         self.point_number: dict[str, int] = {}
         self.photo_number: dict[str, int] = {}
         self._next_id = 1
+
+    @property
+    def name(self) -> str:
+        """Name of the network, on one line; control characters are shown as escapes."""
+        return self._name
+
+    @name.setter
+    def name(self, name: str) -> None:
+        self._name = one_line(name)
 
     # -- points -----------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..control_characters import refuse_control_characters
 from ..errors import InputError, Problem, known
 from ..models.strip import HIGHEST
 from ..models.variables import VariableKind, unknown_kind
@@ -24,9 +25,10 @@ from .shapes import StatedShapes
 
 
 def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:
-    """Refuse a name that is there already, or is none."""
+    """Refuse a name that is there already, or is none, or has control characters."""
     if not isinstance(name, str) or not name:
         raise InputError(Problem(f"the name of a {what} must be non-empty text, not {name!r}"))
+    refuse_control_characters((name,), what)
     if name in names:
         raise InputError(Problem(f"duplicate name of a {what}", f"{what} {name!r}"))
 
@@ -77,6 +79,7 @@ class StatedUnknowns(StatedShapes):
         if len(keys) != len(record.table.keys) or not all(isinstance(k, str) for k in keys):
             what = " and ".join(record.table.keys)
             raise InputError(Problem(f"it is named by {what}, not by {key!r}", record.noun))
+        refuse_control_characters(keys, record.noun)
         where = f"{record.noun} {parameter_name(key)!r}"
         if record.at_point:
             required(keys[0], self.points, "point", where)

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
+from ..control_characters import has_control_characters, why_refused
 from ..errors import InputError, Problem
 from ..frames import Frame
 from ..models.variables import ENTITIES, UNKNOWNS
@@ -146,6 +147,8 @@ class Observation:
             if text:
                 if not isinstance(value, str) and (value is not None or not optional):
                     self._fail(f"{name} must be text, not {value!r}")
+                elif value is not None and name != "source" and has_control_characters(value):
+                    self._fail(f"{name}: {why_refused(value)}")
                 continue
             if isinstance(value, StandardDeviation):
                 self._check_parts(value)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..control_characters import escaped
 from ..errors import known
 from ..io.atomic import write_files
 from ..io.numbers import Units
@@ -38,7 +39,7 @@ def parts_protocol(solution: PartsSolution, run: Run | None = None) -> str:
         _tests(solution),
     )
     lines = [line.rstrip() for section in sections if section for line in [*section, ""]]
-    return "\n".join(lines[:-1]) + "\n"
+    return escaped("\n".join(lines[:-1]) + "\n")
 
 
 def write_parts(solution: PartsSolution, folder: str | Path, run: Run | None = None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from math import isfinite
 
+from ..control_characters import escaped
 from ..epochs.congruence import Congruence
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..quality.unit_weight import global_test
@@ -85,7 +86,7 @@ def render(report: Report) -> str:
     )
     texts = [section(report) for section in sections]
     out = [line.rstrip() for text in texts if text for line in [*text, ""]]
-    return "\n".join(out[:-1]) + "\n"
+    return escaped("\n".join(out[:-1]) + "\n")
 
 
 def _overview(report: Report) -> list[str]:

@@ -159,12 +159,13 @@ def new_names(fields: Mapping[str, Any]) -> None:
     """Refuse new names that cannot be written to the files of a project.
 
     Raises:
-        InputError: a new name has blanks at its ends or a line break.
+        InputError: a new name has blanks or line breaks at its ends. Control characters inside
+            are refused for every name of a network.
     """
     for field in NEW:
         name = fields.get(field)
-        if isinstance(name, str) and (name != name.strip() or any(c in name for c in "\n\r\0")):
-            what = f"{field} {shown(name)} has blanks at its ends or a line break"
+        if isinstance(name, str) and name != name.strip():
+            what = f"{field} {shown(name)} has blanks or line breaks at its ends"
             raise InputError(Problem(what, label(fields)))
     members = fields.get("observations")
     for member in members if isinstance(members, list) else ():

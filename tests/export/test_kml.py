@@ -68,7 +68,7 @@ def test_names_with_markup_and_control_characters_stay_readable(tmp_path):
     network.name = "<b>A & B</b> \x07"
     write_kml(fga.adjust(network), tmp_path / "a.kml")
     document = ET.parse(tmp_path / "a.kml").getroot()
-    assert document.findtext("k:Document/k:name", "", SPACE) == "<b>A & B</b> \ufffd"
+    assert document.findtext("k:Document/k:name", "", SPACE) == "<b>A & B</b> \\x07"
 
 
 def test_a_network_of_unknown_place_is_refused(tmp_path):

@@ -419,11 +419,11 @@ def test_deflections_stand_in_columns_with_their_unit(tmp_path):
 # -- writing --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [" A", "A ", "A\nB", "A\rB"])
+@pytest.mark.parametrize("name", [" A", "A ", "A\u00a0"])
 def test_names_that_a_cell_cannot_hold_are_refused(tmp_path, name):
     network = Network()
     network.add_point(name, (0, 0, 0))
-    with pytest.raises(InputError, match="blanks at its ends or a line break"):
+    with pytest.raises(InputError, match="blanks at its ends"):
         write_project(network, tmp_path / "p.toml")
     assert list(tmp_path.iterdir()) == []
 

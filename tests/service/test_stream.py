@@ -476,7 +476,11 @@ SIGHT = {"kind": "slope_distance", "station": "A", "target": "C", "value": 58.33
         ({"sigma_mgon": 1}, "slope_distance A C", "does not apply to slope_distance"),
         ({"vlaue": 1}, "slope_distance A C", "did you mean 'value'?"),
         ({"unit": "furlong"}, "slope_distance A C", "unknown unit 'furlong'; valid: m"),
-        ({"id": "\0"}, "slope_distance A C (id \0)", "id '\\x00' has blanks at its ends or a line"),
+        (
+            {"id": "\0"},
+            "slope_distance A C (id \0)",
+            "id: a name cannot have control characters: \\x00",
+        ),
         ({"id": "s1"}, "slope_distance A C (id s1)", "duplicate id 's1'"),
         ({"instrument": "T2"}, "slope_distance A C", "unknown distance meter 'T2'"),
         ({"kind": "image", "photo": "1"}, "image A C 1", "unknown photo '1'; known: none"),
@@ -556,12 +560,14 @@ def test_a_bad_command_is_refused_with_what_would_be_valid(yard, command, what):
 
 def test_names_that_no_file_can_hold_are_refused(yard):
     correlated = {"kind": "correlated", "observations": [{**SIGHT, "id": "a\nb"}]}
-    for line in (
-        {"do": "add", "points": [{"name": " D"}]},
-        {"do": "add", "observations": [{**SIGHT, "kind": "direction", "set": "1\n"}]},
-        {**correlated, "covariance_si": [[1]]},
+    blanks, control = "has blanks or line breaks at its ends", "cannot have control characters"
+    for line, why in (
+        ({"do": "add", "points": [{"name": " D"}]}, blanks),
+        ({"do": "add", "points": [{"name": "D\x1b[2J"}]}, control),
+        ({"do": "add", "observations": [{**SIGHT, "kind": "direction", "set": "1\n"}]}, blanks),
+        ({**correlated, "covariance_si": [[1]]}, control),
     ):
-        assert "has blanks at its ends or a line break" in yard.refused(line)[0]["what"]
+        assert why in yard.refused(line)[0]["what"]
 
 
 def test_what_is_not_determined_has_no_estimate(empty):

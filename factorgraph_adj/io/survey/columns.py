@@ -16,6 +16,7 @@ from ...observations import Observation
 from .. import numbers
 from ..context import RecordContext
 from ..records import observation
+from ..tables import plain
 from .accuracies import USUAL, Accuracies
 from .book import FieldBook
 from .column_map import TEXTS, ColumnMap, Section, column_map
@@ -158,7 +159,7 @@ class _Reader:
         try:
             for cells in found:
                 line = start + found.line_num
-                cells = [c.strip() for c in cells]
+                cells = [plain(c.strip()) for c in cells]
                 if delimiter == " ":
                     cells = [c for c in cells if c]
                 if any(len(c) > MOST_CELLS for c in cells):

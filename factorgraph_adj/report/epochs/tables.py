@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
-
 import numpy as np
 
+from ...io.tables import write_all_columns
 from ...units import ANGLE, LENGTH, decimal_angle
 from .context import EpochsReport
 
@@ -20,25 +18,18 @@ def displacement_table(report: EpochsReport) -> str:
     Lengths and angles are in the units of the report, which stand in the names of the columns. The
     ellipse lies in the horizon of the point; its azimuth is clockwise from north.
     """
-    stream = io.StringIO()
     columns = report.found.table()
     length, angle = report.units.sigma_length, decimal_angle(report.units.angle)
     metres, radians = LENGTH[length], ANGLE[angle]
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(
-        [
-            *(c if c in PLAIN else f"{c}_{length}" for c in columns),
-            *(f"ellipse_{axis}_{length}" for axis in ("major", "minor")),
-            f"ellipse_azimuth_{angle}",
-            "confidence",
-        ]
-    )
-    for i, e in enumerate(report.ellipses):
-        cells = [columns[c][i] if c in PLAIN else columns[c][i] / metres for c in columns]
-        axes = (axis / metres for axis in e.semi_axes)
-        figures = (*cells, *axes, e.azimuth / radians, report.confidence)
-        writer.writerow([_cell(v) for v in figures])
-    return stream.getvalue()
+    table = {
+        c if c in PLAIN else f"{c}_{length}": v if c in PLAIN else [x / metres for x in v]
+        for c, v in columns.items()
+    }
+    for i, axis in enumerate(("major", "minor")):
+        table[f"ellipse_{axis}_{length}"] = [e.semi_axes[i] / metres for e in report.ellipses]
+    table[f"ellipse_azimuth_{angle}"] = [e.azimuth / radians for e in report.ellipses]
+    table["confidence"] = [report.confidence] * len(report.ellipses)
+    return write_all_columns({c: [_cell(v) for v in values] for c, values in table.items()})
 
 
 def _cell(value: object) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from importlib.resources import files as resources
 from typing import Any
 
+from ...control_characters import escaped
 from ...version import __version__
 from .language import Texts
 from .libraries import libraries, refuse_missing
@@ -50,6 +51,7 @@ def rendered(name: str, t: Texts, contents: Callable[[], Mapping[str, Any]]) -> 
     environment = Environment(
         loader=FunctionLoader(text_of),
         autoescape=True,
+        finalize=lambda value: escaped(value) if type(value) is str else value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
