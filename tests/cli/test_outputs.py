@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
+import socket
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -82,35 +85,102 @@ def test_outputs_of_a_transaction_are_all_written_or_none(tmp_path):
     assert {p.read_text() for p in tmp_path.rglob("x.txt")} == {"new"}
 
 
-KILLED = """
-import os, sys
-from factorgraph_adj.io import atomic
-calls = 0
-def dying(call):
-    def counted(*given):
-        global calls
-        calls += 1
-        if calls > int(sys.argv[1]):
-            os._exit(9)
-        return call(*given)
-    return counted
-atomic.os.fsync = dying(os.fsync)
-with atomic.one_transaction():
-    for name in "abc":
-        atomic.write_files(os.path.join(sys.argv[2], name), {"x.txt": "new"})
-"""
+OUTPUT = {"check": True, "capture_output": True, "text": True}
 
 
-@pytest.mark.parametrize("calls", range(4))
-def test_a_killed_process_leaves_the_old_files_and_the_next_one_cleans_up(tmp_path, calls):
-    """The process ends while it writes its first, second or third file, or not at all."""
-    for name in "abc":
-        write_files(tmp_path / name, {"x.txt": "old"})
-    ran = [sys.executable, "-c", KILLED, str(calls), str(tmp_path)]
-    done = subprocess.run(ran, env=dict(os.environ), check=False)
-    assert done.returncode == (9 if calls < 3 else 0)
-    left = {p.read_text() for p in tmp_path.glob("?/x.txt")}
-    assert left == ({"old"} if calls < 3 else {"new"})
-    for name in "abc":
-        write_files(tmp_path / name, {"y.txt": "next"})
-    assert not list(tmp_path.rglob(f"{PREFIX}*"))
+STEPS = ("fsync", "link", "replace", "unlink", "mkdir")
+"""Calls of the system before which a process is killed."""
+
+
+def killed_before(step, run):
+    """Run a function in a process that ends without a word before a call; return its exit code."""
+    process = os.fork()
+    if process:
+        return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+    calls = 0
+
+    def dying(call):
+        def counted(*given, **options):
+            nonlocal calls
+            calls += 1
+            if calls > step:
+                os._exit(9)
+            return call(*given, **options)
+
+        return counted
+
+    for name in STEPS:
+        setattr(os, name, dying(getattr(os, name)))
+    try:
+        run()
+    finally:
+        os._exit(0)
+
+
+def change(folder, fail=False):
+    """Replace, remove and add files in three folders at once."""
+    try:
+        with one_transaction():
+            for name in "abc":
+                write_files(folder / name, {"x.txt": "new", "gone.txt": None, "more.txt": "new"})
+            if fail:
+                place = os.replace
+
+                def refused(source, target):
+                    if Path(target).parent.name == "c":
+                        raise OSError(28, "no space left", str(target))
+                    return place(source, target)
+
+                os.replace = refused
+    except InputError:
+        pass
+
+
+def state(folder, name):
+    there = {p.name: p.read_text() for p in (folder / name).glob("*.txt")}
+    there.pop("next.txt", None)
+    return there
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the process is killed in a fork")
+@pytest.mark.parametrize("fail", [False, True], ids=["moves", "moves that fail"])
+def test_a_process_killed_at_any_step_leaves_all_old_or_all_new_files_to_the_next(
+    tmp_path, fail, monkeypatch
+):
+    """The next one that writes into any folder finishes the transaction in all of them."""
+    monkeypatch.setattr(os, "fsync", lambda descriptor: None)  # slow, and no matter of a kill
+    old, new = {"x.txt": "old", "gone.txt": "old"}, {"x.txt": "new", "more.txt": "new"}
+    found, step, code = [], 0, 9
+    while code:
+        folder = tmp_path / str(step)
+        for name in "abc":
+            write_files(folder / name, old)
+        code = killed_before(step, partial(change, folder, fail))
+        write_files(folder / "abc"[step % 3], {"next.txt": "next"})
+        states = [state(folder, name) for name in "abc"]
+        assert states in ([old] * 3, [new] * 3), step
+        found.append(states[0] == new)
+        for name in "abc":
+            write_files(folder / name, {"next.txt": "next"})
+        assert not list(folder.rglob(f"{PREFIX}*")), step
+        step += 1
+    assert step > 30
+    assert found == sorted(found) if not fail else not found[-1]
+
+
+def test_a_list_of_moves_from_elsewhere_moves_nothing_outside_its_folder(tmp_path):
+    """A folder that somebody sent is no way to remove or replace other files."""
+    write_files(tmp_path / "home", {"key.txt": "mine"})
+    done = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], **OUTPUT)
+    sent = tmp_path / "sent" / f"{PREFIX}{socket.gethostname()}-{done.stdout.strip()}-x"
+    for first, names in (
+        (sent, {"../../home/key.txt": False}),
+        (tmp_path / "home", {"key.txt": False}),
+    ):
+        sent.mkdir(parents=True, exist_ok=True)
+        (sent / ".forward").touch()
+        listed = {"first": str(first), "all": [str(sent), str(tmp_path / "home")], "existed": []}
+        (sent / ".moves.json").write_text(json.dumps(listed | {"names": names}))
+        write_files(tmp_path / "sent", {"y.txt": "next"})
+        assert content(tmp_path / "home") == {Path("key.txt"): b"mine"}
+        assert not sent.exists()

@@ -21,10 +21,12 @@ def displacement_table(report: EpochsReport) -> str:
     columns = report.found.table()
     length, angle = report.units.sigma_length, decimal_angle(report.units.angle)
     metres, radians = LENGTH[length], ANGLE[angle]
-    table = {
-        c if c in PLAIN else f"{c}_{length}": v if c in PLAIN else [x / metres for x in v]
-        for c, v in columns.items()
-    }
+    table: dict[str, list[object]] = {}
+    for c in columns:
+        if c in PLAIN:
+            table[c] = list(columns[c])
+        else:
+            table[f"{c}_{length}"] = [x / metres for x in columns[c]]
     for i, axis in enumerate(("major", "minor")):
         table[f"ellipse_{axis}_{length}"] = [e.semi_axes[i] / metres for e in report.ellipses]
     table[f"ellipse_azimuth_{angle}"] = [e.azimuth / radians for e in report.ellipses]
