@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import get_args
 
 from ..errors import AdjustmentError, InputError, Problem
+from ..files import refuse_replacing
 from ..io.atomic import one_transaction
 from ..io.project import Project
 from ..parts.network import adjust
@@ -22,7 +23,7 @@ from ..report.doubts import doubts_about, notes_about, of_network, unknowns_left
 from ..report.html.language import Language
 from ..report.html.write import write_html
 from ..report.options import Provenance, ReportOptions
-from ..report.tables import write_tables
+from ..report.tables import RESULT_FILES, write_tables
 from ..report.text import render
 from ..solve.batch import determined_part
 from ..solve.solution import Solution
@@ -85,7 +86,7 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     add_adjustment(run)
     add_parts(run)
-    run.set_defaults(run=_adjust)
+    run.set_defaults(run=_adjust, files=RESULT_FILES)
     plot = commands.add_parser("plot", help="adjust a project and draw it")
     add_project(plot)
     plot.add_argument("--out", metavar="DIR", required=True, help="where the figures go")
@@ -94,7 +95,7 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--ellipses", type=probability, default=0.95, metavar="CONF", help="of the plan (0.95)"
     )
     add_adjustment(plot)
-    plot.set_defaults(run=_plot, report=None, language=None, export=[], writing=[])
+    plot.set_defaults(run=_plot, report=None, language=None, export=[], writing=[], files=())
 
 
 @dataclass(frozen=True)
@@ -121,6 +122,10 @@ def _solve(options: argparse.Namespace) -> Adjusted:
     project = read_input(options)
     network = project.network
     refuse_exports(network, options)
+    outputs = [] if options.report is None else [Path(options.report)]
+    if options.out is not None:
+        outputs += [Path(options.out, name) for name in options.files]
+    refuse_replacing(outputs)
     if options.datum is not None:
         network.datum = options.datum
     if options.leave_out_undetermined:

@@ -8,6 +8,7 @@ from typing import Any
 
 from ..errors import InputError, Problem, known, similar
 from ..export.exports import EXPORTS, Target, formats, target
+from ..files import refuse_replacing
 from ..io.writers import WRITERS
 from ..network.network import Network
 from ..report.context import Report
@@ -43,7 +44,7 @@ def refuse_exports(network: Network, options: argparse.Namespace, *, epochs: boo
     Raises:
         InputError: a format or an option is unknown, an export is a folder, or the format needs a
             reference system and the network has none; with ``epochs``, the format cannot express
-            a comparison of two epochs.
+            a comparison of two epochs; a file was read and would be written over.
     """
     problems: list[Problem] = []
     for text in options.export:
@@ -55,6 +56,7 @@ def refuse_exports(network: Network, options: argparse.Namespace, *, epochs: boo
                 found.refuse_epochs()
             if found.check is not None:
                 found.check(network)
+            refuse_replacing([found.path])
         except InputError as error:
             problems += error.problems
     if problems:

@@ -22,6 +22,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from ..errors import InputError, Problem, system_reason
+from ..files import refuse_replacing
 from ..types import Array, Keys
 
 PROGRESS = "run.json"
@@ -151,6 +152,7 @@ class _beside:
         self._beside = path.with_name(f".{path.name}.{uuid4().hex}")
 
     def __enter__(self) -> Path:
+        refuse_replacing((self._path,))
         return self._beside
 
     def __exit__(self, kind: object, *_: object) -> None:

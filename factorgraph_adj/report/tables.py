@@ -44,6 +44,12 @@ GIVEN_COLUMNS = (
     *("kind", "name", "component", "error", "sigma", "unit", "w"),
     *("t2_together", "dof_together"),
 )
+RESULT_FILES = (
+    *("protocol.txt", "results.json", "observations.csv", "points.csv", "unknowns.csv"),
+    *("photos.csv", "shapes.csv", "relative.csv", "snooping.csv", "unknowns_left_out.csv"),
+    *("variance_components.csv", "given_values.csv"),
+)
+"""Files of a solution; those that it has no content for are removed."""
 PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
@@ -77,20 +83,17 @@ def write_solution(
 
 def write_tables(report: Report, folder: str | Path) -> None:
     """Write the files of a report, see `write_solution`."""
-    files: dict[str, str | None] = {
+    files: dict[str, str | None] = dict.fromkeys(RESULT_FILES)
+    files |= {
         "protocol.txt": render(report),
         "results.json": results_text(report),
         "observations.csv": observations_table(report),
-        "points.csv": None,
-        "unknowns.csv": None,
-        "photos.csv": None,
         "shapes.csv": shapes_table(report) or None,
         "relative.csv": lines_table(report) or None,
         "snooping.csv": snooping_table(report) or None,
         "unknowns_left_out.csv": _left_out_table(report)
         if report.network.unknowns_left_out
         else None,
-        "variance_components.csv": None,
         "given_values.csv": _given_table(report) if report.given else None,
     }
     if report.components is not None:
