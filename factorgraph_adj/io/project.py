@@ -149,7 +149,7 @@ def load_project(
     if section.grid and "frame" in document and isinstance(frame, LocalFrame):
         crs.wrong("coordinates of a grid need a topocentric or geocentric [frame], or none")
     network = Network(
-        top.text("name", default="" if document.get("name") == "" else path.stem) or "",
+        top.text("name", default="" if document.get("name") == "" else path.stem, title=True) or "",
         frame=section.frame if section.grid else frame,
         datum=cast(Literal["given", "free"], datum),
         crs=section.system,

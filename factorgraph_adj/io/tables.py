@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..control_characters import escaped
+from ..control_characters import escaped, has_control_characters, why_refused
 from ..errors import InputError, Problem, known
 from . import numbers
 from .text import read_text
@@ -233,15 +233,21 @@ class Row:
             self.wrong(f"{name} is missing")
         return value
 
-    def text(self, name: str, *, required: bool = False, default: str | None = None) -> str | None:
-        """Return a field as text, such as a name."""
+    def text(
+        self, name: str, *, required: bool = False, default: str | None = None, title: bool = False
+    ) -> str | None:
+        """Return a field as text, such as a name; a title alone may have control characters."""
         value = self.take(name, required=required)
         if value is None:
             return default
         if isinstance(value, bool | float | list | dict):
             self.wrong(f"{name} must be text, not {value!r}")
             return default
-        return str(value)
+        text = str(value)
+        if not title and has_control_characters(text):
+            self.wrong(why_refused(text))
+            return default
+        return text
 
     def choice(self, name: str, choices: Iterable[str], default: str) -> str:
         """Return one of the choices."""
