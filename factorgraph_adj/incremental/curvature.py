@@ -74,10 +74,12 @@ def tested_by_adjusting(
     for part in [bent, *([row] for row in bent if len(bent) > 1)]:
         out = np.setdiff1d(np.array(part, dtype=np.intp), ledger.having("accepted"))
         if len(out) and (found := _with(ledger, system, out, rules)):
-            ledger, system = found
-            base = system.base
-            joint = Inside.of(base.normal(), base.factor, ledger.units(out), base)
-            told += accepted(joint, rules.alpha, given, gains=rules.datum == "given")
+            base = found[1].base
+            joint = Inside.of(base.normal(), base.factor, found[0].units(out), base)
+            verdicts = list(accepted(joint, rules.alpha, given, gains=rules.datum == "given"))
+            # One that contradicts must not hide in the sum of those that fit.
+            if not any(v.test > 1.0 for v in verdicts):
+                (ledger, system), told = found, [*told, *verdicts]
     return ledger, system, told
 
 

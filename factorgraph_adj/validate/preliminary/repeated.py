@@ -28,7 +28,7 @@ REFRACTION = 0.13
 DOUBT = 0.3
 """Standard deviation of it, for the tolerance."""
 
-CHANCE = 0.02
+CHANCE = 0.05
 """Probability with which so many equal readings are no copies, above which nothing is doubted."""
 STEPS = 2.0
 """Scatter of repeated readings in steps of their resolution, below which equal ones are common."""
