@@ -34,7 +34,7 @@ class Rejected:
     estimated_error: float
     """Estimated gross error of the component, observed − true, in the same adjustment."""
     round: int
-    """Round in which the observation was set aside; 0: by the robust start."""
+    """Round in which the observation was set aside; 0: before the first, by the start."""
     final_error: float
     """Observed − computed from the clean solution; NaN if that solution does not determine it."""
     final_sigma: float
@@ -92,7 +92,7 @@ class PointSetAside:
     test: float
     """Largest test value, w or τ."""
     round: int
-    """Round in which the point was removed; 0: by the robust start."""
+    """Round in which the point was removed; 0: before the first, by the start."""
     reason: str
     """Reason why the whole point was removed."""
 
@@ -163,6 +163,11 @@ class Snooping(Shown):
             ((r.label, r.test, r.estimated_error, r.round) for r in self.rejected),
             len(self.rejected),
         )
+
+    @property
+    def at_the_start(self) -> Literal["robust", "before"]:
+        """What set observations aside before the first round: a robust adjustment, or the start."""
+        return "robust" if any(r.number == 0 for r in self.rounds) else "before"
 
     @cached_property
     def causes(self) -> Causes | None:

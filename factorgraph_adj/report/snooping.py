@@ -29,11 +29,8 @@ def snooping(report: Report) -> list[str]:
     start = ", after a robust start" if any(r.number == 0 for r in found.rounds) else ""
     what = {"pope": "Pope's τ", "baarda": "Baarda's w"}[found.test]
     out = title(f"Data snooping ({what}, critical |{name}| {found.critical:.2f}{start})")
-    observations = sum(r.set_aside for r in found.rounds) - sum(r.readmitted for r in found.rounds)
-    last = max((r.number for r in found.rounds), default=0)
-    n = f"{observations} observation{'s' * (observations != 1)}" if observations else "nothing"
-    out += paragraph(f"{n} set aside in {last} round{'s' * (last != 1)}; {found.reason}")
-    if observations or found.readmitted:
+    out += paragraph(f"{_how_many(found)}; {found.reason}")
+    if _aside(found) or found.readmitted:
         out += ["", *_rounds(report, found, name)]
     return [
         *out,
@@ -44,10 +41,31 @@ def snooping(report: Report) -> list[str]:
     ]
 
 
+def _how_many(found: Snooping) -> str:
+    """Return how many observations were set aside before the rounds, and in them."""
+    gone, back = (sum(getattr(r, a) for r in found.rounds) for a in ("set_aside", "readmitted"))
+    now = _aside(found) + len(found.factors_set_aside)
+    before, last = now - (gone - back), max(r.number for r in found.rounds)
+    rounds = f"in {last} round{'s' * (last != 1)}"
+    if not before:
+        return f"{_observations(now)} set aside {rounds}"
+    more = f"{gone} more" if gone else "no others"
+    return f"{_observations(before)} set aside before the first round, {more} {rounds}"
+
+
+def _aside(found: Snooping) -> int:
+    """Return how many observations are set aside, with the rays of points."""
+    return len(found.rejected) + sum(len(p.rays) for p in found.points_set_aside)
+
+
+def _observations(n: int) -> str:
+    return f"{n} observation{'s' * (n != 1)}" if n else "nothing"
+
+
 def _rounds(report: Report, found: Snooping, name: str) -> list[str]:
     rows = [
         [
-            str(r.number) if r.number else "robust",
+            str(r.number or found.at_the_start),
             significant(r.sigma0, 4),
             f"{r.largest:.2f}",
             str(r.suspects),
@@ -73,7 +91,7 @@ def _rejected(report: Report, found: Snooping, name: str) -> list[str]:
         rows.append(
             [
                 *names_of(row),
-                str(r.round or "robust"),
+                str(r.round or found.at_the_start),
                 decimal(row.sign * r.test, 2),
                 f"{short(row.sign * r.estimated_error / unit)} {row.scale.small}".strip(),
                 *_final(r, unit, row.sign),
@@ -123,7 +141,7 @@ def _points(report: Report, found: Snooping, name: str) -> list[str]:
         return []
     shown, note = report.cut(list(found.points_set_aside), "points", "snooping.csv")
     rows = [
-        [p.name, p.label, str(len(p.rays)), str(p.round or "robust"), f"{p.test:.2f}"]
+        [p.name, p.label, str(len(p.rays)), str(p.round or found.at_the_start), f"{p.test:.2f}"]
         for p in shown
     ]
     out = [

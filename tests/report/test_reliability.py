@@ -32,6 +32,7 @@ from factorgraph_adj.report.text import protocol, render
 from factorgraph_adj.report.weakest import point_redundancy, weakest_points
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.units import ANGLE
+from tests.networks.exchanged_day import day
 from tests.networks.simulated import NETWORKS, gnss, levelling
 from tests.networks.small_block import blundered, box, small_block
 from tests.support.printed import assert_printed, row, section
@@ -588,6 +589,20 @@ def test_a_clean_network_says_in_one_line_that_nothing_was_set_aside():
     )
     assert " ".join(words[0]).startswith("nothing set aside in 1 round; ")
     assert len(words) <= 2
+
+
+def test_what_was_set_aside_before_the_first_round_is_counted():
+    """Data snooping begins without exchanged sights: "nothing set aside" would be untrue."""
+    network = day(1, most=25).network
+    k = snoop(network)
+    n = len(k.rejected)
+    assert n
+    assert all(r.round == 0 for r in k.rejected)
+    text = protocol(k.solution, provenance=Provenance(snooping=k, original=network))
+    words = section(text, "Data snooping")
+    told = f"{n} observations set aside before the first round, no others in 1 round; "
+    assert " ".join(words[0]).startswith(told)
+    assert "robust" not in text.partition("Data snooping")[2]
 
 
 def test_every_outcome_of_snooping_is_told():

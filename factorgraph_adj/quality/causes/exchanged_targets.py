@@ -18,32 +18,21 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 
-from ...errors import AdjustmentError
 from ...graph.equations import Equations
-from ...network.network import Network
-from ...network.selection import without
-from ...solve.batch import adjust
 from ...solve.solution import Solution
-from ...types import Array, Index, Mask
-from ..distributions import chi2_quantile, normal_quantile
-from ..reliability import Reliability, reliability
+from ...types import Array, Index
+from ..distributions import chi2_quantile
+from .core import Core, may_leave, uncontrolled
 from .matches import EXCHANGED, NAME, WITH_HEIGHT, Match, both_ways
 from .renamed import Fit, RenamedReadings
-from .separable import FARTHEST, SAME
+from .separable import SAME
 from .set_ups import SetUp, Sight, places_seen, sights_of
 
-MOST_SUSPECTS = 40
-"""Largest number of points that may leave the network: exchanges are few."""
-MOST_CORES = 5
-"""Largest number of times that points leave the core, since its readings do not fit."""
-SHARE = 0.4
-"""Part of the largest test value of the core from which on readings leave it together."""
 MOST_PAIRS = 40
 """Largest number of pairs of exchanges with a point in common that are fitted."""
 TRIED = 6
@@ -109,96 +98,11 @@ def exchanged_targets(
         alpha: probability with which readings of the right names do not fit.
     """
     sights = sights_of(equations, solution)
-    core = _Core.of(equations, solution, bad, sights, alpha)
+    core = Core.of(equations, solution, bad, sights, alpha)
     found = () if core is None else _Search(equations, core, sights, alpha).found()
     points = {name: at for e in found for name, at in e.points.items()}
     # Two names that are found one after the other are an exchange too.
     return tuple(Exchange(m, points, found[0].core) for m in both_ways([e.match for e in found]))
-
-
-@dataclass(frozen=True, eq=False)
-class _Core:
-    """The adjustment of what does not concern the suspects."""
-
-    solution: Solution
-    reliability: Reliability
-    suspects: frozenset[int]
-    """Points of readings that do not fit, by number in the whole network."""
-
-    @classmethod
-    def of(
-        cls,
-        equations: Equations,
-        solution: Solution,
-        bad: Collection[str],
-        sights: Mapping[SetUp, Mapping[int, Sight]],
-        alpha: float,
-    ) -> _Core | None:
-        """Return the core; none: it is not determined, or everything is suspect."""
-        aside, critical = set(bad), normal_quantile(1.0 - 0.5 * alpha)
-        out: _Core | None = None
-        for _ in range(MOST_CORES):
-            suspects, ids = _suspects(sights, aside)
-            if not suspects or len(suspects) > MOST_SUSPECTS:
-                return out
-            names = equations.unknowns["point"].names
-            leave = [names[p] for p in suspects & _may_leave(equations, sights)]
-            try:
-                network = without(equations.network, ids | aside, points=leave)
-                rel = reliability(_adjusted(network, solution), alpha=alpha)
-            except AdjustmentError:
-                return out
-            core = rel.solution
-            if not core.converged:
-                return out
-            out = cls(core, rel, frozenset(suspects))
-            w = np.nan_to_num(np.abs(rel.w))
-            if w.max(initial=0.0) <= critical:
-                break
-            worst = np.flatnonzero(w >= max(critical, SHARE * float(w.max())))
-            aside |= {core.equations.id(int(row)) for row in worst}
-        return out
-
-
-def _adjusted(network: Network, start: Solution) -> Solution:
-    """Return the adjustment of a part; from its own approximate values, if they lead further down.
-
-    What has bent the whole may have bent the start.
-    """
-    out = adjust(network, start=start)
-    if out.converged and out.vtpv < FARTHEST**2:
-        return out
-    with suppress(AdjustmentError):
-        other = adjust(network)
-        if other.converged and not (out.converged and out.vtpv <= other.vtpv):
-            return other
-    return out
-
-
-def _suspects(
-    sights: Mapping[SetUp, Mapping[int, Sight]], bad: Collection[str]
-) -> tuple[set[int], set[str]]:
-    """Return the targets of readings that do not fit, and all that was read in these sights."""
-    points: set[int] = set()
-    ids: set[str] = set()
-    for targets in sights.values():
-        for target, sight in targets.items():
-            if not set(bad).isdisjoint(sight.ids):
-                points.add(target)
-                ids.update(sight.ids)
-    return points, ids
-
-
-def _may_leave(equations: Equations, sights: Mapping[SetUp, Mapping[int, Sight]]) -> set[int]:
-    """Return the points without which a network still has its stations and its datum."""
-    free: Mask = np.array(equations.unknowns["point"].free.all(axis=1))
-    for block in equations.blocks:
-        if block.fixes == "coordinates":
-            for kind, index in block.variables:
-                if kind == "point":
-                    free[index] = False
-    stations = {s.station for s in sights}
-    return {p for p in np.flatnonzero(free).tolist() if p not in stations}
 
 
 class _Search:
@@ -207,14 +111,14 @@ class _Search:
     def __init__(
         self,
         equations: Equations,
-        core: _Core,
+        core: Core,
         sights: Mapping[SetUp, Mapping[int, Sight]],
         alpha: float,
     ) -> None:
         self.equations, self.core, self.sights, self.alpha = equations, core, sights, alpha
         self.names = equations.unknowns["point"].names
-        leaving = _may_leave(equations, sights)
-        self.open = (core.suspects | _uncontrolled(equations, core, sights)) & leaving
+        leaving = may_leave(equations, sights)
+        self.open = (core.suspects | uncontrolled(equations, core, sights)) & leaving
         """Points that are fitted: the core tells nothing of them."""
         self.renamed = RenamedReadings(equations, core.solution, sorted(self.open))
         self.state = self.renamed.innovations.state
@@ -223,20 +127,30 @@ class _Search:
             for s, targets in sights.items()
             for t, at in places_seen(equations, self.state, s.station, s.height, targets).items()
         }
-        self.readings = _readings_of(equations, self.open)
+        of_core = core.solution.network.observations
+        self.readings = {
+            p: own if p in self.open else {o for o in own if self._id(o) not in of_core}
+            for p, own in _readings_of(equations, self.open | core.suspects).items()
+        }
+        """Observations of points that are fitted, and those of others that the core lacks."""
         self.recorded = _recorded_heights(sights)
+
+    def _id(self, observation: tuple[int, int]) -> str:
+        block = self.equations.blocks[observation[0]]
+        return block.ids[observation[1]]
 
     def found(self) -> tuple[Exchange, ...]:
         """Return the exchanges, those that explain most first."""
         every = self._nearest(self._hypotheses())
         fitting = [t for h in every if (t := self._tested((h,))) is not None]
         out = self._best(fitting)
-        explained = {p for t in out for p in t.points}
-        left = [h for h in every if not h.points & explained]
-        if len(self.core.suspects - explained) > 2:
-            both = [t for pair in _sharing(left) if (t := self._tested(pair)) is not None]
-            out += self._best(both)
-        return tuple(e for t in out for e in self._exchanges(t))
+        # A name may be one of two exchanges with a point in common; an exchange is none.
+        explained = {p for t in out if len(t.what[0].names) > 1 for p in t.points}
+        if len(self.core.suspects - explained) > 1:
+            pairs = self._pairs(explained)
+            both = [t for pair in pairs if (t := self._tested(pair)) is not None]
+            out = self._best([*fitting, *both])
+        return tuple(e for t in self._told_apart(out) for e in self._exchanges(t))
 
     # -- hypotheses ---------------------------------------------------------------------------
 
@@ -261,15 +175,60 @@ class _Search:
         if any(self.recorded[b] and self.recorded[b][:1] != own[a].heights for a, b in names):
             yield _Hypothesis(s, names, True, distance)
 
+    def _pairs(self, explained: Collection[int]) -> list[tuple[_Hypothesis, ...]]:
+        """Return pairs of exchanges at different set-ups that share a point, the nearest first.
+
+        Of each alone only one name need lie near: what the other set-up has of the shared point is
+        another point.
+        """
+        suspects = self.core.suspects
+        every = []
+        for s, targets in self.sights.items():
+            there = sorted(((suspects | self.open) & targets.keys()).difference(explained))
+            for i, j in combinations(there, 2):
+                names = (i, j), (j, i)
+                if {i, j} & suspects and np.isfinite(min(self._distance(s, *n) for n in names)):
+                    every.append(_Hypothesis(s, names, False, 0.0))
+        pairs: dict[tuple[_Hypothesis, ...], float] = {
+            (a, b): self._spread((a, b))
+            for a, b in combinations(every, 2)
+            if a.set_up != b.set_up and a.points & b.points and a.points != b.points
+        }
+        near = sorted((pair for pair in pairs if np.isfinite(pairs[pair])), key=pairs.__getitem__)
+        return near[:MOST_PAIRS]
+
+    def _spread(self, together: tuple[_Hypothesis, ...]) -> float:
+        """Return how far places with the same names are apart; infinite: farther than names may."""
+        out = 0.0
+        for p in {p for h in together for p in h.points}:
+            own = [
+                (s, at)
+                for (s, t), at in self.places.items()
+                if self._name(together, s, t) == p and np.isfinite(at[:2]).all()
+            ]
+            if not own:
+                return np.inf
+            at = self.state["point"][p] if p not in self.open else own[0][1]
+            for s, other in own:
+                distance = _apart(at, other)
+                if distance > self._limit(s, other):
+                    return np.inf
+                out += distance
+        return out
+
+    def _limit(self, s: SetUp, at: Array) -> float:
+        """Return the largest distance of the same place seen from elsewhere, metres."""
+        length = float(np.linalg.norm((at - self.state["point"][s.station])[:2]))
+        return max(NEAR_AT_LEAST, NEAR * length)
+
     def _distance(self, s: SetUp, a: int, b: int) -> float:
         """Return how far the place of target a at a set-up is from where the others have b."""
         at = self.places[s, a]
-        station = self.state["point"][s.station]
         if b in self.open:
             others = [p for (o, t), p in self.places.items() if t == b and o != s]
         else:
             others = [self.state["point"][b]]
-        limit = max(NEAR_AT_LEAST, NEAR * float(np.linalg.norm((at - station)[:2])))
+        limit = self._limit(s, at)
         distances = [d for p in others if np.isfinite(d := _apart(at, p))]
         if not distances or not np.isfinite(limit):
             return limit if np.isfinite(limit) else NEAR_AT_LEAST
@@ -297,8 +256,9 @@ class _Search:
                 height = self.recorded[b][0] if h.with_height and self.recorded[b] else None
                 changed |= dict.fromkeys(sight.readings, (b, height))
         readings: set[tuple[int, int]] = set(changed)
-        for p in new:
+        for p in points & self.readings.keys():
             readings |= self.readings[p]
+        for p in new:
             own = [
                 at
                 for (s, t), at in self.places.items()
@@ -331,10 +291,35 @@ class _Search:
         for t in sorted(fitting, key=lambda t: (-t.after.dof, t.after.t2)):
             rival = next((o for o in out if o.points & t.points), None)
             if rival is None:
-                out.append(t)
+                out.append(replace(t, same=[]))
             elif rival.after.dof == t.after.dof and t.after.t2 < rival.after.t2 + SAME:
                 rival.same.append(t)
         return out
+
+    def _told_apart(self, found: Sequence[_Tested]) -> list[_Tested]:
+        """Return the tests, after those that readings join were fitted together.
+
+        What joins the points of two exchanges, as levelling does, may tell at which set-up each of
+        them was made.
+        """
+        for one, other in combinations(found, 2):
+            if not self._joined(one, other):
+                continue
+            ways = [(*a.what, *b.what) for a in (one, *one.same) for b in (other, *other.same)]
+            best = self._best([t for way in ways if (t := self._tested(way)) is not None])
+            if best:
+                left = [t for t in found if t not in (one, other)]
+                return self._told_apart([*left, best[0]])
+        return list(found)
+
+    def _joined(self, one: _Tested, other: _Tested) -> bool:
+        """Return whether readings join the points of two tests, one of which is not decided."""
+        if not (one.same or other.same):
+            return False
+        a, b = (
+            set().union(*(self.readings[p] for p in t.points & self.open)) for t in (one, other)
+        )
+        return not a.isdisjoint(b)
 
     # -- result -------------------------------------------------------------------------------
 
@@ -388,16 +373,6 @@ def _by_block(readings: Collection[tuple[int, int]]) -> dict[int, Index]:
     return {place: np.array(sorted(numbers), dtype=np.intp) for place, numbers in out.items()}
 
 
-def _sharing(every: Sequence[_Hypothesis]) -> list[tuple[_Hypothesis, ...]]:
-    """Return pairs of exchanges at different set-ups that share a point, the nearest first."""
-    pairs: list[tuple[_Hypothesis, ...]] = [
-        (a, b)
-        for a, b in combinations([h for h in every if len(h.names) > 1], 2)
-        if a.set_up != b.set_up and a.points & b.points and a.points != b.points
-    ]
-    return sorted(pairs, key=lambda pair: sum(h.distance for h in pair))[:MOST_PAIRS]
-
-
 def _readings_of(equations: Equations, points: Collection[int]) -> dict[int, set[tuple[int, int]]]:
     """Return the observations of each point, by block and number."""
     out: dict[int, set[tuple[int, int]]] = {p: set() for p in points}
@@ -407,23 +382,6 @@ def _readings_of(equations: Equations, points: Collection[int]) -> dict[int, set
                 for number in np.flatnonzero(np.isin(index, list(points))).tolist():
                     out[int(index[number])].add((place, number))
     return out
-
-
-def _uncontrolled(
-    equations: Equations, core: _Core, sights: Mapping[SetUp, Mapping[int, Sight]]
-) -> frozenset[int]:
-    """Return the targets of the core of whose readings nothing tells."""
-    own, number = core.solution.equations, equations.unknowns["point"].number
-    controlled: set[int] = set()
-    for block in own.blocks:
-        rows = core.reliability.controlled[block.rows].reshape(block.n, block.dimension)
-        for kind, index in block.variables:
-            if kind == "point":
-                names = own.unknowns["point"].names
-                fine = index[rows.any(axis=1)]
-                controlled |= {number[names[p]] for p in np.unique(fine).tolist()}
-    targets = {t for own_targets in sights.values() for t in own_targets}
-    return frozenset(targets - controlled)
 
 
 def _recorded_heights(

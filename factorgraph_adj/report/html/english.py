@@ -17,6 +17,7 @@ TEXTS: dict[str, str] = {
     "significant": "significant",
     "not_significant": "not significant",
     "robust": "robust",
+    "before": "before",
     "protocol": "The protocol as text",
     "symbols": "Symbols",
     # Parts of the page.

@@ -17,6 +17,7 @@ TEXTS: dict[str, str] = {
     "significant": "signifikant",
     "not_significant": "nicht signifikant",
     "robust": "robust",
+    "before": "vorab",
     "protocol": "Das Protokoll als Text (englisch)",
     "symbols": "Formelzeichen",
     "section.verdict": "Urteil",

@@ -31,7 +31,7 @@ def rejected(report: Report, t: Texts) -> Sheet | None:
             error, sigma = row.sign * r.final_error / unit, r.final_sigma / unit
             final = [short(error), short(sigma), decimal(row.sign * r.final_test, 2)]
         close = "; ".join(f"{label} ({rho:+.2f})" for label, rho in r.inseparable)
-        cells = [t.kind(row.kind_name), row.what, row.own_id, str(r.round or t("robust"))]
+        cells = [t.kind(row.kind_name), row.what, row.own_id, str(r.round or t(found.at_the_start))]
         cells += [decimal(row.sign * r.test, 2), short(row.sign * r.estimated_error / unit)]
         rows.append([*cells, *final, small, close, row.source])
     name = test_name(report)
@@ -61,7 +61,7 @@ def points_aside(report: Report, t: Texts) -> Sheet | None:
     if found is None:
         return None
     rows = [
-        [p.name, p.label, str(len(p.rays)), str(p.round or t("robust")), f"{p.test:.2f}"]
+        [p.name, p.label, str(len(p.rays)), str(p.round or t(found.at_the_start)), f"{p.test:.2f}"]
         for p in found.points_set_aside
     ]
     heads: list[Head] = [
