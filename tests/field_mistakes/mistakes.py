@@ -585,17 +585,18 @@ MISTAKES += [
         f"pixels counted down, the project has y up and y0 = {y0}",
         lambda y0=y0: in_pixels(y0),  # type: ignore[misc]
         CHECK,
-        DOUBTFUL,
+        code,
         "times better with the image y axis the other way: 1, 2, 3; state y_axis, and y0 in",
     )
-    for y0 in (1500, -1500)
+    # Where y0 lies outside the image as well, the rays of all marks miss their points.
+    for y0, code in ((1500, DOUBTFUL), (-1500, BAD_INPUT))
 ]
 MISTAKES.append(
     Mistake(
         "pixels counted down, y0 with the sign of y up",
         lambda: in_pixels(-1500, y_axis='y_axis = "down"'),
         CHECK,
-        DOUBTFUL,
+        BAD_INPUT,
         "times better with the other sign of y0: 1, 2, 3; give y0 in the direction of y",
     )
 )
@@ -604,7 +605,7 @@ MISTAKES.append(
 @mistake(
     "x and y of image points exchanged",
     CHECK,
-    DOUBTFUL,
+    BAD_INPUT,
     "times better with x and y of the image exchanged",
     facade,
 )

@@ -22,6 +22,14 @@ def test_an_exchange_is_named_first_with_and_without_approximate_coordinates(see
     assert counts.first == counts.told
 
 
+@pytest.mark.parametrize("seed", [30, 53, 61])
+def test_exchanges_that_concern_one_another_are_named_first(seed: int) -> None:
+    """Levelling joins two of them (30), or they have a point in common, a controlled one (53)."""
+    case, counts = day(seed), Counts()
+    assert count(case, counts) == ""
+    assert counts.first == counts.told > 0
+
+
 def test_an_exchange_that_two_set_ups_may_have_is_named_at_both() -> None:
     """With two set-ups the exchange at either makes all readings fit: nothing tells which."""
     for seed in range(40):
