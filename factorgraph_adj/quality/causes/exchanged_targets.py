@@ -316,9 +316,7 @@ class _Search:
         """Return whether readings join the points of two tests, one of which is not decided."""
         if not (one.same or other.same):
             return False
-        a, b = (
-            set().union(*(self.readings[p] for p in t.points & self.open)) for t in (one, other)
-        )
+        a, b = ({o for p in t.points & self.open for o in self.readings[p]} for t in (one, other))
         return not a.isdisjoint(b)
 
     # -- result -------------------------------------------------------------------------------
