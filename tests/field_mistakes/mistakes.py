@@ -617,7 +617,7 @@ def _(p: Project) -> None:
 @mistake(
     "rotation matrices transposed",
     CHECK,
-    BAD_INPUT,
+    DOUBTFUL,
     "times better with transposed rotation matrices",
     facade,
 )

@@ -30,6 +30,8 @@ DOUBT = 0.3
 
 CHANCE = 0.05
 """Probability with which so many equal readings are no copies, above which nothing is doubted."""
+ALONE = 0.3
+"""The same where no repeated reading of a kind differs: who reads once has a copy sooner."""
 STEPS = 2.0
 """Scatter of repeated readings in steps of their resolution, below which equal ones are common."""
 UNITS = (1.0, np.pi / 200, np.pi / 180, np.pi / 648000)
@@ -80,7 +82,8 @@ def _duplicates(network: Network) -> Iterator[Finding]:
         if scatter and np.sqrt(np.mean(np.square(scatter)) / 2) < STEPS * step:
             continue
         expected = sum(_chance(a, step) for a, _ in pairs)
-        if expected and poisson_from(len(copies), expected) > CHANCE:
+        limit = CHANCE if scatter else ALONE
+        if expected and poisson_from(len(copies), expected) > limit:
             continue
         (first, second), n = copies[0], len(copies) - 1
         more = f", and {n} more of kind {kind}" if n else ""
