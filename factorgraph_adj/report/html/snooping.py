@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import isfinite
 
 from ...models.variables import UNKNOWNS
+from ...quality.rejections import Snooping
 from ...units import decimal
 from ..causes import unit_of
 from ..context import Report
@@ -15,6 +16,11 @@ from .sheets import NONE, Head, Sheet, columns_of, sheet
 
 NAMED = 6
 """Largest number of observations of a cause that are named."""
+
+
+def _start(found: Snooping, t: Texts) -> str:
+    """Return what set observations aside before the first round."""
+    return t("robust") if found.at_the_start == "robust" else t("before")
 
 
 def rejected(report: Report, t: Texts) -> Sheet | None:
@@ -31,7 +37,7 @@ def rejected(report: Report, t: Texts) -> Sheet | None:
             error, sigma = row.sign * r.final_error / unit, r.final_sigma / unit
             final = [short(error), short(sigma), decimal(row.sign * r.final_test, 2)]
         close = "; ".join(f"{label} ({rho:+.2f})" for label, rho in r.inseparable)
-        cells = [t.kind(row.kind_name), row.what, row.own_id, str(r.round or t(found.at_the_start))]
+        cells = [t.kind(row.kind_name), row.what, row.own_id, str(r.round or _start(found, t))]
         cells += [decimal(row.sign * r.test, 2), short(row.sign * r.estimated_error / unit)]
         rows.append([*cells, *final, small, close, row.source])
     name = test_name(report)
@@ -61,7 +67,7 @@ def points_aside(report: Report, t: Texts) -> Sheet | None:
     if found is None:
         return None
     rows = [
-        [p.name, p.label, str(len(p.rays)), str(p.round or t(found.at_the_start)), f"{p.test:.2f}"]
+        [p.name, p.label, str(len(p.rays)), str(p.round or _start(found, t)), f"{p.test:.2f}"]
         for p in found.points_set_aside
     ]
     heads: list[Head] = [
