@@ -31,6 +31,10 @@ GROSS = 0.05
 a ray, or 5 % of a length. An iteration converges from smaller ones."""
 MAX_SAMPLED = 300
 """Largest number of observations of a kind from which its misfit is found."""
+MIN_SIGNIFICANT = 30.0
+"""Residual, in standard deviations, up to which an observation says nothing of a start. An
+astronomic latitude hardly depends on its place: a vertical that is a few seconds off would count
+as a gross misfit of the block."""
 STEP = 1e-4
 """Change of the parameters of a similarity by which residuals are differentiated."""
 INSENSITIVE = 1e-9
@@ -136,8 +140,10 @@ def _misfit(
         return None
     size = np.linalg.norm(v, axis=1)
     slope = np.sqrt(sum(np.square(s).sum(axis=1) for s in slopes))
+    normalised = np.linalg.norm(sample.block.whiten(v), axis=1)
     tells = slope > INSENSITIVE * (1.0 + size)
     found = np.where(np.isfinite(size), size / np.maximum(slope, 1e-300), np.inf)
+    found[normalised < MIN_SIGNIFICANT] = 0.0
     found[sample.behind()] = np.inf
     if not tells.any():
         return None

@@ -231,7 +231,7 @@ def _adjust(options: argparse.Namespace) -> int:
         if options.out is not None:
             write_tables(report, options.out)
         if options.report is not None:
-            language = options.language or "en"
+            language: Language = options.language or "en"
             write_html(report, options.report, language=language, files=[options.project])
     if not options.quiet:
         print(render(report), end="", flush=True)
