@@ -193,7 +193,8 @@ def system_reason(error: Exception) -> str:
     'no such file or folder'
     """
     said = str(getattr(error, "strerror", None) or error).replace("directory", "folder")
-    return said[:1].lower() + said[1:]
+    # "I/O error" stays as it is.
+    return said if said[1:2] in "/" or said[1:2].isupper() else said[:1].lower() + said[1:]
 
 
 def similar(name: str, names: Collection[str]) -> str:

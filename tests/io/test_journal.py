@@ -767,7 +767,7 @@ def test_a_full_disk_leaves_no_part_of_an_entry(path, monkeypatch, taken):
     with monkeypatch.context() as patch:
         patch.setattr(module.os, "write", full)
         assert problems_of(journal.append, {"do": "add", "ids": ["1"] * 9}) == [
-            ("cannot be written: No space left on device; nothing was recorded", str(path))
+            ("cannot be written: no space left on device; nothing was recorded", str(path))
         ]
     assert len(calls) == (2 if taken else 1)
     assert path.read_bytes() == before
@@ -789,7 +789,7 @@ def test_a_limit_of_the_system_on_the_size_of_files_leaves_no_part_of_an_entry(p
                 journal.append({"do": "add", "ids": ["1"] * 9})
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-        assert "cannot be written: File too large" in str(caught.value)
+        assert "cannot be written: file too large" in str(caught.value)
         assert path.read_bytes() == before
         journal.append({"do": "snoop"})
     assert entries_of(path) == [*ENTRIES, {"do": "snoop"}]
@@ -845,7 +845,7 @@ def test_a_header_that_cannot_be_written_leaves_no_file(tmp_path, monkeypatch):
 
     monkeypatch.setattr(module.os, "write", full)
     ((what, _),) = problems_of(Journal.create, tmp_path / "a", HEADER)
-    assert what.startswith("cannot be written: No space left on device")
+    assert what.startswith("cannot be written: no space left on device")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -782,7 +782,7 @@ def test_if_one_figure_cannot_be_written_all_files_stay_as_they_were(
 
     original = os.replace
     monkeypatch.setattr("factorgraph_adj.io.atomic.os.replace", fail)
-    with pytest.raises(fga.InputError, match="No space left"):
+    with pytest.raises(fga.InputError, match="no space left"):
         save_plots(solution, tmp_path, reliability=rel)
     assert {f.name for f in tmp_path.iterdir()} == {"network.png", "mine.txt"}
     assert (tmp_path / "network.png").read_bytes() == b"old"

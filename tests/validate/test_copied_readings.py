@@ -63,6 +63,21 @@ def test_false_alarms_are_as_rare_as_stated():
     assert alarms <= 6  # 5 % expected at most
 
 
+@pytest.mark.parametrize(("times", "step"), [(3, 1e-4), (6, 2e-4), (8, 2e-4), (6, 5e-4)])
+@pytest.mark.parametrize("stated", [1.0, 2.0])
+def test_lines_that_are_read_many_times_have_more_pairs_that_may_be_equal(times, step, stated):
+    rng = np.random.default_rng(8)
+    alarms = sum(
+        bool(
+            doubts(
+                network_of(lines(rng, 0.002, n=10, times=times, step=step), sigma=stated * 0.002)
+            )
+        )
+        for _ in range(40)
+    )
+    assert alarms <= 4  # 5 % are 2
+
+
 def test_angles_in_gon_have_the_resolution_of_gon():
     mgon = np.pi / 200e3
     rng = np.random.default_rng(5)

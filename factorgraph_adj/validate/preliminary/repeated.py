@@ -30,8 +30,6 @@ DOUBT = 0.3
 
 CHANCE = 0.05
 """Probability with which so many equal readings are no copies, above which nothing is doubted."""
-ALONE = 0.3
-"""The same where no repeated reading of a kind differs: who reads once has a copy sooner."""
 STEPS = 2.0
 """Scatter of repeated readings in steps of their resolution, below which equal ones are common."""
 UNITS = (1.0, np.pi / 200, np.pi / 180, np.pi / 648000)
@@ -64,8 +62,9 @@ def repeated(network: Network) -> Iterator[Finding]:
 def _duplicates(network: Network) -> Iterator[Finding]:
     """Rows that are there twice more often than independent readings would be equal.
 
-    Two readings with resolution u and standard deviation s are equal with p ≈ u / (2 √π s). Where
-    repeated readings differ by some steps of their resolution only, equal ones tell nothing.
+    Two readings with resolution u and standard deviation s are equal with p ≈ u / (2 √π s); of n
+    readings n (n − 1) / 2 pairs may be. Where repeated readings differ by some steps of their
+    resolution only, equal ones say nothing.
     """
     by_kind: dict[str, dict[tuple[object, ...], list[Observation]]] = {}
     for o in network.observations.values():
@@ -76,14 +75,15 @@ def _duplicates(network: Network) -> Iterator[Finding]:
         copies = [(a, b) for a, b in pairs if np.array_equal(_reading(a), _reading(b))]
         if not copies:
             continue
-        step = _resolution(np.concatenate([_reading(o) for some in again.values() for o in some]))
-        apart = [np.max(np.abs(_reading(a) - _reading(b))) for a, b in pairs]
-        scatter = [d for d in apart if d > 0.5 * step]
-        if scatter and np.sqrt(np.mean(np.square(scatter)) / 2) < STEPS * step:
+        groups = [np.array([_reading(o) for o in some]) for some in again.values()]
+        step = _resolution(np.concatenate([x.ravel() for x in groups]))
+        scatter = _scatter(groups)
+        if scatter is not None and scatter < STEPS * step:
             continue
-        expected = sum(_chance(a, step) for a, _ in pairs)
-        limit = CHANCE if scatter else ALONE
-        if expected and poisson_from(len(copies), expected) > limit:
+        expected = 0.0
+        for some in again.values():
+            expected += len(some) * (len(some) - 1) / 2 * _chance(some[0], step, scatter)
+        if expected and poisson_from(len(copies), expected) > CHANCE:
             continue
         (first, second), n = copies[0], len(copies) - 1
         more = f", and {n} more of kind {kind}" if n else ""
@@ -103,13 +103,32 @@ def _sorted(some: list[Observation]) -> list[Observation]:
     return sorted(some, key=lambda o: tuple(_reading(o)))
 
 
-def _chance(o: Observation, step: float) -> float:
-    """Return the probability with which a second reading equals this one; 0 if σ is not known."""
+def _scatter(groups: list[Array]) -> float | None:
+    """Return the standard deviation of repeated readings within their groups; none: all are equal.
+
+    Copies are counted once, as they would make it smaller.
+    """
+    different = [np.unique(x, axis=0) for x in groups]
+    number = sum((len(x) - 1) * x.shape[1] for x in different)
+    if not number:
+        return None
+    return float(np.sqrt(sum(np.sum((x - x.mean(axis=0)) ** 2) for x in different) / number))
+
+
+def _chance(o: Observation, step: float, scatter: float | None) -> float:
+    """Return the probability with which a second reading equals this one; 0 if σ is not known.
+
+    Of the stated σ and the scatter of repeated readings the smaller one counts: where the σ are
+    stated too large, honest readings are equal more often than these say.
+    """
     reading = _reading(o)
-    if len(reading) > 1:
+    known = [scatter] if scatter is not None else []
+    if len(reading) == 1:
+        known.append(size_of(o, float(abs(reading[0]))))
+    if not known:
         return 0.0
-    s = size_of(o, float(abs(reading[0])))
-    return min(1.0, step / (2 * np.sqrt(np.pi) * s)) if s > 0 else 1.0
+    s = min(known)
+    return float(min(1.0, step / (2 * np.sqrt(np.pi) * s)) ** len(reading)) if s > 0 else 1.0
 
 
 def _resolution(readings: Array) -> float:
