@@ -16,7 +16,7 @@ from ..types import Array
 from .aside import LIGHT, MOST_BESIDE, beside_lines, rows_on_lines
 from .both_ways import MOST_THERE, look_both_ways
 from .datum import FreeDatum
-from .determine import refuse_unnoticed
+from .determine import GROSS, refuse_unnoticed
 from .extra import NOTHING_MORE, Extra
 from .extrapolation import NONE_TAKEN
 from .free_network import carry
@@ -48,6 +48,11 @@ ELSEWHERE = (
     "a lower minimum elsewhere, cannot be excluded"
 )
 """Addition to the reason of such an adjustment."""
+GROSS_END = (
+    f"the root mean square of v/σ is above {GROSS:.0f}, so that gross errors or wrong start values "
+    "are likely: adjust --snoop, or fga.snoop, looks for the observations"
+)
+"""Addition to the reason of an adjustment that ended far from a minimum."""
 MOST_PULLED_BACK = 3
 """Largest number of times that points are pulled back from behind cameras after an iteration."""
 
@@ -236,6 +241,8 @@ def _minimise(
             f"standard deviations still change by up to {100 * change:.2g} %"
         )
         ended = replace(ended, converged=False, reason=reason, left=np.inf)
+    if not ended.converged and ended.vtpv > GROSS**2 * run.equations.n_rows:
+        ended = replace(ended, reason=f"{ended.reason}; {GROSS_END}")
     return run, replace(ended, iterations=iterations, second_places=told)
 
 

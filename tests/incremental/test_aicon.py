@@ -60,6 +60,8 @@ class Day:
     """Test values of those that were rejected as they arrived."""
     back: frozenset[str]
     """Those of them that came back after snooping."""
+    settled: frozenset[str]
+    """Those of them that came back as everything settled."""
     inc: IncrementalAdjustment
 
 
@@ -84,8 +86,9 @@ def day(folder: Path) -> Day:
     evening = inc.snoop(test="pope", alpha=2 * float(norm.sf(CRITICAL)))
     back = frozenset(v.id for v in inc.latest.verdicts)
     inc.settle()
+    settled = frozenset(v.id for v in inc.latest.verdicts) - back
     bad = frozenset(f"{f}/{p}" for f, p, _, _ in rejected_image_points(folder))
-    return Day(network, bad, rejected, waiting, evening, tests, back, inc)
+    return Day(network, bad, rejected, waiting, evening, tests, back, settled, inc)
 
 
 def test_everything_has_entered_or_was_rejected(day: Day) -> None:
@@ -121,8 +124,8 @@ def test_snooping_in_the_evening_finds_most_of_the_others(day: Day) -> None:
     assert not day.evening.points_set_aside
     assert not day.evening.unresolved
     rejected = {v.id for v in day.inc.rejected}
-    assert rejected == (day.on_arrival | later) - day.back
-    assert not day.back & later
+    assert rejected == (day.on_arrival | later) - day.back - day.settled
+    assert not (day.back | day.settled) & later
 
 
 def test_what_fits_after_the_evening_comes_back(day: Day) -> None:
@@ -133,8 +136,14 @@ def test_what_fits_after_the_evening_comes_back(day: Day) -> None:
     assert all(day.tests[i] < 1.02 for i in bad)
 
 
+def test_what_settling_lets_in_was_just_beyond_the_limit(day: Day) -> None:
+    """Five of the 29, from 1.001 to 1.089 of the limit: tested by adjusting, they are below it."""
+    assert abs(len(day.settled) - 5) <= BORDERLINE
+    assert all(day.tests[i] < 1.1 for i in day.settled)
+
+
 def test_what_is_left_of_them_does_not_stand_out(day: Day) -> None:
-    left = sorted(day.bad - {v.id for v in day.inc.rejected} - day.back)
+    left = sorted(day.bad - {v.id for v in day.inc.rejected} - day.back - day.settled)
     rows = day.evening.solution.equations.find(left)
     tau = day.evening.reliability.tau
     assert len(left) == len(rows)
