@@ -107,7 +107,10 @@ def given(report: Report) -> list[str]:
     if not above:
         n, tested = len(every), sum(v.together.dof > 0 for v in every)
         some = f"{tested} fit{'s' * (tested == 1)}, nothing tests the other {n - tested}"
-        fit = {n: "all fit", 0: "nothing tests them"}.get(tested, some)
+        none, every_one = (
+            ("nothing tests it", "it fits") if n == 1 else ("nothing tests them", "all fit")
+        )
+        fit = {n: every_one, 0: none}.get(tested, some)
         text = f"{n} given value{'s' * (n != 1)} held, tested as if free: {fit}; see {where}"
         return paragraph(text)
     order = sorted(above, key=lambda v: -v.together.t2 / v.together.dof)

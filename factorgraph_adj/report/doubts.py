@@ -57,7 +57,12 @@ def doubts_about(solution: Ended) -> list[str]:
     test = global_test(solution)
     if not solution.converged:
         return [f"not converged: {solution.reason}"]
-    found = list(solution.second_places)
+    places = solution.second_places
+    found = list(places[:NAMED])
+    if more := len(places) - len(found):
+        found.append(
+            f"{more} more point{'s' * (more != 1)} at a second place ({len(places)} in all)"
+        )
     if not test.accepted and not test.too_good:
         bounds = f"accepted from {test.lower:.4f} to {test.upper:.4f}"
         found.append(f"global test failed: σ̂0 = {test.sigma0:.4f}, {bounds}")

@@ -16,6 +16,8 @@ OF_A_WHOLE_FILE = {
     "nested without end": r"^is nested too deeply",
 }
 """Problems of a file as a whole, which have no line: kind, and how they are said."""
+OF_A_LINK = r"\bsymbolic link\b"
+"""A path that a symbolic link leads out: its file is named, with the table, not always a line."""
 OF_A_NETWORK = r"network '"
 """Beginning of the place of a problem that no file has alone, such as a missing datum."""
 IN_BYTES = r"@\d|\bbyte \d|\bbytes\b|\brecord \d|\brow \d|\bnumber \d|\bvertex \d|\bvertices\b|/\w+"
@@ -62,7 +64,7 @@ def _in_file(name: str, where: str, what: str, of_all: bool, now: bytes, before:
         return "" if re.search(IN_BYTES, f"{rest} {what}") else "names no place in the bytes"
     line = re.match(r":(\d+)\b", rest)
     if line is None:
-        return "names no line"
+        return "" if re.search(OF_A_LINK, what) else "names no line"
     last = len(re.split(rb"\r\n|\r|\n", now))
     return "" if 1 <= int(line[1]) <= last else f"names line {line[1]} of {last}"
 

@@ -72,6 +72,8 @@ def test_nothing_is_passed_over_in_silence(name: str, tmp_path: Path) -> None:
         ("a.txt", "is wrong", "names no line"),
         ("a.txt", "is empty: the first line must name the columns", ""),
         ("b.txt:1", "is wrong", "names no file"),
+        ("a.txt: [points]", "leads out of the folder by a symbolic link", ""),
+        ("[points]", "leads out of the folder by a symbolic link", "names no file"),
         ("a.txt:1", " ", "says nothing"),
         ("a.bin", "is wrong", "names no place in the bytes"),
         ("a.bin", "is cut at byte 7", ""),

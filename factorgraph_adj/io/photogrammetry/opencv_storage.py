@@ -115,7 +115,7 @@ def _of_yaml(text: str, name: str) -> dict[str, Value]:
         mark = getattr(error, "problem_mark", None)
         at = getattr(error, "position", len(text))  # of a character that YAML does not allow
         line = "\n".join(lines).count("\n", 0, at) if mark is None else mark.line
-        where = f"{name}:{line + 1}"
+        where = f"{name}:{min(line + 1, len(lines))}"
         reason = getattr(error, "problem", None) or str(error).split("\n")[0]
         raise InputError(Problem(f"is not YAML: {reason}", where)) from None
     except (RecursionError, ValueError) as error:

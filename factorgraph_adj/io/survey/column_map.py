@@ -52,6 +52,8 @@ class Section:
     """File beside the one that is read; None: that one."""
     columns: Mapping[str, str]
     """Header of the file for each column of this package; ``=text`` is a constant."""
+    where: str = ""
+    """Where the mapping states it, for messages."""
 
 
 @dataclass(frozen=True)
@@ -162,4 +164,4 @@ def _section(name: str, given: object, where: str, problems: list[Problem]) -> S
     if file is not None and (why := misnamed(file)):
         problems.append(Problem(f"file of {name}: {file!r} {why}", f"{where}: [{name}]"))
         return None
-    return Section(name, file, columns)
+    return Section(name, file, columns, f"{where}: [{name}]")

@@ -94,7 +94,7 @@ class _Reader:
             file = self.path
             if section.file is not None:
                 try:
-                    file = inside(self.path.parent, section.file, f"[{section.name}]")
+                    file = inside(self.path.parent, section.file, section.where)
                 except InputError as error:
                     self.problems += error.problems
                     continue
