@@ -13,6 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from ...control_characters import has_control_characters, why_refused
 from ...errors import InputError, Problem
 from ...files import read_bytes
 from .colmap_cameras import BY_NAME, BY_NUMBER
@@ -89,6 +90,8 @@ class _Bytes:
             name = self.data[self.at : end].decode("utf-8")
         except UnicodeDecodeError:
             raise self.wrong("the name of an image is not UTF-8") from None
+        if has_control_characters(name):
+            raise self.wrong(why_refused(name))
         self.at = end + 1
         return name
 

@@ -13,6 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from ...control_characters import has_control_characters, why_refused
 from ...errors import InputError
 from ...types import Array, Index
 from ..text import read_text
@@ -172,8 +173,11 @@ def _images(path: Path, found: Found) -> list[ImageRecord]:
             first = line.split(None, 9)
             if len(first) < 10:
                 raise _Wrong("NAME is missing", where)
+            name = first[9].rstrip()
+            if has_control_characters(name):
+                raise _Wrong(why_refused(name), where)
             xy, points = _measurements(measured, f"{path.name}:{below}")
-            out.append(ImageRecord(image, pose, camera, first[9].rstrip(), xy, points, where))
+            out.append(ImageRecord(image, pose, camera, name, xy, points, where))
         except _Wrong as wrong:
             found.add(wrong.what, wrong.where, path.name)
     return out
