@@ -15,9 +15,10 @@ from tests.networks.poor_starts import poor_start
 from tests.support.other_solvers import cost, native
 
 WEAK = "weak control, 40° and half as large"
+NOISY = "poses with 30° and 20 % noise"
 COMPARED = (
     "principal distance off by half",
-    "poses with 30° and 20 % noise",
+    NOISY,
     WEAK,
     "pose graphs without initial values",
 )
@@ -25,6 +26,8 @@ COMPARED = (
 
 @pytest.mark.parametrize("sort", COMPARED)
 def test_no_other_solver_reaches_a_lower_cost(sort: str) -> None:
+    if sort == NOISY:  # better starts than these come from the images
+        pytest.importorskip("poselib")
     found = Compared()
     for number in range(2):
         compare(poor_start(sort, number), number, found)
