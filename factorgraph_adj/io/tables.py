@@ -164,7 +164,11 @@ def plain(cell: str) -> str:
 _POINT = re.compile(r"[+-]?[0-9]*\.[0-9]*")
 _WHOLE = re.compile(r"[+-]?[0-9]+")
 _QUOTED = re.compile(r'^#|[,;\t\n"]')
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|[+-]?(inf|nan)")
+_NUMBER = re.compile(
+    r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|[+-]?(inf|nan)"
+    r"|[+-]?[0-9]+-[0-9]+-[0-9]+(\.[0-9]*)?"
+)
+"""Numbers, with angles in degrees, minutes and seconds: programs read them as they are."""
 _FORMULA = re.compile("'*[=@+\\-\t\r＝＠＋－]")
 """Beginning of a text that a spreadsheet computes, also in the wide characters of East Asia, or
 that would be read as such a text behind its apostrophe."""

@@ -8,7 +8,7 @@ import numpy as np
 
 import factorgraph_adj as fga
 
-NASTY = ("<script>alert(1)</script>", "</script>", "a\"b'c&d", "Größe Ω 点 🚩", "=1+1,\n2", "<b>")
+NASTY = ("<script>alert(1)</script>", "</script>", "a\"b'c&d", "Größe Ω 点 🚩", "=1+1,2", "<b>")
 """Names of points that are text and nothing else."""
 
 

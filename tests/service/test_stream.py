@@ -479,7 +479,7 @@ SIGHT = {"kind": "slope_distance", "station": "A", "target": "C", "value": 58.33
         (
             {"id": "\0"},
             "slope_distance A C (id \0)",
-            "id: a name cannot have control characters: \\x00",
+            "a name cannot have control characters: \\x00",
         ),
         ({"id": "s1"}, "slope_distance A C (id s1)", "duplicate id 's1'"),
         ({"instrument": "T2"}, "slope_distance A C", "unknown distance meter 'T2'"),
