@@ -113,6 +113,10 @@ class FrameRoll(FrameInclination):
     kind: ClassVar[str] = "frame_roll"
 
 
+LENGTH_LIMIT = 10.0
+"""Number of standard deviations by which the errors of readings may make a unit vector longer."""
+
+
 @dataclass(frozen=True)
 class UnitVector(Observation):
     """Direction from a station to a target as components x, y of a unit vector in a frame.
@@ -150,6 +154,13 @@ class UnitVector(Observation):
             self._fail("frame must name a frame")
         if np.shape(self.value) != (2,):
             self._fail(f"value must have 2 components, not {self.value}")
-        if not np.hypot(*self.value) <= 1.0:
-            self._fail(f"a unit vector has no components {self.value[0]}, {self.value[1]}")
-        checked_covariance(self, 2)
+        covariance = checked_covariance(self, 2)
+        if covariance is None:
+            largest = float(np.max(np.asarray(self.sigma)))
+        else:
+            largest = float(np.sqrt(np.max(np.diag(covariance))))
+        if not np.hypot(*self.value) <= 1.0 + LENGTH_LIMIT * largest:
+            self._fail(
+                f"a unit vector has no components {self.value[0]}, {self.value[1]}: their length "
+                f"exceeds 1 by more than {LENGTH_LIMIT:g} σ"
+            )

@@ -156,3 +156,10 @@ def test_readings_that_give_no_coordinates_are_not_called_absent(tmp_path) -> No
     network = load_project(write(tmp_path, "points.csv", "B,0,30,0.01,xyz", "B,,30,,y")).network
     with pytest.raises(fga.ApproximationError, match="give no approximate coordinates: state some"):
         fga.adjust(network)
+
+
+def test_the_errors_of_a_reading_may_make_a_unit_vector_a_little_longer() -> None:
+    read = o.UnitVector("F", "A", "B", (0.6, 0.80005), sigma=(1e-5, 1e-5))
+    assert np.hypot(*read.value) > 1.0
+    with pytest.raises(fga.InputError, match="exceeds 1 by more than 10 σ"):
+        o.UnitVector("F", "A", "B", (0.6, 0.8002), sigma=(1e-5, 1e-5))
