@@ -33,19 +33,19 @@ from .rules import Rules
 from .system import System
 from .verdicts import Verdict
 
-WAYS = tuple(3.0**-k for k in range(13))
-"""Distances at which vᵀPv is computed, relative to `REACH`."""
-REACH = 3.0
-"""Distance, relative to the largest σ of a point, up to which an observation may bend."""
-MOST_SIZES = 10.0
-"""Largest distance, relative to the extent of the network: where a σ is larger, nothing holds the
+MOVES_TO_TRY = tuple(3.0**-k for k in range(13))
+"""Moves at which vᵀPv is computed, relative to the farthest likely one."""
+MAX_MOVE_IN_SIGMA = 3.0
+"""Largest move of a point, relative to its largest σ, over which an observation may bend."""
+MAX_MOVE_IN_EXTENTS = 10.0
+"""Largest move, relative to the extent of the network: where a σ is larger, nothing holds the
 point there."""
-BENDS = 0.5
-"""Change of an observation by its bend, relative to its residual, from which on a test on its
-linear form says nothing."""
-BEYOND = 1e12
-"""Residual relative to σ of a reading beyond all bounds: no place of a point explains it."""
-MOST = 8
+MIN_BEND_TO_RESIDUAL = 0.5
+"""Smallest change of an observation by its bend, relative to its residual, from which on a test on
+its linear form says nothing."""
+MAX_RESIDUAL_IN_SIGMA = 1e12
+"""Residual relative to σ from which no place of a point explains a reading."""
+MAX_UNITS_TESTED = 8
 """Largest number of units that are tested so after one command: each takes an adjustment."""
 
 
@@ -69,7 +69,7 @@ def tested_by_adjusting(
     if system.doubt or system.section is not None:
         return ledger, system, told
     ready = Candidates(ledger, known_in(system), rows).ready
-    bent = [row for row in ready[-MOST:].tolist() if _bends(ledger, system, row)]
+    bent = [row for row in ready[-MAX_UNITS_TESTED:].tolist() if _bends(ledger, system, row)]
     # Together first: others than the first may tell which of two places is right.
     for part in [bent, *([row] for row in bent if len(bent) > 1)]:
         out = np.setdiff1d(np.array(part, dtype=np.intp), ledger.having("accepted"))
@@ -90,7 +90,9 @@ def _weakest(system: System, name: str) -> Array | None:
         return None
     values, vectors = np.linalg.eigh(system.cofactors(("point", name), ("point", name)))
     extent = float(np.linalg.norm(np.ptp(system.base.state["point"], axis=0)))
-    farthest = min(REACH * np.sqrt(max(float(values[-1]), 0.0)), MOST_SIZES * extent)
+    farthest = min(
+        MAX_MOVE_IN_SIGMA * np.sqrt(max(float(values[-1]), 0.0)), MAX_MOVE_IN_EXTENTS * extent
+    )
     return np.asarray(vectors[:, -1] * farthest)
 
 
@@ -102,7 +104,7 @@ def _bends(ledger: Ledger, system: System, row: int) -> bool:
         return False
     with np.errstate(over="ignore"):
         size = float(np.linalg.norm(forms.v))
-    if not size < BEYOND:
+    if not size < MAX_RESIDUAL_IN_SIGMA:
         return False
     for name in forms.units[0].points:
         step = _weakest(system, name)
@@ -110,7 +112,7 @@ def _bends(ledger: Ledger, system: System, row: int) -> bool:
             continue
         for moved in (step, -step):
             try:
-                if forms.bend(name, moved) > BENDS * size:
+                if forms.bend(name, moved) > MIN_BEND_TO_RESIDUAL * size:
                     return True
             except AdjustmentError:
                 return True  # it has no answer there: nothing is less linear
@@ -147,10 +149,10 @@ def _moved(draft: Draft, name: str, step: Array) -> Start:
 def _places(start: Start, number: int, step: Array) -> Iterator[Start]:
     """Iterate over a start, and the same with a point moved both ways."""
     yield start
-    for way in WAYS:
+    for part in MOVES_TO_TRY:
         for sign in (1.0, -1.0):
             points = start.state["point"].copy()
-            points[number] += sign * way * step
+            points[number] += sign * part * step
             yield replace(start, state={**start.state, "point": points})
 
 

@@ -30,12 +30,12 @@ from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
 from ..quality.snooping import snoop
 from ..solve.anywhere import anywhere
-from ..solve.aside import beside_lines
 from ..solve.linear import LinearSystem
 from ..solve.minimum import adjust_from
 from ..solve.rank import UNDETERMINED, loose
 from ..solve.solution import Solution
 from ..solve.start import Start
+from ..solve.starts_on_lines import beside_lines
 from ..types import NO_ROWS, Index
 from .candidates import Candidates, Nothing
 from .excerpt import excerpt

@@ -10,8 +10,8 @@ import numpy as np
 from ..graph.equations import Equations
 from ..models.variables import VariableKind
 from ..observations import ImagePoint
-from ..solve.aside import beside_lines
 from ..solve.linear import LinearSystem
+from ..solve.starts_on_lines import beside_lines
 from ..types import NO_ROWS, Array, Index
 from .units import Unit
 

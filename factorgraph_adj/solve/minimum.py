@@ -13,22 +13,23 @@ from ..errors import AdjustmentError
 from ..graph.equations import Equations
 from ..network.network import DatumChoice
 from ..types import Array
-from .aside import LIGHT, MOST_BESIDE, beside_lines, rows_on_lines
 from .both_ways import MOST_THERE, look_both_ways
 from .datum import FreeDatum
 from .determine import GROSS, refuse_unnoticed
 from .extra import NOTHING_MORE, Extra
 from .extrapolation import NONE_TAKEN
+from .fit import fits_badly
 from .free_network import carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
 from .memory import refuse_too_large
 from .normal import Solver
-from .pulled_back import pulled_back
+from .points_behind import pulled_ahead
 from .run import Looked, Run
 from .shapes_anew import MOST_TRIED, look_at_shapes
 from .sides import refuse_points_behind
 from .solution import Solution
 from .start import Start
+from .starts_on_lines import LIGHT_WEIGHT, MOST_BESIDE, beside_lines, rows_on_lines
 from .stopping import at_rest, no_worse
 
 OFF_DATUM = "not at rest on the inner constraints of the free network"
@@ -41,9 +42,7 @@ MOST_WEIGHINGS = 10
 """Largest number of times that weights are computed: they depend on the lengths of sights, which
 hardly change with the unknowns."""
 
-BEYOND_CHANCE = 4.0
-"""Excess of vᵀPv over the redundancy, in its standard deviations, that chance does not explain."""
-ELSEWHERE = (
+LOWER_MINIMUM_POSSIBLE = (
     "the start was far from this minimum and vᵀPv is larger than chance explains: gross errors, or "
     "a lower minimum elsewhere, cannot be excluded"
 )
@@ -134,8 +133,9 @@ def adjust_from(
     if run.datum is not None:
         ended = _carry_to_datum_points(run, ended, tolerance)
     refuse_points_behind(run.equations, run.state)
-    if ended.converged and run.damped and _fits_badly(run, ended.vtpv):
-        ended = replace(ended, reason=f"{ended.reason}; {ELSEWHERE}")
+    relative = variance == "a-posteriori"
+    if ended.converged and run.damped and _fits_badly(run, weights, relative=relative):
+        ended = replace(ended, reason=f"{ended.reason}; {LOWER_MINIMUM_POSSIBLE}")
     return Solution(
         network=equations.network,
         equations=run.equations,
@@ -174,7 +174,7 @@ def _beside_lines(
     if not rows.any():
         return start
     start = replace(start, state=beside_lines(equations, start.state))
-    factors = np.where(rows, LIGHT, 1.0) * (1.0 if weights is None else weights)
+    factors = np.where(rows, LIGHT_WEIGHT, 1.0) * (1.0 if weights is None else weights)
     with suppress(AdjustmentError):  # they are needed for more than the direction
         run, ended = _minimise(
             equations,
@@ -221,7 +221,7 @@ def _minimise(
         if not iterations:
             refuse_too_large(run.solver.plan, equations, state)
         go_on = _Iteration(tolerance, max_iterations, progress)
-        run.state = pulled_back(equations, run.state, run.solver.layers.reduced)
+        run.state = pulled_ahead(equations, run.state, run.solver.layers.reduced)
         ended = _ahead_of_cameras(run, go_on(run, iterations), go_on)
         if ended.converged:
             ended, found = look_both_ways(run, ended, go_on, examine)
@@ -246,18 +246,16 @@ def _minimise(
     return run, replace(ended, iterations=iterations, second_places=told)
 
 
-def _fits_badly(run: Run, vtpv: float) -> bool:
-    """Return whether vᵀPv is larger than chance explains: its deviation is √(2 r)."""
-    unknowns = run.equations.unknowns
-    r = run.equations.n_rows + run.extra.n_rows - int(unknowns.free.sum())
-    r += sum(d.size for d in run.defects)
-    return bool(vtpv > r + BEYOND_CHANCE * np.sqrt(2.0 * max(r, 1)))
+def _fits_badly(run: Run, weights: Array | None, *, relative: bool) -> bool:
+    """Return whether vᵀPv is larger than chance explains, see `fits_badly`."""
+    determined = int(run.equations.unknowns.free.sum()) - sum(d.size for d in run.defects)
+    return fits_badly(run.whitened(run.state), weights, determined, relative=relative)
 
 
 def _ahead_of_cameras(run: Run, ended: Ended, go_on: _Iteration) -> Ended:
     """Iterate again with points pulled back that lie behind cameras at the end."""
     for _ in range(MOST_PULLED_BACK):
-        moved = pulled_back(run.equations, run.state, run.solver.layers.reduced)
+        moved = pulled_ahead(run.equations, run.state, run.solver.layers.reduced)
         if moved is run.state or ended.iterations >= go_on.most:
             break
         run.state, run.at_solution = moved, None

@@ -27,7 +27,7 @@ from factorgraph_adj.errors import AdjustmentError
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.graph.variables import State
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.solve.minimum import ELSEWHERE
+from factorgraph_adj.solve.minimum import LOWER_MINIMUM_POSSIBLE
 from tests.networks.poor_starts import SORTS, poor_start
 from tests.support.other_solvers import by_gtsam, by_trf, cost
 
@@ -71,7 +71,7 @@ def compare(network: Network, number: int, found: Compared) -> State:
     else:
         costs["ours"] = cost(equations, solution.state)
         said = solution.converged
-        silent_if_above = said and ELSEWHERE not in solution.reason
+        silent_if_above = said and LOWER_MINIMUM_POSSIBLE not in solution.reason
         found.iterations.append(solution.iterations)
     taken = {"ours": process_time() - begin}
     for name, solve in OTHERS.items():

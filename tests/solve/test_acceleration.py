@@ -11,7 +11,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.solve.acceleration import accelerated
 from factorgraph_adj.solve.iterate import step_from
-from factorgraph_adj.solve.pulled_back import pulled_back
+from factorgraph_adj.solve.points_behind import pulled_ahead
 from factorgraph_adj.solve.run import Run
 from factorgraph_adj.solve.sides import behind
 from factorgraph_adj.solve.step import Step
@@ -87,12 +87,12 @@ def test_points_behind_their_cameras_at_the_start_are_pulled_back() -> None:
     points[moved] += [0.0, 0.0, 40.0]
     wrong = {**state, "point": points}
     assert behind(equations, wrong).any()
-    back = pulled_back(equations, wrong, reduced)
+    back = pulled_ahead(equations, wrong, reduced)
     assert not behind(equations, back).any()
     others = np.setdiff1d(np.arange(len(points)), moved)
     assert np.array_equal(back["point"][others], state["point"][others])
     assert np.abs(back["point"][moved] - state["point"][moved]).max() < 1.0
-    assert pulled_back(equations, state, reduced) is state
+    assert pulled_ahead(equations, state, reduced) is state
 
 
 def test_nothing_undetermined_is_reported_far_from_the_minimum() -> None:

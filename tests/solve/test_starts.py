@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve.minimum import ELSEWHERE
+from factorgraph_adj.solve.minimum import LOWER_MINIMUM_POSSIBLE
 from tests.benchmarks.starts import Compared, compare
 from tests.networks.poor_starts import poor_start
 from tests.support.other_solvers import cost, native
@@ -50,9 +50,9 @@ def test_a_bad_fit_that_was_reached_from_afar_says_that_a_lower_minimum_may_exis
     solution = fga.adjust(bad)
     assert solution.converged
     assert solution.vtpv > 10.0 * solution.redundancy
-    assert ELSEWHERE in solution.reason
+    assert LOWER_MINIMUM_POSSIBLE in solution.reason
     solution = fga.adjust(good)
     assert solution.converged
-    assert ELSEWHERE not in solution.reason
+    assert LOWER_MINIMUM_POSSIBLE not in solution.reason
     near = fga.adjust(bad, start=fga.adjust(bad))
-    assert near.converged and ELSEWHERE not in near.reason
+    assert near.converged and LOWER_MINIMUM_POSSIBLE not in near.reason

@@ -16,10 +16,10 @@ from ..graph.variables import State, Unknowns
 from ..observations import KINDS
 from ..types import Index, Mask
 
-ASIDE = 1e-6
+SIGMA_OF_MOVE = 1e-6
 """Standard deviation of a move, metres or radians: a thousand times the resolution of a geocentric
 coordinate, and far below what offsets measure."""
-LIGHT = 1e-6
+LIGHT_WEIGHT = 1e-6
 """Factor on the weights of offsets without a direction, while others bring the start to a side."""
 MOST_BESIDE = 20
 """Largest number of iterations for that."""
@@ -45,7 +45,7 @@ def beside_lines(equations: Equations, state: State) -> State:
             break
         own = np.unique(np.concatenate(columns))
         step = np.zeros(equations.unknowns.n_columns)
-        step[own] = ASIDE * rng.standard_normal(len(own))
+        step[own] = SIGMA_OF_MOVE * rng.standard_normal(len(own))
         state = equations.unknowns.retract(state, step)
     return state
 
