@@ -306,7 +306,7 @@ def carry(
         free: as in `find_defects`.
     """
     enough, left = tolerance, 0.0
-    before, last = state, np.inf
+    before, last, lowest = state, np.inf, np.inf
     for _ in range(MOTION.transformations if at_rest else 1):
         normal = normal_at(state)
         found = find_defects(normal.system, state, normal.diagonal, free=free)
@@ -319,15 +319,17 @@ def carry(
             if next_step is not None:
                 left = next_step.bound
                 if left > max(enough, normal.resolution):
-                    hidden = MOTION.blurred * (1.0 + normal.system.vtpv)
-                    blurred = last < MOTION.near and last**2 < hidden
-                    if blurred and left > STOPPING.shrinking * last:  # the last state is as good
-                        state, enough = before, MOTION.again * last
+                    vtpv = normal.system.vtpv
+                    blurred = last < MOTION.near and last**2 < MOTION.blurred * (1.0 + vtpv)
+                    # Gauss-Newton leads away from a minimum at which second derivatives matter.
+                    away = vtpv > lowest and left > last
+                    if away or (blurred and left > STOPPING.shrinking * last):
+                        state, enough = before, MOTION.again * last  # it was as good
                     else:
-                        before, last = state, left
+                        before, last, lowest = state, left, vtpv
                         state = equations.unknowns.retract(state, next_step.movement)
                     continue
-                last = np.inf
+                last = lowest = np.inf
         amounts = datum.project(moved_from(equations, state, start))
         if is_nothing(datum.motions @ amounts, state):
             return Carried(state, normal, defects, datum, at_rest, left)

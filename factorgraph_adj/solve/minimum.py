@@ -319,10 +319,10 @@ def _carry_to_datum_points(run: Run, ended: Ended, tolerance: float) -> Ended:
         why = at_rest(carried.left, tolerance, resolution)
         left = max(carried.left, ended.left) if ended.crept else carried.left
         ended = replace(ended, reason=why, left=left)
-    if ended.converged and not carried.at_rest:
-        lost_shape = not no_worse(vtpv, ended.vtpv)
-        if lost_shape:
-            (run.state, run.datum, run.defects), run.at_solution = shape, None
-            vtpv = ended.vtpv
+    lost_shape = ended.converged and not no_worse(vtpv, ended.vtpv)
+    if lost_shape:
+        (run.state, run.datum, run.defects), run.at_solution = shape, None
+        vtpv = ended.vtpv
+    if lost_shape or (ended.converged and not carried.at_rest):
         ended = replace(ended, converged=False, reason=OFF_DATUM, left=np.inf)
     return replace(ended, vtpv=vtpv)

@@ -35,6 +35,13 @@ def test_no_other_solver_reaches_a_lower_cost(sort: str) -> None:
     assert not found.refused and not found.silent
 
 
+def test_a_minimum_that_gauss_newton_leads_away_from_is_carried_to_the_datum_points() -> None:
+    """Newton's steps come to rest there; Gauss-Newton's on the way to the datum points grew."""
+    found = Compared()
+    compare(poor_start("parts of BAL Ladybug 49", 44), 44, found)
+    assert found.lowest["ours"] == found.converged == 1
+
+
 def test_native_factors_have_the_cost_of_our_observations() -> None:
     """½ vᵀPv at the solution, where all points lie ahead of the cameras."""
     solution = fga.adjust(poor_start("principal distance off by half", 0))
