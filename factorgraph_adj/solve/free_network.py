@@ -54,6 +54,9 @@ class MotionRule:
     carried: float = 1e-12
     """Largest remaining motion, relative to the coordinates, of a solution on its constraints: a
     few units of the last digit."""
+    noticed: float = 1e-3
+    """Largest growth of vᵀPv, relative to 1 + vᵀPv, by the whole way: observations may notice a
+    datum defect a little, such as a turn in a frame whose verticals converge."""
 
 
 MOTION = MotionRule()

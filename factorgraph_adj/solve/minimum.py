@@ -19,7 +19,7 @@ from .determine import GROSS, refuse_unnoticed
 from .extra import NOTHING_MORE, Extra
 from .extrapolation import NONE_TAKEN
 from .fit import fits_badly
-from .free_network import carry
+from .free_network import MOTION, carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
 from .memory import refuse_too_large
 from .normal import Solver
@@ -30,7 +30,7 @@ from .sides import refuse_points_behind
 from .solution import Solution
 from .start import Start
 from .starts_on_lines import LIGHT_WEIGHT, MOST_BESIDE, beside_lines, rows_on_lines
-from .stopping import at_rest, no_worse
+from .stopping import STOPPING, at_rest
 
 OFF_DATUM = "not at rest on the inner constraints of the free network"
 """Reason that a solution gives when a free network at its minimum misses its inner constraints."""
@@ -319,7 +319,8 @@ def _carry_to_datum_points(run: Run, ended: Ended, tolerance: float) -> Ended:
         why = at_rest(carried.left, tolerance, resolution)
         left = max(carried.left, ended.left) if ended.crept else carried.left
         ended = replace(ended, reason=why, left=left)
-    lost_shape = ended.converged and not no_worse(vtpv, ended.vtpv)
+    growth = MOTION.noticed if carried.at_rest else STOPPING.unchanged
+    lost_shape = ended.converged and not vtpv <= ended.vtpv + growth * (1.0 + ended.vtpv)
     if lost_shape:
         (run.state, run.datum, run.defects), run.at_solution = shape, None
         vtpv = ended.vtpv
