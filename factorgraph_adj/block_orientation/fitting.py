@@ -211,7 +211,8 @@ def _rows(growth: Growth, equations: Equations, known: Known) -> _Rows | None:
     attitude: Mask = np.asarray(np.isfinite(known.pose[:, :9]).all(axis=1))
     posed = growth.posed & attitude
     attitudes = (growth.pose[posed, :9].reshape(-1, 3, 3), known.pose[posed, :9].reshape(-1, 3, 3))
-    at = growth.point[growth.placed]
+    # A part may consist of photos alone, whose rays meet nowhere yet.
+    at = growth.point[growth.placed] if growth.placed.any() else growth.pose[growth.posed, 9:]
     middle = np.median(at, axis=0)
     size = float(np.median(np.linalg.norm(at - middle, axis=1))) or 1.0
     if places.any():

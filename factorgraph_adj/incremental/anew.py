@@ -21,6 +21,7 @@ from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError
 from ..network.network import DatumChoice
 from ..solve.start import Start
+from .other_minimum import other_minimum
 from .rebasing import Draft
 from .system import System
 
@@ -63,15 +64,8 @@ def better_of(
 
 def _with_other(system: System, other: System) -> System:
     """Return a system at rest whose solution tells of another minimum."""
-    ours, theirs = system.base, other.base
-    told = f"another minimum has vᵀPv {theirs.vtpv:.6g} instead of {ours.vtpv:.6g}"
-    unknowns, there = ours.equations.unknowns["point"], theirs.equations.unknowns["point"]
-    names = [n for n in unknowns.names if n in there.number]
-    if names:
-        apart = [float(np.linalg.norm(ours.point(n) - theirs.point(n))) for n in names]
-        name = names[int(np.argmax(apart))]
-        at = ", ".join(f"{x:.4f}" for x in theirs.point(name))
-        told += f", with point {name!r} at {at}, {max(apart):.3g} m away"
+    ours = system.base
+    told = other_minimum(ours, other.base)
     base = replace(ours, second_places=(*ours.second_places, told))
     return System.of(base, rows=system.rows, section=system.section)
 

@@ -9,19 +9,22 @@ with it and without:
     T² = vᵀPv with − vᵀPv without,
 
 with the same degrees of freedom and the same critical value. The adjustment with it begins where
-the points are, and moved both ways along the direction in which they are weakest, by as much as
-makes vᵀPv smallest.
+the points are, or from a place at which vᵀPv is smaller: moved both ways along the direction in
+which they are weakest, or at the mirror image that fits the other observations as well (see
+`solve.mirrors`). Which of the two sides a point is on, only a later observation may tell.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from ..errors import AdjustmentError
 from ..quality.leave_out import critical_t2
+from ..solve.both_ways import standing_free
+from ..solve.mirrors import mirrored
 from ..solve.start import Start
 from ..types import Array, Index
 from .candidates import Candidates, known_in
@@ -69,11 +72,13 @@ def tested_by_adjusting(
     if system.doubt or system.section is not None:
         return ledger, system, told
     ready = Candidates(ledger, known_in(system), rows).ready
-    bent = [row for row in ready[-MAX_UNITS_TESTED:].tolist() if _bends(ledger, system, row)]
+    last = ready[-MAX_UNITS_TESTED:]
+    images = _images(ledger, system, last)
+    bent = [row for row in last.tolist() if _bends(ledger, system, row, images)]
     # Together first: others than the first may tell which of two places is right.
     for part in [bent, *([row] for row in bent if len(bent) > 1)]:
         out = np.setdiff1d(np.array(part, dtype=np.intp), ledger.having("accepted"))
-        if len(out) and (found := _with(ledger, system, out, rules)):
+        if len(out) and (found := _with(ledger, system, out, rules, images)):
             base = found[1].base
             joint = Inside.of(base.normal(), base.factor, found[0].units(out), base)
             verdicts = list(accepted(joint, rules.alpha, given, gains=rules.datum == "given"))
@@ -96,8 +101,22 @@ def _weakest(system: System, name: str) -> Array | None:
     return np.asarray(vectors[:, -1] * farthest)
 
 
-def _bends(ledger: Ledger, system: System, row: int) -> bool:
-    """Return whether an observation bends by as much as it contradicts, within reach of a point."""
+def _images(ledger: Ledger, system: System, rows: Index) -> dict[str, Array]:
+    """Return the movements of points of observations to their mirror images, (3,) metres each."""
+    unknowns, state = system.base.equations.unknowns["point"], system.base.state
+    candidates = np.zeros(len(unknowns.offset), dtype=bool)
+    for unit in ledger.units(rows):
+        candidates[[unknowns.number[n] for n in unit.points if n in unknowns.number]] = True
+    candidates &= standing_free(system.base.equations)
+    middles = mirrored(system.base.equations, state, candidates) if candidates.any() else {}
+    return {unknowns.names[n]: 2.0 * (at - state["point"][n]) for n, at in middles.items()}
+
+
+def _bends(ledger: Ledger, system: System, row: int, images: Mapping[str, Array]) -> bool:
+    """Return whether an observation bends by as much as it contradicts, within reach of a point.
+
+    So does one that fits at the mirror image of a point: its form holds on one side only.
+    """
     try:
         forms = system.forms(ledger, np.array([row]))
     except AdjustmentError:
@@ -107,6 +126,8 @@ def _bends(ledger: Ledger, system: System, row: int) -> bool:
     if not size < MAX_RESIDUAL_IN_SIGMA:
         return False
     for name in forms.units[0].points:
+        if name in images and forms.misfit(name, images[name]) < MIN_BEND_TO_RESIDUAL * size:
+            return True
         step = _weakest(system, name)
         if step is None:
             continue
@@ -120,7 +141,7 @@ def _bends(ledger: Ledger, system: System, row: int) -> bool:
 
 
 def _with(
-    ledger: Ledger, system: System, rows: Index, rules: Rules
+    ledger: Ledger, system: System, rows: Index, rules: Rules, images: Mapping[str, Array]
 ) -> tuple[Ledger, System] | None:
     """Return ledger and system with observations; none where they do not fit."""
     points = dict.fromkeys(n for u in ledger.units(rows) for n in u.points)
@@ -129,7 +150,9 @@ def _with(
         draft = Draft.of(ledger, system, rules.datum)
         for name in points:
             if (step := _weakest(system, name)) is not None:
-                draft = replace(draft, start=_moved(draft, name, step))
+                ways = [sign * way * step for way in MOVES_TO_TRY for sign in (1.0, -1.0)]
+                ways += [images[name]] if name in images else []
+                draft = replace(draft, start=_moved(draft, name, ways))
         found = draft.adjusted(rules.datum)
     except AdjustmentError:
         return None
@@ -140,20 +163,19 @@ def _with(
     return (ledger, found) if fits else None
 
 
-def _moved(draft: Draft, name: str, step: Array) -> Start:
-    """Return the start with a point moved both ways, if vᵀPv is smaller there."""
+def _moved(draft: Draft, name: str, ways: Iterable[Array]) -> Start:
+    """Return the start with a point moved in one of the ways, if vᵀPv is smaller there."""
     number = draft.equations.unknowns["point"].number[name]
-    return min(_places(draft.start, number, step), key=lambda start: _vtpv(draft, start))
+    return min(_places(draft.start, number, ways), key=lambda start: _vtpv(draft, start))
 
 
-def _places(start: Start, number: int, step: Array) -> Iterator[Start]:
-    """Iterate over a start, and the same with a point moved both ways."""
+def _places(start: Start, number: int, ways: Iterable[Array]) -> Iterator[Start]:
+    """Iterate over a start, and the same with a point moved in each of the ways."""
     yield start
-    for part in MOVES_TO_TRY:
-        for sign in (1.0, -1.0):
-            points = start.state["point"].copy()
-            points[number] += sign * part * step
-            yield replace(start, state={**start.state, "point": points})
+    for way in ways:
+        points = start.state["point"].copy()
+        points[number] += way
+        yield replace(start, state={**start.state, "point": points})
 
 
 def _vtpv(draft: Draft, start: Start) -> float:

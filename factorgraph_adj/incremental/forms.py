@@ -127,11 +127,25 @@ class Forms:
         Raises:
             InputError: names observations whose geometry has no answer there.
         """
+        whole = self._movement(name, step)
+        there = self._residuals_after(whole)
+        return float(np.linalg.norm(there - (self.v + self.a @ whole[self.own])))
+
+    def misfit(self, name: str, step: Array) -> float:
+        """Return √Σ|v|² where a point is moved, and nothing else; arguments as of `bend`."""
+        return float(np.linalg.norm(self._residuals_after(self._movement(name, step))))
+
+    def _movement(self, name: str, step: Array) -> Array:
+        """Return the movement of all unknowns where a point is moved, (n_columns,)."""
         unknowns = self.at.unknowns
         whole = np.zeros(unknowns.n_columns)
         whole[unknowns.columns("point", unknowns["point"].number[name])] = step
-        there = self.at.equations.residuals(unknowns.retract(self.at.state, whole))
-        return float(np.linalg.norm(there[self.chosen] - (self.v + self.a @ whole[self.own])))
+        return whole
+
+    def _residuals_after(self, whole: Array) -> Array:
+        """Return residuals of the forms after a movement of all unknowns."""
+        moved = self.at.unknowns.retract(self.at.state, whole)
+        return self.at.equations.residuals(moved)[self.chosen]
 
 
 def stacked(rows: Sequence[Index]) -> tuple[tuple[Index, ...], Index]:

@@ -17,10 +17,12 @@ from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
 from ..network.selection import filtered
 from ..solve.anywhere import anywhere, narrow
+from ..solve.both_ways import standing_free
 from ..solve.datum import generators, middle
 from ..solve.extra import NOTHING_MORE, Extra
 from ..solve.linear import LinearSystem
 from ..solve.minimum import OFF_DATUM, adjust_from
+from ..solve.mirrors import mirrored
 from ..solve.normal import NormalEquations, Solver
 from ..solve.run import Looked
 from ..solve.singular import SingularError
@@ -30,6 +32,7 @@ from ..solve.start import Start
 from ..types import Array, Index
 from .cutting import section_of
 from .ledger import Ledger
+from .other_minimum import other_minimum
 from .rules import Rules
 from .section import Section
 from .system import System
@@ -310,7 +313,8 @@ def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
 
     All observations are linearised there. Where the step that is left is more than was promised,
     or observations notice the way to the inner constraints a little, as verticals on the curved
-    Earth do, it is adjusted from there.
+    Earth do, it is adjusted from there; so it is where points may fit on their other sides, see
+    `solve.mirrors`, which the solution tells.
     """
     if system.section is None and not system.changed and not system.doubt:
         return system.base
@@ -324,7 +328,11 @@ def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
         within=rules.accuracy,
         doubt=system.doubt,
     )
-    if not system.doubt and (found.reason == OFF_DATUM or _left(found) > rules.accuracy):
+    if system.doubt:
+        return found
+    far = found.reason == OFF_DATUM or _left(found) > rules.accuracy
+    images = mirrored(found.equations, found.state, standing_free(found.equations))
+    if far or images:
         with suppress(AdjustmentError):
             adjusted = adjust_from(
                 draft.equations,
@@ -332,8 +340,28 @@ def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
                 free=rules.datum == "free",
                 tolerance=EFFORT.close,
             )
-            return adjusted if adjusted.converged else found
+            if adjusted.converged:
+                return adjusted if far else _with_second_places(found, adjusted, images)
     return found
+
+
+def _with_second_places(
+    ours: Solution, adjusted: Solution, images: Mapping[int, Array]
+) -> Solution:
+    """Return a solution that tells where points fit as well, or better, on their other sides.
+
+    Args:
+        ours: where everything is.
+        adjusted: the adjustment from there, which may have gone to the other side of points.
+        images: middles between points and their other sides, by number.
+    """
+    here, there = ours.state["point"], adjusted.state["point"]
+    aside = [
+        np.linalg.norm(there[n] - here[n]) > np.linalg.norm(middle - here[n])
+        for n, middle in images.items()
+    ]
+    told = (other_minimum(ours, adjusted),) if any(aside) else adjusted.second_places
+    return replace(ours, second_places=told)
 
 
 def _left(solution: Solution) -> float:

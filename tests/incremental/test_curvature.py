@@ -121,3 +121,51 @@ def test_suspects_that_fit_after_settling_come_back():
     inc.remove("wrong")
     inc.settle()
     assert_right(inc)
+
+
+ABOVE = (20.0, 20.0, 30.0)
+"""A station above the plane."""
+
+
+def other_side() -> fga.IncrementalAdjustment:
+    """Return a day on which four distances have put P below the plane; it is above."""
+    network = near_the_plane(-10.0, np.inf)
+    network.add_point("Q", ABOVE, fixed="xyz")
+    inc = fga.IncrementalAdjustment(network)
+    for o in distances().values():
+        inc.add(o)
+    assert inc.estimate("P") == pytest.approx(TRUE * (1.0, 1.0, -1.0), abs=0.01)
+    return inc
+
+
+TELLING = {
+    "a levelled height": HeightDifference("A", "P", 12.0, sigma=SIGMA),
+    "a distance from above": SlopeDistance(
+        "Q", "P", float(np.linalg.norm(TRUE - ABOVE)), sigma=SIGMA
+    ),
+}
+"""Readings that say on which side of the plane P is."""
+
+
+@pytest.mark.parametrize("what", TELLING)
+def test_a_reading_that_tells_the_side_moves_the_point_there(what):
+    inc = other_side()
+    (v,) = inc.add(TELLING[what]).verdicts
+    assert v.verdict == "accepted"
+    assert inc.estimate("P") == pytest.approx(TRUE, abs=0.01)
+    assert not inc.suspects
+
+
+def test_a_reading_that_fits_on_neither_side_is_a_suspect():
+    inc = other_side()
+    (v,) = inc.add(HeightDifference("A", "P", 11.9, sigma=SIGMA)).verdicts
+    assert v.verdict == "suspect"
+    assert inc.estimate("P")[2] == pytest.approx(-12.0, abs=0.01)
+
+
+def test_the_solution_tells_of_the_other_side_before_settling():
+    inc = other_side()
+    (told,) = inc.solution().second_places
+    assert "point 'P' fits equally well at 45.0000, 40.0000, 12.0000" in told
+    inc.add(SlopeDistance("B", "P", 69.0, sigma=1.0))
+    assert inc.solution().second_places

@@ -83,9 +83,9 @@ class Compared:
 
     @property
     def outside(self) -> bool:
-        """Whether the promise is broken."""
+        """Whether the promise is broken: it is not given where two places fit equally well."""
         promise = AT_REST if self.settled else PROMISE
-        return not self.largest <= max(promise, ROUNDING * self.rounding)
+        return not (self.told or self.largest <= max(promise, ROUNDING * self.rounding))
 
     def __str__(self) -> str:
         """Return a line."""
@@ -134,9 +134,21 @@ def _members(item: AnyObservation) -> Sequence[Any]:
 
 
 def _wrong(item: AnyObservation, rng: np.random.Generator) -> AnyObservation:
-    """Return an observation with an error that is drawn by chance."""
-    first, *rest = _members(item)
+    """Return an observation with an error that is drawn by chance, of a size that is read at all.
+
+    A distance is never negative, say.
+    """
     size = 10.0 ** rng.uniform(0.5, 4.0) * rng.choice((-1.0, 1.0))
+    while True:
+        try:
+            return _with_error(item, size)
+        except InputError:
+            size /= 10.0
+
+
+def _with_error(item: AnyObservation, size: float) -> AnyObservation:
+    """Return an observation with an error of a number of σ in its first value."""
+    first, *rest = _members(item)
     if isinstance(first, ImagePoint):
         sigma = float(np.max(first.sigma))
         new: Any = replace(first, x=first.x + min(size * sigma, 3.0))
@@ -201,14 +213,11 @@ def _something_else(
 
 
 def _tried(event: Any, inc: IncrementalAdjustment) -> None:
-    """Let something happen that may be refused, which changes nothing then.
-
-    The components of a unit vector, say, are refused where an error makes them larger than one.
-    """
+    """Let something happen that may be refused, which changes nothing then."""
     before = _there(inc)
     try:
         event()
-    except (AdjustmentError, InputError):
+    except AdjustmentError:
         assert sorted(_there(inc)) == sorted(before)
 
 
