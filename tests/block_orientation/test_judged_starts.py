@@ -12,7 +12,6 @@ import factorgraph_adj as fga
 from factorgraph_adj.block_orientation.begin import start_of
 from factorgraph_adj.block_orientation.start_misfit import GROSS
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.solve.start import approximate_start
 from factorgraph_adj.types import Array
@@ -139,18 +138,3 @@ def test_a_start_that_is_not_grossly_wrong_is_not_touched(around, add, wrong):
     assert not found.words
     for kind, values in given.state.items():
         assert np.array_equal(found.state[kind], values, equal_nan=True)
-
-
-def test_photos_whose_rays_meet_nowhere_are_moved_to_their_observed_centres(flown):
-    """Each sees a point of its own: only the centres say that the reconstruction is elsewhere."""
-    network = fga.Network("photos alone")
-    network.add_camera("camera", BrownLens(), {"c": 35.0})
-    for n, (name, photo) in enumerate(flown.truth.photos.items()):
-        at = np.array(photo.position)
-        network.add_photo(name, "camera", position=at + 5000.0, rotation=photo.rotation)
-        network.add_point(f"T{n}", at - (0.0, 0.0, 400.0))
-        network.add(fga.ImagePoint(name, f"T{n}", 1.0, 2.0, sigma=0.003))
-        network.add(fga.PhotoPosition(name, tuple(at.tolist()), sigma=(0.05, 0.05, 0.05)))
-    begun = start_of(compile_network(network), network.datum, None)
-    true = [p.position for p in flown.truth.photos.values()]
-    assert np.linalg.norm(begun.state["pose"][:, 9:] - true, axis=1).max() < 1.0
