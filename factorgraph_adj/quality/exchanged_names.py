@@ -49,13 +49,16 @@ def sights_far_off(solution: Solution) -> bool:
     return far > 1
 
 
-def exchanged_names(network: Network, solution: Solution, alpha: float) -> tuple[Exchange, ...]:
+def exchanged_names(
+    network: Network, solution: Solution, alpha: float, *, estimated: bool = False
+) -> tuple[Exchange, ...]:
     """Return the exchanges of names that explain why readings are far off, if there are any.
 
     Args:
         network: the whole network.
         solution: its adjustment, or where it ended.
         alpha: probability with which readings of the right names do not fit.
+        estimated: whether σ0 is estimated; otherwise it is 1.
     """
     if solution.datum is not None or network.datum == "free":
         return ()  # there is no robust estimator of free networks
@@ -67,9 +70,10 @@ def exchanged_names(network: Network, solution: Solution, alpha: float) -> tuple
         return ()
     equations = compile_network(network)  # those of the estimate have other weights
     size = np.abs(np.nan_to_num(found.test_values))
-    limit = max(normal_quantile(1.0 - 0.5 * alpha), PART * float(size.max(initial=0.0)))
+    sigma0 = float(np.median(size)) / normal_quantile(0.75) if estimated else 1.0
+    limit = max(sigma0 * normal_quantile(1.0 - 0.5 * alpha), PART * float(size.max(initial=0.0)))
     bad = {equations.id(int(row)) for row in np.flatnonzero(size > limit)}
-    return exchanged_targets(equations, found.solution, bad, alpha)
+    return exchanged_targets(equations, found.solution, bad, alpha, estimated=estimated)
 
 
 def _with_another(network: Network, ids: tuple[str, ...]) -> tuple[str, ...]:

@@ -136,7 +136,7 @@ def snoop(
     names: list[Match] = []
     if plain and first is not None and sights_far_off(first):
         # Exchanged names bend an adjustment, and a search that begins with it.
-        exchanged = exchanged_names(network, first, alpha)
+        exchanged = exchanged_names(network, first, alpha, estimated=test == "pope")
         names = [e.match for e in exchanged]
         beside = start_beside(network, exchanged, options) if names else None
         if beside is not None:

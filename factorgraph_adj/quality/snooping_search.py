@@ -411,30 +411,29 @@ class SnoopingSearch:
         )
 
     def _causes(self) -> Causes | None:
-        """Return what may have caused the misfits; none where there are none."""
+        """Return what may have caused the misfits; none where no test of a known σ0 is critical."""
         first = self.first
         if self.whole is None:  # a robust start hides causes that several share
             first = self.reliability  # where nothing is bent, if the whole has no minimum
             with suppress(AdjustmentError):
-                extra = self.factors.given
-                plain = adjust(
-                    self.network, start=self.solution, extra_factors=extra, **self.options
-                )
+                options = {**self.options, "extra_factors": self.factors.given}
+                plain = adjust(self.network, start=self.solution, **options)
                 if plain.converged:
                     first = reliability(plain, alpha=self.alpha, power=self.power)
-        sigma0 = self.solution.sigma0 if self.test == "pope" else 1.0
-        largest = float(np.nanmax(np.abs(first.w), initial=0.0))
-        if not self.ids_aside() and not largest > self.present.critical * sigma0:
+        largest, pope = float(np.nanmax(np.abs(first.w), initial=0.0)), self.test == "pope"
+        if not pope and not self.ids_aside() and not largest > self.present.critical:
             return None
-        return causes(first, self.matches(), sigma0=sigma0)
+        return causes(first, self.matches(), estimated=pope)
 
     def matches(self) -> tuple[Match, ...]:
         """Return what the observations set aside may be instead; a solution looks once."""
         if self._matched is None or self._matched[0] is not self.solution:
             told = {i for m in self.exchanged for i in m.ids}
             bad = [i for i in self.ids_aside() if i not in told], self._above()
-            again = not self.factors.given.factors
-            found = every_match(self.equations, self.solution, *bad, self.alpha, again=again)
+            again, pope = not self.factors.given.factors, self.test == "pope"
+            found = every_match(
+                self.equations, self.solution, *bad, self.alpha, again=again, estimated=pope
+            )
             self._matched = self.solution, tuple(both_ways([*self.exchanged, *found]))
         return self._matched[1]
 

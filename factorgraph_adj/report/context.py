@@ -236,21 +236,25 @@ class Report:
         """The cause that explains more than what data snooping set aside; empty if there is none.
 
         Without snooping the test values are the doubt, and a cause with a size stands in its own
-        section.
+        section; where σ0 is estimated, it may show in no test value.
         """
         if self.causes is None:
             return []
         first = self.causes.likeliest
-        if self.snooping is None:
-            told = first is not None and not first.sizes
-            return [f"readings fit under other names: {first}"] if told else []
+        if self.snooping is None and first is not None and not first.sizes:
+            return [f"readings fit under other names: {first}"]
+        if self.snooping is None and not self.pope:
+            return []
         if first is None:
             return nothing_tells(self.causes)
         return [f"likelier than gross errors of single readings: {first}"]
 
     @cached_property
     def causes(self) -> Causes | None:
-        """Causes that several observations share; None where no test value is critical."""
+        """Causes that several observations share; None where no test value is critical.
+
+        Pope's τ cannot exceed √r: what several observations share may show in none of them.
+        """
         if self.snooping is not None:
             found = self.snooping.causes
             return None if found is None else axes.causes(self.network, found)
@@ -260,18 +264,19 @@ class Report:
             return found if matches else None
         values, critical = self.tests
         if (
-            not np.nanmax(np.abs(values), initial=0.0) > critical
+            not self.pope
+            and not np.nanmax(np.abs(values), initial=0.0) > critical
             and global_test(self.solution).accepted
         ):
             return None
-        return axes.causes(self.network, causes(rel, matches))
+        return axes.causes(self.network, causes(rel, matches, estimated=self.pope))
 
     @cached_property
     def _exchanged(self) -> tuple[Exchange, ...]:
         """Exchanged names of targets, where readings of sights are far off."""
         if self.snooping is not None or not sights_far_off(self.solution):
             return ()
-        return exchanged_names(self.network, self.solution, self.options.alpha)
+        return exchanged_names(self.network, self.solution, self.options.alpha, estimated=self.pope)
 
     @cached_property
     def given(self) -> tuple[GivenValue, ...]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -28,6 +31,25 @@ def test_exchanges_that_concern_one_another_are_named_first(seed: int) -> None:
     case, counts = day(seed), Counts()
     assert count(case, counts) == ""
     assert counts.first == counts.told > 0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 6])
+def test_an_exchange_is_named_first_where_sigma0_is_estimated(seed: int) -> None:
+    """All σ are five times too small: T² refers to the estimate, and so do the tests of names."""
+    case = day(seed, most=25)
+    known = fga.snoop(case.network).causes
+    network = case.network.copy()
+    for ident, o in network.observations.items():
+        sigma: Any = np.asarray(o.sigma) / 5.0  # type: ignore[attr-defined]
+        sigma = float(sigma) if not sigma.ndim else tuple(sigma.tolist())
+        network.observations[ident] = replace(o, sigma=sigma)  # type: ignore[call-arg]
+    found = fga.snoop(network, test="pope", variance="a-posteriori").causes
+    assert known is not None
+    assert found is not None
+    a, b = known.found[0], found.found[0]
+    assert (a.cause, a.where, a.ids) == (b.cause, b.where, b.ids)
+    assert a.cause == EXCHANGED
+    assert 0.5 < b.t2 / a.t2 < 2.0
 
 
 def test_an_exchange_that_two_set_ups_may_have_is_named_at_both() -> None:

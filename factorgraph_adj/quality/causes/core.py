@@ -19,8 +19,8 @@ from ...network.selection import without
 from ...solve.batch import adjust
 from ...solve.solution import Solution
 from ...types import Mask
-from ..distributions import normal_quantile
 from ..reliability import Reliability, reliability
+from .evidence import UnitWeight
 from .separable import FARTHEST
 from .set_ups import SetUp, Sight
 
@@ -40,6 +40,8 @@ class Core:
     reliability: Reliability
     suspects: frozenset[int]
     """Points of readings that do not fit, by number in the whole network."""
+    weight: UnitWeight
+    """σ0² by which readings beside it are judged."""
 
     @classmethod
     def of(
@@ -49,14 +51,27 @@ class Core:
         bad: Collection[str],
         sights: Mapping[SetUp, Mapping[int, Sight]],
         alpha: float,
+        *,
+        estimated: bool,
     ) -> Core | None:
         """Return the core; none: it is not determined, or everything is suspect.
 
         A wrong name may agree better with a point than what places it. So of suspects that place
         the network this alone stays, where the network is determined without their sights.
+
+        Args:
+            equations: the whole network.
+            solution: an adjustment of it, or of a part, for approximate values.
+            bad: ids of the readings that do not fit there.
+            sights: the sights of every set-up.
+            alpha: probability with which a reading that is right does not fit.
+            estimated: whether σ0 is that of the core; otherwise it is 1.
         """
-        out = cls._of(equations, solution, bad, sights, alpha, placing=True)
-        return out or cls._of(equations, solution, bad, sights, alpha, placing=False)
+        for placing in (True, False):
+            out = cls._of(equations, solution, bad, sights, alpha, estimated, placing=placing)
+            if out is not None:
+                return out
+        return None
 
     @classmethod
     def _of(
@@ -66,11 +81,12 @@ class Core:
         bad: Collection[str],
         sights: Mapping[SetUp, Mapping[int, Sight]],
         alpha: float,
+        estimated: bool,
         *,
         placing: bool,
     ) -> Core | None:
         fixing = _placing(equations)
-        aside, critical = set(bad), normal_quantile(1.0 - 0.5 * alpha)
+        aside = set(bad)
         out: Core | None = None
         for _ in range(MOST_CORES):
             suspects, ids = _suspects(sights, aside)
@@ -93,9 +109,11 @@ class Core:
             core = rel.solution
             if not core.converged:
                 return out
-            out = cls(core, rel, frozenset(suspects))
-            w = np.nan_to_num(np.abs(rel.w))
-            if w.max(initial=0.0) <= critical:
+            weight = UnitWeight.left_by(core, estimated=estimated)
+            out = cls(core, rel, frozenset(suspects), weight)
+            values, critical = (rel.tau, rel.critical_tau) if estimated else (rel.w, rel.critical_w)
+            w = np.nan_to_num(np.abs(values))
+            if not w.max(initial=0.0) > critical:
                 break
             worst = np.flatnonzero(w >= max(critical, SHARE * float(w.max())))
             aside |= {core.equations.id(int(row)) for row in worst}

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from ...graph.equations import Equations
 from ...solve.solution import Solution
+from .evidence import UnitWeight
 from .exchanged_photos import exchanged_photos
 from .matches import Match, matches
 from .mirrored_block import mirrored_block
@@ -20,6 +21,7 @@ def every_match(
     alpha: float,
     *,
     again: bool,
+    estimated: bool,
 ) -> tuple[Match, ...]:
     """Look for what observations that do not fit may be instead.
 
@@ -30,14 +32,16 @@ def every_match(
         above: ids of those above the critical value that have stayed.
         alpha: probability with which a reading that is right does not fit.
         again: whether the network may be adjusted again with other images.
+        estimated: whether σ0 is that of the clean solution; otherwise it is 1.
     """
+    weight = UnitWeight.left_by(clean, estimated=estimated)
     found = (
-        *matches(equations, clean, aside, alpha),
-        *photos(equations, clean, aside, alpha),
+        *matches(equations, clean, aside, alpha, weight),
+        *photos(equations, clean, aside, alpha, weight),
     )
-    if not again:
-        return found
-    bad = [*aside, *above]
-    block = tuple(mirrored_block(equations, clean, bad, alpha))
-    pairs = () if block else tuple(exchanged_photos(equations, clean, bad, alpha))
-    return (*block, *pairs, *found)
+    if again:
+        bad = [*aside, *above]
+        block = tuple(mirrored_block(equations, clean, bad, alpha, weight))
+        pairs = () if block else tuple(exchanged_photos(equations, clean, bad, alpha, weight))
+        found = (*block, *pairs, *found)
+    return tuple(m.judged_by(weight.variance) for m in found)

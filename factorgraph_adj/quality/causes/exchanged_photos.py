@@ -20,8 +20,8 @@ from ...network.network import Network
 from ...solve.batch import adjust
 from ...solve.solution import Solution
 from ...types import Index
-from ..distributions import chi2_quantile
 from ..innovations import Innovations
+from .evidence import UnitWeight
 from .matches import Match
 
 GONE = 1.0 / 3.0
@@ -37,7 +37,7 @@ MOST_ITERATIONS = 30
 
 
 def exchanged_photos(
-    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float
+    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: UnitWeight
 ) -> Iterator[Match]:
     """Iterate over two photos that fit with the images of each other.
 
@@ -46,10 +46,11 @@ def exchanged_photos(
         clean: the solution without them.
         ids: ids of all that does not fit, set aside or not.
         alpha: probability with which a row that is right does not fit.
+        weight: σ0² of the clean solution.
     """
     if not 0 < equations.n_rays <= MOST_RAYS:
         return
-    network, critical = equations.network, chi2_quantile(1.0 - alpha, 1)
+    network, critical = equations.network, weight.limit(1, alpha)
     suspects = _suspects(equations, set(ids))
     before = float(np.nansum(np.square(Innovations(equations, clean).residuals())))
     best: tuple[float, tuple[str, str]] | None = None

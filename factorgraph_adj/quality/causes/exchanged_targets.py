@@ -26,7 +26,6 @@ import numpy as np
 from ...graph.equations import Equations
 from ...solve.solution import Solution
 from ...types import Array, Index
-from ..distributions import chi2_quantile
 from .core import Core, may_leave, uncontrolled
 from .matches import EXCHANGED, NAME, WITH_HEIGHT, Match, both_ways
 from .renamed import Fit, RenamedReadings
@@ -79,14 +78,26 @@ class _Tested:
 
     what: tuple[_Hypothesis, ...]
     points: frozenset[int]
+    readings: frozenset[tuple[int, int]]
+    """All readings of the points, by block and number."""
     before: Fit
     after: Fit
     same: list[_Tested] = field(default_factory=list)
-    """Hypotheses on the same points that cannot be told from it."""
+    """Hypotheses that share points with it and cannot be told from it."""
+
+    @property
+    def gain(self) -> float:
+        """By how much T² is less with the other names, σ0 = 1."""
+        return self.before.t2 - self.after.t2
 
 
 def exchanged_targets(
-    equations: Equations, solution: Solution, bad: Collection[str], alpha: float
+    equations: Equations,
+    solution: Solution,
+    bad: Collection[str],
+    alpha: float,
+    *,
+    estimated: bool = False,
 ) -> tuple[Exchange, ...]:
     """Look for targets with other names among the points of readings that do not fit.
 
@@ -96,9 +107,10 @@ def exchanged_targets(
             is used, as approximate values.
         bad: ids of the readings that do not fit there.
         alpha: probability with which readings of the right names do not fit.
+        estimated: whether σ0 is that of what is left of the network; otherwise it is 1.
     """
     sights = sights_of(equations, solution)
-    core = Core.of(equations, solution, bad, sights, alpha)
+    core = Core.of(equations, solution, bad, sights, alpha, estimated=estimated)
     found = () if core is None else _Search(equations, core, sights, alpha).found()
     points = {name: at for e in found for name, at in e.points.items()}
     # Two names that are found one after the other are an exchange too.
@@ -269,14 +281,14 @@ class _Search:
             start[p] = _median(own)
         observations = _by_block(readings)
         after = self.renamed.fit(observations, changed, start)
-        if after.dof < 1 or after.t2 > chi2_quantile(1.0 - self.alpha, after.dof):
+        weight = self.core.weight
+        if after.dof < 1 or after.t2 > weight.limit(after.dof, self.alpha):
             return None
         before = self.renamed.fit(observations, {}, start)
-        if before.t2 < after.t2 + SAME:
-            return None
         if not np.isfinite(before.t2):
             before = self.renamed.at(observations, after.coordinates)
-        return _Tested(together, points, before, after)
+        tested = _Tested(together, points, frozenset(readings), before, after)
+        return tested if SAME * weight.variance <= tested.gain < np.inf else None
 
     def _name(self, together: Sequence[_Hypothesis], s: SetUp, target: int) -> int:
         """Return the point that a target of a set-up is."""
@@ -286,13 +298,23 @@ class _Search:
         return target
 
     def _best(self, fitting: Sequence[_Tested]) -> list[_Tested]:
-        """Return the tests that count; of those on the same points the one that explains most."""
+        """Return the tests that count; of those that share points the one that explains most.
+
+        What explains less by no more than `SAME` is named with it. The same readings under the
+        names as they are have one T², the least that any start has led to.
+        """
         out: list[_Tested] = []
-        for t in sorted(fitting, key=lambda t: (-t.after.dof, t.after.t2)):
+        same = SAME * self.core.weight.variance
+        before: dict[frozenset[tuple[int, int]], Fit] = {}
+        for t in fitting:
+            least = before.setdefault(t.readings, t.before)
+            before[t.readings] = min(least, t.before, key=lambda fit: fit.t2)
+        tested = [replace(t, before=before[t.readings]) for t in fitting]
+        for t in sorted((t for t in tested if t.gain >= same), key=lambda t: -t.gain):
             rival = next((o for o in out if o.points & t.points), None)
             if rival is None:
                 out.append(replace(t, same=[]))
-            elif rival.after.dof == t.after.dof and t.after.t2 < rival.after.t2 + SAME:
+            elif rival.gain - t.gain < same:
                 rival.same.append(t)
         return out
 
@@ -333,6 +355,7 @@ class _Search:
             sight = (self.names[h.set_up.station], self.names[a], self.names[b])
             alone = sight if len(h.names) == 1 and not same else None
             match = Match(cause, self._said((h,)), ids, *t2, alone, h.with_height, same)
+            match = match.judged_by(self.core.weight.variance)
             yield Exchange(match, coordinates, self.core.solution)
 
     def _said(self, together: Sequence[_Hypothesis]) -> str:

@@ -23,9 +23,9 @@ from ...graph.equations import Equations
 from ...observations import Azimuth, Direction, GnssVector, Observation
 from ...solve.solution import Solution
 from ...types import Array, Index
-from ..distributions import chi2_quantile
 from ..innovations import Innovations
 from ..prediction import predict
+from .evidence import UnitWeight
 from .hypotheses import SIGHTS
 from .readings import HEIGHT, Readings
 
@@ -60,9 +60,9 @@ class Match:
     ids: tuple[str, ...]
     """Ids of the readings."""
     before: float
-    """T² of the readings as they are, predicted from the clean solution."""
+    """T² / σ0² of the readings as they are, predicted from the clean solution."""
     after: float
-    """T² of the readings as they fit."""
+    """T² / σ0² of the readings as they fit."""
     sight: tuple[str, str, str] | None = None
     """Station, target and the point that it is, of one sight."""
     moved: bool = False
@@ -70,9 +70,13 @@ class Match:
     same: tuple[str, ...] = ()
     """Other places, after which all readings would fit as well."""
 
+    def judged_by(self, variance: float) -> Match:
+        """Return it with T² divided by σ0²."""
+        return replace(self, before=self.before / variance, after=self.after / variance)
+
 
 def matches(
-    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float
+    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: UnitWeight
 ) -> tuple[Match, ...]:
     """Look for what observations that were set aside may be.
 
@@ -81,13 +85,17 @@ def matches(
         clean: the solution without them.
         ids: their ids.
         alpha: probability with which a reading that is right does not fit.
+        weight: σ0² of the clean solution.
+
+    Returns:
+        The matches, those that explain most first; T² for σ0 = 1.
     """
     network = equations.network
     aside = {i: network.observations[i] for i in ids if i in network.observations}
     if not aside:
         return ()
     readings = Readings.of(equations, Innovations(equations, clean).state)
-    search = _Search(clean, network.observations, aside, chi2_quantile(1.0 - alpha, 1))
+    search = _Search(clean, network.observations, aside, weight.limit(1, alpha))
     found = [*search.sights(readings), *search.vectors(), *search.faces(), *search.places()]
     return tuple(sorted(both_ways(found), key=lambda m: m.after - m.before))
 

@@ -26,9 +26,9 @@ from ...network.network import Network
 from ...solve.batch import adjust
 from ...solve.solution import Solution
 from ...types import Array, Mask
-from ..distributions import chi2_quantile
 from ..innovations import Innovations
 from ..robust import robust_adjust
+from .evidence import UnitWeight
 from .matches import Match
 from .photos import FIT, GONE, LEAST, Oriented, fits_attitude, told_apart
 from .separable import SAME
@@ -42,7 +42,7 @@ may have gross errors besides."""
 
 
 def mirrored_block(
-    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float
+    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: UnitWeight
 ) -> Iterator[Match]:
     """Iterate over cameras, or tell of all of them, whose photos all fit with other axes.
 
@@ -51,11 +51,12 @@ def mirrored_block(
         clean: the solution without them.
         ids: ids of all that does not fit, set aside or not.
         alpha: probability with which a row that is right does not fit.
+        weight: σ0² of the clean solution.
     """
     network = equations.network
     if not equations.rays or not _most_of_a_kind(equations, ids):
         return
-    critical = chi2_quantile(1.0 - alpha, 1)
+    critical = weight.limit(1, alpha)
     before = np.square(Innovations(equations, clean).residuals())
     least = max(FIT, float(np.mean(before <= critical)))
     used = {photo.camera for photo in network.photos.values()}
@@ -73,7 +74,7 @@ def mirrored_block(
         if not fit:
             continue
         best = min(fit, key=lambda o: o.t2)
-        same = [o for o in fit if o.t2 < best.t2 + SAME]
+        same = [o for o in fit if o.t2 < best.t2 + SAME * weight.variance]
         cause = told_apart(same, given)
         rays = tuple(
             ident

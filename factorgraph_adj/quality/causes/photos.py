@@ -29,8 +29,8 @@ from ...network.selection import without
 from ...solve.batch import adjust
 from ...solve.solution import Solution
 from ...types import Array, Index, Mask
-from ..distributions import chi2_quantile
 from ..innovations import Innovations
+from .evidence import UnitWeight
 from .matches import Match
 from .separable import SAME
 
@@ -83,7 +83,7 @@ class Oriented:
 
 
 def photos(
-    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float
+    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: UnitWeight
 ) -> Iterator[Match]:
     """Iterate over photos that fit with other axes.
 
@@ -92,8 +92,9 @@ def photos(
         clean: the solution without them.
         ids: their ids.
         alpha: probability with which a ray that is right does not fit.
+        weight: σ0² of the clean solution.
     """
-    critical = chi2_quantile(1.0 - alpha, 2)
+    critical = weight.limit(2, alpha)
     suspect = _suspect(equations, clean, ids)
     if suspect:
         clean = _without(equations, clean, suspect, ids)
@@ -111,7 +112,7 @@ def photos(
         if not fit:
             continue
         best = min(fit, key=lambda o: o.t2)
-        same = [o for o in fit if o.t2 < best.t2 + SAME]
+        same = [o for o in fit if o.t2 < best.t2 + SAME * weight.variance]
         cause = told_apart(same, equations.network.photos[rays.photo].rotation)
         where = f"of photo {rays.photo!r}"
         yield Match(cause, where, rays.ids, _misfit(equations, clean, rays, best), best.t2)

@@ -8,26 +8,25 @@ bend an adjustment too far for its linear model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.sparse import csc_array, hstack
-from scipy.special import gammaincc, gammaln
 
 from ...models.variables import UNKNOWNS
 from ...shown import FIRST, Rows, Shown
 from ...solve.solution import Solution
 from ...types import Array, Index
 from ...units import significant
-from ..distributions import chi2_quantile
 from ..reliability import Reliability
 from .columns import Explained, explain, whitening
+from .evidence import UnitWeight, evidence
 from .given import GivenValue, given_values
 from .hypotheses import Hypotheses, Size, hypotheses
 from .matches import Match
 from .readings import Readings
-from .separable import SAME, SEPARABLE, indifference
+from .separable import SEPARABLE, indifference
 
 MOST = 50
 """Largest number of places at which a cause is tested in full: those that may explain most."""
@@ -81,9 +80,10 @@ class Cause:
     """Estimated error, recorded − true, (q,): metres, radians, image units or ppm; empty for an
     exchange."""
     sigma: Array
-    """Its standard deviations, σ0 = 1, (q,)."""
+    """Its standard deviations, with the σ0 of T², (q,)."""
     t2: float
-    """T²: by how much less vᵀPv would be with it as an unknown, or after the exchange."""
+    """T² / σ0²: by how much less vᵀPv would be with it as an unknown, or after the exchange. An
+    estimated σ0 is that of the adjustment with it as an unknown."""
     dof: int
     """Degrees of freedom of T²."""
     critical: float
@@ -96,6 +96,8 @@ class Cause:
     """The held value that is wrong; None for other causes."""
     same: tuple[str, ...] = ()
     """Other places of an exchange, after which all readings would fit as well."""
+    freedom: float = np.inf
+    """Degrees of freedom of an estimated σ0; infinite where it is known."""
 
     def __str__(self) -> str:
         """Return the cause, its size and its test, in millimetres and milligons."""
@@ -144,8 +146,11 @@ class Cause:
 
     @property
     def evidence(self) -> float:
-        """−ln P(χ² > T²) without an error: it compares causes of different numbers of unknowns."""
-        return evidence(self.t2, self.dof)
+        """−ln of the probability of so large a T² without an error, see `evidence`.
+
+        It compares causes of different numbers of unknowns.
+        """
+        return evidence(self.t2, self.dof, self.freedom)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -157,7 +162,7 @@ class Causes(Shown):
     found: tuple[Cause, ...]
     """The causes."""
     single: float
-    """T² of the single observation with the largest test value, w²."""
+    """T² of the single observation with the largest test value, w² / σ0²."""
     tested: int
     """Number of hypotheses."""
     alpha: float
@@ -167,6 +172,10 @@ class Causes(Shown):
     readings: tuple[str, ...] = ()
     """Labels of the observations that cannot be told from the one with the largest test value, that
     one first; empty where no test value is more than good readings make, see `CHANCE`."""
+    rivals: tuple[str, ...] = ()
+    """Causes that cannot be told from it."""
+    freedom: float = np.inf
+    """Degrees of freedom of the σ0 of `single`; infinite where it is known."""
 
     def headline(self) -> str:
         """Return how many causes were found."""
@@ -185,7 +194,8 @@ class Causes(Shown):
         probability below `CHANCE`; and of a size that such an error has.
         """
         least = float(np.log(max(self.tested, 1) / CHANCE))
-        single = evidence(self.single, 1) + 0.5 * indifference(self.single)
+        single = evidence(self.single, 1, self.freedom)
+        single += indifference(single)
         return tuple(
             c for c in self.found if not c.sizes or (c.evidence > max(least, single) and c.possible)
         )
@@ -205,26 +215,21 @@ class Causes(Shown):
         """
         likelier = self.likelier
         if likelier:
-            same = _alike(likelier, likelier[0].t2, indifference(likelier[0].t2))
+            same = _alike(likelier, likelier[0].evidence)
             return () if not likelier[0].sizes or len(same) < 2 else _said(same)
-        if not self.readings:
-            return ()
-        same = _alike(
-            [c for c in self.found if c.possible and c.sizes], self.single, SEPARABLE * self.single
-        )
-        every = (*self.readings, *_said(same))
+        every = (*self.readings, *self.rivals) if self.readings else ()
         return every if len(every) > 1 else ()
 
 
-def _alike(found: Sequence[Cause], t2: float, within: float) -> list[Cause]:
-    """Return the causes whose T² differ by little; of one cause at one set of readings the first.
+def _alike(found: Iterable[Cause], most: float) -> list[Cause]:
+    """Return the causes whose evidence is `most` or about that; of one at the same readings one.
 
     A cause at a station is the same as everywhere, where there is no other station.
     """
     out: list[Cause] = []
     for c in found:
         twice = any(c.ids and o.cause == c.cause and set(o.ids) == set(c.ids) for o in out)
-        if abs(c.t2 - t2) < within and not twice:
+        if abs(c.evidence - most) < indifference(most) and not twice:
             out.append(c)
     return out
 
@@ -233,43 +238,55 @@ def _said(found: Iterable[Cause]) -> tuple[str, ...]:
     return tuple(f"{c.cause} {c.where}" for c in found)
 
 
-def evidence(t2: float, dof: int) -> float:
-    """Return −ln P(χ² > T²); where it underflows, by the first term of its expansion."""
-    half = 0.5 * t2
-    found = float(gammaincc(0.5 * dof, half))
-    if found > 0.0:
-        return -float(np.log(found))
-    return float(half - (0.5 * dof - 1.0) * np.log(half) + gammaln(0.5 * dof))
-
-
-def causes(rel: Reliability, found: Iterable[Match] = (), *, sigma0: float | None = None) -> Causes:
+def causes(
+    rel: Reliability, found: Iterable[Match] = (), *, estimated: bool | None = None
+) -> Causes:
     """Test the causes that surveyors know, in an adjustment of everything.
 
     Args:
         rel: reliability of the adjustment; its α0 is that of each test.
         found: exchanges that were found in the clean solution.
-        sigma0: standard deviation of unit weight by which test values are divided; none: σ̂0 of an
-            a-posteriori solution, otherwise 1.
+        estimated: whether σ0 is estimated, for each cause from what it leaves of vᵀPv; false: it
+            is 1; none: it is estimated for an a-posteriori solution.
 
     Raises:
         SingularError: the normal equations are singular at the solution.
     """
-    solution, alpha = rel.solution, rel.alpha
-    given = rel.given_values
-    variance = solution.variance_factor if sigma0 is None else sigma0**2
-    tested = [replace(c, t2=c.t2 / variance) for c in explanations(solution, given)]
-    out: list[Cause] = []
-    for c in tested:
-        critical = chi2_quantile(1.0 - alpha, c.dof) if c.dof else np.inf
-        if c.t2 > critical:
-            out.append(replace(c, critical=critical))
-    out = [*sorted((_of_match(m) for m in found), key=lambda c: -c.t2), *_ordered(out)]
-    w = np.where(rel.controlled, np.abs(rel.w), 0.0)
-    single = float(np.max(w * w, initial=0.0)) / variance
-    chance = len(w) + len(tested)
-    shows = evidence(single, 1) > np.log(chance / CHANCE)
-    readings = _readings_alike(rel, w) if shows else ()
-    return Causes(solution, tuple(out), single, len(tested), alpha, given, readings)
+    solution, given = rel.solution, rel.given_values
+    if estimated is None:
+        estimated = solution.variance == "a-posteriori"
+    every = explanations(solution, given)
+    tested = [t for c in every if c.dof and (t := _judged(solution, c, rel.alpha, estimated))]
+    exchanges = sorted((_of_match(m) for m in found), key=lambda c: -c.t2)
+    w = np.where(rel.controlled, np.nan_to_num(rel.w), 0.0)
+    t2 = float(np.max(w * w, initial=0.0))
+    weight = UnitWeight.left_by(solution, estimated=estimated, t2=t2, dof=1)
+    single, freedom = t2 / weight.variance, weight.freedom
+    out = Causes(
+        solution,
+        (*exchanges, *_ordered(tested)),
+        single,
+        len(every),
+        rel.alpha,
+        given,
+        freedom=freedom,
+    )
+    here = evidence(single, 1, freedom)
+    if not here > np.log((len(w) + len(every)) / CHANCE):
+        return out
+    first = int(np.argmax(np.abs(w)))
+    readings = tuple(map(solution.equations.label, _readings_alike(rel, w, first, estimated)))
+    return replace(out, readings=readings, rivals=_said(_rivals(out, first, here)))
+
+
+def _judged(solution: Solution, c: Cause, alpha: float, estimated: bool) -> Cause | None:
+    """Return a cause with T² and σ by the σ0 that it leaves; none: it explains nothing."""
+    weight = UnitWeight.left_by(solution, estimated=estimated, t2=c.t2, dof=c.dof)
+    t2, critical = c.t2 / weight.variance, weight.critical(c.dof, alpha)
+    if not t2 > critical:
+        return None
+    sigma = c.sigma * np.sqrt(weight.variance)
+    return replace(c, t2=t2, sigma=sigma, critical=critical, freedom=weight.freedom)
 
 
 def exchanges_alone(solution: Solution, found: Iterable[Match], alpha: float) -> Causes:
@@ -284,13 +301,62 @@ def exchanges_alone(solution: Solution, found: Iterable[Match], alpha: float) ->
     return Causes(solution, every, 0.0, len(every), alpha)
 
 
-def _readings_alike(rel: Reliability, w: Array) -> tuple[str, ...]:
-    """Return the labels of the observations that cannot be told from the largest one."""
-    first, equations = int(np.argmax(w)), rel.solution.equations
+def _readings_alike(rel: Reliability, w: Array, first: int, estimated: bool) -> list[int]:
+    """Return the rows that cannot be told from the one with the largest test value, that one first.
+
+    Of row 1 and another row 2, with the correlation ρ of their test values, the test value of 1
+    with an error of 2 as an unknown, and the other way round, are
+
+        w₁₂ = (w₁ − ρ w₂) / √(1 − ρ²),   w₂₁ = (w₂ − ρ w₁) / √(1 − ρ²),   w₁² + w₂₁² = w₂² + w₁₂².
+
+    Row 2 belongs to them if its evidence is less by no more than `indifference` (of a known σ0:
+    w₁² − w₂² < `SAME`), and either one explains the other: w₁₂ and w₂₁ are not critical. If they
+    are, both are wrong. 1 − ρ² below `SEPARABLE` counts as that.
+
+    Args:
+        rel: the reliability.
+        w: test values for σ0 = 1, (n,); 0 where nothing controls a row.
+        first: row of the largest.
+        estimated: whether σ0 is estimated.
+    """
+    solution, t2 = rel.solution, w * w
     rho = np.nan_to_num(rel.correlations_with(np.array([first]))[:, 0])
-    alike = rel.controlled & (1.0 - rho**2 < SEPARABLE)
-    alike[first] = False
-    return tuple(equations.label(int(row)) for row in (first, *np.flatnonzero(alike).tolist()))
+    lost = np.maximum(1.0 - rho**2, SEPARABLE)
+    one, other = (w[first] - rho * w) ** 2 / lost, (w - rho * w[first]) ** 2 / lost
+
+    def of(value: float) -> float:
+        weight = UnitWeight.left_by(solution, estimated=estimated, t2=value, dof=1)
+        return evidence(value / weight.variance, 1, weight.freedom)
+
+    most, out = of(float(t2[first])), [first]
+    for row in np.argsort(-t2, kind="stable").tolist():
+        if not rel.controlled[row] or most - of(float(t2[row])) >= indifference(most):
+            break
+        left = float(max(one[row], other[row]))
+        both = float(t2[row] + one[row])
+        weight = UnitWeight.left_by(solution, estimated=estimated, t2=both, dof=2)
+        if row != first and not left / weight.variance > weight.critical(1, rel.alpha):
+            out.append(row)
+    return out
+
+
+def _rivals(found: Causes, first: int, most: float) -> list[Cause]:
+    """Return the causes that cannot be told from an error of one row.
+
+    A cause that this row shares is no rival for explaining nearly as much, as it does so by the
+    row; it is one if it is the same to all readings.
+
+    Args:
+        found: the causes.
+        first: the row.
+        most: evidence of its error.
+    """
+    ident = found.solution.equations.id(first)
+    possible = (c for c in found.found if c.sizes and c.possible)
+    same = SEPARABLE * found.single
+    return _alike(
+        [c for c in possible if ident not in c.ids or abs(c.t2 - found.single) < same], most
+    )
 
 
 def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) -> list[Cause]:
@@ -308,19 +374,16 @@ def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) 
 def _ordered(found: Iterable[Cause]) -> list[Cause]:
     """Return causes, the likeliest first; of those that explain as much, the plainest.
 
-    What differs by less than `SAME` in T² cannot be told apart: the cause of one set-up comes
-    before that of several.
+    What differs in evidence by less than `indifference` cannot be told apart: the cause of one
+    set-up comes before that of several.
     """
     left = sorted(found, key=lambda c: -c.evidence)
     out: list[Cause] = []
     while left:
-        same = [
-            c
-            for c in left
-            if c.t2 > left[0].t2 - indifference(left[0].t2) and c.evidence > left[0].evidence - SAME
-        ]
+        most = left[0].evidence
+        same = [c for c in left if c.evidence > most - indifference(most)]
         out += sorted(same, key=lambda c: c.rank)
-        left = [c for c in left if c not in same]
+        left = left[len(same) :]
     return out
 
 

@@ -8,8 +8,10 @@ by (1 − ρ²) T₁² on the average. The difference is twice the logarithm of 
 from __future__ import annotations
 
 SAME = 11.0
-"""Difference of T² below which two causes cannot be told apart: above it, one of them is
-exp(11/2) = 245 times as likely as the other, so that less than one in 200 is the wrong one."""
+"""Difference of T² / σ0² below which two causes cannot be told apart: above it, one of them is
+exp(11/2) = 245 times as likely as the other. A wrong one is ahead of the true one by so much with a
+probability of at most 1 in 245. This holds for each rival: of k rivals, any is ahead by so much
+with a probability of up to k in 245, less where they are like one another."""
 FARTHEST = 1000.0
 """Largest test value of an error for which the linear model of the tests holds."""
 SEPARABLE = SAME / FARTHEST**2
@@ -17,11 +19,11 @@ SEPARABLE = SAME / FARTHEST**2
 size of `FARTHEST` leaves T² of both different by less than `SAME`. Rounding is smaller by far."""
 
 
-def indifference(t2: float) -> float:
-    """Return the difference from T² up to which another error explains as much.
+def indifference(evidence: float) -> float:
+    """Return the difference from evidence up to which another error explains as much.
 
-    Of errors with one component it is reached where (1 − ρ²) T² is, so that it also decides
-    whether something tells of two errors at all: with a correlation of ±1 their T² differ by
-    rounding alone.
+    Evidence is half a T², so it is half of `SAME`. Of errors with one component it is reached where
+    (1 − ρ²) T² is, so that it also decides whether something tells of two errors at all: with a
+    correlation of ±1 their T² differ by rounding alone.
     """
-    return max(SAME, SEPARABLE * t2)
+    return max(0.5 * SAME, SEPARABLE * evidence)
