@@ -7,14 +7,19 @@ observations all begin with `start_of`.
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
 
 from ..errors import ApproximationError, DatumError, InputError, Problem
 from ..graph.equations import Equations, compile_network
 from ..network.network import DatumChoice, Network
+from ..solve.determine import GROSS
 from ..solve.solution import Solution
 from ..solve.start import Start, approximate_start
 from .block_start import BlockStart
 from .judged_start import judged, refuse_wrong_marks
+from .known import without_approximations
 
 
 def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start | None) -> Start:
@@ -122,17 +127,41 @@ def begun(
 
 
 def begun_anew(network: Network, datum: DatumChoice | None) -> Start | None:
-    """Return a start from image points where approximate values led to no minimum; none: no start.
+    """Return a start from image points where other start values led to no minimum; none: no start.
 
-    A resection from few known points, one of them a mismatch, gives a wrong pose.
+    A resection from few known points, one of them a mismatch, gives a wrong pose; and from given
+    poses mismatches drag points to infinity, whose readings then say nothing.
     """
-    if not without_poses(network):
+    if not network.n_image_points:
         return None
+    equations = compile_network(network)
+    if not equations.unknowns.rough()["pose"].any():
+        return None
+    # Imported here, because few adjustments begin from image points, and the import is slow.
     from .orient import orient_equations
 
     with suppress(InputError, ApproximationError):
-        return orient_equations(compile_network(network), datum=datum).start
+        found = orient_equations(without_approximations(equations), datum=datum).start
+        carried = None if found is None else found.carried_to(equations.unknowns)
+        if carried is not None:
+            given = equations.unknowns.start()
+            origin = {
+                kind: np.where(np.isnan(given[kind]), values, given[kind])
+                for kind, values in carried.origin.items()
+            }
+            return replace(carried, origin=origin)
     return None
+
+
+def is_lost(solution: Solution) -> bool:
+    """Return whether an adjustment has no minimum, or ended far from any.
+
+    Where photos had no poses, those that a resection gave may be what it began with.
+    """
+    if without_poses(solution.network):
+        return not solution.converged
+    v = solution.equations.residuals(solution.state)
+    return not solution.converged and float(v @ v) > GROSS**2 * len(v)
 
 
 def leaving_out(start: Start, error: InputError | DatumError) -> InputError | DatumError:

@@ -71,7 +71,8 @@ def judged(equations: Equations, datum: DatumChoice, start: Start) -> Start:
         refuse_wrong_marks(equations, best.start)
     if best.start is start:
         return start
-    return replace(best.start, words=_told(wrong, best, found[0].cost))
+    told = _told(wrong, best, found[0].cost)
+    return replace(best.start, words=told, instead_of=start.state)
 
 
 def refuse_wrong_marks(equations: Equations, start: Start) -> None:

@@ -66,8 +66,8 @@ def read_part(folder: Folder, geoids: Collection[str] = ()) -> tuple[Network, St
     state, origin = (
         {kind: arrays[f"{of}/{kind}"] for kind in unknowns.start()} for of in ("state", "origin")
     )
-    told = (tuple(header[name]) for name in ("words", "doubtful", "unreached"))
-    return network, Start(unknowns, state, origin, *told)
+    words, doubtful, unreached = (tuple(header[n]) for n in ("words", "doubtful", "unreached"))
+    return network, Start(unknowns, state, origin, words, doubtful, unreached)
 
 
 def write_setup(folder: Folder, setup: Setup) -> None:

@@ -35,7 +35,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..block_orientation.begin import begun, begun_anew, leaving_out, start_of
+from ..block_orientation.begin import begun, begun_anew, is_lost, leaving_out, start_of
 from ..errors import DatumError, InputError, known
 from ..graph.equations import compile_network
 from ..network.network import DatumChoice, Network
@@ -201,12 +201,18 @@ def _first(
         return _from_images(network, choice, start, max_iterations)
     if not from_start or choice == "free":
         # A network that does not determine its unknowns is a DatumError here.
+        solution: Solution | None = None
+        failure: InputError | DatumError | None = None
         try:
             solution = adjust(network, datum=datum, start=start, max_iterations=max_iterations)
-        except (InputError, DatumError):
-            if given is None and (anew := begun_anew(network, datum)) is not None:
-                return _from_images(network, choice, anew, max_iterations)
-            raise
+        except (InputError, DatumError) as error:
+            failure = error
+        lost = given is None and (solution is None or is_lost(solution))
+        if lost and (anew := begun_anew(network, datum)) is not None:
+            return _from_images(network, choice, anew, max_iterations)
+        if failure is not None:
+            raise failure
+        assert solution is not None
         if solution.converged or choice == "free":
             return solution
     equations = compile_network(network)

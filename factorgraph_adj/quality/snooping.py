@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from ..block_orientation.begin import begun, begun_anew, leaving_out
+from ..block_orientation.begin import begun, begun_anew, is_lost, leaving_out
 from ..errors import AdjustmentError, DatumError, InputError, Problem, known
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
@@ -121,7 +121,7 @@ def snoop(
             first = adjust(network, start=start, extra_factors=extra, **options)
         except (InputError, DatumError) as error:
             failure = error
-        lost = first is None or not first.converged
+        lost = first is None or is_lost(first)
         if plain and lost and (anew := begun_anew(network, datum)) is not None:
             with suppress(AdjustmentError):
                 return searching.run_beside(anew)[1]

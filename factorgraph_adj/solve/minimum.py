@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -25,6 +26,8 @@ from .memory import refuse_too_large
 from .normal import Solver
 from .points_behind import pulled_ahead
 from .run import Looked, Run
+from .runaway_points import points_without_place
+from .second_start import better_of_both
 from .shapes_anew import MOST_TRIED, look_at_shapes
 from .sides import refuse_points_behind
 from .solution import Solution
@@ -113,6 +116,39 @@ def adjust_from(
     by which an incremental adjustment knows what to let wait. ``looked`` are shapes that an
     adjustment before has fitted anew in vain, which is not repeated where nothing has changed.
     """
+    attempt = partial(
+        _adjust_from_one,
+        equations,
+        free=free,
+        variance=variance,
+        weights=weights,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        extra=extra,
+        progress=progress,
+        solver=solver,
+        astray=astray,
+        looked={} if looked is None else looked,
+    )
+    return better_of_both(attempt, start)
+
+
+def _adjust_from_one(
+    equations: Equations,
+    start: Start,
+    *,
+    free: bool,
+    variance: Literal["a-priori", "a-posteriori"],
+    weights: Array | None,
+    tolerance: float,
+    max_iterations: int,
+    extra: Extra,
+    progress: Progress | None,
+    solver: Solver | None,
+    astray: bool,
+    looked: Mapping[str, Looked],
+) -> Solution:
+    """Adjust compiled equations from one start; see `adjust_from`."""
     start = _beside_lines(equations, start, free=free, weights=weights, extra=extra)
     run, ended = _minimise(
         equations,
@@ -125,7 +161,7 @@ def adjust_from(
         progress=progress,
         solver=solver,
         astray=astray,
-        looked={} if looked is None else looked,
+        looked=looked,
     )
     if ended.converged and run.smallest_pivot < ITERATION.poor:
         run.at_solution = run.normal_at(run.state)
@@ -241,6 +277,8 @@ def _minimise(
             f"standard deviations still change by up to {100 * change:.2g} %"
         )
         ended = replace(ended, converged=False, reason=reason, left=np.inf)
+    if not ended.converged and (lost := points_without_place(run.equations, run.state)):
+        ended = replace(ended, reason=f"{ended.reason}; {lost}")
     if not ended.converged and ended.vtpv > GROSS**2 * run.equations.n_rows:
         ended = replace(ended, reason=f"{ended.reason}; {GROSS_END}")
     return run, replace(ended, iterations=iterations, second_places=told)

@@ -28,6 +28,8 @@ class Start:
     """Ids of image points that do not agree with the values, if they were found from images."""
     unreached: tuple[str, ...] = ()
     """Points of which fewer than two image points agree."""
+    instead_of: State | None = None
+    """Given values that this start has replaced, as they grossly misfit; none: it has not."""
 
     @classmethod
     def of(cls, given: Solution | Start) -> Start:
@@ -48,7 +50,10 @@ class Start:
             return None
         moving = unknowns.moving()
         state = unknowns.carried(origin, self.unknowns, self.state, where=moving)
-        return replace(self, unknowns=unknowns, state=state, origin=origin)
+        instead_of = self.instead_of
+        if instead_of is not None:
+            instead_of = unknowns.carried(origin, self.unknowns, instead_of, where=moving)
+        return replace(self, unknowns=unknowns, state=state, origin=origin, instead_of=instead_of)
 
 
 def approximate_start(

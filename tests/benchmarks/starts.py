@@ -28,6 +28,7 @@ from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.graph.variables import State
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.solve.minimum import LOWER_MINIMUM_POSSIBLE
+from factorgraph_adj.solve.solution import Solution
 from tests.networks.poor_starts import SORTS, poor_start
 from tests.support.other_solvers import by_gtsam, by_trf, cost
 
@@ -91,6 +92,17 @@ def compare(network: Network, number: int, found: Compared) -> State:
                 if silent_if_above:
                     found.silent.append(number)
     return start
+
+
+def centres_off(state: State, right: Solution) -> float:
+    """Return how far projection centres are from those of an adjustment, in its σ; the largest."""
+    number = right.equations.unknowns["pose"].number
+    off = [
+        (state["pose"][i, 9:] - right.pose(name).position) / right.pose(name).sigmas[3:]
+        for name, i in number.items()
+    ]
+    largest = float(np.abs(off).max())
+    return largest if np.isfinite(largest) else np.inf
 
 
 def main() -> None:

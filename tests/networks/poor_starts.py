@@ -21,6 +21,7 @@ from factorgraph_adj.graph.variables import State
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.models.lens import NoDistortion, NormalisedLens
 from factorgraph_adj.network.network import Network
+from factorgraph_adj.network.selection import without
 from factorgraph_adj.observations import (
     ControlPoint,
     PhotoPosition,
@@ -39,8 +40,11 @@ CALIBRATION = {"c": 1000.0, "k1": -0.05, "k2": 0.01}
 HALF_FORMAT = 700.0
 SIGMA_PX, SIGMA_CONTROL, SIGMA_GNSS = 0.5, 0.02, 0.1
 CAMERA = "camera"
+WRONG = "15 % wrong pixels"
 WRONG_PIXELS = 0.15
 """Share of image points that are anywhere in the format."""
+RIGHT = 6.0
+"""Residual, in standard deviations, that an image point which is not wrong does not exceed."""
 BAL = "problem-49-7776-pre-shrink-1800.txt"
 LEAST_OF_PHOTO = 12
 """Smallest number of points of a photo in a part of that block."""
@@ -294,7 +298,7 @@ def pose_graph(
 SORTS: Mapping[str, tuple[int, Callable[[np.random.Generator], Network]]] = {
     "similarity of 0.01 to 100, any turn": (80, moved_by_similarity),
     "shift of ten flying heights": (40, shifted),
-    "15 % wrong pixels": (80, wrong_pixels),
+    WRONG: (80, wrong_pixels),
     "principal distance off by half": (80, wrong_principal_distance),
     "poses with 30° and 20 % noise": (80, noisy_poses),
     "weak control, 40° and half as large": (40, weak_control),
@@ -306,5 +310,24 @@ SORTS: Mapping[str, tuple[int, Callable[[np.random.Generator], Network]]] = {
 
 def poor_start(sort: str, number: int) -> Network:
     """Return one block of a sort; the same number gives the same block."""
-    draw = SORTS[sort][1]
-    return draw(np.random.default_rng([list(SORTS).index(sort), number]))
+    return SORTS[sort][1](_random(sort, number))
+
+
+def _random(sort: str, number: int) -> np.random.Generator:
+    return np.random.default_rng([list(SORTS).index(sort), number])
+
+
+def right_pixels(number: int) -> Network:
+    """Return a block of `WRONG` with its true values, without the image points that are wrong.
+
+    Points with fewer than two of the others leave too.
+    """
+    block = true_block(_random(WRONG, number), wrong=WRONG_PIXELS)
+    equations = compile_network(block)
+    misses = equations.residuals(equations.unknowns.start())
+    images = next(b for b in equations.blocks if b.lens is not None)
+    fit = np.abs(misses[images.rows]).reshape(-1, 2).max(axis=1) < RIGHT
+    table = equations.unknowns["point"]
+    rays = np.bincount(images.variables[2][1][fit], minlength=len(table.names))
+    gone = [f for f, right in zip(images.ids, fit, strict=True) if not right]
+    return without(block, gone, points=[n for n, k in zip(table.names, rays, strict=True) if k < 2])

@@ -5,13 +5,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve.minimum import LOWER_MINIMUM_POSSIBLE
-from tests.benchmarks.starts import Compared, compare
-from tests.networks.poor_starts import poor_start
+from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.solve.minimum import LOWER_MINIMUM_POSSIBLE, adjust_from
+from factorgraph_adj.solve.start import Start, approximate_start
+from tests.benchmarks.starts import Compared, centres_off, compare
+from tests.networks.poor_starts import WRONG, poor_start, right_pixels
 from tests.support.other_solvers import cost, native
 
 WEAK = "weak control, 40° and half as large"
@@ -63,3 +67,46 @@ def test_a_bad_fit_that_was_reached_from_afar_says_that_a_lower_minimum_may_exis
     assert LOWER_MINIMUM_POSSIBLE not in solution.reason
     near = fga.adjust(bad, start=fga.adjust(bad))
     assert near.converged and LOWER_MINIMUM_POSSIBLE not in near.reason
+
+
+@pytest.mark.parametrize("number", range(2))
+def test_wrong_pixels_have_no_minimum_and_the_reason_names_their_points(number: int) -> None:
+    """Of these blocks 15 % of the image points are anywhere; snooping finds what is right."""
+    network = poor_start(WRONG, number)
+    plain = fga.adjust(network)
+    assert not plain.converged
+    assert "points at infinity: P" in plain.reason or "projection centres: P" in plain.reason
+    assert "adjust --snoop" in plain.reason
+
+
+def test_data_snooping_of_given_poses_finds_wrong_pixels() -> None:
+    pytest.importorskip("poselib")
+    right = fga.adjust(right_pixels(0))
+    found = fga.snoop(poor_start(WRONG, 0)).solution
+    assert right.converged and found.converged
+    assert centres_off(found.state, right) < 5.0
+
+
+def spoiled(start: Start) -> Start:
+    """Return a start from which nothing converges: all photos look up, from far away."""
+    pose = start.state["pose"].copy()
+    pose[:, 9:] += [0.0, 0.0, -500.0]
+    return replace(start, state={**start.state, "pose": pose})
+
+
+def test_the_given_values_are_tried_where_the_start_that_replaced_them_fails() -> None:
+    network = poor_start("principal distance off by half", 1)
+    equations = compile_network(network)
+    good = approximate_start(equations, network.datum, None)
+    expected = adjust_from(equations, good, free=False)
+    most = expected.iterations
+    bad = replace(spoiled(good), words=("Elsewhere.",), instead_of=good.state)
+    found = adjust_from(equations, bad, free=False, max_iterations=most)
+    assert found.converged and found.vtpv == expected.vtpv
+    assert found.begun[0] == "Elsewhere."
+    assert "repeated from the given poses and coordinates" in found.begun[1]
+    fine = replace(good, words=("Elsewhere.",), instead_of=bad.state)
+    assert adjust_from(equations, fine, free=False).begun == ("Elsewhere.",)
+    neither = adjust_from(equations, fine, free=False, max_iterations=1)
+    assert not neither.converged
+    assert "did not converge either" in neither.begun[1]
