@@ -22,6 +22,7 @@ from .similarity import (
     robust_similarity,
     with_rotation,
 )
+from .single_rays import similarity_from_rays
 
 ROTATED_BY = 3
 """Number of known points, not in one line, that give the rotation of a part."""
@@ -82,6 +83,9 @@ def place(
             words, complete = f"{words}; {said}", bool(full.any()) and said != UNIT
     if found is None and (found := from_components(x[some], y[some])) is not None:
         words = f"{int(np.isfinite(y[some]).sum())} known coordinates of {int(some.sum())} places"
+    if found is None and (by_single := similarity_from_rays(growth, known)) is not None:
+        found, n_rays = by_single
+        words = f"{n_rays} rays to known points"
     if found is None:
         complete = False
         found, words = _incomplete(growth, lengths, x[full], y[full], words)

@@ -40,7 +40,7 @@ def scales_by_rays(
     if not len(rows):
         return []
     pose = growth.pose[v.photo[rows]]
-    ray = _directions(pose, growth.rays.tangent[rows]) @ rotation.T
+    ray = directions_of_rays(pose, growth.rays.tangent[rows]) @ rotation.T
     moved = (pose[:, 9:] - x) @ rotation.T
     there = np.isfinite(known.point[v.point[rows]]).all(axis=1)
     lever = np.cross(moved[there], ray[there])
@@ -51,7 +51,7 @@ def scales_by_rays(
     if not len(others):
         return out
     theirs = known.pose[v.photo[others]]
-    d = _directions(theirs, growth.rays.tangent[others])
+    d = directions_of_rays(theirs, growth.rays.tangent[others])
     order = np.argsort(v.point[others], kind="stable")
     first = np.searchsorted(v.point[others][order], v.point[rows])
     meets = np.append(v.point[others][order], -1)[first] == v.point[rows]
@@ -68,7 +68,8 @@ def _solved(weight: Array, product: Array) -> list[float]:
     return [float(s) for s in found[found > 0.0]]
 
 
-def _directions(pose: Array, tangent: Array) -> Array:
+def directions_of_rays(pose: Array, tangent: Array) -> Array:
+    """Return unit vectors of rays (n, 3), from stored poses (n, 12) and tangents x, y up (n, 2)."""
     r, t = pose[:, :9], tangent
     d = r[:, 0::3] * t[:, :1] - r[:, 1::3] * t[:, 1:] + r[:, 2::3]
     return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))

@@ -12,6 +12,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.block_orientation.begin import start_of
 from factorgraph_adj.block_orientation.start_misfit import GROSS
 from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.network.entities import ImageTable
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.solve.start import approximate_start
 from factorgraph_adj.types import Array
@@ -75,6 +76,42 @@ def test_fifteen_percent_of_wrong_control_do_not_move_the_start(flown):
     )
     centres = start.state["pose"][:, 9:]
     assert np.abs(centres - flown.centres).max() < 1.0
+
+
+def with_single_marks(block: ImageBlock) -> fga.Network:
+    """Return a block of which each control point is measured in one photo."""
+    out = block.truth.copy()
+    known = {o.point for o in out.observations.values() if isinstance(o, fga.ControlPoint)}
+    names = np.array(list(out.points), dtype=object)[out.images.columns()[1]]
+    first = np.zeros(len(names), dtype=bool)
+    first[np.unique(names.astype(str), return_index=True)[1]] = True
+    out.image_mask(first | ~np.isin(names.astype(str), sorted(known)))
+    return out
+
+
+@pytest.mark.parametrize("how", SIMILARITIES)
+def test_control_points_that_are_measured_once_place_a_reconstruction(flown, how):
+    network = with_single_marks(flown)
+    found = fga.adjust(moved(network, *SIMILARITIES[how]))
+    true = fga.adjust(network)
+    assert found.converged
+    assert found.vtpv == pytest.approx(true.vtpv, rel=SAME)
+    assert "rays to known points: scale" in found.begun[1]
+
+
+@pytest.mark.parametrize("how", SIMILARITIES)
+def test_fifteen_percent_of_wrong_image_marks_do_not_move_the_start(flown, how):
+    """The marks are those of tie points and of control, and are anywhere in their photos."""
+    rng = np.random.default_rng(5)
+    network = flown.truth.copy()
+    photo, point, xy, sigma = network.images.columns()
+    wrong = rng.random(len(xy)) < 0.15
+    anywhere = rng.uniform(xy.min(axis=0), xy.max(axis=0), xy.shape)
+    network.images = ImageTable()
+    network.images.append(photo, point, np.where(wrong[:, None], anywhere, xy), sigma)
+    start = start_of(compile_network(moved(network, *SIMILARITIES[how])), "given", None)
+    depth = float(np.median(flown.centres[:, 2]) - np.median(flown.points[:, 2]))
+    assert np.abs(start.state["pose"][:, 9:] - flown.centres).max() < 0.1 * GROSS * depth
 
 
 def with_positions(block: ImageBlock) -> fga.Network:
