@@ -97,15 +97,14 @@ def block_of(
     return found
 
 
-def problems_of_start(network: Network) -> tuple[Problem, ...]:
-    """Return the unknowns that `adjust` finds no start values for, from image points either."""
+def tried_start(network: Network) -> tuple[Start | None, tuple[Problem, ...]]:
+    """Return the start of an adjustment, or none and the unknowns that have no start values."""
     try:
-        start_of(compile_network(network), network.datum, None)
+        return start_of(compile_network(network), network.datum, None), ()
     except (ApproximationError, InputError) as error:
-        return error.problems
+        return None, error.problems
     except DatumError as error:
-        return (Problem(str(error)),)
-    return ()
+        return None, (Problem(str(error)),)
 
 
 def without_poses(network: Network) -> bool:

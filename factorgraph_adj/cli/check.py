@@ -6,10 +6,11 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from ..block_orientation.begin import problems_of_start
+from ..block_orientation.begin import tried_start
 from ..errors import InputError, LeftOut, Problem
 from ..io.project import Project
 from ..validate.check import check
+from ..validate.mistyped_names import mistyped_at_start
 from ..validate.preliminary.search import mistaken, preliminary
 from .exit_codes import BAD_INPUT, DOUBTFUL, FINE
 from .input import add_project, read_input
@@ -44,8 +45,12 @@ def _check(options: argparse.Namespace) -> int:
         f"image points and {len(network.observations)} other observations"
     )
     length, angle = project.units.length, project.units.angle
-    found = [*project.warnings, *preliminary(network, length=length, angle=angle)]
-    without = problems_of_start(network)
+    start, without = tried_start(network)
+    found = [
+        *project.warnings,
+        *preliminary(network, length=length, angle=angle),
+        *([] if start is None else mistyped_at_start(network, start.state)),
+    ]
     noted = [left for left in network.left_out if not left.doubtful]
     name = network.name or "a network without a name"
     if not found and not without:

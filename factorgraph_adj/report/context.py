@@ -38,6 +38,7 @@ from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array, Mask
 from ..units import ANGLE, LENGTH
+from ..validate.mistyped_names import listed, mistyped_names
 from ..validate.preliminary.search import mistaken, preliminary
 from . import axes
 from .doubts import (
@@ -190,7 +191,15 @@ class Report:
     @property
     def in_common(self) -> list[str]:
         """What speaks against gross errors of single readings."""
-        return [*self.likelier, *self._found_before, *self._lost]
+        return [*self.likelier, *self._found_before, *self._lost, *self._mistyped]
+
+    @cached_property
+    def _mistyped(self) -> list[str]:
+        """The names that may be typing errors."""
+        s = self.solution
+        if not s.converged:
+            return []
+        return listed(mistyped_names(s.equations, s.state, lambda at: s.point_covariances[at]))
 
     @cached_property
     def _found_before(self) -> list[str]:

@@ -6,6 +6,7 @@ import pytest
 
 from factorgraph_adj.cli.main import main
 
+from . import site_mistakes  # noqa: F401  (registers its mistakes)
 from .mistakes import (
     MISTAKES,
     POLES,
@@ -16,6 +17,7 @@ from .mistakes import (
     yard_with_lake,
 )
 from .projects import Project, book_of_both, facade, field_book, hall, yard, yard_on_earth
+from .site import site
 from .trackers import rig, tracked_hall
 
 
@@ -44,7 +46,7 @@ def test_a_mistake_is_named(mistake: Mistake, tmp_path, capsys) -> None:
 
 
 FAULTLESS = [yard, facade, field_book, hall, book_of_both, pixels, poles, yard_on_earth]
-FAULTLESS += [polar_hall, yard_with_lake, full_circle, tracked_hall, rig]
+FAULTLESS += [polar_hall, yard_with_lake, full_circle, tracked_hall, rig, site]
 
 
 @pytest.mark.parametrize("project", FAULTLESS)

@@ -2,6 +2,9 @@
 
 The loops are those of a tree of shortest ways: each observation that is not in the tree closes one
 with the ways of its ends. Their misclosures w have the standard deviation √(Σσ²) of their sums.
+
+Lines from one given point to another are loops through the datum, which each given point is joined
+with by its coordinates.
 """
 
 from __future__ import annotations
@@ -17,7 +20,8 @@ from ...observations import Observation
 from ...observations.weights import LEVELLING, Along
 from ...stochastic import StandardDeviation
 from ...types import Array, Index
-from .finding import TIMES, Finding
+from .finding import CONTRADICTS, TIMES, Finding
+from .given_units import LENGTHS
 
 NAMED = 8
 """Largest number of observations of a loop that are named."""
@@ -113,6 +117,90 @@ def closures(equations: Equations) -> Iterator[Finding]:
         if edges is not None:
             remedy = "look for a wrong reading, sign or name among them"
             yield from misclosures(edges, what, remedy, axes)
+
+
+def lines_between_given(equations: Equations) -> Iterator[Finding]:
+    """Iterate over levelled lines and chains of GNSS vectors that contradict given coordinates.
+
+    They lead over new points from one given point to another; single readings are compared by
+    `between_given`.
+    """
+    table = equations.unknowns["point"]
+    sigma = np.where(table.free, table.sigma, 0.0)
+    for kind, axes, what in (
+        ("height_difference", (2,), "height differences"),
+        ("gnss_vector", (0, 1, 2), "GNSS vectors"),
+    ):
+        edges = _edges(equations, kind)
+        if edges is None:
+            continue
+        values, sigmas = table.values[:, list(axes)], sigma[:, list(axes)]
+        used = np.unique([edges.start, edges.end])
+        given = used[np.isfinite(values[used] + sigmas[used]).all(axis=1)]
+        if len(given) < 2:
+            continue
+        # The datum is number 0, so that every way begins there.
+        joined = Edges(
+            np.concatenate([np.zeros(len(given), dtype=np.intp), edges.start + 1]),
+            np.concatenate([given + 1, edges.end + 1]),
+            np.concatenate([values[given], edges.value]),
+            np.concatenate([np.square(sigmas[given]), edges.variance]),
+            [*(repr(table.names[i]) for i in given.tolist()), *edges.label],
+        )
+        named = tuple("xyz") if len(axes) == 3 else ()
+        yield from _contradicting(joined, len(given), what, named)
+
+
+def _contradicting(edges: Edges, n_given: int, what: str, axes: Sequence[str]) -> Iterator[Finding]:
+    """Iterate over the lines through the datum that do not fit, the worst first.
+
+    Args:
+        edges: observed differences after those that join the given points with the datum.
+        n_given: number of given points.
+        what: what the differences are.
+        axes: names of the axes; none for heights.
+    """
+    found: list[tuple[float, Finding]] = []
+    for loop in loops(edges):
+        ends = [(i, s) for i, s in loop if i < n_given]
+        readings = [(i, s) for i, s in loop if i >= n_given]
+        if len(ends) != 2 or len(readings) < 2:
+            continue
+        # Along the line: from the end that the loop enters from the datum to the other.
+        (first, s), (last, _) = sorted(ends, key=lambda e: -e[1])
+        assert s == 1
+        known = edges.value[last] - edges.value[first]
+        led = sum((sign * edges.value[i] for i, sign in readings), np.zeros_like(known))
+        limit = CONTRADICTS * np.sqrt(sum(edges.variance[i] for i, _ in loop))
+        w = led - known
+        worst = int(np.argmax(np.abs(w) / limit))
+        if abs(w[worst]) <= limit[worst]:
+            continue
+        named = [edges.label[i] for i, _ in readings[:NAMED]]
+        more = f" … ({len(readings)} in all)" if len(readings) > NAMED else ""
+        axis = f" in {axes[worst]}" if axes else ""
+        made, given = (", ".join(f"{x:.4f}" for x in v.tolist()) for v in (led, known))
+        text = (
+            f"{len(readings)} {what} lead from the given point {edges.label[first]} to "
+            f"{edges.label[last]} and miss it{axis}: they make {made} m, the given coordinates "
+            f"{given} m{_explained(led, known, limit)} ({', '.join(named)}{more})"
+        )
+        remedy = "look for a wrong reading, sign, unit or name, or wrong given coordinates"
+        size, most = 1e3 * float(w[worst]), 1e3 * float(limit[worst])
+        found.append((abs(size) / most, Finding(text, remedy, size, most, "mm")))
+    found.sort(key=lambda f: -f[0])
+    for _, finding in found[:WORST]:
+        yield finding
+
+
+def _explained(led: Array, known: Array, limit: Array) -> str:
+    """Return what makes a line fit, in words; empty if nothing does."""
+    tried = {"with the other sign": -led}
+    tried |= {f"in {unit}": factor * led for unit, factor in LENGTHS.items() if factor != 1.0}
+    if len(led) == 3:
+        tried["with x and y exchanged"] = led[[1, 0, 2]]
+    fits = [why for why, value in tried.items() if np.all(np.abs(value - known) <= limit)]
+    return f", which fits {fits[0]}" if fits else ""
 
 
 def of_line(o: Observation, start: Array, end: Array) -> float:

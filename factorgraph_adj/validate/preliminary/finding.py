@@ -38,3 +38,6 @@ class Finding:
 
 TIMES = 3.29
 """Tolerance of a misclosure, in its standard deviations: exceeded by chance once in 1000."""
+CONTRADICTS = 6.0
+"""Multiple of its standard deviation from which a reading contradicts given coordinates. Smaller
+misfits are for the adjustment to judge, with all other readings."""

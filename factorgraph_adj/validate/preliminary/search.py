@@ -7,8 +7,9 @@ from ...graph.equations import compile_rows
 from ...network.network import Network
 from .against_given import against_given
 from .behind_cameras import behind_cameras
+from .between_given import between_given
 from .circles import beyond_circle, level_sights
-from .closures import closures
+from .closures import closures, lines_between_given
 from .finding import Finding
 from .given_units import compared_kinds
 from .heights import heights
@@ -38,7 +39,8 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
     """Check the readings of a network without adjusting it.
 
     The two faces of targets, where readings were reduced; rows that a reader left out; levelled
-    loops, loops of GNSS vectors, and traverses; places in frames of their own, and loops of such
+    loops, loops of GNSS vectors, and traverses; readings and
+    lines between given points; places in frames of their own, and loops of such
     frames; distances measured several times, height differences forth and back; readings that are
     there twice; angles beyond the circle, and zenith angles that are level in another unit; heights
     of instruments within a set-up; stated heights of surfaces, points behind cameras, units, signs,
@@ -62,11 +64,13 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
         *(Finding(str(p), "look at the readings of both faces") for p in network.doubts),
         *(Finding(str(left), "correct the file") for left in network.left_out if left.doubtful),
         *(() if compared else traverse_scale(network, length)),
+        *(() if compared else between_given(equations, length=length, angle=angle)),
         *beyond_circle(network, angle),
         *level_sights(network, angle, compared_kinds(equations)),
         *repeated(network),
         *heights(network),
         *closures(equations),
+        *(() if compared else lines_between_given(equations)),
         *traverses(network),
         *in_frames(equations, length, angle),
         *surfaces(equations),

@@ -1,0 +1,369 @@
+"""Single readings between points whose coordinates are given with their standard deviations.
+
+With all points held, or weighted, a distance, an angle, a height difference or a vector is known:
+v = computed − observed has the covariance
+
+    S = R + J Σ Jᵀ + (J_t u ½ L²/R_E δk)²
+
+with R of the reading, Σ of the given coordinates, and for angles the doubt δk of the refraction
+that lifts the target t of a sight of length L along the vertical u. The orientation of a set of
+directions is eliminated by the reading whose v is the median. A reading with
+vᵀ S⁻¹ v > `CONTRADICTS`² contradicts.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import InputError
+from ...frames import MEAN_EARTH_RADIUS
+from ...graph.blocks import Block
+from ...graph.equations import Equations
+from ...graph.variables import State
+from ...graph.weights import weigh
+from ...models.base import wrap
+from ...observations import KINDS
+from ...types import Array, Index, Mask
+from ...units import ANGLE, LENGTH, decimal_angle
+from .finding import CONTRADICTS, Finding
+from .given_units import NOUNS, length_factors
+from .repeated import DOUBT
+
+LISTED = 12
+"""Largest number of readings that are listed one by one."""
+INFLUENCE = 1e-9
+"""Largest partial, relative to the others of a reading, of a coordinate that does not matter."""
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Readings of a block with given coordinates at all their points, (k)."""
+
+    block: Block
+    """The readings."""
+    residual: Array
+    """Computed − observed, (k, d)."""
+    covariance: Array
+    """S, (k, d, d)."""
+    points: Index
+    """Numbers of their points, (k, m)."""
+    sets: Index | None
+    """Number of the set of directions of each, (k,); None for other kinds."""
+
+    def test(self, residual: Array) -> Array:
+        """Return √(vᵀ S⁻¹ v) in units of `CONTRADICTS`, (k,)."""
+        inner = np.einsum("ki,kij,kj->k", residual, np.linalg.inv(self.covariance), residual)
+        return np.asarray(np.sqrt(np.maximum(inner, 0.0)) / CONTRADICTS)
+
+    def relative(self, residual: Array) -> Array:
+        """Return residuals of angles between −π and π, those of sets from that of their median."""
+        if self.block.unit == "rad":
+            residual = wrap(residual)
+        if self.sets is None:
+            return residual
+        out = residual.copy()
+        for own in _members(self.sets):
+            out[own] = wrap(residual[own] - residual[own[_middle(residual[own, 0])]])
+        return out
+
+    @property
+    def references(self) -> Index:
+        """Number of the reading from which each is counted, (k,); −1 where there is none."""
+        out = np.full(self.block.n, -1, dtype=np.intp)
+        if self.sets is not None:
+            for own in _members(self.sets):
+                out[own] = own[_middle(self.residual[own, 0])]
+        return out
+
+
+def _members(sets: Index) -> list[Index]:
+    """Return the numbers of the members of each set."""
+    return [np.flatnonzero(sets == s) for s in np.unique(sets)]
+
+
+def _middle(angles: Array) -> int:
+    """Return the number of the angle from which the sum of the distances of all others is least."""
+    return int(np.argmin(np.abs(wrap(angles[:, None] - angles[None, :])).sum(axis=0)))
+
+
+def between_given(
+    equations: Equations, *, length: str = "m", angle: str = "gon"
+) -> Iterator[Finding]:
+    """Iterate over readings that contradict the given coordinates of all their points.
+
+    What explains them is told: exchanged coordinates of one point or of all, another unit, the
+    other sign, angles that count the other way.
+
+    Args:
+        equations: the network.
+        length: unit of lengths in its files.
+        angle: unit of angles in its files.
+    """
+    given = _Given.of(equations)
+    every = [c for block in equations.blocks if (c := given.compared(block)) is not None]
+    wrong = [c.test(c.relative(c.residual)) > 1.0 for c in every]
+    if not any(w.any() for w in wrong):
+        return
+    explained = _exchanged(given, every, wrong)
+    if explained is not None:
+        what, ids = explained
+        one = len(ids) == 1
+        readings = "1 reading" if one else f"{len(ids)} readings"
+        yield Finding(
+            f"{readings} between given points contradict{'s' * one} their coordinates, and "
+            f"fit{'s' * one} with {what}",
+            "look at the order of the columns of the points",
+            ids=ids,
+        )
+        return
+    yield from _one_by_one(every, wrong, length, angle)
+
+
+def _one_by_one(
+    every: Sequence[_Compared], wrong: Sequence[Mask], length: str, angle: str
+) -> Iterator[Finding]:
+    """Iterate over contradicting readings; those of a kind with one reason are one finding."""
+    found: list[tuple[float, Finding]] = []
+    for c, off in zip(every, wrong, strict=True):
+        reasons: dict[str, list[int]] = {}
+        for i in np.flatnonzero(off).tolist():
+            reasons.setdefault(_reason(c, i, length, angle), []).append(i)
+        tests, residual = c.test(c.relative(c.residual)), c.relative(c.residual)
+        for why, rows in reasons.items():
+            several = bool(why) and len(rows) > 1
+            for i in rows[:1] if several else rows:
+                text = _told(c, i, length, angle)
+                if several:
+                    kind = c.block.kind.replace("_", " ")
+                    text = f"{len(rows)} {kind}s between given points, of which {text}"
+                worst = int(np.argmax(np.abs(residual[i])))
+                sigma = float(np.sqrt(c.covariance[i, worst, worst]))
+                scale = 1e3 if c.block.unit == "m" else 1e3 / ANGLE[decimal_angle(angle)]
+                unit = "mm" if c.block.unit == "m" else f"m{decimal_angle(angle)}"
+                finding = Finding(
+                    f"{text}{why and f', and fits {why}'}",
+                    "look at the reading, its names and units, and at the coordinates",
+                    float(scale * residual[i, worst]),
+                    scale * CONTRADICTS * sigma,
+                    unit,
+                    tuple(c.block.ids[j] for j in (rows if several else [i])),
+                )
+                found.append((float(tests[i]), finding))
+    found.sort(key=lambda each: -each[0])
+    for _, finding in found[:LISTED]:
+        yield finding
+    if len(found) > LISTED:
+        ids = tuple(i for _, f in found[LISTED:] for i in f.ids)
+        yield Finding(
+            f"{len(ids)} more readings contradict the given coordinates of their points",
+            "look at the coordinates of the points that they have in common",
+            ids=ids,
+        )
+
+
+def _told(c: _Compared, i: int, length: str, angle: str) -> str:
+    """Return a contradiction in words, with both values."""
+    observed = c.block.observed[i]
+    computed = observed + c.relative(c.residual)[i]
+    if c.block.unit == "m":
+        unit, scale, digits = length, LENGTH[length], 3
+    else:
+        unit = decimal_angle(angle)
+        scale, digits = ANGLE[unit], 4
+    values = (
+        ", ".join(f"{x / scale:.{digits}f}" for x in v.tolist()) for v in (observed, computed)
+    )
+    read, known = values
+    beside = ""
+    if (other := int(c.references[i])) >= 0:
+        beside = f" beside {c.block.labels(other)}"
+    return (
+        f"{c.block.labels(i)}{beside} contradicts the given coordinates: observed {read}, "
+        f"computed {known} {unit}"
+    )
+
+
+def _reason(c: _Compared, i: int, length: str, angle: str) -> str:
+    """Return the first that makes a contradicting reading fit; empty if nothing does."""
+    observed = c.block.observed[i]
+    computed = observed + c.residual[i]
+    other = int(c.references[i])
+    for why, value in _readings(observed, c.block, length, angle):
+        v = computed - value
+        if other >= 0:  # the same change makes another reading of the reference
+            reference = dict(_readings(c.block.observed[other], c.block, length, angle))[why]
+            v = v - (c.block.observed[other] + c.residual[other] - reference)
+        v = wrap(v) if c.block.unit == "rad" else v
+        if float(v @ np.linalg.solve(c.covariance[i], v)) < CONTRADICTS**2:
+            return why
+    return ""
+
+
+def _readings(
+    observed: Array, block: Block, length: str, angle: str
+) -> Iterator[tuple[str, Array]]:
+    """Iterate over what a reading may be instead of what it seems to be, (d,), with a reason."""
+    record = KINDS.get(block.kind)
+    if block.unit == "m":
+        for unit, factor in length_factors(length).items():
+            yield f"as {unit} (factor {factor:.4g})", factor * observed
+        yield "with the other sign", -observed
+        if len(observed) == 3:
+            yield "with x and y exchanged", observed[[1, 0, 2]]
+    else:
+        stated = decimal_angle(angle)
+        for unit, noun in NOUNS.items():
+            if unit != stated:
+                yield (
+                    f"in {noun}, not {NOUNS.get(stated, stated)}",
+                    observed * ANGLE[unit] / ANGLE[stated],
+                )
+        yield "with the other sign, or counted anticlockwise", -observed
+        if record is not None and record.level_reading is not None:
+            yield "as the angle from the zenith, or from the horizon, instead", np.pi / 2 - observed
+
+
+def _exchanged(
+    given: _Given, every: Sequence[_Compared], wrong: Sequence[Mask]
+) -> tuple[str, tuple[str, ...]] | None:
+    """Return whose exchanged x and y explain contradictions, and their ids; None: nobody's does.
+
+    All readings must fit then, those that do not contradict too; a point alone is tried first.
+    """
+    count: Counter[int] = Counter()
+    for c, off in zip(every, wrong, strict=True):
+        count.update(np.unique(c.points[off]).tolist())
+    ids = tuple(
+        c.block.ids[i]
+        for c, off in zip(every, wrong, strict=True)
+        for i in np.flatnonzero(off).tolist()
+    )
+    names = given.equations.unknowns["point"].names
+    tried = [[p] for p, _ in count.most_common()]
+    if len(given.points) > 1:
+        tried.append(list(given.points))
+    fitting = []
+    for points in tried:
+        exchanged = given.exchanged(points)
+        again = [exchanged.compared(c.block) for c in every]
+        if all(c is not None and (c.test(c.relative(c.residual)) <= 1.0).all() for c in again):
+            fitting.append(points)
+    single = [names[p[0]] for p in fitting if len(p) == 1]
+    if single:
+        named = " or ".join(repr(n) for n in single)
+        return f"x and y of point {named} exchanged", ids
+    return ("x and y of all given points exchanged", ids) if fitting else None
+
+
+@dataclass(frozen=True)
+class _Given:
+    """Given coordinates with their standard deviations."""
+
+    equations: Equations
+    """The network."""
+    state: State
+    """Given values; unknown coordinates have some value that no geometry makes special."""
+    sigma: Array
+    """Standard deviations of coordinates, (p, 3): 0 of held ones, infinite of unknown ones."""
+
+    @classmethod
+    def of(cls, equations: Equations) -> _Given:
+        """Return what is given in a network."""
+        table = equations.unknowns["point"]
+        sigma = np.where(table.free, table.sigma, 0.0)
+        sigma = np.where(np.isfinite(table.values), sigma, np.inf)
+        start = equations.unknowns.start()
+        state = {k: np.nan_to_num(v) for k, v in start.items()}
+        some = np.random.default_rng(0).uniform(1.0, 100.0, table.values.shape)
+        state["point"] = np.where(np.isfinite(table.values), table.values, some)
+        return cls(equations, state, sigma)
+
+    @property
+    def points(self) -> Index:
+        """Numbers of the points whose x and y are given."""
+        return np.asarray(np.flatnonzero(np.isfinite(self.sigma[:, :2]).all(axis=1)))
+
+    def exchanged(self, points: Sequence[int]) -> _Given:
+        """Return the same with x and y of some points exchanged."""
+        xyz, sigma = self.state["point"].copy(), self.sigma.copy()
+        xyz[points], sigma[points] = xyz[points][:, [1, 0, 2]], sigma[points][:, [1, 0, 2]]
+        return replace(self, state={**self.state, "point": xyz}, sigma=sigma)
+
+    def compared(self, block: Block) -> _Compared | None:
+        """Return the readings of a block that given coordinates tell; None: there are none."""
+        record = KINDS.get(block.kind)
+        if record is None or block.prior or block.lens is not None or record.moved is not None:
+            return None
+        if record.unit not in ("m", "rad"):
+            return None
+        ends = [j for j, (kind, _) in enumerate(block.variables) if kind == "point"]
+        if len(ends) < 2:
+            return None
+        # What is not a point must be held, but for the orientations of sets.
+        fine = np.ones(block.n, dtype=bool)
+        for kind, index in block.variables:
+            table = self.equations.unknowns[kind]
+            if kind not in ("point", "orientation"):
+                fine &= ~table.free[index].any(axis=1) & np.isfinite(table.values[index]).all(
+                    axis=1
+                )
+            if kind == "point":
+                fine &= np.isfinite(self.sigma[index]).any(axis=1)
+        rows = np.flatnonzero(fine)
+        if not len(rows):
+            return None
+        part, frame = (
+            weigh(self.equations.network, block.select(rows), self.state),
+            self.equations.network.frame,
+        )
+        try:
+            found = part.evaluate(frame, self.state)
+        except InputError:  # two points in one place, which `check` refuses
+            return None
+        covariance = _own_covariance(part)
+        known = np.ones(part.n, dtype=bool)
+        for j in ends:
+            index, a = part.variables[j][1], found.jacobians[j]
+            size = np.abs(a).max(axis=(1, 2), keepdims=True)
+            matters = (np.abs(a) > INFLUENCE * np.maximum(size, 1e-300)).any(axis=1)
+            sigma = self.sigma[index]
+            known &= ~(matters & ~np.isfinite(sigma)).any(axis=1)
+            b = a * np.where(np.isfinite(sigma), sigma, 0.0)[:, None, :]
+            covariance = covariance + np.einsum("nij,nkj->nik", b, b)
+        if part.unit == "rad":
+            covariance = covariance + self._refraction(part, ends, found.jacobians[ends[-1]])
+        sets = next((i for kind, i in part.variables if kind == "orientation"), None)
+        keep = np.flatnonzero(known)
+        if sets is not None:
+            alone = np.bincount(sets[keep], minlength=int(sets.max(initial=0)) + 1) < 2
+            keep = keep[~alone[sets[keep]]]
+        if not len(keep):
+            return None
+        residual = np.asarray(found.residual)[keep]
+        if sets is not None:
+            sets = sets[keep]
+        points = np.column_stack([part.variables[j][1][keep] for j in ends])
+        out = _Compared(part.select(keep), residual, covariance[keep], points, sets)
+        if sets is None:
+            return out
+        return replace(out, covariance=out.covariance + out.covariance[out.references])
+
+    def _refraction(self, part: Block, ends: Sequence[int], by_target: Array) -> Array:
+        """Return the variances of angles by the doubt about refraction, (k, 1, 1)."""
+        a, b = (self.state["point"][part.variables[j][1]] for j in (ends[0], ends[-1]))
+        up = self.equations.network.frame.basis(b, np.zeros((len(b), 2))).enu[:, 2]
+        lift = DOUBT * np.sum((b - a) ** 2, axis=1) / (2.0 * MEAN_EARTH_RADIUS)
+        effect = np.einsum("nij,nj->ni", by_target, up) * lift[:, None]
+        return np.asarray(np.einsum("ni,nj->nij", effect, effect))
+
+
+def _own_covariance(block: Block) -> Array:
+    """Return the covariances of readings, (k, d, d)."""
+    if block.whitener is not None:
+        inverse = np.linalg.inv(block.whitener)
+        return np.asarray(np.einsum("nij,nkj->nik", inverse, inverse))
+    return np.asarray(np.einsum("ni,ij->nij", np.square(block.sigma), np.eye(block.dimension)))

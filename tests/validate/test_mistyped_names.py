@@ -1,0 +1,121 @@
+"""A typing error in a name makes a new point where an old one is; both names are told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.block_orientation.begin import tried_start
+from factorgraph_adj.cli.main import main
+from factorgraph_adj.report.context import Report
+from factorgraph_adj.validate.mistyped_names import mistyped_at_start
+from tests.field_mistakes.projects import Project
+from tests.field_mistakes.site import SETTINGS, book_as, site, star_net
+
+
+def before(network: fga.Network) -> list[str]:
+    """Return what the start values tell."""
+    start, problems = tried_start(network)
+    assert start is not None, problems
+    return mistyped_at_start(network, start.state)
+
+
+def after(network: fga.Network) -> list[str]:
+    """Return what the adjustment tells."""
+    return [d for d in Report(fga.adjust(network)).doubts if "mistyped" in d]
+
+
+def renamed(p: Project, name: str, other: str) -> Project:
+    """Give a point another name, wherever it is used."""
+    for rows in p.tables.values():
+        for row in rows:
+            for key in ("name", "station", "target"):
+                if row.get(key) == name:
+                    row[key] = other
+    return p
+
+
+@pytest.mark.parametrize(
+    ("name", "typed"),
+    [
+        ("P1", "PI"),
+        ("P1", "Pl"),
+        ("P1", "p1"),
+        ("P1", "P11"),
+        ("P1", "P"),
+        ("P10", "P1O"),
+        ("S5", "SS"),
+        ("K8", "KB"),
+        ("102", "120"),
+        ("102", "103"),
+        ("Kirche", "Krche"),
+        ("Kirche", "Kirhce"),
+    ],
+)
+def test_a_mistyped_name_is_told_before_and_after_the_adjustment(name, typed, tmp_path) -> None:
+    p = renamed(site(), "P1", name)
+    book_as(p, "S2", name, typed)
+    network = fga.read_project(p.write(tmp_path / "site"))
+    for (doubt,) in (before(network), after(network)):
+        assert f"point {typed!r} may be point {name!r}, mistyped" in doubt or (
+            f"point {name!r} may be point {typed!r}, mistyped" in doubt
+        )
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_similar_names_at_other_places_are_told_never(seed, tmp_path) -> None:
+    # P1, P2, P3 differ by one character; so do these, of which each is observed once.
+    p = site(seed)
+    for name, at in (("P4", "P1"), ("P5", "P2"), ("PI", "P3")):
+        old = {r["kind"]: r for r in p.tables["observations.csv"] if r["target"] == at}
+        p.tables["points.csv"].append({"name": name})
+        for kind, by in (("direction", 0.3), ("zenith_angle", 0.1), ("slope_distance", 0.2)):
+            row = dict(old[kind]) | {"target": name}
+            row["value"] = f"{float(row['value']) + by:.4f}"
+            p.tables["observations.csv"].append(row)
+    network = fga.read_project(p.write(tmp_path / "site"))
+    assert before(network) == after(network) == []
+
+
+def test_another_name_at_the_place_of_a_point_is_its_owners_choice(tmp_path) -> None:
+    p = site()
+    book_as(p, "S2", "P1", "nail")
+    network = fga.read_project(p.write(tmp_path / "site"))
+    assert before(network) == after(network) == []
+
+
+def test_names_with_an_epoch_are_a_rule_of_naming(tmp_path) -> None:
+    p = site()
+    for name in ("P1", "P2", "P3"):
+        book_as(p, "S2", name, f"{name}b")
+    network = fga.read_project(p.write(tmp_path / "site"))
+    assert before(network) == after(network) == []
+
+
+def test_marks_one_above_the_other_are_two_points_in_plan() -> None:
+    network = fga.Network("shaft")
+    rng = np.random.default_rng(3)
+    for name, x, y in (("A", 0.0, 0.0), ("B", 40.0, 0.0), ("C", 0.0, 30.0)):
+        network.add_point(name, (x, y, 0.0), fixed="xyz")
+    for name in ("P1u", "P1o"):
+        network.add_point(name, (12.0, 9.0, 0.0), fixed="z")
+        for at in ("A", "B"):
+            start = np.array(network.points[at].coordinates)
+            length = float(np.linalg.norm(start - (12.0, 9.0, 0.0))) + 0.002 * rng.normal()
+            network.add(fga.HorizontalDistance(at, name, length, sigma=0.002))
+    assert after(network) == before(network) == []
+
+
+@pytest.mark.parametrize("command", ["check", "adjust"])
+def test_the_command_names_a_new_point_of_a_star_net_file(command, tmp_path, capsys) -> None:
+    p = site()
+    settings = tmp_path / "site.toml"
+    settings.write_text(SETTINGS, encoding="utf-8")
+    for typed, code in (("P1", 0), ("PI", 1)):
+        book_as(p, "S2", "P1", typed)
+        file = tmp_path / f"{typed}.dat"
+        file.write_text(star_net(p), encoding="utf-8")
+        assert main([command, str(file), "--set", f"options={settings}"]) == code
+        told = " ".join("".join(capsys.readouterr()).split())
+        assert ("point 'PI' may be point 'P1', mistyped" in told) == (typed == "PI")
