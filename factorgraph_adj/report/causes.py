@@ -24,7 +24,7 @@ def unit_of(report: Report, size: Size) -> tuple[float, str]:
         return report.small, report.units.sigma_length
     if size == "angle":
         return report.radian, report.units.sigma_angle
-    return 1.0, {"ppm": "ppm"}.get(size, "")
+    return {"ppm": (1.0, "ppm"), "ratio": (0.01, "%")}.get(size, (1.0, ""))
 
 
 def causes(report: Report) -> list[str]:

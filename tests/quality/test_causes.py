@@ -13,6 +13,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.quality.causes import photos
 from factorgraph_adj.quality.causes.columns import explain, whitening
 from factorgraph_adj.quality.causes.given import given_values
+from factorgraph_adj.quality.causes.hypotheses import SIGHTS
 from factorgraph_adj.quality.causes.photos import Oriented, told_apart
 from factorgraph_adj.quality.causes.search import evidence, explanations
 from factorgraph_adj.rotation import exp_rotation
@@ -20,6 +21,7 @@ from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_bloc
 from tests.benchmarks.causes import adjusted, count, detectable, searched, spoiled
 from tests.networks.arriving import CASES
 from tests.networks.building_site import site
+from tests.networks.exchanged_day import day
 from tests.networks.photo_block import block
 from tests.support.spoiled import EXCHANGES, PHOTOS, SIZED
 
@@ -257,3 +259,23 @@ def test_a_cause_of_a_size_that_nobody_makes_is_not_plausible() -> None:
             assert found.found[0] not in found.likelier
             done += 1
     assert done >= 3
+
+
+@pytest.mark.parametrize("seed", [4, 8, 9, 12, 26])
+def test_the_height_of_a_target_is_named_beside_gnss_and_levelling(seed: int) -> None:
+    """−199 mm at all set-ups: alone, or with all that nothing tells from it."""
+    case = day(seed, exchanges=0, most=20)
+    network, rng = case.network, np.random.default_rng([seed, 9])
+    seen = [o.target for o in network.observations.values() if o.kind == "slope_distance"]  # type: ignore[attr-defined]
+    seen = [t for t in seen if t.startswith("P")]
+    target = seen[int(rng.integers(len(seen)))]
+    for ident, o in network.observations.items():
+        if o.kind in SIGHTS and o.target == target:  # type: ignore[attr-defined]
+            network.observations[ident] = replace(o, target_height=1.301)  # type: ignore[call-arg]
+    found = fga.snoop(network).causes
+    assert found is not None
+    text = f"the height of the target at {target!r} (1.301 m)"
+    first = found.likeliest
+    assert text in found.undecided if first is None else f"{first.cause} {first.where}" == text
+    named = [c for c in found.found if f"{c.cause} {c.where}" == text]
+    assert abs(named[0].error[0] + 0.199) < 4.0 * named[0].sigma[0]

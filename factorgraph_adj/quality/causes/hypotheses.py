@@ -12,7 +12,7 @@ from scipy.sparse import coo_array, csc_array
 from ...types import Array, Index
 from .readings import Readings
 
-Size: TypeAlias = Literal["length", "angle", "ppm", "image", "number"]
+Size: TypeAlias = Literal["length", "angle", "ppm", "ratio", "image", "number"]
 """Quantity of an error."""
 
 DISTANCES = ("slope_distance", "horizontal_distance")

@@ -23,6 +23,7 @@ from ..reliability import Reliability
 from .columns import Explained, explain, whitening
 from .evidence import UnitWeight, evidence
 from .given import GivenValue, given_values
+from .held_axes import AxisScale, axis_scales
 from .hypotheses import Hypotheses, Size, hypotheses
 from .matches import Match
 from .readings import Readings
@@ -39,6 +40,7 @@ PLAUSIBLE: dict[Size, float] = {
     "length": 1.0,
     "angle": np.pi / 200,
     "ppm": 1e4,
+    "ratio": np.inf,
     "image": np.inf,
     "number": np.inf,
 }
@@ -54,6 +56,7 @@ _UNIT: dict[Size, tuple[float, str]] = {
     "length": (1e-3, "mm"),
     "angle": (np.pi / 200e3, "mgon"),
     "ppm": (1.0, "ppm"),
+    "ratio": (0.01, "%"),
     "image": (1.0, ""),
     "number": (1.0, ""),
 }
@@ -368,7 +371,11 @@ def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) 
     """
     readings = Readings.of(solution.equations, solution.state)
     held = given_values(solution) if given is None else given
-    return [*_tested(solution, hypotheses(readings)), *(_of_given(v) for v in held if v.possible)]
+    return [
+        *_tested(solution, hypotheses(readings)),
+        *(_of_given(v) for v in held if v.possible),
+        *map(_of_axis, axis_scales(solution)),
+    ]
 
 
 def _ordered(found: Iterable[Cause]) -> list[Cause]:
@@ -398,6 +405,12 @@ def _of_given(v: GivenValue) -> Cause:
     what = f"the given {', '.join(v.components)}"
     where = f"of {UNKNOWNS[v.kind].noun} {v.name!r}"
     return replace(_cause(what, where, components, v.sizes, v.together, ()), given=v)
+
+
+def _of_axis(a: AxisScale) -> Cause:
+    where = f"along {a.axis}, of {a.points} held points"
+    found = _cause("the scale of the given coordinates", where, (), ("ratio",), a.found, ())
+    return replace(found, rank=2)
 
 
 def _cause(
