@@ -82,7 +82,7 @@ class _Sights:
         right[:, 1:] = goal.sum(axis=0)
         normal += 1e-12 * np.eye(4)
         found = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-        return found[:, 0], found[:, 1:]
+        return np.asarray(found[:, 0]), np.asarray(found[:, 1:])
 
 
 def similarity_from_rays(growth: Growth, known: Known) -> tuple[Similarity, int] | None:
@@ -96,7 +96,7 @@ def similarity_from_rays(growth: Growth, known: Known) -> tuple[Similarity, int]
         None: there are fewer than `MIN_RAYS` rays to different known points.
     """
     v = growth.views
-    there = np.isfinite(known.point).all(axis=1)
+    there: Mask = np.all(np.isfinite(known.point), axis=1)
     rows = np.flatnonzero(growth.rays.usable & growth.posed[v.photo] & there[v.point])
     if len(np.unique(v.point[rows])) < MIN_RAYS:
         return None

@@ -295,6 +295,16 @@ def pose_graph(
     return network
 
 
+def large_pose_graph(rng: np.random.Generator) -> Network:
+    """Return 300 to 400 poses of the sphere."""
+    return pose_graph(rng, poses=int(rng.integers(300, 401)), file=SPHERE)
+
+
+def whole_pose_graph(rng: np.random.Generator) -> Network:
+    """Return all 2500 poses of the sphere, as they come or with additional noise."""
+    return pose_graph(rng, poses=2500, file=SPHERE)
+
+
 SORTS: Mapping[str, tuple[int, Callable[[np.random.Generator], Network]]] = {
     "similarity of 0.01 to 100, any turn": (80, moved_by_similarity),
     "shift of ten flying heights": (40, shifted),
@@ -304,6 +314,8 @@ SORTS: Mapping[str, tuple[int, Callable[[np.random.Generator], Network]]] = {
     "weak control, 40° and half as large": (40, weak_control),
     "parts of BAL Ladybug 49": (60, part_of_bal),
     "pose graphs without initial values": (40, pose_graph),
+    "pose graphs of 300 to 400 poses": (6, large_pose_graph),
+    "pose graphs of 2500 poses": (2, whole_pose_graph),
 }
 """Numbers of blocks in the benchmark, and what draws them, by sort."""
 

@@ -36,8 +36,14 @@ def cost(equations: Equations, state: State) -> float:
     return value if np.isfinite(value) else np.inf
 
 
-def by_trf(equations: Equations, start: State) -> State:
-    """Minimise by ``least_squares(method="trf")`` over the tangent at the start."""
+def by_trf(equations: Equations, start: State, *, loss: str = "linear") -> State:
+    """Minimise by ``least_squares(method="trf")`` over the tangent at the start.
+
+    Args:
+        equations: the network in arrays.
+        start: values at which the iteration begins.
+        loss: name of the loss, such as ``"cauchy"``, of residuals in standard deviations.
+    """
     unknowns = equations.unknowns
     rows = np.arange(equations.n_rows)
     free = np.flatnonzero(unknowns.free)
@@ -64,6 +70,7 @@ def by_trf(equations: Equations, start: State) -> State:
         np.zeros(len(free)),
         jac=partials,
         method="trf",
+        loss=loss,
         x_scale="jac",
         tr_solver="exact" if dense else "lsmr",
         max_nfev=MOST_EVALUATIONS,
@@ -87,8 +94,13 @@ def _by_tangent_at_start(equations: Equations, step: Array) -> csr_array:
 # -- GTSAM ----------------------------------------------------------------------------------------
 
 
-def native(equations: Equations, start: State) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """Return native factors of image points, control, positions and relative poses, and values."""
+def native(
+    equations: Equations, start: State, *, robust: bool = False
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """Return native factors of image points, control, positions and relative poses, and values.
+
+    With ``robust`` the noise of image points is Cauchy's.
+    """
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     letter = {"pose": "x", "point": "l", "calibration": "c"}
 
@@ -114,6 +126,9 @@ def native(equations: Equations, start: State) -> tuple[gtsam.NonlinearFactorGra
                 case "image":
                     photo, calibration, point = index
                     at = gtsam.Point2(observed[0], -observed[1])
+                    if robust:
+                        cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(1.0)
+                        noise = gtsam.noiseModel.Robust.Create(cauchy, noise)
                     keys = named("pose", photo), named("point", point)
                     own = named("calibration", calibration)
                     graph.add(gtsam.GeneralSFMFactor2Cal3Bundler(at, noise, *keys, own))
@@ -144,9 +159,9 @@ def native(equations: Equations, start: State) -> tuple[gtsam.NonlinearFactorGra
     return graph, values
 
 
-def by_gtsam(equations: Equations, start: State) -> State:
-    """Minimise by GTSAM's Levenberg-Marquardt with its default parameters."""
-    graph, values = native(equations, start)
+def by_gtsam(equations: Equations, start: State, *, robust: bool = False) -> State:
+    """Minimise by GTSAM's Levenberg-Marquardt with its default parameters; robust: as `native`."""
+    graph, values = native(equations, start, robust=robust)
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(MOST_EVALUATIONS)
     try:
