@@ -268,7 +268,11 @@ def _verdict(found: Adjusted, report: Report) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
     for said in (*unknowns_left_out(found.solution.network), *notes_about(found.solution)):
         print(said, file=sys.stderr)
-    doubts = [*doubts_about(found.solution), *of_network(found.solution.network)]
+    doubts = [
+        *doubts_about(found.solution),
+        *report.of_sigmas,
+        *of_network(found.solution.network),
+    ]
     if found.components is not None and not found.components.converged:
         doubts.append(f"variance components not converged: {found.components.reason}")
     if found.snooping is not None:

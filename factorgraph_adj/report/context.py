@@ -18,6 +18,7 @@ from ..quality.causes.exchanged_targets import Exchange
 from ..quality.causes.given import GivenValue
 from ..quality.causes.search import Causes, causes, exchanges_alone
 from ..quality.check_points import check_points
+from ..quality.doubtful_sigmas import doubtful_sigmas
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
 from ..quality.exchanged_names import exchanged_names, sights_far_off
 from ..quality.lines import AdjustedLine, adjusted_lines
@@ -174,11 +175,18 @@ class Report:
         name = "τ" if self.pope else "w"
         return [
             *doubts_about(self.solution),
+            *self.of_sigmas,
             *of_network(self.network),
             *above_critical(values, critical, name, self.options.alpha),
             *self.in_common,
             *self.at_check_points,
         ]
+
+    @cached_property
+    def of_sigmas(self) -> list[str]:
+        """The groups whose standard deviation may be stated in a wrong unit."""
+        rel = self.reliability
+        return [] if rel is None else [str(d) for d in doubtful_sigmas(rel)]
 
     @property
     def at_check_points(self) -> list[str]:

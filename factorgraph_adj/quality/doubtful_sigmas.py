@@ -1,0 +1,214 @@
+"""Standard deviations that may be stated in a wrong unit, by the residuals of their groups.
+
+The residuals of a group of observations of one kind say by which factor f its standard deviation
+would fit: f² = vᵀPv / r with its redundancy r. A group whose σ is stated 1000 times too large fits
+far too well beside others, f is near 1/1000, and the weights of the others hardly depend on it. One
+whose σ is far too small bends the others, so that the factors are estimated together
+(`estimate_variance_components`); a gross error shows in few residuals of a group, a wrong σ in all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..graph.blocks import Block
+from ..graph.weights import weigh
+from ..solve.solution import Solution
+from ..stochastic import PARTS, StandardDeviation
+from ..types import Array
+from .reliability import Reliability
+from .unit_weight import global_test
+from .variance_components import estimate_variance_components
+
+FAR = 30.0
+"""Factor from which a σ is doubted: σ that are stated carefully lie within a few times the truth,
+and unit mistakes are of 1000, or of √1000 where the length of a line was taken in metres."""
+THOUSAND = 1000.0
+"""Factor between metres and millimetres, kilometres and metres, gon and milligon."""
+NEAR = 3.0
+"""Factor within which a group is near its σ, and within which a factor is that of a unit."""
+CERTAIN = 3.0
+"""Smallest redundancy of a group of which anything is said."""
+ALIKE = 0.3
+"""Largest difference of ln f, beside twice its standard deviation, of a σ with one part in another
+unit, which fits the residuals of its group."""
+EVEN = 0.3
+"""Smallest median of |v|/σ_v with the estimated σ: of normal residuals it is 0.67, and one gross
+error in a group leaves the others far below it."""
+GAP = 3.0
+"""Largest ratio of successive values among the larger half of |v|/σ_v: gross errors stand apart."""
+LARGEST = 4.5
+"""Largest |v|/σ with the estimated σ."""
+MOST_ROWS = 3000
+"""Number of scalar observations up to which variance components are estimated for a doubt."""
+
+
+@dataclass(frozen=True)
+class DoubtfulSigma:
+    """A group whose standard deviation may be stated in a wrong unit."""
+
+    group: str
+    """Kind of its observations."""
+    n: int
+    """Number of its scalar observations."""
+    factor: float
+    """σ by the residuals / stated σ."""
+    stated: float
+    """Median of its standard deviations as stated, unit of the observation."""
+    unit: str
+    """m, rad or another."""
+    reason: str
+    """The likely mistake; empty if no unit explains it."""
+
+    def __str__(self) -> str:
+        """Return the doubt as text."""
+        small = self.factor < 1.0
+        times = 1.0 / self.factor if small else self.factor
+        scale, unit = {"m": (1e3, " mm"), "rad": (200e3 / np.pi, " mgon")}.get(self.unit, (1.0, ""))
+        shown = (f"{scale * s:.3g}{unit}" for s in (self.stated, self.stated * self.factor))
+        stated, fitting = shown
+        why = f"; {self.reason}" if self.reason else ""
+        return (
+            f"the standard deviation of the group {self.group!r} ({self.n} values) may be stated "
+            f"about {times:.2g} times too {'large' if small else 'small'}: {stated} in the median, "
+            f"by the residuals {fitting}{why}"
+        )
+
+
+def doubtful_sigmas(found: Reliability) -> list[DoubtfulSigma]:
+    """Return the groups whose standard deviation may be stated in a wrong unit.
+
+    Given values of weighted unknowns are left out: a weak weight is often meant.
+    """
+    s = found.solution
+    if not s.converged or s.redundancy < CERTAIN:
+        return []
+    v = s.equations.residuals(s.state)
+    groups: dict[str, list[Block]] = {}
+    for block in s.equations.blocks:
+        if not block.prior:
+            groups.setdefault(block.kind, []).append(block)
+    factors: dict[str, float] = {}
+    for kind, blocks in groups.items():
+        rows = _rows(s, blocks)
+        r = float(found.redundancy_numbers[rows].sum())
+        if r >= CERTAIN:
+            factors[kind] = float(np.sqrt(np.sum(np.square(v[rows])) / r))
+    if any(1.0 / NEAR < f < NEAR for f in factors.values()):
+        large = {k: f for k, f in factors.items() if 0.0 < f < 1.0 / FAR}
+        if large:
+            return [_doubt(s, k, groups[k], f) for k, f in large.items()]
+    if global_test(s).accepted or global_test(s).too_good or len(v) > MOST_ROWS:
+        return []
+    return _too_small(s, groups)
+
+
+def _too_small(s: Solution, groups: dict[str, list[Block]]) -> list[DoubtfulSigma]:
+    """Return the groups whose σ are far too small, if larger ones make everything fit."""
+    try:
+        with np.errstate(all="ignore"):  # only a trial: gross errors make weights of any size
+            estimated = estimate_variance_components(
+                s.network,
+                groups={k: [i for b in blocks for i in b.ids] for k, blocks in groups.items()},
+                start=s,
+            )
+    except AdjustmentError:
+        return []
+    again = estimated.solution
+    if not estimated.converged or not again.converged or not global_test(again).accepted:
+        return []
+    off: list[DoubtfulSigma] = []
+    near = 0
+    for component in estimated.components:
+        blocks = groups[component.name]
+        f = component.factor
+        if not component.estimated or component.redundancy < CERTAIN:
+            continue
+        if 1.0 / NEAR < f < NEAR:
+            near += 1
+            continue
+        doubt = _doubt(s, component.name, blocks, f, component.sigma / f)
+        rows = _rows(s, blocks)
+        w = np.abs(again.equations.residuals(again.state)[rows])
+        w = np.sort(w) / np.sqrt(component.redundancy / len(w))
+        upper = np.maximum(w[len(w) // 2 :], EVEN)
+        even = np.median(w) > EVEN and w[-1] < LARGEST and np.all(upper[1:] < GAP * upper[:-1])
+        if f < 1.0 or not even or not (doubt.reason or (f >= FAR and _near_unit(f))):
+            return []
+        off.append(doubt)
+    return off if near or len(off) > 1 else []
+
+
+def _near_unit(factor: float) -> bool:
+    """Return whether a factor is that of a unit, 1000, or of the square root of one."""
+    return any(f / NEAR < factor < f * NEAR for f in (THOUSAND, np.sqrt(THOUSAND)))
+
+
+def _rows(s: Solution, blocks: Sequence[Block]) -> Array:
+    """Return the scalar rows of blocks."""
+    return np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in blocks])
+
+
+def _doubt(
+    s: Solution, kind: str, blocks: Sequence[Block], factor: float, doubt: float = 0.0
+) -> DoubtfulSigma:
+    """Return the doubt about a group; ``doubt``: standard deviation of ln of its factor."""
+    sigma = s.equations.sigmas()[_rows(s, blocks)]
+    unit = blocks[0].unit
+    name = kind.replace("_", " ")
+    return DoubtfulSigma(
+        name, len(sigma), factor, float(np.median(sigma)), unit, _reason(s, blocks, factor, doubt)
+    )
+
+
+def _reason(s: Solution, blocks: Sequence[Block], factor: float, doubt: float) -> str:
+    """Return the likely mistake of a unit; empty if there is none."""
+    for by in (THOUSAND, 1.0 / THOUSAND):
+        for part in ("constant", *PARTS):
+            changed = _with_part(s, blocks, part, by)
+            if changed is None:
+                continue
+            before = np.concatenate([np.square(b.sigma).ravel() for b in blocks])
+            ratio = float(np.sqrt(changed.mean() / before.mean()))
+            # Where a part is made small, what is left of σ tells nothing of the unit of the part.
+            specific = by > 1.0 or factor < 1.0 / FAR
+            alike = abs(np.log(factor / ratio)) < ALIKE + 2.0 * doubt
+            if specific and alike and not 0.5 < ratio < 2.0:
+                said = "constant part" if part == "constant" else f"part {part}"
+                return f"a unit may be wrong: with its {said} {_times(by)} it fits"
+    if THOUSAND / NEAR < max(factor, 1.0 / factor) < THOUSAND * NEAR:
+        return "a unit may be wrong, by the factor 1000: millimetres and metres, gon and milligon"
+    root = float(np.sqrt(THOUSAND))
+    if root / 2 < max(factor, 1.0 / factor) < root * 2:
+        lengths = [getattr(s.network.observations.get(i), "length_km", None) for i in blocks[0].ids]
+        if any(x is not None for x in lengths):
+            return "the lengths of the lines may be in metres, not in kilometres (factor √1000)"
+    return ""
+
+
+def _times(by: float) -> str:
+    return f"{by:.0f} times larger" if by > 1.0 else f"{1.0 / by:.0f} times smaller"
+
+
+def _with_part(s: Solution, blocks: Sequence[Block], part: str, by: float) -> Array | None:
+    """Return the variances of blocks with one part changed; None: they have no such part."""
+    network = copy(s.network)
+    network.observations = dict(network.observations)
+    ids = [i for b in blocks for i in b.ids]
+    touched = False
+    for i in ids:
+        o = network.observations.get(i)
+        sigma = getattr(o, "sigma", None)
+        if o is not None and isinstance(sigma, StandardDeviation) and getattr(sigma, part) > 0.0:
+            changed = replace(sigma, **{part: by * getattr(sigma, part)})
+            network.observations[i] = replace(o, sigma=changed)  # type: ignore[call-arg]
+            touched = True
+    if not touched:
+        return None
+    found = [weigh(network, b, s.state).sigma for b in blocks]
+    return np.concatenate([np.square(x).ravel() for x in found])

@@ -1,0 +1,76 @@
+"""A σ in a wrong unit is named with its group; gross errors and honest σ are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.quality.doubtful_sigmas import doubtful_sigmas
+from tests.field_mistakes.projects import Project, yard
+from tests.field_mistakes.site import site
+
+
+def told(p: Project, folder) -> list[str]:
+    """Return the groups that are doubted, with the size of the mistake."""
+    s = fga.adjust(fga.read_project(p.write(folder / "p")))
+    if not s.converged:  # the doubt is told already
+        return []
+    found = doubtful_sigmas(fga.reliability(s))
+    return [f"{d.group} {'large' if d.factor < 1 else 'small'}" for d in found]
+
+
+def stating(old: str, new: str, *, seed: int = 5, make=site) -> Project:
+    """Return the site with another statement of σ."""
+    p = make(seed)
+    assert old in p.toml
+    p.toml = p.toml.replace(old, new)
+    return p
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("old", "new", "group"),
+    [
+        ("sigma_mm = 2\n", "sigma_m = 2\n", "slope distance large"),
+        ("sigma_mgon = 1.2", "sigma_gon = 1.2", "zenith angle large"),
+        ("sigma_mgon = 1.2", "sigma_mgon = 0.0012", "zenith angle small"),
+        ("sigma_mm = 2\nppm = 2", "sigma_mm = 0.002", "slope distance small"),
+    ],
+)
+def test_a_unit_of_one_group_is_named(old, new, group, seed, tmp_path) -> None:
+    assert told(stating(old, new, seed=seed), tmp_path) == [group]
+
+
+def test_a_part_in_another_unit_is_named(tmp_path) -> None:
+    # 0.002 mm + 2 ppm for 2 mm + 2 ppm: 7 times too small over these lengths.
+    assert told(stating("sigma_mm = 2\n", "sigma_mm = 0.002\n"), tmp_path) == [
+        "slope distance small"
+    ]
+
+
+def test_several_groups_are_named_together(tmp_path) -> None:
+    p = stating("sigma_mgon = 1.2", "sigma_mgon = 0.0012")
+    p.toml = p.toml.replace("sigma_mm = 2\n", "sigma_mm = 0.002\n")
+    assert sorted(told(p, tmp_path)) == ["slope distance small", "zenith angle small"]
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("make", [site, yard])
+def test_right_standard_deviations_are_not_doubted(make, seed, tmp_path) -> None:
+    assert told(make(seed), tmp_path) == []
+
+
+@pytest.mark.parametrize("size", [0.02, 1.0, 100.0])
+@pytest.mark.parametrize("kind", ["direction", "zenith_angle", "slope_distance"])
+def test_gross_errors_are_no_standard_deviations(kind, size, tmp_path) -> None:
+    p = site()
+    for row in np.random.default_rng(2).choice(np.array(p.rows(kind)), 2, replace=False):
+        row["value"] = f"{float(row['value']) + size:.4f}"
+    assert told(p, tmp_path) == []
+
+
+@pytest.mark.parametrize("factor", [0.2, 5.0])
+def test_standard_deviations_that_are_careful_or_bold_are_no_mistakes(factor, tmp_path) -> None:
+    p = stating("sigma_mgon = 1.2", f"sigma_mgon = {1.2 * factor}")
+    assert told(p, tmp_path) == []
