@@ -267,7 +267,7 @@ def causes(
     single, freedom = t2 / weight.variance, weight.freedom
     out = Causes(
         solution,
-        (*exchanges, *_ordered(tested)),
+        (*exchanges, *ordered(tested)),
         single,
         len(every),
         rel.alpha,
@@ -378,17 +378,18 @@ def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) 
     ]
 
 
-def _ordered(found: Iterable[Cause]) -> list[Cause]:
+def ordered(found: Iterable[Cause]) -> list[Cause]:
     """Return causes, the likeliest first; of those that explain as much, the plainest.
 
     What differs in evidence by less than `indifference` cannot be told apart: the cause of one
     set-up comes before that of several.
     """
-    left = sorted(found, key=lambda c: -c.evidence)
+    left = sorted(((c.evidence, c) for c in found), key=lambda pair: -pair[0])
     out: list[Cause] = []
     while left:
-        most = left[0].evidence
-        same = [c for c in left if c.evidence > most - indifference(most)]
+        most = left[0][0]
+        # What is equal counts whatever is left of the difference: of infinity, nothing.
+        same = [c for e, c in left if e == most or e > most - indifference(most)] or [left[0][1]]
         out += sorted(same, key=lambda c: c.rank)
         left = left[len(same) :]
     return out

@@ -12,7 +12,7 @@ from scipy import special, stats
 import factorgraph_adj as fga
 from factorgraph_adj.observations import HeightDifference
 from factorgraph_adj.quality.causes.evidence import UnitWeight, evidence
-from factorgraph_adj.quality.causes.search import explanations
+from factorgraph_adj.quality.causes.search import Cause, explanations, ordered
 from factorgraph_adj.quality.causes.separable import SAME, indifference
 from tests.benchmarks.causes import adjusted
 from tests.networks.building_site import site
@@ -199,3 +199,14 @@ def _loops(seed: int, *, times: float = 12.0, more: int = 0) -> tuple[fga.Networ
         value = float(true[b] - true[a] + SIGMA * error)
         network.add(HeightDifference(f"B{a}", f"B{b}", value, sigma=SIGMA, id=f"r{number}"))
     return network, f"r{wrong}"
+
+
+@pytest.mark.parametrize("t2", [1e17, 1e25, np.inf])
+def test_causes_are_ordered_whatever_their_size(t2: float) -> None:
+    """Of a large number nothing is left of the difference that counts."""
+    none = np.zeros(0)
+    kinds = [
+        Cause(f"cause {n}", "", (), (), none, none, size, 1, 0.0, (), rank=2 - n)
+        for n, size in enumerate((1.0, t2, t2))
+    ]
+    assert [c.cause for c in ordered(kinds)] == ["cause 2", "cause 1", "cause 0"]
