@@ -214,7 +214,10 @@ class Ledger:
     def _duplicate(self, ident: str) -> str:
         if self.status(ident) == "gone":
             return f"duplicate id {ident!r}"
-        return f"duplicate id {ident!r}: replace() puts an observation in the place of another"
+        return (
+            f"duplicate id {ident!r}: there is an observation with this id already; give the new "
+            "one another id, or put it in the place of the old one (replace)"
+        )
 
     def _measured(self, photo: str) -> set[str]:
         """Return the points that are measured in a photo, rejected image points apart."""

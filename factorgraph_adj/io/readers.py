@@ -167,8 +167,10 @@ class Readers:
         source = Path(path)
         if not source.exists():
             raise InputError(Problem("no such file or folder", str(path)))
-        reader = self.reader(source, format)
         given = dict(options or {})
+        if format is None and not given:
+            _refuse_table_of_project(source)
+        reader = self.reader(source, format)
         doing = f"reading {reader.description}"
         refuse_unknown(given, reader.options, doing=doing, where=str(path))
         if isinstance(reader.load, NetworkAlone):
@@ -428,3 +430,20 @@ def read(path: str | Path, *, format: str | None = None, **options: Any) -> Netw
             listed).
     """
     return READERS.load(path, format=format, options=options).network
+
+
+def _refuse_table_of_project(source: Path) -> None:
+    """Refuse a table that lies beside a project.toml, and is read as a part of that project.
+
+    Raises:
+        InputError: which folder is to be given.
+    """
+    main = source.parent / "project.toml"
+    if source.suffix.lower() == ".csv" and source.is_file() and main.is_file():
+        raise InputError(
+            Problem(
+                f"is a table of the project in its folder: give the folder, {source.parent}, or "
+                f"{main}; a table of its own is read with the option mapping",
+                str(source),
+            )
+        )

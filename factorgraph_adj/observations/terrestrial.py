@@ -28,11 +28,19 @@ def check_zenith(observation: Observation, value: float, face: float) -> None:
                 f"gon (in degrees: 180 and 360, {0.9 * gon:.4f}): is it of face 1?"
             )
     elif not 0.0 <= value <= math.pi:
+        lies = (
+            f"a zenith angle lies between 0 and 200 gon, not at {gon:.4f} gon (in degrees: 0 and "
+            f"180, {0.9 * gon:.4f}): "
+        )
+        if value < 0.0:
+            observation._fail(
+                f"{lies}a negative reading is an angle from the horizon, below it; is it a "
+                "vertical_angle, and so are the others of its set-up?"
+            )
         observation._fail(
-            f"a zenith angle lies between 0 and 200 gon, not at {gon:.4f} gon (in degrees: 0 "
-            f"and 180, {0.9 * gon:.4f}): a reading in the second face is 400 gon minus the "
-            "zenith angle; give both faces to fga.reduce_faces or in readings.csv, or state "
-            "face 2"
+            f"{lies}a reading in the second face is 400 gon minus the zenith angle; give both "
+            "faces to fga.reduce_faces or in readings.csv, or state face 2; an angle from the "
+            "horizon is a vertical_angle"
         )
 
 

@@ -102,7 +102,8 @@ def doubtful_sigmas(found: Reliability) -> list[DoubtfulSigma]:
     if any(1.0 / NEAR < f < NEAR for f in factors.values()):
         large = {k: f for k, f in factors.items() if 0.0 < f < 1.0 / FAR}
         if large:
-            return [_doubt(s, k, groups[k], f) for k, f in large.items()]
+            found_large = [_doubt(s, k, groups[k], f) for k, f in large.items()]
+            return [d for d in found_large if d.reason]  # others are stated carefully
     if global_test(s).accepted or global_test(s).too_good or len(v) > MOST_ROWS:
         return []
     return _too_small(s, groups)

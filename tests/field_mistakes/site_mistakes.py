@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .mistakes import ADJUST, CHECK, DOUBTFUL, add, mistake, times
+from .mistakes import ADJUST, BAD_INPUT, CHECK, DOUBTFUL, add, mistake, times
 from .projects import Project
 from .site import book_as, site
 
@@ -169,3 +169,15 @@ def _(p: Project) -> None:
         cells = {axis: f"{v:.3f}" for axis, v in zip("xyz", at, strict=True)}
         p.point(name).update(cells | {"fixed": "xyz"})
     add(p.rows("direction", station="A", target="P1")[0], "value", 0.1)
+
+
+@mistake(
+    "vertical angles of a set-up booked as zenith angles",
+    CHECK,
+    BAD_INPUT,
+    "a negative reading is an angle from the horizon, below it; is it a vertical_angle",
+    site,
+)
+def _(p: Project) -> None:
+    for row in p.rows("zenith_angle", station="S2"):
+        row["value"] = f"{100.0 - float(row['value']):.4f}"

@@ -9,6 +9,7 @@ import numpy as np
 from ...epochs.blocks import BlockMotion
 from ...epochs.congruence import Congruence, Displacement
 from ...epochs.hypotheses import Test
+from ...epochs.identical import told as identical
 from ..layout import listed, paragraph, short, table, title
 
 LISTED = 12
@@ -34,15 +35,17 @@ def render_congruence(found: Congruence, *, blocks: Sequence[BlockMotion] = ()) 
 def _tested(found: Congruence) -> list[str]:
     """Say what the reference is, and what was tested and what was not."""
     n, objects = len(found.reference), [x for x in found.displacements if x not in found.reference]
+    same = identical(*found.solutions) if len(found.solutions) == 2 else ""
     held = list(found.roles.held)
     datum = "the points held in both epochs" if held else "the datum of the adjustments"
+    out = paragraph(same) if same else []
     if n:
-        out = paragraph(
+        out += paragraph(
             f"Reference, tested together for a change of shape: {_points(found.reference)}. "
             "Common points are reference points unless they are named as objects."
         )
     else:
-        out = paragraph(f"Reference: {datum}, without a test.")
+        out += paragraph(f"Reference: {datum}, without a test.")
     if objects:
         out += paragraph(f"Tested one by one against the reference: {_points(objects)}.")
     else:
