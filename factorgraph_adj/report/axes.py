@@ -14,9 +14,10 @@ import numpy as np
 from ..graph.variables import camera_of_calibration
 from ..models.variables import VariableKind
 from ..network.network import Network
+from ..quality.causes.cause import Cause
 from ..quality.causes.columns import Explained
 from ..quality.causes.given import GivenValue
-from ..quality.causes.search import Cause, Causes
+from ..quality.causes.search import Causes
 from ..quality.systematic import Label, Significance, TestedParameter
 from ..quality.ties import Tie
 from ..solve.estimates import CalibrationEstimate

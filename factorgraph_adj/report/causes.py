@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from ..models.variables import UNKNOWNS
+from ..quality.causes.cause import Cause
 from ..quality.causes.given import GivenValue
 from ..quality.causes.hypotheses import Size
-from ..quality.causes.search import EXCHANGES, Cause
+from ..quality.causes.search import EXCHANGES
 from ..quality.distributions import chi2_quantile
 from ..units import decimal
 from .context import Report
@@ -66,7 +67,7 @@ def exchanges_untested(report: Report) -> list[str]:
         return []
     if not report.solution.converged:
         return [f"gross errors may keep an adjustment from a minimum; {EXCHANGES}"]
-    if found is None or all(c.plausible for c in found.found[:1]):
+    if not report.bent:
         return []
     return [f"its size is not that of such an error: readings may be exchanged; {EXCHANGES}"]
 
@@ -77,7 +78,7 @@ def sentence(report: Report, cause: Cause) -> str:
 
 
 def likeliest(report: Report) -> str:
-    """Return the cause that explains most, or between which errors nothing tells.
+    """Return the cause that explains most, with what is left, or between what nothing tells.
 
     Empty if no cause explains more than single readings.
     """
@@ -86,7 +87,8 @@ def likeliest(report: Report) -> str:
         return ""
     if (first := found.likeliest) is None:
         return next(iter(nothing_tells(found)), "")
-    return f"likeliest cause: {sentence(report, first)}"
+    what = "likeliest cause" if found.alone(first) else "one of several errors"
+    return f"{what}: {sentence(report, first)}{found.consequence(first)}"
 
 
 def _members(cause: Cause) -> str:

@@ -57,6 +57,9 @@ from .set_aside import SetAside, set_aside
 
 Line = TypeVar("Line")
 
+MOST_FINDINGS = 3
+"""Largest number of findings of `check` that are said of an adjustment that is bent."""
+
 
 @dataclass(frozen=True)
 class PoseFigures:
@@ -209,24 +212,33 @@ class Report:
             return []
         return listed(mistyped_names(s.equations, s.state, lambda at: s.point_covariances[at]))
 
+    @property
+    def bent(self) -> bool:
+        """Whether gross errors have bent an adjustment without snooping.
+
+        It has no minimum, or the cause that explains most has a size that nobody makes.
+        """
+        if not self.solution.converged:
+            return True
+        first = () if self.causes is None else self.causes.found[:1]
+        return not all(c.plausible for c in first)
+
     @cached_property
     def _found_before(self) -> list[str]:
         """The preliminary findings that explain what does not fit.
 
         After data snooping they concern observations set aside or unresolved; without it, where
         the adjustment did not come to rest or the global test failed, they are mistakes of whole
-        groups, such as a unit.
+        groups, such as a unit, and where gross errors have bent it, all others.
         """
         original = self.provenance.original
         if self.snooping is None and doubts_about(self.solution):
-            return [
-                f"found before the adjustment: {finding}"
-                for finding in mistaken(
-                    self.network if original is None else original,
-                    length=self.units.length,
-                    angle=self.units.angle,
-                )
-            ]
+            network = self.network if original is None else original
+            units = {"length": self.units.length, "angle": self.units.angle}
+            every = mistaken(network, **units)
+            if not every and self.bent:
+                every = preliminary(network, **units)[:MOST_FINDINGS]
+            return [f"found before the adjustment: {finding}" for finding in every]
         if self.snooping is None or original is None:
             return []
         wrong = {*self.snooping.ids_set_aside, *(u.id for u in self.snooping.unresolved)}
@@ -264,7 +276,9 @@ class Report:
             return []
         if first is None:
             return nothing_tells(self.causes)
-        return [f"likelier than gross errors of single readings: {first}"]
+        what = "" if self.causes.alone(first) else "one of several errors, "
+        rest = self.causes.consequence(first)
+        return [f"{what}likelier than gross errors of single readings: {first}{rest}"]
 
     @cached_property
     def causes(self) -> Causes | None:

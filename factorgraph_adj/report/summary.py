@@ -14,7 +14,7 @@ import numpy as np
 from ..crs.system import ReferenceSystem
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..graph.variables import camera_of_calibration
-from ..quality.causes.search import Cause
+from ..quality.causes.cause import Cause
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.unit_weight import global_test
 from ..version import __version__

@@ -39,6 +39,8 @@ class Hypotheses:
     rank: int = 1
     """Place among causes that explain as much: 0 for given values, 1 for what one set-up makes, 2
     for what several have in common."""
+    recorded: Array | None = None
+    """Recorded height at each place, (h,) metres; none for other causes."""
 
 
 def grouped(
@@ -50,6 +52,7 @@ def grouped(
     where: Callable[[int], str],
     components: Sequence[str] = (),
     rank: int = 1,
+    recorded: Array | None = None,
 ) -> Hypotheses:
     """Return one hypothesis for each set of equal keys.
 
@@ -62,6 +65,7 @@ def grouped(
         where: returns the name of a place by one of its rows.
         components: names of the components, (q,).
         rank: as in `Hypotheses`.
+        recorded: recorded height of each reading, (m,) metres.
     """
     _, first, group = np.unique(
         np.stack([np.asarray(k, dtype=float) for k in keys]),
@@ -75,7 +79,9 @@ def grouped(
     shape = (r.equations.n_rows, len(first) * q)
     entries = coo_array((values.ravel(), (row.ravel(), column.ravel())), shape=shape)
     names = tuple(where(int(i)) for i in first)
-    return Hypotheses(cause, tuple(sizes), tuple(components), names, csc_array(entries), rank)
+    heights = None if recorded is None else recorded[first]
+    columns = csc_array(entries)
+    return Hypotheses(cause, tuple(sizes), tuple(components), names, columns, rank, heights)
 
 
 def hypotheses(r: Readings) -> Iterator[Hypotheses]:
@@ -110,6 +116,7 @@ def _heights(r: Readings) -> Iterator[Hypotheses]:
         (r.station, height),
         by_instrument,
         lambda i: f"at {name(r.station[i])} ({height[i]:g} m)",
+        recorded=height,
     )
     yield grouped(
         r,
@@ -119,6 +126,7 @@ def _heights(r: Readings) -> Iterator[Hypotheses]:
         by_target,
         lambda i: f"at {name(r.target[i])} ({target[i]:g} m)",
         rank=2,
+        recorded=target,
     )
     yield grouped(
         r,
@@ -127,6 +135,7 @@ def _heights(r: Readings) -> Iterator[Hypotheses]:
         (r.station, r.target, target),
         by_target,
         lambda i: f"at {name(r.target[i])} ({target[i]:g} m) seen from {name(r.station[i])}",
+        recorded=target,
     )
 
 
@@ -252,4 +261,5 @@ def _antennas(r: Readings) -> Iterator[Hypotheses]:
         (point, height),
         values[:, None],
         lambda i: f"at {name(point[i])} ({height[i]:g} m)",
+        recorded=height,
     )

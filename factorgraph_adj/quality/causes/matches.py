@@ -20,7 +20,7 @@ import numpy as np
 
 from ...errors import AdjustmentError, InputError
 from ...graph.equations import Equations
-from ...observations import Azimuth, Direction, GnssVector, Observation
+from ...observations import Azimuth, ControlPoint, Direction, GnssVector, Observation
 from ...solve.solution import Solution
 from ...types import Array, Index
 from ..innovations import Innovations
@@ -200,14 +200,24 @@ class _Search:
         return {n: tuple(h for h, _ in c.most_common(HEIGHTS)) for n, c in counts.items()}
 
     def vectors(self) -> Iterator[Match]:
-        """Iterate over GNSS vectors with start and end exchanged."""
+        """Iterate over GNSS vectors with start and end, or x and y, exchanged, and positions."""
         for i, o in self.aside.items():
+            ways: dict[str, tuple[float, ...]]
             if isinstance(o, GnssVector):
                 x, y, z = o.value
-                other = replace(o, value=(-x, -y, -z))
                 where = f"of vector {o.station!r} – {o.target!r}"
-                if found := self._match("start and end, exchanged,", where, [i], [other]):
+                ways = {"start and end, exchanged,": (-x, -y, -z), "x and y, exchanged,": (y, x, z)}
+            elif isinstance(o, ControlPoint) and o.axes[:2] in ("xy", "en"):
+                x, y, *rest = o.value
+                where = f"of the position of {o.point!r}"
+                ways = {"x and y, exchanged,": (y, x, *rest)}
+            else:
+                continue
+            for cause, value in ways.items():
+                other = replace(o, value=value)  # type: ignore[arg-type]
+                if found := self._match(cause, where, [i], [other]):
                     yield found
+                    break
 
     def faces(self) -> Iterator[Match]:
         """Iterate over horizontal readings in the other face."""

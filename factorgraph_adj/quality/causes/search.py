@@ -8,7 +8,7 @@ bend an adjustment too far for its linear model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,8 +18,9 @@ from ...models.variables import UNKNOWNS
 from ...shown import FIRST, Rows, Shown
 from ...solve.solution import Solution
 from ...types import Array, Index
-from ...units import significant
+from ..distributions import chi2_quantile
 from ..reliability import Reliability
+from .cause import Cause, figure
 from .columns import Explained, explain, whitening
 from .evidence import UnitWeight, evidence
 from .given import GivenValue, given_values
@@ -27,133 +28,25 @@ from .held_axes import AxisScale, axis_scales
 from .hypotheses import Hypotheses, Size, hypotheses
 from .matches import Match
 from .readings import Readings
-from .separable import SEPARABLE, indifference
+from .separable import FARTHEST, SEPARABLE, indifference
 
 MOST = 50
 """Largest number of places at which a cause is tested in full: those that may explain most."""
 CHANCE = 0.01
 """Largest probability with which good readings make any of the tested causes likelier."""
+NEARLY_ALL = 0.9
+"""Share of the excess of vᵀPv over its redundancy that one cause explains where it is the only one:
+the rest is curvature of the model. Where it explains less, there are others besides."""
+MOST_PART = 0.5
+"""The same where the error is larger than `FARTHEST`, so that curvature leaves a lot."""
 SHARED = 2
 """Smallest number of observations that share a cause; an error of one is tested as its own."""
 
-PLAUSIBLE: dict[Size, float] = {
-    "length": 1.0,
-    "angle": np.pi / 200,
-    "ppm": 1e4,
-    "ratio": np.inf,
-    "image": np.inf,
-    "number": np.inf,
-}
-"""Largest error, SI, that heights, constants and centring have in the field: a metre, a gon, one
-percent. Where an error would have to be larger, readings belong to something else."""
 EXCHANGES = (
     "exchanges (of targets, names of points, ends of vectors, faces, axes of photos) are tested by "
     "data snooping only (adjust --snoop)"
 )
 """What is to be known of causes in an adjustment without data snooping."""
-
-_UNIT: dict[Size, tuple[float, str]] = {
-    "length": (1e-3, "mm"),
-    "angle": (np.pi / 200e3, "mgon"),
-    "ppm": (1.0, "ppm"),
-    "ratio": (0.01, "%"),
-    "image": (1.0, ""),
-    "number": (1.0, ""),
-}
-
-
-def _figure(value: float) -> str:
-    """Return a number with three significant digits, or as a whole number."""
-    return significant(value, 3)
-
-
-@dataclass(frozen=True, eq=False)
-class Cause:
-    """A cause that explains misfits."""
-
-    cause: str
-    """What is wrong: ``the height of the instrument``."""
-    where: str
-    """The place, and of an exchange what is right: ``at 'S3' (1.454 m)``."""
-    components: tuple[str, ...]
-    """Names of the components of its size, (q,); empty for a single one, and for an exchange."""
-    sizes: tuple[Size, ...]
-    """Quantity of each component, (q,)."""
-    error: Array
-    """Estimated error, recorded − true, (q,): metres, radians, image units or ppm; empty for an
-    exchange."""
-    sigma: Array
-    """Its standard deviations, with the σ0 of T², (q,)."""
-    t2: float
-    """T² / σ0²: by how much less vᵀPv would be with it as an unknown, or after the exchange. An
-    estimated σ0 is that of the adjustment with it as an unknown."""
-    dof: int
-    """Degrees of freedom of T²."""
-    critical: float
-    """Critical value of T²."""
-    ids: tuple[str, ...]
-    """Ids of the observations that share it."""
-    rank: int = 0
-    """Place among causes that explain as much: what one set-up makes comes first."""
-    given: GivenValue | None = None
-    """The held value that is wrong; None for other causes."""
-    same: tuple[str, ...] = ()
-    """Other places of an exchange, after which all readings would fit as well."""
-    freedom: float = np.inf
-    """Degrees of freedom of an estimated σ0; infinite where it is known."""
-
-    def __str__(self) -> str:
-        """Return the cause, its size and its test, in millimetres and milligons."""
-        return self.said(_UNIT.__getitem__, _figure)
-
-    def said(
-        self,
-        unit: Callable[[Size], tuple[float, str]],
-        figure: Callable[[float], str],
-        *,
-        space: str = " ",
-    ) -> str:
-        """Return the cause, its size and its test as a sentence without a stop.
-
-        Args:
-            unit: returns the unit of a size, SI, and its name.
-            figure: writes a number.
-            space: what divides numbers and units.
-        """
-        sizes = []
-        named = zip(self.components or ("",), self.sizes, self.error, self.sigma, strict=False)
-        for name, size, error, sigma in named:
-            if np.isfinite(error):
-                one, symbol = unit(size)
-                parts = (name, figure(error / one), "±", figure(sigma / one), symbol)
-                sizes.append(space.join(p for p in parts if p))
-        test = f"T² {figure(self.t2)}"
-        if self.sizes:
-            test += f", {self.dof} degree{'s' * (self.dof != 1)} of freedom, critical "
-            test += f"{self.critical:.1f}"
-        text = f"{self.cause} {self.where}"
-        if self.same:
-            text += f", or {', or '.join(self.same)}: nothing tells which"
-        return (f"{text}: {', '.join(sizes)}" if sizes else text) + f" ({test})"
-
-    @property
-    def plausible(self) -> bool:
-        """Whether an error of this size is one that people make, see `PLAUSIBLE`."""
-        limits = np.array([PLAUSIBLE[size] for size in self.sizes])
-        return not np.any(np.abs(self.error) > limits)
-
-    @property
-    def possible(self) -> bool:
-        """Whether it may be a likely cause: a given value of any size may have been mistyped."""
-        return self.given is not None or self.plausible
-
-    @property
-    def evidence(self) -> float:
-        """−ln of the probability of so large a T² without an error, see `evidence`.
-
-        It compares causes of different numbers of unknowns.
-        """
-        return evidence(self.t2, self.dof, self.freedom)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -208,6 +101,43 @@ class Causes(Shown):
         """The cause that explains significantly more than single readings and all other causes."""
         first = next(iter(self.likelier), None)
         return None if self.undecided else first
+
+    def left(self, c: Cause) -> tuple[float, int]:
+        """Return vᵀPv of all readings with a cause as an unknown, and its redundancy."""
+        vtpv, r = self.solution.vtpv, self.solution.redundancy - c.dof
+        if np.isinf(c.freedom):
+            return max(vtpv - c.t2, 0.0), r
+        return vtpv * c.freedom / (c.freedom + c.t2), r
+
+    def share(self, c: Cause) -> float:
+        """Return the share of the excess of vᵀPv over its redundancy that a cause explains, ≤ 1."""
+        vtpv, (left, r) = self.solution.vtpv, self.left(c)
+        return float(np.clip((vtpv - left) / max(vtpv - max(r, 0), vtpv - left), 0.0, 1.0))
+
+    def alone(self, c: Cause) -> bool:
+        """Return whether no other error need be looked for after a cause.
+
+        With it as an unknown the global test is accepted, or it explains `NEARLY_ALL` of the
+        excess, `MOST_PART` beyond the linear model. Of an estimated σ0 nobody knows an excess.
+        """
+        left, r = self.left(c)
+        if not c.sizes or np.isfinite(c.freedom) or r <= 0:
+            return True
+        enough = NEARLY_ALL if c.t2 < FARTHEST**2 else MOST_PART
+        return left <= chi2_quantile(1.0 - self.alpha, r) or self.share(c) >= enough
+
+    def consequence(self, c: Cause) -> str:
+        """Return what a cause leaves of σ̂0 of all readings; empty for an exchange."""
+        left, r = self.left(c)
+        if not c.sizes or r <= 0:
+            return ""
+        after, before = figure(np.sqrt(left / r)), figure(self.solution.sigma0)
+        if self.alone(c):
+            return f"; σ̂0 of all readings would be {after} with it in place of {before}"
+        return (
+            f"; it explains {100.0 * self.share(c):.0f} % of what vᵀPv is too large by, and σ̂0 of "
+            f"all readings would be {after} in place of {before}"
+        )
 
     @property
     def undecided(self) -> tuple[str, ...]:
@@ -456,4 +386,5 @@ def _tested(solution: Solution, every: Iterable[Hypotheses]) -> Iterator[Cause]:
         rows = np.unique(z[:, group].indices)
         ids = tuple(dict.fromkeys(equations.id(int(row)) for row in rows))
         cause = _cause(h.cause, h.where[number], h.components, h.sizes, what, ids)
-        yield replace(cause, rank=h.rank)
+        recorded = np.nan if h.recorded is None else float(h.recorded[number])
+        yield replace(cause, rank=h.rank, recorded=recorded)

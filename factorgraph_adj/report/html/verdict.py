@@ -170,7 +170,15 @@ def _cause(report: Report, t: Texts) -> list[Light]:
     if (c := found.likeliest) is None:
         return []
     text = t.number("light.cause.text", len(found.likelier))
-    return [Light("red", t("light.cause"), text, f"{c.cause} {c.where}", "table-causes")]
+    return [
+        Light(
+            "red",
+            t("light.cause"),
+            text,
+            f"{c.cause} {c.where}{found.consequence(c)}",
+            "table-causes",
+        )
+    ]
 
 
 def _controlled(report: Report, t: Texts) -> Light:

@@ -1,0 +1,157 @@
+"""A cause that explains misfits: its place, its size, its test, and whether people make it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...types import Array
+from ...units import significant
+from .evidence import evidence
+from .given import GivenValue
+from .hypotheses import Size
+
+PLAUSIBLE: dict[Size, float] = {
+    "length": 1.0,
+    "angle": np.pi / 200,
+    "ppm": 1e4,
+    "ratio": np.inf,
+    "image": np.inf,
+    "number": np.inf,
+}
+"""Largest error, SI, that heights, constants and centring have in the field: a metre, a gon, one
+percent. Where an error would have to be larger, readings belong to something else."""
+HIGHEST = 3.0
+"""Height, metres, above which the recorded height of an instrument or a target may be wrong by as
+much as itself: it is stated in another unit, or belongs to something else."""
+UPRIGHT = 1.5
+"""Usual height of an instrument or a target, metres."""
+HEIGHT_UNITS = {"centimetres": 100.0, "millimetres": 1000.0, "feet": 1.0 / 0.3048}
+"""Units in which a height may have been recorded in place of metres, by what a metre is in them."""
+
+_UNIT: dict[Size, tuple[float, str]] = {
+    "length": (1e-3, "mm"),
+    "angle": (np.pi / 200e3, "mgon"),
+    "ppm": (1.0, "ppm"),
+    "ratio": (0.01, "%"),
+    "image": (1.0, ""),
+    "number": (1.0, ""),
+}
+
+
+def figure(value: float) -> str:
+    """Return a number with three significant digits, or as a whole number."""
+    return significant(value, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """A cause that explains misfits."""
+
+    cause: str
+    """What is wrong: ``the height of the instrument``."""
+    where: str
+    """The place, and of an exchange what is right: ``at 'S3' (1.454 m)``."""
+    components: tuple[str, ...]
+    """Names of the components of its size, (q,); empty for a single one, and for an exchange."""
+    sizes: tuple[Size, ...]
+    """Quantity of each component, (q,)."""
+    error: Array
+    """Estimated error, recorded − true, (q,): metres, radians, image units or ppm; empty for an
+    exchange."""
+    sigma: Array
+    """Its standard deviations, with the σ0 of T², (q,)."""
+    t2: float
+    """T² / σ0²: by how much less vᵀPv would be with it as an unknown, or after the exchange. An
+    estimated σ0 is that of the adjustment with it as an unknown."""
+    dof: int
+    """Degrees of freedom of T²."""
+    critical: float
+    """Critical value of T²."""
+    ids: tuple[str, ...]
+    """Ids of the observations that share it."""
+    rank: int = 0
+    """Place among causes that explain as much: what one set-up makes comes first."""
+    given: GivenValue | None = None
+    """The held value that is wrong; None for other causes."""
+    same: tuple[str, ...] = ()
+    """Other places of an exchange, after which all readings would fit as well."""
+    freedom: float = np.inf
+    """Degrees of freedom of an estimated σ0; infinite where it is known."""
+    recorded: float = np.nan
+    """Height that was recorded, metres; NaN for other causes."""
+
+    def __str__(self) -> str:
+        """Return the cause, its size and its test, in millimetres and milligons."""
+        return self.said(_UNIT.__getitem__, figure)
+
+    def said(
+        self,
+        unit: Callable[[Size], tuple[float, str]],
+        figure: Callable[[float], str],
+        *,
+        space: str = " ",
+    ) -> str:
+        """Return the cause, its size and its test as a sentence without a stop.
+
+        Args:
+            unit: returns the unit of a size, SI, and its name.
+            figure: writes a number.
+            space: what divides numbers and units.
+        """
+        sizes = []
+        named = zip(self.components or ("",), self.sizes, self.error, self.sigma, strict=False)
+        for name, size, error, sigma in named:
+            if np.isfinite(error):
+                one, symbol = unit(size)
+                parts = (name, figure(error / one), "±", figure(sigma / one), symbol)
+                sizes.append(space.join(p for p in parts if p))
+        test = f"T² {figure(self.t2)}"
+        if self.sizes:
+            test += f", {self.dof} degree{'s' * (self.dof != 1)} of freedom, critical "
+            test += f"{self.critical:.1f}"
+        text = f"{self.cause} {self.where}{self.hint}"
+        if self.same:
+            text += f", or {', or '.join(self.same)}: nothing tells which"
+        return (f"{text}: {', '.join(sizes)}" if sizes else text) + f" ({test})"
+
+    @property
+    def plausible(self) -> bool:
+        """Whether an error of this size is one that people make, see `PLAUSIBLE`."""
+        limits = np.array([PLAUSIBLE[size] for size in self.sizes])
+        return not np.any(np.abs(self.error) > limits) or self.other_unit
+
+    @property
+    def other_unit(self) -> bool:
+        """Whether a recorded height is wrong by about itself, and higher than anything stands.
+
+        An error of that size bends an adjustment, so that its estimate is right by the order alone.
+        """
+        high = abs(self.recorded) > HIGHEST
+        return high and bool(np.all(np.abs(np.log2(np.abs(self.error / self.recorded))) < 1.0))
+
+    @property
+    def hint(self) -> str:
+        """The unit in which a recorded height would be a usual one; empty for other causes."""
+        if not self.other_unit:
+            return ""
+        heights = {unit: abs(self.recorded) / f for unit, f in HEIGHT_UNITS.items()}
+        unit = min(heights, key=lambda u: abs(np.log(heights[u] / UPRIGHT)))
+        if abs(np.log(heights[unit] / UPRIGHT)) > np.log(10.0):
+            return ""
+        return f", which is {heights[unit]:.4g} m if it was recorded in {unit}"
+
+    @property
+    def possible(self) -> bool:
+        """Whether it may be a likely cause: a given value of any size may have been mistyped."""
+        return self.given is not None or self.plausible
+
+    @property
+    def evidence(self) -> float:
+        """−ln of the probability of so large a T² without an error, see `evidence`.
+
+        It compares causes of different numbers of unknowns.
+        """
+        return evidence(self.t2, self.dof, self.freedom)
