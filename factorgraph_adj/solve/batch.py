@@ -86,7 +86,20 @@ def adjust(
                 "weights are in the order of all observations, of which leave_out_undetermined may "
                 "leave some out: adjust fga.determined_part(network) with weights of its own"
             )
-        network = determined_part(network, datum=datum, start=start, extra_factors=extra_factors)
+
+        def whole(some: Network) -> Solution:
+            return adjust(
+                some,
+                datum=datum,
+                variance=variance,
+                start=start,
+                tolerance=tolerance,
+                max_iterations=max_iterations,
+                extra_factors=extra_factors,
+                progress=progress,
+            )
+
+        return largest_determined(network, whole)[1]
     equations = compile_network(network)
     try:
         begin, extra = start_of(equations, choice, start), Extra.of(extra_factors, network)
@@ -157,7 +170,7 @@ def determined_part(
     def attempt(some: Network) -> Solution:
         return adjust(some, datum=datum, start=start, extra_factors=extra_factors)
 
-    return largest_determined(network, attempt)
+    return largest_determined(network, attempt)[0]
 
 
 def memory_needed(network: Network) -> Memory:

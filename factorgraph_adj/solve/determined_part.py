@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
 
 from ..errors import ApproximationError, DatumError, InputError, UnknownLeftOut
 from ..models.variables import UNKNOWNS
@@ -17,6 +18,8 @@ APART = "it belongs to a part without datum"
 """Why an unknown of another part is left out."""
 NOT_REACHED = "no approximate value leads to it"
 """Why an unknown without a value is left out."""
+NOT_OBSERVED = "it has no observation"
+"""Why an unknown that nothing observes is left out."""
 OPTION = (
     "adjust --leave-out-undetermined, or fga.adjust(network, leave_out_undetermined=True), leaves "
     "it out with its observations, and names what was left out"
@@ -27,8 +30,13 @@ _Named = tuple[str, str]
 """Kind and name of an unknown."""
 
 
-def largest_determined(network: Network, attempt: Callable[[Network], object]) -> Network:
-    """Return the network without what an attempt to adjust it calls undetermined.
+Adjusted = TypeVar("Adjusted")
+
+
+def largest_determined(
+    network: Network, attempt: Callable[[Network], Adjusted]
+) -> tuple[Network, Adjusted]:
+    """Return the network without what an attempt to adjust it calls undetermined, adjusted.
 
     What is left out takes its observations along, so that others may lose theirs: the attempt is
     repeated until it succeeds. Coefficients that serve many observations (calibrations, refraction,
@@ -46,8 +54,7 @@ def largest_determined(network: Network, attempt: Callable[[Network], object]) -
     first: ApproximationError | DatumError | None = None
     while rest is not None:
         try:
-            attempt(rest)
-            return rest
+            return rest, attempt(rest)
         except InputError:  # such as: nothing is left to adjust
             if first is None:
                 raise
@@ -95,7 +102,12 @@ def _without(network: Network, unknowns: dict[_Named, str]) -> Network | None:
     if not gone and not points and not photos:
         return None
     out = without(network, gone, points=points, photos=photos)
-    out.unknowns_left_out += [UnknownLeftOut(*u, unknowns[u], tuple(ids[u])) for u in concerned]
+    before = {i for left in network.unknowns_left_out for i in left.ids}
+    for u in concerned:
+        # What has lost its observations with another unknown is reached by nothing; what never had
+        # any is not observed.
+        why = unknowns[u] if ids[u] or before else NOT_OBSERVED
+        out.unknowns_left_out.append(UnknownLeftOut(*u, why, tuple(ids[u])))
     return out
 
 

@@ -42,7 +42,7 @@ def inc() -> fga.IncrementalAdjustment:
         (lambda i: i.observation("D1"), "unknown observation; did you mean 'd1'"),
         (
             lambda i: i.add(SlopeDistance("A", "B", 10.0, sigma=0.002, id="d0")),
-            r"duplicate id 'd0': replace\(\) puts an observation in the place of another",
+            r"duplicate id 'd0': there is an observation with this id already",
         ),
         (
             lambda i: i.add(SlopeDistance("a", "B", 10.0, sigma=0.002)),

@@ -7,8 +7,11 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
+from factorgraph_adj.io.project import read_project
 from factorgraph_adj.io.solution_file import load_solution, save_solution
 from factorgraph_adj.models.lens import BrownLens
+from factorgraph_adj.solve import batch
+from tests.field_mistakes.site import site
 
 PLACES = {
     **{"A": (0, 0, 0), "B": (100, 0, 1), "C": (90, 80, 2), "D": (5, 70, 9)},
@@ -198,4 +201,26 @@ def test_a_saved_solution_keeps_what_was_left_out(tmp_path):
     assert (
         load_solution(tmp_path / "s.npz").network.unknowns_left_out
         == solution.network.unknowns_left_out
+    )
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_what_is_determined_is_adjusted_once(lost, tmp_path, monkeypatch) -> None:
+    network = read_project(site().write(tmp_path / "site"))
+    if lost:
+        network.add_point("Z")
+    iterations = []
+    original = batch.adjust_from
+
+    def counted(*given, **named):
+        found = original(*given, **named)
+        iterations.append(found.iterations)
+        return found
+
+    monkeypatch.setattr(batch, "adjust_from", counted)
+    solution = batch.adjust(network, leave_out_undetermined=True, variance="a-posteriori")
+    assert iterations == [solution.iterations]
+    assert solution.variance == "a-posteriori"
+    assert [(u.name, u.why) for u in solution.network.unknowns_left_out] == (
+        [("Z", "it has no observation")] if lost else []
     )
