@@ -9,6 +9,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.models.lens import NoDistortion
+from factorgraph_adj.models.ray_lens import EquirectangularLens
 from factorgraph_adj.solve.acceleration import accelerated
 from factorgraph_adj.solve.iterate import step_from
 from factorgraph_adj.solve.points_behind import pulled_ahead
@@ -16,6 +18,7 @@ from factorgraph_adj.solve.run import Run
 from factorgraph_adj.solve.sides import behind
 from factorgraph_adj.solve.step import Step
 from factorgraph_adj.solve.stopping import not_at_rest
+from factorgraph_adj.types import Array
 from tests.networks.poor_starts import SORTS, poor_start
 from tests.networks.small_block import small_block
 
@@ -93,6 +96,30 @@ def test_points_behind_their_cameras_at_the_start_are_pulled_back() -> None:
     assert np.array_equal(back["point"][others], state["point"][others])
     assert np.abs(back["point"][moved] - state["point"][moved]).max() < 1.0
     assert pulled_ahead(equations, state, reduced) is state
+
+
+def seen_by_two(point: tuple[float, float, float], images: Array) -> fga.Network:
+    """Return two photos that see a point: a frame camera along +z, and a panorama along −z."""
+    out = fga.Network("two cameras")
+    out.add_camera("frame", NoDistortion(), {"c": 1000.0}, unit="px")
+    out.add_camera("panorama", EquirectangularLens(), {"c": 1000.0}, unit="px")
+    ahead = np.eye(3)  # camera axes x right, y down, z forward
+    out.add_photo("F1", "frame", position=(0, 0, 0), rotation=ahead)
+    out.add_photo("F2", "panorama", position=(4.0, 1.0, 5.0), rotation=np.diag([1.0, -1.0, -1.0]))
+    out.add_point("P", point)
+    for photo, image in zip(("F1", "F2"), images, strict=True):
+        out.add_image_points(photo, ["P"], [image], sigma=0.5)
+    return out
+
+
+def test_a_place_behind_the_plane_of_a_panorama_is_ahead_of_it() -> None:
+    """By planes both places would lie behind one camera, and the point would stay where it is."""
+    true = (1.0, 2.0, 10.0)
+    at_true = compile_network(seen_by_two(true, np.zeros((2, 2))))
+    images = at_true.residuals(at_true.unknowns.start(), whitened=False).reshape(2, 2)
+    equations = compile_network(seen_by_two((1.0, 2.0, -30.0), images))
+    back = pulled_ahead(equations, equations.unknowns.start(), np.array([True]))
+    assert back["point"][0] == pytest.approx(true, abs=1e-6)
 
 
 def test_nothing_undetermined_is_reported_far_from_the_minimum() -> None:
