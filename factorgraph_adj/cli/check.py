@@ -8,8 +8,10 @@ from collections.abc import Sequence
 
 from ..block_orientation.begin import tried_start
 from ..errors import InputError, LeftOut, Problem
+from ..graph.equations import compile_rows
 from ..io.project import Project
 from ..validate.check import check
+from ..validate.line_lengths import wrong_line_lengths
 from ..validate.mistyped_names import mistyped_at_start
 from ..validate.preliminary.search import mistaken, preliminary
 from .exit_codes import BAD_INPUT, DOUBTFUL, FINE
@@ -50,6 +52,7 @@ def _check(options: argparse.Namespace) -> int:
         *project.warnings,
         *preliminary(network, length=length, angle=angle),
         *([] if start is None else mistyped_at_start(network, start.state)),
+        *([] if start is None else wrong_line_lengths(compile_rows(network), start.state)),
     ]
     noted = [left for left in network.left_out if not left.doubtful]
     name = network.name or "a network without a name"

@@ -39,6 +39,7 @@ from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array, Mask
 from ..units import ANGLE, LENGTH
+from ..validate.line_lengths import wrong_line_lengths
 from ..validate.mistyped_names import listed, mistyped_names
 from ..validate.preliminary.search import mistaken, preliminary
 from . import axes
@@ -187,9 +188,10 @@ class Report:
 
     @cached_property
     def of_sigmas(self) -> list[str]:
-        """The groups whose standard deviation may be stated in a wrong unit."""
-        rel = self.reliability
-        return [] if rel is None else [str(d) for d in doubtful_sigmas(rel)]
+        """The groups whose σ, or lengths on which it depends, may be stated in a wrong unit."""
+        rel, s = self.reliability, self.solution
+        lengths = wrong_line_lengths(s.equations, s.state) if s.converged else []
+        return [*lengths, *([] if rel is None else map(str, doubtful_sigmas(rel)))]
 
     @property
     def at_check_points(self) -> list[str]:

@@ -181,3 +181,19 @@ def _(p: Project) -> None:
 def _(p: Project) -> None:
     for row in p.rows("zenith_angle", station="S2"):
         row["value"] = f"{100.0 - float(row['value']):.4f}"
+
+
+def lengths_in_metres(p: Project) -> None:
+    """State the lengths of the levelled lines in metres."""
+    for row in p.rows("height_difference"):
+        row["length_km"] = "80"
+
+
+for _command in (CHECK, ADJUST):
+    mistake(
+        f"lengths of levelled lines in metres, {_command[0]}",
+        _command,
+        DOUBTFUL,
+        "80 km between points 67.4",
+        site,
+    )(lengths_in_metres)
