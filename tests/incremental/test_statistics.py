@@ -368,16 +368,22 @@ def assert_verdict_is_exact(network: str, item: AnyObservation) -> None:
 
 
 OTHER = pytest.mark.slow("shows in other frames that verdicts do not look at the frame")
+REST = pytest.mark.slow("shows it for every other kind, each by its own partials")
 OTHERS = ("flat", "curved", "geocentric")
 IN_OTHERS = ("direction", "zenith_angle", "gnss_vector", "astronomic_latitude", "frame_coordinate")
-"""Kinds that are compared in other frames too: in all of them the network is the same."""
+"""Kinds of the short tests, which are compared in other frames too: the network is the same."""
 KINDS_OF_POINTS = [k for k, make in OBSERVED.items() if any(not o.photos() for o in make())]
 
 
 @pytest.mark.parametrize(
     ("frame", "kind"),
     [
-        *(("topocentric", k) for k in KINDS_OF_POINTS),
+        *(("topocentric", k) for k in KINDS_OF_POINTS if k in IN_OTHERS),
+        *(
+            pytest.param("topocentric", k, marks=REST)
+            for k in KINDS_OF_POINTS
+            if k not in IN_OTHERS
+        ),
         *(pytest.param(f, k, marks=OTHER) for f in OTHERS for k in IN_OTHERS),
     ],
 )
