@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import sys
 from collections import Counter
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from time import process_time
 
 import numpy as np
@@ -61,17 +61,13 @@ def run(first: int, n: int) -> Days:
         try:
             for c in play(seed):
                 found.append(c)
-                if (
-                    replace(c, told=False).outside
-                    or (c.lower and c.settled)
-                    or c.unlike.startswith("no solution")
-                ):
+                if c.beyond or (c.lower and c.settled) or c.unlike.startswith("no solution"):
                     print(c, file=sys.stderr, flush=True)
         except Exception as error:  # the other days are played all the same
             errors.append(f"day {seed}: {type(error).__name__}: {error}")
             print(errors[-1][:300], file=sys.stderr, flush=True)
     like = [c for c in found if not c.unlike]
-    alone = [c for c in like if not c.rounding and not (c.told and replace(c, told=False).outside)]
+    alone = [c for c in like if not c.rounding and not (c.beyond and c.elsewhere)]
     early = [c for c in alone if not c.settled]
     late = [c for c in alone if c.settled]
     return Days(
@@ -82,7 +78,7 @@ def run(first: int, n: int) -> Days:
         max((c.sigmas for c in early), default=0.0),
         max((c.largest for c in late), default=0.0),
         sum(c.outside for c in like),
-        sum(c.told and replace(c, told=False).outside for c in like),
+        sum(c.beyond and c.elsewhere for c in like),
         {f"{x:g}": int(np.sum([c.largest > x for c in early])) for x in (1e-4, 1e-3, 5e-3, 1e-2)},
         sum(c.lower > 0 for c in like if not c.settled),
         sum(c.lower > 0 for c in like if c.settled),

@@ -33,6 +33,8 @@ PROMISE = 1e-2
 """Largest deviation from the batch adjustment at any time, relative to σ."""
 AT_REST = 1e-6
 """The same after `settle`."""
+APART = 3.0
+"""Distance, relative to σ, from which the batch adjustment is at another place."""
 ROUNDING = 10.0
 """Multiple of the difference of two batch adjustments below which a difference is rounding."""
 LOWER = 1e-6
@@ -83,9 +85,19 @@ class Compared:
 
     @property
     def outside(self) -> bool:
-        """Whether the promise is broken: it is not given where two places fit equally well."""
+        """Whether the promise is broken."""
+        return self.beyond and not self.elsewhere
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the state differs from the batch adjustment by more than was promised."""
         promise = AT_REST if self.settled else PROMISE
-        return not (self.told or self.largest <= max(promise, ROUNDING * self.rounding))
+        return not self.largest <= max(promise, ROUNDING * self.rounding)
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether the batch adjustment is at another place, of which the state tells."""
+        return self.told and self.estimates > APART
 
     def __str__(self) -> str:
         """Return a line."""
