@@ -21,7 +21,7 @@ from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError
 from ..network.network import DatumChoice
 from ..solve.start import Start
-from .other_minimum import other_minimum
+from .other_minimum import describe_other_minimum
 from .rebasing import Draft
 from .system import System
 
@@ -65,7 +65,7 @@ def better_of(
 def _with_other(system: System, other: System) -> System:
     """Return a system at rest whose solution tells of another minimum."""
     ours = system.base
-    told = other_minimum(ours, other.base)
+    told = describe_other_minimum(ours, other.base)
     base = replace(ours, second_places=(*ours.second_places, told))
     return System.of(base, rows=system.rows, section=system.section)
 

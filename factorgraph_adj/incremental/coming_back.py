@@ -31,10 +31,10 @@ from ..quality.leave_out import critical_t2
 from ..types import NO_ROWS, Index
 from .beside import Beside
 from .candidates import Candidates, Nothing, known_in
-from .curvature import tested_by_adjusting
 from .flow import AT_ONCE, State, Task, Told, absorb
 from .judging import decide
 from .ledger import Ledger
+from .nonlinearity import tested_by_readjustment
 from .rebasing import Draft, notices
 from .rows import GONE
 from .rules import Rules
@@ -93,12 +93,12 @@ def looked_again(
 
 
 def _bent(state: State, tested: Collection[str], rules: Rules) -> tuple[State, Told]:
-    """Let suspects enter that fit when everything is adjusted with them, see `curvature`."""
+    """Let suspects enter that fit when everything is adjusted with them, see `nonlinearity`."""
     system, ledger = state.system, state.ledger
     suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(tested))
     if system is None or not len(suspects):
         return state, {}
-    ledger, system, told = tested_by_adjusting(ledger, system, suspects, rules, ())
+    ledger, system, told = tested_by_readjustment(ledger, system, suspects, rules, ())
     if not told:
         return state, {}
     return State(ledger, system, settled=False), {v.id: v for v in told}

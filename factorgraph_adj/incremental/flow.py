@@ -21,11 +21,11 @@ from ..network.network import DatumChoice
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Index
 from .candidates import Candidates, known_in
-from .curvature import tested_by_adjusting
 from .cutting import due
 from .entering import Entered, Entering
 from .finding import Found, Search, firm
 from .ledger import Ledger
+from .nonlinearity import tested_by_readjustment
 from .rebasing import EFFORT, Draft
 from .rules import Rules
 from .system import System
@@ -165,7 +165,7 @@ class _Loop:
         ledger, system = self.state.ledger, self.state.system
         if system is None or not failed:
             return
-        ledger, found, told = tested_by_adjusting(
+        ledger, found, told = tested_by_readjustment(
             ledger, system, ledger.find(failed), self.rules, self.given
         )
         self.told |= {v.id: v for v in told}

@@ -7,8 +7,11 @@ import numpy as np
 from ..solve.solution import Solution
 
 
-def other_minimum(ours: Solution, theirs: Solution) -> str:
-    """Return a sentence on another minimum: its vᵀPv, and the point that lies farthest away."""
+def describe_other_minimum(ours: Solution, theirs: Solution) -> str:
+    """Return a sentence on the minimum ``theirs``, seen from ``ours``.
+
+    It has both vᵀPv, and the point whose places in the two are farthest apart.
+    """
     told = f"another minimum has vᵀPv {theirs.vtpv:.6g} instead of {ours.vtpv:.6g}"
     unknowns, there = ours.equations.unknowns["point"], theirs.equations.unknowns["point"]
     names = [n for n in unknowns.names if n in there.number]

@@ -16,13 +16,13 @@ from ..graph.equations import Equations, compile_network
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
 from ..network.selection import filtered
+from ..solve.ambiguous_points import standing_free
 from ..solve.anywhere import anywhere, narrow
-from ..solve.both_ways import standing_free
 from ..solve.datum import generators, middle
 from ..solve.extra import NOTHING_MORE, Extra
 from ..solve.linear import LinearSystem
 from ..solve.minimum import OFF_DATUM, adjust_from
-from ..solve.mirrors import mirrored
+from ..solve.mirrors import mirror_midpoints
 from ..solve.normal import NormalEquations, Solver
 from ..solve.run import Looked
 from ..solve.singular import SingularError
@@ -32,7 +32,7 @@ from ..solve.start import Start
 from ..types import Array, Index
 from .cutting import section_of
 from .ledger import Ledger
-from .other_minimum import other_minimum
+from .other_minimum import describe_other_minimum
 from .rules import Rules
 from .section import Section
 from .system import System
@@ -331,7 +331,7 @@ def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
     if system.doubt:
         return found
     far = found.reason == OFF_DATUM or _left(found) > rules.accuracy
-    images = mirrored(found.equations, found.state, standing_free(found.equations))
+    images = mirror_midpoints(found.equations, found.state, standing_free(found.equations))
     if far or images:
         with suppress(AdjustmentError):
             adjusted = adjust_from(
@@ -360,7 +360,7 @@ def _with_second_places(
         np.linalg.norm(there[n] - here[n]) > np.linalg.norm(middle - here[n])
         for n, middle in images.items()
     ]
-    told = (other_minimum(ours, adjusted),) if any(aside) else adjusted.second_places
+    told = (describe_other_minimum(ours, adjusted),) if any(aside) else adjusted.second_places
     return replace(ours, second_places=told)
 
 

@@ -12,8 +12,8 @@ from uuid import uuid4
 import numpy as np
 
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known
+from ..solve.ambiguous_points import BETWEEN, TIMES
 from ..solve.batch import VARIANCES
-from ..solve.both_ways import BETWEEN, TIMES
 from ..solve.damping import Damping
 from ..solve.iterate import Ended, Progress
 from ..solve.minimum import MOST_WEIGHINGS

@@ -19,7 +19,7 @@ from ..blas import one_blas_thread
 from ..errors import AdjustmentError, ApproximationError, DatumError, InputError
 from ..graph.variables import State
 from ..quality.reliability import reliability
-from ..solve.both_ways import better_place, standing_free
+from ..solve.ambiguous_points import better_place, standing_free
 from ..solve.carried import carried
 from ..solve.datum import find_defects
 from ..solve.extra import NOTHING_MORE

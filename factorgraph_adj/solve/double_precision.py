@@ -38,7 +38,7 @@ MAX_PROBLEMS = 50
 _UNITS = {"m": " m", "rad": " rad"}
 
 
-def refuse_rounded(system: LinearSystem, resolution: float) -> None:
+def check_numerical_precision(system: LinearSystem, resolution: float) -> None:
     """Refuse observations whose σ is below what double precision carries at their coordinates.
 
     The computed value of row i has a rounding error of ½ √(Σⱼ aᵢⱼ² δⱼ²) σ, with the whitened

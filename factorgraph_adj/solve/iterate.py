@@ -29,7 +29,7 @@ from .determine import (
     settle_datum,
     what_is_undetermined,
 )
-from .double_precision import refuse_rounded
+from .double_precision import check_numerical_precision
 from .extrapolation import Extrapolation
 from .free_network import held_gradient
 from .inner import follow
@@ -153,7 +153,7 @@ def _gauss_newton(
             name_overflow(run)
         first = iteration == 1
         if first and run.state is run.began:
-            refuse_rounded(normal.system, normal.resolution)
+            check_numerical_precision(normal.system, normal.resolution)
         if first and (run.free or bool(np.any(run.unobserved(normal)))):
             settle_datum(run, normal)
         # A free network's motion onto its inner constraints begins with a look.

@@ -14,7 +14,7 @@ from ..errors import AdjustmentError
 from ..graph.equations import Equations
 from ..network.network import DatumChoice
 from ..types import Array
-from .both_ways import MOST_THERE, look_both_ways
+from .ambiguous_points import MOST_THERE, resolve_ambiguous_points
 from .datum import FreeDatum
 from .determine import GROSS, refuse_unnoticed
 from .extra import NOTHING_MORE, Extra
@@ -260,7 +260,7 @@ def _minimise(
         run.state = pulled_ahead(equations, run.state, run.solver.layers.reduced)
         ended = _ahead_of_cameras(run, go_on(run, iterations), go_on)
         if ended.converged:
-            ended, found = look_both_ways(run, ended, go_on, examine)
+            ended, found = resolve_ambiguous_points(run, ended, go_on, examine)
             # With the next weights the iteration begins at a place, and finds nothing between.
             told = found or told
         if ended.converged:

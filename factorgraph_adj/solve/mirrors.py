@@ -25,8 +25,12 @@ MISFIT = 100.0
 """Increase of vᵀPv at the image up to which an adjustment from there is worth while."""
 
 
-def mirrored(equations: Equations, state: State, candidates: Mask) -> dict[int, Array]:
-    """Return middles between points and images that fit nearly as well, (3,), by number.
+def mirror_midpoints(equations: Equations, state: State, candidates: Mask) -> dict[int, Array]:
+    """Return the midpoints between points and their mirror images that fit nearly as well.
+
+    An image fits nearly as well if vᵀPv of the observations of its point grows by less than
+    `MISFIT`. The image is twice the midpoint less the point; midpoints are (3,), metres, by the
+    number of the point.
 
     Args:
         equations: a network.

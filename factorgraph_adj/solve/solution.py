@@ -71,7 +71,7 @@ class Solution(Shown):
     """No unknown is further than this multiple of its own σ from the minimum; infinite if the
     iteration did not come to rest."""
     second_places: tuple[str, ...] = ()
-    """Sentences on points that fit equally well at a second place, see `both_ways`."""
+    """Sentences on points that fit equally well at a second place, see `ambiguous_points`."""
     begun: tuple[str, ...] = ()
     """Sentences on how the start values were found from image points alone, see
     `factorgraph_adj.orient`; none for given and approximate values."""

@@ -20,7 +20,7 @@ from ...solve.batch import adjust
 from ...solve.solution import Solution
 from ...types import Mask
 from ..reliability import Reliability, reliability
-from .evidence import UnitWeight
+from .evidence import VarianceFactor
 from .separable import FARTHEST
 from .set_ups import SetUp, Sight
 
@@ -40,7 +40,7 @@ class Core:
     reliability: Reliability
     suspects: frozenset[int]
     """Points of readings that do not fit, by number in the whole network."""
-    weight: UnitWeight
+    weight: VarianceFactor
     """σ0² by which readings beside it are judged."""
 
     @classmethod
@@ -109,7 +109,7 @@ class Core:
             core = rel.solution
             if not core.converged:
                 return out
-            weight = UnitWeight.left_by(core, estimated=estimated)
+            weight = VarianceFactor.left_by(core, estimated=estimated)
             out = cls(core, rel, frozenset(suspects), weight)
             values, critical = (rel.tau, rel.critical_tau) if estimated else (rel.w, rel.critical_w)
             w = np.nan_to_num(np.abs(values))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ...graph.equations import Equations
 from ...solve.solution import Solution
-from .evidence import UnitWeight
+from .evidence import VarianceFactor
 from .exchanged_photos import exchanged_photos
 from .matches import Match, matches
 from .mirrored_block import mirrored_block
@@ -34,7 +34,7 @@ def every_match(
         again: whether the network may be adjusted again with other images.
         estimated: whether σ0 is that of the clean solution; otherwise it is 1.
     """
-    weight = UnitWeight.left_by(clean, estimated=estimated)
+    weight = VarianceFactor.left_by(clean, estimated=estimated)
     found = (
         *matches(equations, clean, aside, alpha, weight),
         *photos(equations, clean, aside, alpha, weight),

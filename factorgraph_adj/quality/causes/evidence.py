@@ -31,7 +31,7 @@ ROUNDING = 1e-10
 
 
 @dataclass(frozen=True)
-class UnitWeight:
+class VarianceFactor:
     """The variance σ0² of unit weight by which T² is judged."""
 
     variance: float = 1.0
@@ -42,7 +42,7 @@ class UnitWeight:
     @classmethod
     def left_by(
         cls, solution: Solution, *, estimated: bool, t2: float = 0.0, dof: int = 0
-    ) -> UnitWeight:
+    ) -> VarianceFactor:
         """Return the variance with an error as an unknown.
 
         Args:

@@ -21,7 +21,7 @@ from ...solve.batch import adjust
 from ...solve.solution import Solution
 from ...types import Index
 from ..innovations import Innovations
-from .evidence import UnitWeight
+from .evidence import VarianceFactor
 from .matches import Match
 
 GONE = 1.0 / 3.0
@@ -37,7 +37,7 @@ MOST_ITERATIONS = 30
 
 
 def exchanged_photos(
-    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: UnitWeight
+    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: VarianceFactor
 ) -> Iterator[Match]:
     """Iterate over two photos that fit with the images of each other.
 

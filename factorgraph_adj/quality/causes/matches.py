@@ -25,7 +25,7 @@ from ...solve.solution import Solution
 from ...types import Array, Index
 from ..innovations import Innovations
 from ..prediction import predict
-from .evidence import UnitWeight
+from .evidence import VarianceFactor
 from .hypotheses import SIGHTS
 from .readings import HEIGHT, Readings
 
@@ -76,7 +76,7 @@ class Match:
 
 
 def matches(
-    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: UnitWeight
+    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: VarianceFactor
 ) -> tuple[Match, ...]:
     """Look for what observations that were set aside may be.
 

@@ -28,7 +28,7 @@ from ...solve.solution import Solution
 from ...types import Array, Mask
 from ..innovations import Innovations
 from ..robust import robust_adjust
-from .evidence import UnitWeight
+from .evidence import VarianceFactor
 from .matches import Match
 from .photos import FIT, GONE, LEAST, Oriented, fits_attitude, told_apart
 from .separable import SAME
@@ -42,7 +42,7 @@ may have gross errors besides."""
 
 
 def mirrored_block(
-    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: UnitWeight
+    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: VarianceFactor
 ) -> Iterator[Match]:
     """Iterate over cameras, or tell of all of them, whose photos all fit with other axes.
 

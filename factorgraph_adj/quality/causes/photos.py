@@ -30,7 +30,7 @@ from ...solve.batch import adjust
 from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 from ..innovations import Innovations
-from .evidence import UnitWeight
+from .evidence import VarianceFactor
 from .matches import Match
 from .separable import SAME
 
@@ -83,7 +83,7 @@ class Oriented:
 
 
 def photos(
-    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: UnitWeight
+    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: VarianceFactor
 ) -> Iterator[Match]:
     """Iterate over photos that fit with other axes.
 

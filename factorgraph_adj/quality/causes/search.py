@@ -22,13 +22,13 @@ from ..distributions import chi2_quantile
 from ..reliability import Reliability
 from .cause import Cause, figure
 from .columns import Explained, explain, whitening
-from .evidence import UnitWeight, evidence
+from .evidence import VarianceFactor, evidence
 from .given import GivenValue, given_values
 from .held_axes import AxisScale, axis_scales
 from .hypotheses import Hypotheses, Size, hypotheses
 from .matches import Match
 from .readings import Readings
-from .separable import FARTHEST, SEPARABLE, indifference
+from .separable import FARTHEST, SEPARABLE, separability_tolerance
 
 MOST = 50
 """Largest number of places at which a cause is tested in full: those that may explain most."""
@@ -91,7 +91,7 @@ class Causes(Shown):
         """
         least = float(np.log(max(self.tested, 1) / CHANCE))
         single = evidence(self.single, 1, self.freedom)
-        single += indifference(single)
+        single += separability_tolerance(single)
         return tuple(
             c for c in self.found if not c.sizes or (c.evidence > max(least, single) and c.possible)
         )
@@ -162,7 +162,7 @@ def _alike(found: Iterable[Cause], most: float) -> list[Cause]:
     out: list[Cause] = []
     for c in found:
         twice = any(c.ids and o.cause == c.cause and set(o.ids) == set(c.ids) for o in out)
-        if abs(c.evidence - most) < indifference(most) and not twice:
+        if abs(c.evidence - most) < separability_tolerance(most) and not twice:
             out.append(c)
     return out
 
@@ -193,7 +193,7 @@ def causes(
     exchanges = sorted((_of_match(m) for m in found), key=lambda c: -c.t2)
     w = np.where(rel.controlled, np.nan_to_num(rel.w), 0.0)
     t2 = float(np.max(w * w, initial=0.0))
-    weight = UnitWeight.left_by(solution, estimated=estimated, t2=t2, dof=1)
+    weight = VarianceFactor.left_by(solution, estimated=estimated, t2=t2, dof=1)
     single, freedom = t2 / weight.variance, weight.freedom
     out = Causes(
         solution,
@@ -214,7 +214,7 @@ def causes(
 
 def _judged(solution: Solution, c: Cause, alpha: float, estimated: bool) -> Cause | None:
     """Return a cause with T² and σ by the σ0 that it leaves; none: it explains nothing."""
-    weight = UnitWeight.left_by(solution, estimated=estimated, t2=c.t2, dof=c.dof)
+    weight = VarianceFactor.left_by(solution, estimated=estimated, t2=c.t2, dof=c.dof)
     t2, critical = c.t2 / weight.variance, weight.critical(c.dof, alpha)
     if not t2 > critical:
         return None
@@ -242,9 +242,9 @@ def _readings_alike(rel: Reliability, w: Array, first: int, estimated: bool) -> 
 
         w₁₂ = (w₁ − ρ w₂) / √(1 − ρ²),   w₂₁ = (w₂ − ρ w₁) / √(1 − ρ²),   w₁² + w₂₁² = w₂² + w₁₂².
 
-    Row 2 belongs to them if its evidence is less by no more than `indifference` (of a known σ0:
-    w₁² − w₂² < `SAME`), and either one explains the other: w₁₂ and w₂₁ are not critical. If they
-    are, both are wrong. 1 − ρ² below `SEPARABLE` counts as that.
+    Row 2 belongs to them if its evidence is less by no more than `separability_tolerance` (of a
+    known σ0: w₁² − w₂² < `SAME`), and either one explains the other: w₁₂ and w₂₁ are not critical.
+    If they are, both are wrong. 1 − ρ² below `SEPARABLE` counts as that.
 
     Args:
         rel: the reliability.
@@ -258,16 +258,16 @@ def _readings_alike(rel: Reliability, w: Array, first: int, estimated: bool) -> 
     one, other = (w[first] - rho * w) ** 2 / lost, (w - rho * w[first]) ** 2 / lost
 
     def of(value: float) -> float:
-        weight = UnitWeight.left_by(solution, estimated=estimated, t2=value, dof=1)
+        weight = VarianceFactor.left_by(solution, estimated=estimated, t2=value, dof=1)
         return evidence(value / weight.variance, 1, weight.freedom)
 
     most, out = of(float(t2[first])), [first]
     for row in np.argsort(-t2, kind="stable").tolist():
-        if not rel.controlled[row] or most - of(float(t2[row])) >= indifference(most):
+        if not rel.controlled[row] or most - of(float(t2[row])) >= separability_tolerance(most):
             break
         left = float(max(one[row], other[row]))
         both = float(t2[row] + one[row])
-        weight = UnitWeight.left_by(solution, estimated=estimated, t2=both, dof=2)
+        weight = VarianceFactor.left_by(solution, estimated=estimated, t2=both, dof=2)
         if row != first and not left / weight.variance > weight.critical(1, rel.alpha):
             out.append(row)
     return out
@@ -311,15 +311,17 @@ def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) 
 def ordered(found: Iterable[Cause]) -> list[Cause]:
     """Return causes, the likeliest first; of those that explain as much, the plainest.
 
-    What differs in evidence by less than `indifference` cannot be told apart: the cause of one
-    set-up comes before that of several.
+    What differs in evidence by less than `separability_tolerance` cannot be told apart: the cause
+    of one set-up comes before that of several.
     """
     left = sorted(((c.evidence, c) for c in found), key=lambda pair: -pair[0])
     out: list[Cause] = []
     while left:
         most = left[0][0]
         # What is equal counts whatever is left of the difference: of infinity, nothing.
-        same = [c for e, c in left if e == most or e > most - indifference(most)] or [left[0][1]]
+        same = [c for e, c in left if e == most or e > most - separability_tolerance(most)] or [
+            left[0][1]
+        ]
         out += sorted(same, key=lambda c: c.rank)
         left = left[len(same) :]
     return out

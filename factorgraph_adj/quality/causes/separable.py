@@ -19,8 +19,10 @@ SEPARABLE = SAME / FARTHEST**2
 size of `FARTHEST` leaves T² of both different by less than `SAME`. Rounding is smaller by far."""
 
 
-def indifference(evidence: float) -> float:
-    """Return the difference from evidence up to which another error explains as much.
+def separability_tolerance(evidence: float) -> float:
+    """Return how much less evidence another error may have and still not be told from this one.
+
+    max(½ `SAME`, `SEPARABLE` · evidence), in the unit of evidence, −ln of a probability.
 
     Evidence is half a T², so it is half of `SAME`. Of errors with one component it is reached where
     (1 − ρ²) T² is, so that it also decides whether something tells of two errors at all: with a

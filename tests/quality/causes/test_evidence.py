@@ -11,9 +11,9 @@ from scipy import special, stats
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import HeightDifference
-from factorgraph_adj.quality.causes.evidence import UnitWeight, evidence
+from factorgraph_adj.quality.causes.evidence import VarianceFactor, evidence
 from factorgraph_adj.quality.causes.search import Cause, explanations, ordered
-from factorgraph_adj.quality.causes.separable import SAME, indifference
+from factorgraph_adj.quality.causes.separable import SAME, separability_tolerance
 from tests.benchmarks.causes import adjusted
 from tests.networks.building_site import site
 
@@ -55,19 +55,19 @@ def test_evidence_has_no_step_where_probabilities_underflow(dof: int) -> None:
 def test_an_estimated_sigma0_is_what_the_error_leaves_of_vtpv() -> None:
     solution = fga.adjust(_levelling(3, 0.02), variance="a-posteriori")
     r, vtpv = solution.redundancy, solution.vtpv
-    weight = UnitWeight.left_by(solution, estimated=True, t2=0.75 * vtpv, dof=1)
+    weight = VarianceFactor.left_by(solution, estimated=True, t2=0.75 * vtpv, dof=1)
     assert weight.variance == pytest.approx(0.25 * vtpv / (r - 1))
     assert weight.freedom == r - 1
-    assert UnitWeight.left_by(solution, estimated=False, t2=1.0, dof=1) == UnitWeight()
+    assert VarianceFactor.left_by(solution, estimated=False, t2=1.0, dof=1) == VarianceFactor()
     for dof in (r, r + 1):
-        nothing = UnitWeight.left_by(solution, estimated=True, t2=0.0, dof=dof)
+        nothing = VarianceFactor.left_by(solution, estimated=True, t2=0.0, dof=dof)
         assert nothing.critical(dof, 0.001) == np.inf
         assert nothing.limit(dof, 0.001) == 0.0
 
 
 def test_indifference_is_half_a_difference_of_t2() -> None:
-    assert indifference(100.0) == SAME / 2
-    assert indifference(1e7) > SAME / 2
+    assert separability_tolerance(100.0) == SAME / 2
+    assert separability_tolerance(1e7) > SAME / 2
 
 
 @pytest.mark.parametrize("estimated", [False, True])
@@ -78,7 +78,7 @@ def test_evidence_of_good_readings_has_an_exponential_distribution(estimated: bo
         solution = fga.adjust(adjusted(*site(300 + seed)[:2]))
         for c in explanations(solution):
             if c.dof:
-                weight = UnitWeight.left_by(solution, estimated=estimated, t2=c.t2, dof=c.dof)
+                weight = VarianceFactor.left_by(solution, estimated=estimated, t2=c.t2, dof=c.dof)
                 found.append(evidence(c.t2 / weight.variance, c.dof, weight.freedom))
     assert len(found) > 300
     assert 0.4 < np.mean(np.array(found) < np.log(2.0)) < 0.6

@@ -1,4 +1,4 @@
-"""The look both ways where an adjustment ended in a place between two.
+"""Points that fit at two places: mirror ambiguities, and places between the two.
 
 Where observations are symmetric about a plane through a point, as slope distances from stations of
 one height are, vᵀPv has no gradient across the plane: its partial derivatives are zero, and
@@ -26,7 +26,7 @@ from .datum import middle
 from .iterate import Ended
 from .linear import ExtraRows
 from .linear_block import LinearBlock
-from .mirrors import mirrored
+from .mirrors import mirror_midpoints
 from .normal import NormalEquations
 from .run import Run
 
@@ -61,10 +61,12 @@ class Weakest:
     """Unit vectors, (n, 3)."""
 
 
-def look_both_ways(
+def resolve_ambiguous_points(
     run: Run, ended: Ended, go_on: Callable[[Run, int], Ended], examine: Callable[[Run], Ended]
 ) -> tuple[Ended, tuple[str, ...]]:
-    """Go on from a place between two; ``run.state`` is the better place, or the one that it was.
+    """Move points to the better of two places that fit, and say which of them fit at both.
+
+    ``run.state`` and ``run.at_solution`` become those of the place that was chosen.
 
     Args:
         run: an adjustment at rest.
@@ -93,7 +95,7 @@ def look_both_ways(
     else:
         return replace(ended, converged=False, reason=BETWEEN, left=np.inf), ()
     candidates = standing_free(run.equations)
-    between = mirrored(run.equations, run.state, candidates) | between
+    between = mirror_midpoints(run.equations, run.state, candidates) | between
     ended, told = _second_places(run, ended, between, examine)
     return ended, tuple(told)
 

@@ -23,8 +23,8 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..quality.leave_out import critical_t2
-from ..solve.both_ways import standing_free
-from ..solve.mirrors import mirrored
+from ..solve.ambiguous_points import standing_free
+from ..solve.mirrors import mirror_midpoints
 from ..solve.start import Start
 from ..types import Array, Index
 from .candidates import Candidates, known_in
@@ -52,10 +52,12 @@ MAX_UNITS_TESTED = 8
 """Largest number of units that are tested so after one command: each takes an adjustment."""
 
 
-def tested_by_adjusting(
+def tested_by_readjustment(
     ledger: Ledger, system: System, rows: Index, rules: Rules, given: Collection[str]
 ) -> tuple[Ledger, System, list[Verdict]]:
-    """Let observations enter that fit when everything is adjusted with them.
+    """Let observations enter that failed a linear test and fit once everything is adjusted anew.
+
+    T² = vᵀPv with − vᵀPv without ≤ χ²(1 − α, dof); see the head of the module.
 
     Args:
         ledger: where they were left out.
@@ -108,7 +110,7 @@ def _images(ledger: Ledger, system: System, rows: Index) -> dict[str, Array]:
     for unit in ledger.units(rows):
         candidates[[unknowns.number[n] for n in unit.points if n in unknowns.number]] = True
     candidates &= standing_free(system.base.equations)
-    middles = mirrored(system.base.equations, state, candidates) if candidates.any() else {}
+    middles = mirror_midpoints(system.base.equations, state, candidates) if candidates.any() else {}
     return {unknowns.names[n]: 2.0 * (at - state["point"][n]) for n, at in middles.items()}
 
 
