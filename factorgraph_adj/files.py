@@ -27,14 +27,17 @@ MAX_GROWTH = 100
 reach 30."""
 FREE_GROWTH_BYTES = 4_000_000
 """Unpacked data of this size are read whatever the ratio, bytes."""
-MAX_ELEMENTS = 20_000_000
-"""Largest number of elements and attributes of an XML file; each takes 100 to 400 bytes of memory.
-"""
+MAX_ELEMENTS = 10_000_000
+"""Largest number of elements of an XML file, and of attributes; each element takes 250 bytes of
+memory."""
 SPARE_ELEMENTS = 200_000
-"""Elements and attributes that an XML file may have whatever its size."""
-MIN_BYTES_OF_ELEMENT = 6
-"""Least number of bytes of a file for each further element or attribute; surveys have 10 and
-more."""
+"""Elements, and attributes, that an XML file may have whatever its size."""
+MIN_BYTES_OF_ELEMENT = 16
+"""Least number of bytes of a file for each further element; those of surveys have 21 and more."""
+MIN_BYTES_OF_ATTRIBUTE = 8
+"""Least number of bytes of a file for each further attribute; those of surveys have 12 and more."""
+PIECE_BYTES = 1 << 16
+"""Size of the pieces in which a large file is read, bytes."""
 MAX_TAG_BYTES = 1_000_000
 """Largest size of an XML tag with its attributes, bytes."""
 MAX_DEPTH = 500
@@ -227,6 +230,16 @@ def read_bytes(path: Path, name: str = "") -> bytes:
     with opened(path, name) as stream:
         try:
             return stream.read()
+        except OSError as error:
+            raise InputError(_unread(error, name or str(path))) from None
+
+
+def read_pieces(path: Path, name: str = "") -> Iterator[bytes]:
+    """Iterate over the pieces of a file; see `opened`."""
+    with opened(path, name) as stream:
+        try:
+            while piece := stream.read(PIECE_BYTES):
+                yield piece
         except OSError as error:
             raise InputError(_unread(error, name or str(path))) from None
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -13,12 +13,13 @@ from ..files import (
     MAX_DEPTH,
     MAX_ELEMENTS,
     MAX_TAG_BYTES,
+    MIN_BYTES_OF_ATTRIBUTE,
     MIN_BYTES_OF_ELEMENT,
+    PIECE_BYTES,
     SPARE_ELEMENTS,
-    read_bytes,
+    read_pieces,
 )
 
-_LONG_TAG = re.compile(rb"<[A-Za-z_:][^<>]{%d}" % MAX_TAG_BYTES)
 _NOTHING: dict[str, str] = {}
 """Attributes of the elements that have none, which are most of the elements of a large file."""
 
@@ -56,12 +57,12 @@ class Element:
 
 
 def read_xml(path: Path) -> Element:
-    """Read an XML file; return its root.
+    """Read an XML file piece by piece; return its root.
 
     Raises:
-        InputError: the file cannot be read, or is not well-formed (with the line).
+        InputError: the file cannot be read; or see `parse_xml`.
     """
-    return parse_xml(read_bytes(path), path.name)
+    return _parsed(read_pieces(path), path.name)
 
 
 def parse_xml(content: bytes, name: str) -> Element:
@@ -75,19 +76,28 @@ def parse_xml(content: bytes, name: str) -> Element:
         InputError: the text is not well-formed, declares entities, or has more elements or longer
             tags than any survey (with the line).
     """
-    _refuse_bounds(content, name)
+    pieces = (content[i : i + PIECE_BYTES] for i in range(0, len(content), PIECE_BYTES))
+    return _parsed(pieces, name)
+
+
+def _parsed(pieces: Iterable[bytes], name: str) -> Element:
+    """Return the root of an XML text in pieces, within the bounds of `_refuse_bounds`."""
     root: list[Element] = []
     stack: list[Element] = []
     texts: list[list[str]] = []  # joined once: entities can make millions of pieces
+    size = elements = attributes = 0
     parser = expat.ParserCreate(namespace_separator=" ")
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
+    def start(tag: str, stated: dict[str, str]) -> None:
+        nonlocal elements, attributes
         if len(stack) >= MAX_DEPTH:
             what = f"is nested too deeply: an element has {MAX_DEPTH} others around it at most"
             raise InputError(Problem(what, f"{name}:{parser.CurrentLineNumber}"))
+        elements += 1
+        attributes += len(stated)
         element = Element(
-            tag.rsplit(" ", 1)[-1],
-            {k.rsplit(" ", 1)[-1]: v.strip() for k, v in attributes.items()} or _NOTHING,
+            _name(tag),
+            {_name(k): v.strip() for k, v in stated.items()} or _NOTHING,
             parser.CurrentLineNumber,
         )
         (stack[-1].children if stack else root).append(element)
@@ -111,7 +121,12 @@ def parse_xml(content: bytes, name: str) -> Element:
     parser.CharacterDataHandler = characters
     parser.buffer_text = True
     try:
-        parser.Parse(content, True)
+        for piece in pieces:
+            parser.Parse(piece, False)
+            size += len(piece)
+            where = f"{name}:{parser.CurrentLineNumber}"
+            _refuse_bounds(size, elements, attributes, size - parser.CurrentByteIndex, where)
+        parser.Parse(b"", True)
     except expat.ExpatError as error:
         raise InputError(
             Problem(
@@ -124,14 +139,28 @@ def parse_xml(content: bytes, name: str) -> Element:
     return root[0]
 
 
-def _refuse_bounds(content: bytes, name: str) -> None:
-    """Refuse a text whose tree would need much more memory than the text itself."""
-    n = content.count(b"<") - content.count(b"</") + content.count(b'="') + content.count(b"='")
-    most = min(MAX_ELEMENTS, SPARE_ELEMENTS + len(content) // MIN_BYTES_OF_ELEMENT)
-    if n > most:
-        what = f"has {n} elements and attributes in {len(content)} bytes; valid: at most {most}"
-        raise InputError(Problem(what, name))
-    if found := _LONG_TAG.search(content):
-        line = content.count(b"\n", 0, found.start()) + 1
-        what = f"has a tag of more than {MAX_TAG_BYTES} bytes"
-        raise InputError(Problem(what, f"{name}:{line}"))
+def _name(stated: str) -> str:
+    """Return a name without namespace; one object for all elements that have it."""
+    return sys.intern(stated.rsplit(" ", 1)[-1])
+
+
+def _refuse_bounds(size: int, elements: int, attributes: int, unfinished: int, where: str) -> None:
+    """Refuse a text whose tree needs much more memory than the text itself, while it is read.
+
+    Args:
+        size: size of the text so far, bytes.
+        elements: number of its elements.
+        attributes: number of their attributes.
+        unfinished: size of what begins a tag without its end, bytes.
+        where: file and line.
+    """
+    for n, what, each in (
+        (elements, "elements", MIN_BYTES_OF_ELEMENT),
+        (attributes, "attributes", MIN_BYTES_OF_ATTRIBUTE),
+    ):
+        most = min(MAX_ELEMENTS, SPARE_ELEMENTS + size // each)
+        if n > most:
+            text = f"has {n} {what} in its first {size} bytes; valid: at most {most}"
+            raise InputError(Problem(text, where))
+    if unfinished > MAX_TAG_BYTES:
+        raise InputError(Problem(f"has a tag of more than {MAX_TAG_BYTES} bytes", where))

@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.files import FREE_GROWTH_BYTES
+from factorgraph_adj.io.photogrammetry.archive import Archive
 from factorgraph_adj.io.photogrammetry.colmap_tables import scales
 from tests.hostile.formats import FORMATS
 from tests.hostile.judge import run
@@ -109,6 +111,8 @@ BOMBS: dict[str, Write] = {
         b"]><a>&e1;</a>",
     ),
     "elements": _written("n.gkf", HEAD, (b"<a/>", 2_000_000), TAIL),
+    "elements in a large file": _written("n.gkf", HEAD, (b"<Point/>", 15_000_000), TAIL),
+    "a comment without end": _written("n.gkf", HEAD, b"<!--", (b"x", 5_000_000)),
     "attributes of one element": _written(
         "n.gkf", HEAD, b"<a ", (b'a%d="1" ' % i for i in range(1_000_000)), b"/>", TAIL
     ),
@@ -175,6 +179,18 @@ def test_a_file_of_arrays_with_more_than_it_can_hold_is_refused(tmp_path: Path) 
     np.savez(tmp_path / "o.npz", header=np.array([{"a": 1}], dtype=object))
     with pytest.raises(fga.InputError, match="is no file of"):
         fga.load_solution(tmp_path / "o.npz")
+
+
+def test_files_of_one_archive_are_measured_together(tmp_path: Path) -> None:
+    names = [f"{i}.ply" for i in range(8)]
+    with zipfile.ZipFile(tmp_path / "p.psz", "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in names:
+            archive.writestr(name, b" " * (FREE_GROWTH_BYTES // 2))
+    packed = Archive(tmp_path / "p.psz")
+    for name in (*names[:2], names[0]):  # the same file again takes no more
+        assert len(packed.read(name)) == FREE_GROWTH_BYTES // 2
+    with pytest.raises(fga.InputError, match=r"p\.psz: unpacks to \d+ bytes"):
+        packed.read(names[2])
 
 
 def test_a_database_whose_rows_are_computed_without_end_is_refused(tmp_path: Path) -> None:

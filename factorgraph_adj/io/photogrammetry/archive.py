@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...errors import InputError, Problem
@@ -17,6 +17,8 @@ class Archive:
 
     path: Path
     """The file."""
+    _unpacked: dict[str, int] = field(default_factory=dict, compare=False, repr=False)
+    """Sizes of the files inside that have been read, bytes."""
 
     def where(self, member: str) -> str:
         """Return the name of a file inside, for messages."""
@@ -38,14 +40,18 @@ class Archive:
         """Return the content of a file inside.
 
         Raises:
-            InputError: the file is no ZIP archive, has no such member, or the member is damaged.
+            InputError: the file is no ZIP archive, has no such member, or the member is damaged;
+                or it, or all members read so far, are larger than `refuse_growth` allows.
         """
         where = self.where(member)
         try:
             with opened(self.path) as stream, zipfile.ZipFile(stream) as archive:
                 size = archive.getinfo(member)
-                stored = min(size.compress_size, self.path.stat().st_size)
+                whole = self.path.stat().st_size
+                stored = min(size.compress_size, whole)
                 refuse_growth(size.file_size, stored, where)
+                self._unpacked[member] = size.file_size  # many small files fill the memory too
+                refuse_growth(sum(self._unpacked.values()), whole, self.path.name)
                 with archive.open(member) as inner:
                     return unpacked(inner, stored, where)
         except KeyError:
