@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State
 from ..network.network import Network
 from ..quality.distributions import chi2_upper_quantile
-from ..types import Array, Index
+from ..types import Array, Index, Mask
 
 LOOK_ALIKE = str.maketrans("Il|iOoQDSsBZzG", "11110000558226")
 """Characters that are taken for one another, each as the digit that it looks like."""
@@ -112,6 +113,7 @@ def mistyped_names(
     ]
     if not near:
         return []
+    sighted = _sighted(equations)
     numbers = np.unique([(o.point, b) for o, b in near])
     of = dict(zip(numbers.tolist(), covariances(numbers), strict=True))
     found: dict[frozenset[int], tuple[Mistyped, str]] = {}
@@ -120,6 +122,8 @@ def mistyped_names(
         if not free[:2].all():
             continue  # heights of marks are equal by chance
         in_space = bool(free[2])
+        if not sighted[o.point] and not sighted[b]:
+            continue  # two free stations: an instrument is set up twice in one place on purpose
         seen_beside = b in once and once[b].station == o.station
         if not in_space and (seen_beside or _seen_from(equations, b, o.station)):
             continue  # two floors of a building have points one above the other
@@ -138,7 +142,39 @@ def mistyped_names(
         key = frozenset((o.point, b))
         found.setdefault(key, (Mistyped(a, other, apart, float(most), o.label), _change(a, other)))
     rules = Counter(change for _, change in found.values())
-    return [m for m, change in found.values() if rules[change] < CONVENTION]
+    named = [m for m, change in found.values() if rules[change] < CONVENTION]
+    within = max((m.tolerance for m in named), default=0.0)
+    return (
+        named if len(named) > _coincident_with_other_names(table.names, xyz, once, within) else []
+    )
+
+
+def _coincident_with_other_names(
+    names: Sequence[str], xyz: Array, once: Iterable[int], within: float
+) -> int:
+    """Return the number of pairs of points in one place whose names are not similar.
+
+    Where a network has them, places are shared on purpose, and say nothing about names.
+    """
+    there = np.flatnonzero(np.isfinite(xyz).all(axis=1))
+    tree = cKDTree(xyz[there])
+    pairs = set()
+    for a in once:
+        if np.isfinite(xyz[a]).all():
+            for b in there[tree.query_ball_point(xyz[a], within)].tolist():
+                if b != a and not _alike(names[a], names[b]):
+                    pairs.add(frozenset((a, b)))
+    return len(pairs)
+
+
+def _sighted(equations: Equations) -> Mask:
+    """Return which points are observed from another one, and are not stations alone."""
+    out = np.zeros(len(equations.unknowns["point"].names), dtype=bool)
+    for block in equations.blocks:
+        ends = [index for kind, index in block.variables if kind == "point"]
+        for index in ends[1:]:
+            out[index] = True
+    return out
 
 
 def _reach(xyz: Array, o: _Once) -> float:
@@ -227,8 +263,12 @@ def _differing(a: str, b: str) -> tuple[str, str]:
 
 
 def _change(a: str, b: str) -> str:
-    """Return how two names differ, digits as such: an epoch in each name is a rule of naming."""
-    return " ".join(re.sub(r"\d", "#", part) for part in _differing(a, b))
+    """Return how two names differ, digits and letters as such.
+
+    An epoch in each name, or a letter for each round of readings, is a rule of naming.
+    """
+    parts = (re.sub(r"\d", "#", part) for part in _differing(a, b))
+    return " ".join(re.sub(r"[^\W_]", "@", part) for part in parts)
 
 
 def _local_covariances(equations: Equations, state: State) -> Callable[[Index], Array]:

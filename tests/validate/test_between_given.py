@@ -40,6 +40,17 @@ def test_standard_deviations_of_given_coordinates_count(sigma: float, n: int) ->
     assert all("observed 100.030, computed 100.000 m" in f for f in found)
 
 
+@pytest.mark.parametrize(("height", "named"), [(0.0, False), (0.02, False), (0.2, True)])
+def test_units_are_told_of_lengths_that_differ_from_zero(height: float, named: bool) -> None:
+    network = fga.Network("levelled")
+    network.add_point("A", (0, 0, 0), fixed="xyz")
+    network.add_point("B", (60, 80, height), fixed="xyz")
+    network.add(fga.HeightDifference("A", "B", height / 0.3048 + 0.07 * (not named), sigma=0.01))
+    (found,) = told(network)
+    assert "contradicts the given coordinates" in found
+    assert ("feet" in found) == named
+
+
 def test_a_coordinate_that_is_not_given_is_not_compared() -> None:
     network = fga.Network("without heights")
     network.add_point("A", (0, 0, np.nan), fixed="xy")

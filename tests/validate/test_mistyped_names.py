@@ -26,6 +26,14 @@ def after(network: fga.Network) -> list[str]:
     return [d for d in Report(fga.adjust(network)).doubts if "mistyped" in d]
 
 
+def corners() -> fga.Network:
+    """Return three held points."""
+    network = fga.Network("shaft")
+    for name, x, y in (("A", 0.0, 0.0), ("B", 40.0, 0.0), ("C", 0.0, 30.0)):
+        network.add_point(name, (x, y, 0.0), fixed="xyz")
+    return network
+
+
 def renamed(p: Project, name: str, other: str) -> Project:
     """Give a point another name, wherever it is used."""
     for rows in p.tables.values():
@@ -93,11 +101,50 @@ def test_names_with_an_epoch_are_a_rule_of_naming(tmp_path) -> None:
     assert before(network) == after(network) == []
 
 
+def test_a_letter_for_each_round_is_a_rule_of_naming(tmp_path) -> None:
+    p = site()
+    for name, again in (("P1", "D1"), ("P2", "E2"), ("P3", "F3")):
+        book_as(p, "S2", name, again)
+    network = fga.read_project(p.write(tmp_path / "site"))
+    assert before(network) == after(network) == []
+
+
+def measured_from(network: fga.Network, *stations: str) -> fga.Network:
+    """Observe A, B, C from stations that stand at (12, 9, 0)."""
+    rng = np.random.default_rng(5)
+    for station in stations:
+        network.add_point(station, (12.0, 9.0, 0.0))
+        for target in ("A", "B", "C"):
+            to = np.array(network.points[target].coordinates) - (12.0, 9.0, 0.0)
+            level = float(np.hypot(to[0], to[1]))
+            azimuth = float(np.arctan2(to[0], to[1]))
+            for kind, value, sigma in (
+                (fga.Direction, azimuth, 1e-5),
+                (fga.ZenithAngle, float(np.arctan2(level, to[2])), 1e-5),
+                (fga.SlopeDistance, float(np.linalg.norm(to)), 0.001),
+            ):
+                read = value + sigma * float(rng.normal())
+                network.add(kind(station, target, read, sigma=sigma))
+    return network
+
+
+def test_a_free_station_that_is_set_up_twice_has_two_names() -> None:
+    network = corners()
+    measured_from(network, "4903", "4904")
+    assert after(network) == before(network) == []
+
+
+def test_points_whose_places_are_shared_on_purpose_are_no_errors(tmp_path) -> None:
+    p = site()
+    for name, again in (("P1", "P11"), ("P2", "nail"), ("P3", "bolt")):
+        book_as(p, "S2", name, again)
+    network = fga.read_project(p.write(tmp_path / "site"))
+    assert before(network) == after(network) == []
+
+
 def test_marks_one_above_the_other_are_two_points_in_plan() -> None:
-    network = fga.Network("shaft")
+    network = corners()
     rng = np.random.default_rng(3)
-    for name, x, y in (("A", 0.0, 0.0), ("B", 40.0, 0.0), ("C", 0.0, 30.0)):
-        network.add_point(name, (x, y, 0.0), fixed="xyz")
     for name in ("P1u", "P1o"):
         network.add_point(name, (12.0, 9.0, 0.0), fixed="z")
         for at in ("A", "B"):

@@ -35,6 +35,9 @@ from .repeated import DOUBT
 
 LISTED = 12
 """Largest number of readings that are listed one by one."""
+LEAST = CONTRADICTS**2
+"""Smallest square of a length by the coordinates, relative to its variance, of which units are
+told."""
 INFLUENCE = 1e-9
 """Largest partial, relative to the others of a reading, of a coordinate that does not matter."""
 
@@ -191,6 +194,8 @@ def _reason(c: _Compared, i: int, length: str, angle: str) -> str:
     """Return the first that makes a contradicting reading fit; empty if nothing does."""
     observed = c.block.observed[i]
     computed = observed + c.residual[i]
+    if c.block.unit == "m" and computed @ np.linalg.solve(c.covariance[i], computed) < LEAST:
+        return ""  # in large units anything is near zero
     other = int(c.references[i])
     for why, value in _readings(observed, c.block, length, angle):
         v = computed - value
