@@ -9,10 +9,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
 
-from ..errors import AdjustmentError, InputError, Problem
+from ..errors import InputError, Problem
 from ..files import refuse_replacing
 from ..io.atomic import one_transaction
 from ..io.project import Project
+from ..network.network import Network
 from ..parts.network import adjust
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
@@ -25,17 +26,16 @@ from ..report.html.write import write_html
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import RESULT_FILES, write_tables
 from ..report.text import render
-from ..solve.batch import determined_part
 from ..solve.solution import Solution
 from ..units import significant
-from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
 from .exports import add_exports, refuse_exports, write_exports
 from .input import PROJECT_HELP, add_project, add_reading, read_input
-from .messages import iteration, progress, warn
+from .messages import Show, iteration, progress
 from .options import add_adjustment, count, probability, problems_of_report
 from .parts import add_parts, adjust_in_parts, in_parts
 from .run import lines_of, run_of
+from .undetermined import adjust_determined
 
 
 def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -103,7 +103,7 @@ class Adjusted:
     """A project and the result of its adjustment."""
 
     project: Project
-    """The project as read."""
+    """The project as read, without what was left out as undetermined."""
     solution: Solution
     """The last adjustment."""
     snooping: Snooping | None
@@ -128,40 +128,16 @@ def _solve(options: argparse.Namespace) -> Adjusted:
     refuse_replacing(outputs)
     if options.datum is not None:
         network.datum = options.datum
-    if options.leave_out_undetermined:
-        project = _determined(project)
-    refuse_problems(project)
-    network = project.network
-    warn(project.warnings)
     variance = options.variance or project.options.variance
-    found = weights = None
+    weights = None
     with progress(network.name) as show:
-        most = options.max_iterations or project.options.max_iterations
-        if not _snoops(options):
-            solution = adjust(
-                network,
-                variance=variance,
-                max_iterations=most,
-                progress=show and (lambda *figures: show(iteration(*figures))),
-            )
-        else:
-            found = snoop(
-                network,
-                alpha=options.alpha,
-                power=options.power,
-                test=options.test or ("pope" if variance == "a-posteriori" else "baarda"),
-                sidak=options.sidak,
-                robust=options.robust,
-                variance=variance,
-                max_iterations=most,
-                progress=show
-                and (
-                    lambda r: show(
-                        f"round {r.number}: {r.suspects} suspects, σ̂0 {significant(r.sigma0, 4)}"
-                    )
-                ),
-            )
-            solution = found.solution
+
+        def attempt(some: Network) -> tuple[Solution, Snooping | None]:
+            return _fitted(some, project, options, show)
+
+        project, (solution, found) = adjust_determined(
+            project, attempt, leave_out=options.leave_out_undetermined
+        )
         if options.variance_components is not None:
             weights = estimate_variance_components(
                 solution.network, groups=options.variance_components, start=solution
@@ -170,17 +146,37 @@ def _solve(options: argparse.Namespace) -> Adjusted:
     return Adjusted(project, solution, found, weights)
 
 
-def _determined(project: Project) -> Project:
-    """Return a project without what its observations do not determine.
-
-    Raises:
-        InputError: it has problems of other kinds.
-    """
-    try:
-        return replace(project, network=determined_part(project.network))
-    except AdjustmentError:
-        refuse_problems(project)
-        raise
+def _fitted(
+    network: Network, project: Project, options: argparse.Namespace, show: Show | None
+) -> tuple[Solution, Snooping | None]:
+    """Adjust a network of a project, with data snooping if that is requested."""
+    variance = options.variance or project.options.variance
+    most = options.max_iterations or project.options.max_iterations
+    if not _snoops(options):
+        solution = adjust(
+            network,
+            variance=variance,
+            max_iterations=most,
+            progress=show and (lambda *figures: show(iteration(*figures))),
+        )
+        return solution, None
+    found = snoop(
+        network,
+        alpha=options.alpha,
+        power=options.power,
+        test=options.test or ("pope" if variance == "a-posteriori" else "baarda"),
+        sidak=options.sidak,
+        robust=options.robust,
+        variance=variance,
+        max_iterations=most,
+        progress=show
+        and (
+            lambda r: show(
+                f"round {r.number}: {r.suspects} suspects, σ̂0 {significant(r.sigma0, 4)}"
+            )
+        ),
+    )
+    return found.solution, found
 
 
 def _refuse_options(options: argparse.Namespace) -> None:

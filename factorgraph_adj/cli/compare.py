@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
@@ -24,13 +26,12 @@ from ..report.html.write import write_html
 from ..report.options import Provenance
 from ..solve.batch import adjust
 from ..solve.solution import Solution
-from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
 from .exports import add_exports, refuse_exports, write_exports
 from .input import PROJECT_HELP, add_reading, read_input
-from .messages import warn
 from .options import probability, problems_of_report
 from .run import run_of
+from .undetermined import add_leave_out, adjust_determined
 
 
 def add_compare(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -61,6 +62,7 @@ def add_compare(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         help="take σ0 = 1 as known instead of σ̂0 of both epochs",
     )
     parser.add_argument("--datum", choices=("given", "free"), help="instead of the projects'")
+    add_leave_out(parser)
     parser.add_argument(
         "--alpha", type=probability, default=ALPHA_OF_MODEL, metavar="P", help="of one test (0.05)"
     )
@@ -128,6 +130,8 @@ def _compare(options: argparse.Namespace) -> int:
     with one_transaction():
         _write(options, report)
     print(render_congruence(found, blocks=report.blocks), end="", flush=True)
+    for said in report.unknowns_left_out:
+        print(said, file=sys.stderr)
     return FINE if found.fine else DOUBTFUL
 
 
@@ -187,12 +191,13 @@ def _adjusted(
     project = read_input(options, path)
     if options.datum is not None:
         project.network.datum = options.datum
-    refuse_problems(project)
     if first is None:
         refuse_exports(project.network, options, epochs=True)
-    warn(project.warnings)
     start = first if project.network.datum == "free" else None
-    return project.units, adjust(project.network, start=start)
+    _, solution = adjust_determined(
+        project, partial(adjust, start=start), leave_out=options.leave_out_undetermined
+    )
+    return project.units, solution
 
 
 def _names(given: str | None) -> list[str] | None:

@@ -11,6 +11,7 @@ from ..errors import Problem
 from ..quality.observation_groups import Rule
 from ..quality.robust import ESTIMATORS
 from ..report.html.libraries import refuse_missing
+from .undetermined import add_leave_out
 
 PAGES = (".html", ".htm")
 """Suffixes of a report."""
@@ -26,12 +27,7 @@ def add_adjustment(parser: argparse.ArgumentParser) -> None:
         help="scale of standard deviations, instead of the project's",
     )
     how.add_argument("--max-iterations", type=count, metavar="N", help="instead of the project's")
-    how.add_argument(
-        "--leave-out-undetermined",
-        action="store_true",
-        help="leave out what the observations do not determine, with all that hangs on it, and "
-        "name it",
-    )
+    add_leave_out(how)
     how.add_argument(
         "--variance-components",
         nargs="?",

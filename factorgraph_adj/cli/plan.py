@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -29,11 +30,13 @@ from ..planning.targets import (
     for_points,
     limit_of,
 )
+from ..report.doubts import unknowns_left_out
 from ..units import LENGTH
 from ..validate.where import with_lines
 from .exit_codes import DOUBTFUL, FINE
 from .input import add_project, read_input
 from .options import add_probabilities, count
+from .undetermined import add_leave_out
 
 LISTED = 20
 """Default number of rows of a list (option --rows)."""
@@ -53,6 +56,7 @@ def add_plan(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     add_project(look)
     look.add_argument("--targets", metavar="FILE", help="TOML with [[target]] tables to check")
     _add_common(look)
+    add_leave_out(look)
     look.set_defaults(run=_plan)
     wish = commands.add_parser(
         "propose",
@@ -90,7 +94,15 @@ def _plan(options: argparse.Namespace) -> int:
         if not wishes.targets:
             raise InputError(Problem("has no [[target]]", options.targets))
     with _lines_of(project):
-        found = plan(project.network, wishes.targets, alpha=options.alpha, power=options.power)
+        found = plan(
+            project.network,
+            wishes.targets,
+            alpha=options.alpha,
+            power=options.power,
+            leave_out_undetermined=options.leave_out_undetermined,
+        )
+    for said in unknowns_left_out(found.network):
+        print(said, file=sys.stderr)
     print(render_plan(found, options.rows or LISTED))
     return FINE if found.met else DOUBTFUL
 
@@ -186,6 +198,7 @@ def render_plan(found: Plan, rows: int) -> str:
     lines = [
         f"Plan of {found.network.name or 'a network'}: {solution.n_observations} observations, "
         f"{solution.n_unknowns} unknowns, redundancy {solution.redundancy}; σ0 = 1",
+        *unknowns_left_out(found.network),
         "",
     ]
     names = [n for n, p in found.network.points.items() if not all(p.fixed)]

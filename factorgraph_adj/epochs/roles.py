@@ -21,6 +21,11 @@ from ..types import Array, Mask
 
 ONE_EPOCH_ALONE = ("in the first epoch alone", "in the second epoch alone")
 """Why points are not compared that the other epoch lacks."""
+LEFT_OUT = (
+    "left out of the first epoch as undetermined",
+    "left out of the second epoch as undetermined",
+)
+"""Why points are not compared that were left out of an epoch, see `determined_part`."""
 HELD_IN_ONE = ("held in the first epoch alone", "held in the second epoch alone")
 """Why points are not compared that one epoch holds and the other determines."""
 NOT_NAMED = "neither named as reference nor as object"
@@ -66,12 +71,15 @@ def roles_of(
     """
     one, two = first.equations.unknowns["point"], second.equations.unknowns["point"]
     later = {n: pairs.get(n, n) for n in one.names}
+    gone = [
+        [x.name for x in s.network.unknowns_left_out if x.kind == "point"] for s in (first, second)
+    ]
     left_out: dict[str, str] = {}
     both: list[str] = []
     held: dict[str, Array] = {}
     for name, other in later.items():
         if other not in two.number:
-            left_out[name] = ONE_EPOCH_ALONE[0]
+            left_out[name] = LEFT_OUT[1] if other in gone[1] else ONE_EPOCH_ALONE[0]
             continue
         here, there = _free(one, name), _free(two, other)
         if here.any() and there.any():
@@ -82,7 +90,13 @@ def roles_of(
             place = first.state["point"][one.number[name]]
             held[name] = second.state["point"][two.number[other]] - place
     reached = set(later.values())
-    left_out |= {n: ONE_EPOCH_ALONE[1] for n in two.names if n not in reached}
+    earlier = {b: a for a, b in pairs.items()}
+    left_out |= {
+        n: LEFT_OUT[0] if earlier.get(n, n) in gone[0] else ONE_EPOCH_ALONE[1]
+        for n in two.names
+        if n not in reached
+    }
+    left_out |= {n: LEFT_OUT[0] for n in gone[0] if pairs.get(n, n) in gone[1]}
     named = {*_listed("reference", reference), *_listed("objects", objects)}
     rest = tuple(n for n in both if n not in named)
     some = rest if reference is None else tuple(reference)

@@ -116,10 +116,12 @@ class Plan(Shown):
 
     def headline(self) -> str:
         """Return the sizes of the design and its number of shortfalls."""
+        gone = len(self.network.unknowns_left_out)
         return (
             f"Plan of {self.network.name!r}: {self.solution.n_observations} observations, "
             f"redundancy {self.solution.redundancy}, {len(self.targets)} targets, "
             f"{len(self.shortfalls)} shortfalls"
+            + (f", {gone} undetermined unknown{'s' * (gone > 1)} left out" if gone else "")
         )
 
     def first_rows(self) -> Rows:
@@ -137,6 +139,7 @@ def plan(
     *,
     alpha: float = ALPHA,
     power: float = POWER,
+    leave_out_undetermined: bool = False,
 ) -> Plan:
     """Compute the expected precision and reliability of a design.
 
@@ -146,6 +149,9 @@ def plan(
         targets: targets of the design, see `factorgraph_adj.planning.targets`.
         alpha: probability α0 of a false alarm of one test.
         power: probability with which an error of the smallest detectable size is found.
+        leave_out_undetermined: whether what the observations do not determine is left out, see
+            `determined_part`; ``network.unknowns_left_out`` of the plan names it. Targets concern
+            the rest, and one that names nothing else is refused.
 
     Raises:
         InputError: points without coordinates, photos without orientation, frames and other
@@ -155,7 +161,16 @@ def plan(
     """
     wanted = as_targets(targets)
     problems = limit_problems(wanted, list(network.points))
-    found = realised(network, wanted, problems, alpha=alpha, power=power)
+    found = realised(
+        network,
+        wanted,
+        problems,
+        alpha=alpha,
+        power=power,
+        leave_out_undetermined=leave_out_undetermined,
+    )
+    if not problems:
+        problems = limit_problems(wanted, list(found.network.points))
     problems += observation_problems(wanted, found.solution.equations)
     problems = problems or _displacement_problems(found)
     if problems:
@@ -182,6 +197,7 @@ def realised(
     *,
     alpha: float,
     power: float,
+    leave_out_undetermined: bool = False,
 ) -> Plan:
     """Return the plan of a network for targets that were checked before.
 
@@ -191,10 +207,11 @@ def realised(
         problems: errors found before, which are raised together with those of the network.
         alpha: as for `plan`.
         power: as for `plan`.
+        leave_out_undetermined: as for `plan`.
     """
     check_probabilities(alpha, power)
     try:
-        solution = adjust(as_planned(network))
+        solution = adjust(as_planned(network), leave_out_undetermined=leave_out_undetermined)
     except InputError as error:
         raise InputError([*problems, *error.problems]) from None
     except AdjustmentError:

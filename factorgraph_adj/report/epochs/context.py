@@ -14,8 +14,13 @@ from ...io.numbers import Units
 from ...network.network import Network
 from ...quality.ellipses import ErrorEllipse
 from ...quality.levels import CONFIDENCE
+from ...solve.solution import Solution
 from ...types import Array
+from ..doubts import unknowns_left_out
 from ..options import Provenance
+
+EPOCHS = {1: ("common",), 2: ("first", "second")}
+"""Words for the adjustments, by their number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +42,11 @@ class EpochsReport:
     def network(self) -> Network:
         """The network of the first epoch."""
         return self.found.network
+
+    @property
+    def unknowns_left_out(self) -> tuple[str, ...]:
+        """Sentences on what nothing determines, and was left out of each epoch."""
+        return left_out_of_epochs(self.found.solutions)
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
@@ -85,9 +95,17 @@ STATES = ("stable", "left", "moved", "kept")
 an object point that moved, or one that did not move significantly."""
 
 
+def left_out_of_epochs(solutions: Sequence[Solution]) -> tuple[str, ...]:
+    """Return sentences on the unknowns that were left out of each epoch."""
+    return tuple(
+        f"{which} epoch: {said}"
+        for which, solution in zip(EPOCHS[len(solutions)], solutions, strict=True)
+        for said in unknowns_left_out(solution.network)
+    )
+
+
 def _doubts(found: Congruence) -> Iterator[str]:
-    epochs = ("first", "second") if len(found.solutions) == 2 else ("common",)
-    for which, solution in zip(epochs, found.solutions, strict=True):
+    for which, solution in zip(EPOCHS[len(found.solutions)], found.solutions, strict=True):
         if not solution.converged:
             yield f"the {which} adjustment did not converge: {solution.reason}"
     ratio = found.ratio

@@ -51,6 +51,11 @@ def epochs_summary(report: EpochsReport) -> dict[str, Any]:
                 "redundancy": s.redundancy,
                 "vtpv": s.vtpv,
                 "sigma0": s.sigma0,
+                **(
+                    {"unknowns_left_out": [asdict(x) for x in s.network.unknowns_left_out]}
+                    if s.network.unknowns_left_out
+                    else {}
+                ),
             }
             for s in found.solutions
         ],

@@ -11,6 +11,7 @@ from ...epochs.congruence import Congruence, Displacement
 from ...epochs.hypotheses import Test
 from ...epochs.identical import told as identical
 from ..layout import listed, paragraph, short, table, title
+from .context import left_out_of_epochs
 
 LISTED = 12
 """Largest number of names in a sentence."""
@@ -39,6 +40,8 @@ def _tested(found: Congruence) -> list[str]:
     held = list(found.roles.held)
     datum = "the points held in both epochs" if held else "the datum of the adjustments"
     out = paragraph(same) if same else []
+    for said in left_out_of_epochs(found.solutions):
+        out += paragraph(f"The {said}.")
     if n:
         out += paragraph(
             f"Reference, tested together for a change of shape: {_points(found.reference)}. "

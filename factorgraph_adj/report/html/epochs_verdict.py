@@ -16,6 +16,7 @@ def epochs_verdict(report: EpochsReport, t: Texts) -> Verdict:
     """Return the verdict; it is red if the protocol calls the displacements doubtful."""
     lights = [
         _tested(report, t),
+        *_unknowns_left_out(report, t),
         _ended(report, t),
         *_global(report, t),
         _ratio(report, t),
@@ -54,6 +55,13 @@ def _tested(report: EpochsReport, t: Texts) -> Light:
         for group, names in groups.items()
     ]
     return Light("none", t("light.tested"), " ".join(p for p in parts if p))
+
+
+def _unknowns_left_out(report: EpochsReport, t: Texts) -> list[Light]:
+    return [
+        Light("amber", t("light.unknowns_left_out"), t("light.unknowns_left_out.text"), said)
+        for said in report.unknowns_left_out
+    ]
 
 
 def _ended(report: EpochsReport, t: Texts) -> Light:
