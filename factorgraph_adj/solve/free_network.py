@@ -54,7 +54,7 @@ class MotionRule:
     carried: float = 1e-12
     """Largest remaining motion, relative to the coordinates, of a solution on its constraints: a
     few units of the last digit."""
-    noticed: float = 1e-3
+    noticed: float = 1e-2
     """Largest growth of vᵀPv, relative to 1 + vᵀPv, by the whole way: observations may notice a
     datum defect a little, such as a turn in a frame whose verticals converge."""
 

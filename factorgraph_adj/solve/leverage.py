@@ -243,7 +243,8 @@ def _from_tree(
         a = np.concatenate([partials[j] for j in slots], axis=2)
         along = joint @ a.transpose(0, 2, 1)
         out.hat[chunk] = a @ along
-        seen = np.abs(a) @ np.sqrt(np.einsum("nkk->nk", joint))[:, :, None]
+        # Far from a minimum rounding may leave a variance below zero: that cancels, too.
+        seen = np.abs(a) @ np.sqrt(np.abs(np.einsum("nkk->nk", joint)))[:, :, None]
         for i in np.flatnonzero(seen.max(axis=(1, 2)) > CANCELLING).tolist():
             out.hat[chunk[i]] = inverse.leverage(columns[i], a[i])
         if not kinds.all():

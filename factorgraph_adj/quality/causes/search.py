@@ -148,21 +148,30 @@ class Causes(Shown):
         """
         likelier = self.likelier
         if likelier:
-            same = _alike(likelier, likelier[0].evidence)
+            same = _alike(likelier, likelier[0].evidence, likelier[0].likelihood)
             return () if not likelier[0].sizes or len(same) < 2 else _said(same)
         every = (*self.readings, *self.rivals) if self.readings else ()
         return every if len(every) > 1 else ()
 
 
-def _alike(found: Iterable[Cause], most: float) -> list[Cause]:
-    """Return the causes whose evidence is `most` or about that; of one at the same readings one.
+def _alike(found: Iterable[Cause], most: float, likelihood: float) -> list[Cause]:
+    """Return the causes that cannot be told from one; of a cause at the same readings one place.
 
-    A cause at a station is the same as everywhere, where there is no other station.
+    A cause at a station is the same as everywhere, where there is no other station. What is the
+    same to all readings cannot be told apart for its number of unknowns: either the evidence or
+    the likelihood, which does not count them, differs by less than `separability_tolerance`.
+
+    Args:
+        found: the causes.
+        most: evidence of the one.
+        likelihood: its likelihood, see `Cause.likelihood`.
     """
     out: list[Cause] = []
     for c in found:
         twice = any(c.ids and o.cause == c.cause and set(o.ids) == set(c.ids) for o in out)
-        if abs(c.evidence - most) < separability_tolerance(most) and not twice:
+        close = abs(c.evidence - most) < separability_tolerance(most)
+        close = close or abs(c.likelihood - likelihood) < separability_tolerance(likelihood)
+        if close and not twice:
             out.append(c)
     return out
 
@@ -288,7 +297,9 @@ def _rivals(found: Causes, first: int, most: float) -> list[Cause]:
     possible = (c for c in found.found if c.sizes and c.possible)
     same = SEPARABLE * found.single
     return _alike(
-        [c for c in possible if ident not in c.ids or abs(c.t2 - found.single) < same], most
+        [c for c in possible if ident not in c.ids or abs(c.t2 - found.single) < same],
+        most,
+        most,
     )
 
 
@@ -311,19 +322,20 @@ def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) 
 def ordered(found: Iterable[Cause]) -> list[Cause]:
     """Return causes, the likeliest first; of those that explain as much, the plainest.
 
-    What differs in evidence by less than `separability_tolerance` cannot be told apart: the cause
-    of one set-up comes before that of several.
+    What differs in evidence or in likelihood by less than `separability_tolerance` cannot be told
+    apart: the cause of one set-up comes before that of several.
     """
-    left = sorted(((c.evidence, c) for c in found), key=lambda pair: -pair[0])
+    left = sorted(((c.evidence, c.likelihood, c) for c in found), key=lambda row: -row[0])
     out: list[Cause] = []
     while left:
-        most = left[0][0]
         # What is equal counts whatever is left of the difference: of infinity, nothing.
-        same = [c for e, c in left if e == most or e > most - separability_tolerance(most)] or [
-            left[0][1]
-        ]
+        most, likelihood, first = left[0]
+        least = most - separability_tolerance(most)
+        enough = likelihood - separability_tolerance(likelihood)
+        same = [c for e, k, c in left if c is first or e == most or e > least or k > enough]
         out += sorted(same, key=lambda c: c.rank)
-        left = left[len(same) :]
+        chosen = set(map(id, same))
+        left = [row for row in left if id(row[2]) not in chosen]
     return out
 
 
