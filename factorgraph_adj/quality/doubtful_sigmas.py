@@ -21,6 +21,7 @@ from ..graph.weights import weigh
 from ..solve.solution import Solution
 from ..stochastic import PARTS, StandardDeviation
 from ..types import Array
+from .distributions import chi2_quantile
 from .reliability import Reliability
 from .unit_weight import global_test
 from .variance_components import estimate_variance_components
@@ -106,7 +107,19 @@ def doubtful_sigmas(found: Reliability) -> list[DoubtfulSigma]:
             return [d for d in found_large if d.reason]  # others are stated carefully
     if global_test(s).accepted or global_test(s).too_good or len(v) > MOST_ROWS:
         return []
+    if _of_one_reading(found):
+        return []
     return _too_small(s, groups)
+
+
+def _of_one_reading(found: Reliability) -> bool:
+    """Return whether one gross error explains all misfits: without it the global test is passed.
+
+    In small loops it spreads over all residuals, as σ that are too small do.
+    """
+    w = np.where(found.controlled, np.nan_to_num(found.w), 0.0)
+    r, left = found.solution.redundancy - 1, found.solution.vtpv - float(np.max(w * w, initial=0.0))
+    return left <= chi2_quantile(1.0 - found.alpha, r) if r > 0 else True
 
 
 def _too_small(s: Solution, groups: dict[str, list[Block]]) -> list[DoubtfulSigma]:

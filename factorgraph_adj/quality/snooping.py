@@ -116,6 +116,7 @@ def snoop(
         return searching.run_beside(start)[1]
     first: Solution | None = None
     failure: InputError | DatumError | None = None
+    from_images: Snooping | None = None
     if robust is None:
         try:
             first = adjust(network, start=start, extra_factors=extra, **options)
@@ -124,7 +125,9 @@ def snoop(
         lost = first is None or is_lost(first)
         if plain and lost and (anew := begun_anew(network, datum)) is not None:
             with suppress(AdjustmentError):
-                return searching.run_beside(anew)[1]
+                from_images = searching.run_beside(anew)[1]
+        if from_images is not None and (failure is not None or not from_images.unresolved):
+            return from_images
         if failure is not None:
             raise failure
         assert first is not None
@@ -133,10 +136,39 @@ def snoop(
                 f"the network has no minimum with its factors: {first.reason}; find the gross "
                 "errors without extra_factors first"
             )
+    found = _from_given(searching, first, start, robust, extra, plain=plain)
+    if from_images is None:
+        return found
+    # Images that are wrong themselves lead astray, too: what leaves less unresolved is chosen.
+    return min(found, from_images, key=lambda f: (len(f.unresolved), len(f.rejected)))
+
+
+def _from_given(
+    searching: _Searching,
+    first: Solution | None,
+    start: Solution | Start | None,
+    robust: Estimator | None,
+    extra: Extra,
+    *,
+    plain: bool,
+) -> Snooping:
+    """Return the search from the given values, or from an earlier solution.
+
+    Args:
+        searching: what all searches have in common.
+        first: the adjustment of the whole network; none: a robust one is asked for.
+        start: where it began.
+        robust: the robust estimator.
+        extra: the user's factors.
+        plain: whether there is no estimator, no factor and no earlier solution.
+    """
+    network, options = searching.network, searching.options
     names: list[Match] = []
     if plain and first is not None and sights_far_off(first):
         # Exchanged names bend an adjustment, and a search that begins with it.
-        exchanged = exchanged_names(network, first, alpha, estimated=test == "pope")
+        exchanged = exchanged_names(
+            network, first, searching.alpha, estimated=searching.test == "pope"
+        )
         names = [e.match for e in exchanged]
         beside = start_beside(network, exchanged, options) if names else None
         if beside is not None:
@@ -144,7 +176,7 @@ def snoop(
     if first is not None and first.converged:
         search, found = searching.run(first, exchanged=names)
         # There is no robust estimator of free networks, nor one with factors.
-        free = datum == "free" or network.datum == "free"
+        free = options["datum"] == "free" or network.datum == "free"
         if free or extra.factors or not astray(search, found):
             return found
         with suppress(AdjustmentError):

@@ -42,11 +42,16 @@ def test_a_unit_of_one_group_is_named(old, new, group, seed, tmp_path) -> None:
     assert told(stating(old, new, seed=seed), tmp_path) == [group]
 
 
-def test_a_part_in_another_unit_is_named(tmp_path) -> None:
-    # 0.002 mm + 2 ppm for 2 mm + 2 ppm: 7 times too small over these lengths.
-    assert told(stating("sigma_mm = 2\n", "sigma_mm = 0.002\n"), tmp_path) == [
-        "slope distance small"
-    ]
+@pytest.mark.parametrize("seed", [4, 6, 8, 9])
+def test_a_part_in_another_unit_is_named(seed: int, tmp_path) -> None:
+    """0.002 mm + 2 ppm for 2 mm + 2 ppm: 7 times too small over these lengths."""
+    p = stating("sigma_mm = 2\n", "sigma_mm = 0.002\n", seed=seed)
+    assert told(p, tmp_path) == ["slope distance small"]
+
+
+def test_what_one_reading_explains_is_not_called_a_wrong_sigma(tmp_path) -> None:
+    """The same σ, with other errors: without one distance of 6.5 σ everything fits."""
+    assert told(stating("sigma_mm = 2\n", "sigma_mm = 0.002\n", seed=5), tmp_path) == []
 
 
 def test_several_groups_are_named_together(tmp_path) -> None:
@@ -74,3 +79,48 @@ def test_gross_errors_are_no_standard_deviations(kind, size, tmp_path) -> None:
 def test_standard_deviations_that_are_careful_or_bold_are_no_mistakes(factor, tmp_path) -> None:
     p = stating("sigma_mgon = 1.2", f"sigma_mgon = {1.2 * factor}")
     assert told(p, tmp_path) == []
+
+
+LINES = {
+    "8 lines, 6 points": [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 0), (0, 2), (3, 5)],
+    "7 lines, 5 points": [(0, 1), (1, 2), (2, 3), (3, 4), (4, 0), (0, 2), (1, 3)],
+}
+"""Levelled lines of a small redundancy, where one gross error spreads over whole loops."""
+
+
+def levelled(lines: list[tuple[int, int]], seed: int, gross: float, sigma: float) -> fga.Network:
+    """Return levelling beside distances, with an error of one line and a stated σ, metres."""
+    rng = np.random.default_rng([seed, 11])
+    names = sorted({p for line in lines for p in line})
+    z, xy = rng.uniform(0, 10, len(names)), rng.uniform(0, 300, (len(names), 2))
+    network = fga.Network("levelled")
+    for i in names:
+        network.add_point(
+            f"P{i}", (*xy[i], z[i]), fixed="xyz" if i == 0 else "xy" if i == 1 else ""
+        )
+    wrong = int(rng.integers(len(lines)))
+    for i, (a, b) in enumerate(lines):
+        value = float(z[b] - z[a] + rng.normal(0, 1e-3) + gross * (i == wrong))
+        network.add(fga.observations.HeightDifference(f"P{a}", f"P{b}", value, sigma=sigma))
+    for a in names:
+        for b in names[a + 1 :]:
+            length = float(np.hypot(*(xy[a] - xy[b])) + rng.normal(0, 2e-3))
+            network.add(fga.observations.HorizontalDistance(f"P{a}", f"P{b}", length, sigma=2e-3))
+    return network
+
+
+@pytest.mark.parametrize("lines", LINES)
+@pytest.mark.parametrize("gross", [0.1, 0.3, 1.0])
+def test_one_gross_error_in_small_loops_is_no_wrong_sigma(lines: str, gross: float) -> None:
+    for seed in range(8):
+        solution = fga.adjust(levelled(LINES[lines], seed, gross, 1e-3))
+        assert not doubtful_sigmas(fga.reliability(solution))
+
+
+@pytest.mark.parametrize("lines", LINES)
+def test_sigmas_of_small_loops_that_are_too_small_are_named_all_the_same(lines: str) -> None:
+    named = 0
+    for seed in range(8):
+        solution = fga.adjust(levelled(LINES[lines], seed, 0.0, 1e-6))
+        named += bool(doubtful_sigmas(fga.reliability(solution)))
+    assert named >= 4
