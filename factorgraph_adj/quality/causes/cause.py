@@ -14,15 +14,16 @@ from .given import GivenValue
 from .hypotheses import Size
 
 PLAUSIBLE: dict[Size, float] = {
-    "length": 1.0,
+    "length": 2.5,
     "angle": np.pi / 200,
     "ppm": 1e4,
     "ratio": np.inf,
     "image": np.inf,
     "number": np.inf,
 }
-"""Largest error, SI, that heights, constants and centring have in the field: a metre, a gon, one
-percent. Where an error would have to be larger, readings belong to something else."""
+"""Largest error, SI, that heights, constants and centring have in the field: 2.5 m (the height of a
+target that is forgotten, or counted twice), a gon, one percent. Where an error would have to be
+larger, readings belong to something else."""
 HIGHEST = 3.0
 """Height, metres, above which the recorded height of an instrument or a target may be wrong by as
 much as itself: it is stated in another unit, or belongs to something else."""

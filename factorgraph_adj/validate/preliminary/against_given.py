@@ -27,6 +27,9 @@ from .photo_axes import photo_axes
 FAR = 100_000.0
 """Distance from the origin of a curved local frame, metres, beyond which it is told: the error of
 the sphere that stands for the Earth is more than 1e-4 of the curvature there."""
+LEAST_TURN = 1e-5
+"""Misfit of directions, radians, below which no other order of axes is looked for: rounding, and
+the errors of good directions."""
 
 
 def against_given(
@@ -93,7 +96,7 @@ def _axes(equations: Equations) -> Iterator[Finding]:
         reading = direction_in_face_one(block.observed[rows, 0], block.constants["face"][rows])
         group = by["orientation"][rows]
         now, other = (_spread(azimuth - sign * reading, group) for sign in (1.0, -1.0))
-        if other * BETTER < now:
+        if max(other, LEAST_TURN) * BETTER < now:
             yield Finding(
                 f"{len(rows)} directions between held points run the other way round",
                 "X and Y of the control, or the axes of the frame, are exchanged",
