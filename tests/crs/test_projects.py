@@ -176,6 +176,7 @@ def test_a_point_outside_is_told_with_its_line(tmp_path: Path) -> None:
         load_project(project(tmp_path, points=points))
 
 
+@pytest.mark.slow("200 damages; short tests name single ones")
 def test_200_damaged_projects_give_messages_with_places_or_a_network(tmp_path: Path) -> None:
     """Tables, the section and the geoid are damaged; never a traceback, never a warning."""
     crs = CRS + 'deflections = "held"\nazimuths = "grid"\ngeoid_offset = "free"\n'

@@ -254,6 +254,7 @@ def test_systems_that_proj_cannot_use_are_errors_for_people(
     assert len(str(caught.value)) < 1000
 
 
+@pytest.mark.slow("200 damages; short tests name single ones")
 def test_200_damaged_definitions_are_used_or_refused() -> None:
     rng = np.random.default_rng(22)
     whole = (UTM_WKT, "+proj=tmerc +lon_0=9 +k=0.9996 +x_0=500000 +ellps=GRS80", "EPSG:25832+7837")

@@ -220,6 +220,7 @@ def test_all_points_may_leave_where_control_holds_both_epochs():
 # -- size and power -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow("counts decisions over repeated epochs; short tests compare with exact figures")
 def test_size_and_power_of_a_few_epochs():
     size, _ = rates(range(1000, 1060), (0.0, 0.0), variance="a-priori")
     assert size <= 9 / 60  # 3 are expected, more than 9 with a probability of 1e-4

@@ -36,7 +36,15 @@ def told(text: str) -> str:
     return " ".join(text.split())
 
 
-@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda m: m.name)
+HOPELESS = "the distances of a tracker in millimetres"
+"""A mistake after which data snooping tries a hundred iterations in each of its rounds."""
+LONG = pytest.mark.slow("data snooping of a network that nothing makes fit comes to an end")
+
+
+@pytest.mark.parametrize(
+    "mistake",
+    [pytest.param(m, marks=LONG if m.name == HOPELESS else (), id=m.name) for m in MISTAKES],
+)
 def test_a_mistake_is_named(mistake: Mistake, tmp_path, capsys) -> None:
     folder = mistake.make().write(tmp_path / "yard")
     code = main([mistake.command[0], str(folder), *mistake.command[1:]])

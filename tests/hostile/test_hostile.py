@@ -11,10 +11,15 @@ from .campaign import campaign
 
 INPUTS = 300
 PARTS = 10
+SHORT = (1, 2, 9)
+"""Parts of the short tests."""
+LONG = pytest.mark.slow("210 damaged inputs more than the 90 of the short tests")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="processes are forked")
-@pytest.mark.parametrize("part", range(PARTS))
+@pytest.mark.parametrize(
+    "part", [p if p in SHORT else pytest.param(p, marks=LONG) for p in range(PARTS)]
+)
 def test_damaged_inputs_are_refused_by_name_or_adjusted_rightly(part, tmp_path):
     size = INPUTS // PARTS
     cases = list(campaign(part * size, size, tmp_path))

@@ -40,6 +40,7 @@ def assert_predicted(found: list[Compared], least: int) -> None:
     assert all(c.largest <= ACCURACY for c in found), "\n".join(map(str, beyond))
 
 
+@pytest.mark.slow("random networks of every kind; short tests take one network of each")
 def test_verdicts_in_random_networks_are_predictions_of_the_batch() -> None:
     found = [c for seed in RANDOM for c in verdicts_of_drawn(random_network(seed), 6)]
     assert_predicted(found, 30)
@@ -50,6 +51,7 @@ def test_verdicts_in_published_networks_are_predictions_of_the_batch(name: str) 
     assert_predicted(list(verdicts_of_network(name, CASES[name].make(), 1, 6)), 2)
 
 
+@pytest.mark.slow("a large free network; short tests of inner constraints take small ones")
 def test_a_free_network_whose_place_is_hardly_known_stands_on_its_inner_constraints() -> None:
     """GNSS vectors and zenith angles tell the place to 500 m, and notice a motion of metres."""
     drawn = random_network(101, more=False)

@@ -60,6 +60,7 @@ def in_sigma(solution: fga.Solution) -> Array:
     return np.array([e / solution.unknown("mount", n).sigmas for n, e in errors(solution).items()])
 
 
+@pytest.mark.slow("repeats a whole rig; short tests compare one adjustment with what is published")
 def test_boresights_and_arms_come_back_within_their_covariance() -> None:
     """Of normal errors 98.8 % are within 2.5 σ; a hundred seeds, run once, have 98.4 %."""
     off, squares = [], 0.0

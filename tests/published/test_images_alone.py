@@ -69,6 +69,7 @@ def test_a_wrong_guess_of_the_principal_distance_ends_at_the_same_minimum(c: flo
     assert solution.sigma0 == pytest.approx(1.6148043, abs=0.5e-7)
 
 
+@pytest.mark.slow("a whole close-range block from its images; short tests take small blocks")
 def test_the_close_range_block_ends_at_the_published_minimum() -> None:
     """115 photos; a distance between two targets gives the scale, nothing else the datum."""
     network = images_alone(read_aicon(data_dir("aicon_jaicov"), start="photos astray"))
@@ -82,6 +83,7 @@ def test_the_close_range_block_ends_at_the_published_minimum() -> None:
     assert "scale from 1 known length" in found.parts[0].datum
 
 
+@pytest.mark.slow("data snooping of a whole block; short tests take small blocks")
 def test_image_points_that_aicon_rejected_are_doubted_or_small() -> None:
     """The block with the rejected image points starts like the one without them."""
     folder = data_dir("aicon_jaicov")

@@ -170,6 +170,7 @@ def errors(simulated: SimulatedNetwork, solution: fga.Solution) -> Iterator[floa
             yield from (off[free] / solution.unknown(kind, name).sigmas[free]).tolist()
 
 
+@pytest.mark.slow("whole flights; short tests of parts take small blocks")
 @pytest.mark.parametrize("name", SPECS)
 def test_what_parts_state_comes_back(name: str) -> None:
     spec, off = read_spec(SPECS[name]), []

@@ -28,6 +28,7 @@ COMPARED = (
 )
 
 
+@pytest.mark.slow("three solvers on blocks of every sort; short tests look at our result alone")
 @pytest.mark.parametrize("sort", COMPARED)
 def test_no_other_solver_reaches_a_lower_cost(sort: str) -> None:
     if sort == NOISY:  # better starts than these come from the images
