@@ -17,6 +17,7 @@ which they are weakest, or at the mirror image that fits the other observations 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -128,8 +129,10 @@ def _bends(ledger: Ledger, system: System, row: int, images: Mapping[str, Array]
     if not size < MAX_RESIDUAL_IN_SIGMA:
         return False
     for name in forms.units[0].points:
-        if name in images and forms.misfit(name, images[name]) < MIN_BEND_TO_RESIDUAL * size:
-            return True
+        if name in images:
+            with suppress(AdjustmentError):  # a station may stand where the image is
+                if forms.misfit(name, images[name]) < MIN_BEND_TO_RESIDUAL * size:
+                    return True
         step = _weakest(system, name)
         if step is None:
             continue

@@ -169,3 +169,15 @@ def test_the_solution_tells_of_the_other_side_before_settling():
     assert "point 'P' fits equally well at 45.0000, 40.0000, 12.0000" in told
     inc.add(SlopeDistance("B", "P", 69.0, sigma=1.0))
     assert inc.solution().second_places
+
+
+def test_a_station_may_stand_where_the_image_of_a_point_is():
+    """The reading has no answer at the image: it is judged, and ends in no error."""
+    network = near_the_plane(-10.0, np.inf)
+    network.add_point("Q", TRUE, fixed="xyz")
+    inc = fga.IncrementalAdjustment(network)
+    for o in distances().values():
+        inc.add(o)
+    (v,) = inc.add(SlopeDistance("Q", "P", 20.0, sigma=SIGMA)).verdicts
+    assert v.verdict == "suspect"
+    assert inc.estimate("P")[2] == pytest.approx(-12.0, abs=0.01)
