@@ -14,17 +14,7 @@ from factorgraph_adj.models.shapes import SHAPES
 from factorgraph_adj.simulation.simulate import measure
 from tests.networks import on_shapes
 from tests.networks.on_shapes import MM
-
-RELATIONS = (
-    "equal_distance",
-    "equal_height_difference",
-    "right_angle",
-    "point_direction",
-    "coordinate_difference",
-    "parallel_axes",
-    "axis_angle",
-    "plane_distance",
-)
+from tests.support.scatter import RELATIONS
 
 
 def spoiled(network: fga.Network, ident: str, error: float) -> fga.Network:
