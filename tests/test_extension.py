@@ -161,7 +161,7 @@ def test_a_gross_error_of_the_new_kind_is_found() -> None:
     assert [r.id for r in fga.snoop(network).rejected] == [ident]
 
 
-@pytest.mark.slow("several orders; short tests take one")
+@pytest.mark.slow("three orders of arrival for each network; short tests take one order")
 @pytest.mark.parametrize("make", [two_epochs, drifting_levels])
 def test_arriving_in_any_order_gives_what_the_batch_gives(make: Any) -> None:
     network = make()

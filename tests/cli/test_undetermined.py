@@ -12,7 +12,7 @@ from factorgraph_adj.cli import adjust as command
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.planning.targets import PointPrecision
 from tests.networks.epochs import epoch
-from tests.solve.test_determined_part import PLACES, distance, seen_once, well_determined
+from tests.networks.well_determined import PLACES, distance, seen_once, well_determined
 
 OPTION = "--leave-out-undetermined"
 

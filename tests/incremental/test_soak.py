@@ -251,7 +251,7 @@ def test_memory_does_not_grow_with_what_has_come_and_gone():
     assert held() - before < GROWTH * 4 * 2 * ROUNDS
 
 
-@pytest.mark.slow("walks through all that a process holds")
+@pytest.mark.slow("walks through all that a process holds, by which the long runs count memory")
 def test_what_is_held_is_counted_behind_views_and_in_containers_too():
     before = held_bytes()
     kept = [np.ones(10_000)[::2], np.array([[1.5] * 3, "x" * 30_000], dtype=object)]
