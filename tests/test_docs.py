@@ -58,6 +58,17 @@ PAGES = {
 }
 LANGUAGES = {"python", "text", "console", "toml", "csv", "json", "sh"}
 DIRECTIVES = {"toctree", "eval-rst", "include", "math", "note", "image", "figure"}
+LONG_PAGES = {
+    f"docs/how_to/{page}.md"
+    for page in (
+        *("parts", "images_alone", "plots", "independent_models", "heights_in_the_air", "designs"),
+        *("experiments", "own_factor", "radial_triangulation", "report", "additional_parameters"),
+    )
+}
+LONG = pytest.mark.slow(
+    "pages whose blocks adjust large networks or repeat adjustments; what they call has short "
+    "tests of its own"
+)
 SHORT = 80
 """Characters that may stand between a script and its output."""
 
@@ -187,7 +198,13 @@ def registries() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("registries")
-@pytest.mark.parametrize("page", PAGES)
+def test_long_pages_are_pages() -> None:
+    assert PAGES.keys() >= LONG_PAGES
+
+
+@pytest.mark.parametrize(
+    "page", [pytest.param(p, marks=LONG if p in LONG_PAGES else ()) for p in PAGES]
+)
 def test_every_block_of_a_page_runs_and_prints_what_is_shown(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -58,7 +58,9 @@ ALONE = (
     "industry_block",
     "make_industry_block",
 )
-"""Scripts that run in a process of their own, as a user runs them; they take a second."""
+"""Scripts that run in a process of their own, as a user runs them."""
+QUICK = ("gallery_two_faces", "make_industry_block")
+"""Scripts that run and draw in the short tests."""
 LONG = pytest.mark.slow(
     "the scripts that compute tables and pictures for many; what they call has tests of its own, "
     "and the quick ones show that scripts run and draw at all"
@@ -94,7 +96,7 @@ def run_here(script: Path, *arguments: str) -> str:
 @pytest.mark.parametrize(
     "script",
     [
-        pytest.param(s, marks=() if s.stem in ALONE else LONG)
+        pytest.param(s, marks=() if s.stem in QUICK else LONG)
         for s in SCRIPTS
         if s.stem not in SHOWN_BELOW
     ],

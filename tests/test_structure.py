@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import graphlib
 import importlib
 import statistics
@@ -137,7 +138,8 @@ def _walk(
             yield from _walk(child, in_function or function, for_types)
 
 
-def _imports(name: str) -> list[Import]:
+@functools.cache
+def _imports(name: str) -> tuple[Import, ...]:
     """Return what a module imports, with full names."""
     found = []
     for node, *where in _walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
@@ -156,7 +158,7 @@ def _imports(name: str) -> list[Import]:
             inner = f"{base}.{alias.name}".removeprefix(f"{PACKAGE}.")
             full = f"{PACKAGE}.{inner}" if base.startswith(PACKAGE) and inner in MODULES else base
             found.append(Import(full, node.lineno, *where))
-    return found
+    return tuple(found)
 
 
 def _inside(imported: Import) -> str | None:

@@ -43,6 +43,10 @@ from tests.networks import aicon, dbat
 from tests.networks.photo_block import block
 from tests.support.places import data_dir
 
+LONG = pytest.mark.slow(
+    "all points of a real block of 60 photos; short tests intersect simulated ones"
+)
+
 MILLIMETRE = 1e-3
 MGON = 1e-3 * GON
 
@@ -680,6 +684,7 @@ def test_ninety_thousand_rays_are_intersected_at_once():
     assert calls[1] < 1.5 * calls[0]
 
 
+@LONG
 def test_points_of_roma_are_those_of_dbat():
     """26 321 points from 90 561 rays: DBAT starts from √vᵀPv = 8641.39 with its intersection."""
     equations = compile_network(dbat.read_roma(data_dir("dbat_roma")))

@@ -22,6 +22,10 @@ from .campaign import campaign, judged
 from .draw import FAMILIES, badly_posed
 from .exact import nearest
 
+LONG = pytest.mark.slow(
+    "a badly posed network with very many iterations; short tests take those that end soon"
+)
+
 N = 15 * len(FAMILIES)
 """Networks in the test."""
 
@@ -64,6 +68,7 @@ def creeping(seed: int) -> fga.Network:
     return network
 
 
+@LONG
 def test_where_steps_shrink_slowly_the_bound_is_that_of_the_way_left() -> None:
     """The last step was 1e-5 σ, and the minimum up to 1.5e-4 σ away, with and without digits."""
     found = []

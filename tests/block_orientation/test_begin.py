@@ -13,6 +13,10 @@ from factorgraph_adj.parts.cut import cut_network
 from factorgraph_adj.parts.folder import Folder
 from tests.networks.image_blocks import ImageBlock, aerial, ring
 
+LONG = pytest.mark.slow(
+    "every computation that begins from images; short tests begin arrivals and what fits again"
+)
+
 SAME = 1e-9
 """Relative difference of vᵀPv of two adjustments that end at one minimum."""
 
@@ -29,6 +33,7 @@ def held() -> ImageBlock:
     return ring(2, photos=8, control=3)
 
 
+@LONG
 def test_robust_adjustment_begins_from_images(free):
     found = fga.robust_adjust(free.network)
     assert found.converged
@@ -38,6 +43,7 @@ def test_robust_adjustment_begins_from_images(free):
     assert found.solution.begun
 
 
+@LONG
 def test_variance_components_begin_from_images(held):
     found = fga.estimate_variance_components(held.network)
     true = fga.estimate_variance_components(held.truth)
@@ -110,6 +116,7 @@ def test_what_fits_comes_back():
     assert block.mismatched <= set(search.ids_aside())
 
 
+@LONG
 def test_robust_adjustment_of_a_block_with_mismatches():
     block = ring(2, control=0, mismatches=0.05)
     found = fga.robust_adjust(block.network)
@@ -122,6 +129,7 @@ def test_robust_adjustment_of_a_block_with_mismatches():
     assert moved < 3 * np.sqrt(np.trace(true.covariance("P3")))
 
 
+@LONG
 def test_a_point_whose_two_rays_do_not_meet_is_named_with_the_way_out():
     block = aerial(5, strips=2, photos=4, n_points=300, control=0, mismatches=0.1)
     solution = fga.adjust(block.network)
@@ -143,6 +151,7 @@ def test_snooping_begins_from_images_where_resections_led_nowhere():
     assert found.solution.begun
 
 
+@LONG
 def test_parts_begin_from_images(held, tmp_path):
     parts = cut_network(held.network, 2, Folder(tmp_path / "parts").made())
     found = fga.adjust_parts(parts, folder=tmp_path / "run", name="ring")
@@ -158,6 +167,7 @@ def test_memory_is_estimated_from_images(free):
     assert fga.memory_needed(free.network).total > 0
 
 
+@LONG
 def test_a_plan_begins_from_images_that_were_taken(held):
     """The precision of a plan is that of the adjustment of the same photos."""
     planned, real = fga.plan(held.network), fga.adjust(held.network)

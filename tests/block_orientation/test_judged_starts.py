@@ -18,6 +18,10 @@ from factorgraph_adj.solve.start import approximate_start
 from factorgraph_adj.types import Array
 from tests.networks.image_blocks import ImageBlock, aerial, ring
 
+LONG = pytest.mark.slow(
+    "other observations than control judge a start; short tests judge by control"
+)
+
 SAME = 1e-8
 """Relative difference of vᵀPv of two adjustments that end at one minimum."""
 SIMILARITIES = {
@@ -136,6 +140,7 @@ def with_distances(block: ImageBlock) -> fga.Network:
     return out
 
 
+@LONG
 @pytest.mark.parametrize(
     ("add", "what"),
     [(with_positions, "photo position"), (with_distances, "slope distance")],

@@ -21,6 +21,10 @@ from tests.networks.image_blocks import (
     two_parts,
 )
 
+LONG = pytest.mark.slow(
+    "blocks of particular kinds from images alone; short tests orient the ordinary ones"
+)
+
 SAME = 1e-9
 """Relative difference of vᵀPv of two adjustments that end at one minimum."""
 SEEDS = range(4)
@@ -125,6 +129,7 @@ def test_without_anything_known_the_base_is_one():
     assert base == pytest.approx(1.0, rel=0.02)
 
 
+@LONG
 def test_a_saved_solution_still_says_how_it_began(tmp_path):
     block = ring(1, photos=6)
     solution = fga.adjust(block.network, start=fga.orient(block.network).start)
@@ -139,6 +144,7 @@ def test_approximate_values_come_first():
     assert minimum(block.network).begun == ()
 
 
+@LONG
 def test_the_command_and_the_check_begin_from_images(tmp_path, capsys):
     block = ring(3, photos=8, control=0)
     fga.write_project(block.network, tmp_path / "ring" / "project.toml")
@@ -165,6 +171,7 @@ def test_projection_centres_give_the_datum():
         assert np.linalg.norm(solution.pose(f"F{i}").position - block.centres[i]) < 0.3
 
 
+@LONG
 def test_two_parts_of_which_one_has_control_are_told():
     block = two_parts(1, control=0)
     network = block.network
@@ -215,6 +222,7 @@ def test_one_wrong_control_point_does_not_bend_the_start():
     assert np.abs(x - true).max() < 0.05
 
 
+@LONG
 def test_control_in_plan_and_control_in_height_place_a_block():
     block = aerial(4, control=0)
     chosen = [int(n[1:]) for n in list(block.network.points)[::45]]
@@ -231,6 +239,7 @@ def test_control_in_plan_and_control_in_height_place_a_block():
     assert solution.vtpv == pytest.approx(minimum(block.truth).vtpv, rel=SAME)
 
 
+@LONG
 def test_coordinates_of_another_frame_are_told_by_their_misfit():
     """Control with x and y exchanged is a mirror image: no similarity leads to it."""
     block = ring(6)
@@ -244,6 +253,7 @@ def test_coordinates_of_another_frame_are_told_by_their_misfit():
 # -- cameras --------------------------------------------------------------------------------------
 
 
+@LONG
 @pytest.mark.parametrize("distortion", [0.0, 2e-5])
 def test_a_calibration_for_each_photo(distortion):
     block = ring(0, control=0, distortion=distortion)
@@ -253,6 +263,7 @@ def test_a_calibration_for_each_photo(distortion):
     assert solution.vtpv == pytest.approx(minimum(block.truth).vtpv, rel=SAME)
 
 
+@LONG
 def test_two_cameras_are_calibrated_together():
     block = ring(2, control=0, distortion=2e-5)
     for network in (block.network, block.truth):
@@ -263,6 +274,7 @@ def test_two_cameras_are_calibrated_together():
     assert solution.vtpv == pytest.approx(minimum(block.truth).vtpv, rel=SAME)
 
 
+@LONG
 def test_fisheye_photos_that_see_behind_themselves():
     """Rays beyond 79° to the axis orient nothing, and are not doubted for that."""
     rng = np.random.default_rng(1)
@@ -371,6 +383,7 @@ def test_the_result_shows_itself():
     assert "start pair" in found._repr_html_()
 
 
+@LONG
 def test_the_order_of_photos_and_points_does_not_matter():
     block = ring(7)
     one = minimum(block.network, fga.orient(block.network).start)
@@ -411,6 +424,7 @@ def test_wrong_principal_distances_are_refused(distances, why):
         fga.orient(ring(0, photos=4).network, principal_distances=distances)
 
 
+@LONG
 def test_stated_principal_distances_are_tried():
     block = ring(8, photos=8, guess=60.0)
     found = fga.orient(block.network, principal_distances={CAMERA: [60.0, 29.0]})

@@ -9,6 +9,11 @@ from factorgraph_adj.block_orientation.single_rays import from_rays
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array
 
+LONG = pytest.mark.slow(
+    "twenty seeded similarities from single rays; "
+    "short tests find one in each place where blocks begin"
+)
+
 HEIGHT = 60.0
 
 
@@ -20,6 +25,7 @@ def sights(rng: np.random.Generator, n: int, relief: float) -> tuple[Array, Arra
     return centre, ray / np.linalg.norm(ray, axis=1, keepdims=True), known
 
 
+@LONG
 @pytest.mark.parametrize("relief", [0.0, 5.0])
 @pytest.mark.parametrize(("n", "wrong"), [(4, 0), (5, 0), (8, 0), (13, 2), (20, 3)])
 @pytest.mark.parametrize("scale", [0.01, 40.0])

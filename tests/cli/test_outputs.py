@@ -18,6 +18,10 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.atomic import PREFIX, one_transaction, write_files
 from tests.networks.epochs import epoch
 
+LONG = pytest.mark.slow(
+    "a process killed at each step of its outputs; short tests let single steps fail"
+)
+
 
 @pytest.fixture
 def project(tmp_path):
@@ -142,6 +146,7 @@ def state(folder, name):
     return there
 
 
+@LONG
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="the process is killed in a fork")
 @pytest.mark.parametrize("fail", [False, True], ids=["moves", "moves that fail"])
 def test_a_process_killed_at_any_step_leaves_all_old_or_all_new_files_to_the_next(

@@ -19,6 +19,10 @@ from tests.networks.small_block import blundered, small_block
 from tests.support.command import FILES, Terminal, contents
 from tests.support.places import data_dir
 
+LONG = pytest.mark.slow(
+    "options that reach data snooping and its protocol; short tests print the tables"
+)
+
 TWO_ASIDE = "2 observations set aside\n"
 
 
@@ -110,6 +114,7 @@ def test_a_robust_start_implies_snooping(wrong, estimator, here):
     assert "  robust  " in result.stdout
 
 
+@LONG
 def test_alpha_test_and_power_reach_snooping_and_protocol(wrong, here):
     result = here("adjust", wrong, "--snoop", "--alpha", 0.0001, "--power", 0.9)
     assert "critical |w| 3.89" in result.stdout

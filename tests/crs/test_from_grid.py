@@ -10,11 +10,14 @@ from factorgraph_adj.quality.unit_weight import global_test
 from tests.networks.grid_site import NAMES, UNDULATION, Site, geocentric, in_grid
 from tests.networks.grids import GRIDS
 
+LONG = pytest.mark.slow("every network in each grid; short tests convert points")
+
 pytest.importorskip("pyproj", reason="the extra crs is not installed")
 
 HUNDREDTH_MM = 1e-5
 
 
+@LONG
 @pytest.mark.parametrize("frame", ["topocentric", "geocentric"])
 @pytest.mark.parametrize("grid", GRIDS)
 def test_a_network_in_a_grid_is_the_same_as_in_geocentric_coordinates(

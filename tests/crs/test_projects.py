@@ -22,6 +22,10 @@ from tests.hostile.damage import damaged
 from tests.networks.geoids import write_gtx
 from tests.support.printed import row
 
+LONG = pytest.mark.slow(
+    "whole projects in grid coordinates with their reports; short tests convert the same points"
+)
+
 pytest.importorskip("pyproj", reason="the extra crs is not installed")
 
 POINTS = """name,x,y,z,fixed,sigma_x_mm,sigma_y_mm,sigma_z_mm,check_x,check_y,check_z
@@ -205,6 +209,7 @@ def test_solutions_and_systems_are_pickled_without_what_proj_made_of_them(tmp_pa
     assert "chain" not in vars(pickle.loads(pickle.dumps(solution.network.crs)))
 
 
+@LONG
 def test_a_protocol_says_why_it_has_no_grid_coordinates(tmp_path: Path) -> None:
     solution = fga.adjust(fga.read_project(project(tmp_path)))
     (tmp_path / "geoid.gtx").unlink()
@@ -231,6 +236,7 @@ def test_a_network_without_a_system_has_no_grid() -> None:
     assert "Grid coordinates" not in fga.protocol(solution)
 
 
+@LONG
 def test_units_of_reports_hold_for_grid_coordinates(tmp_path: Path) -> None:
     solution = fga.adjust(fga.read_project(project(tmp_path)))
     units = Units(length="mm", angle="dms", sigma_length="um")

@@ -33,6 +33,10 @@ from tests.support.cluster import local_client
 from tests.support.places import ROOT
 from tests.support.processes import HANGS
 
+LONG = pytest.mark.slow(
+    "an experiment in a process that is killed; short tests run and resume in one process"
+)
+
 SEED = 1981
 ROUNDING = 1e-12
 
@@ -305,6 +309,7 @@ if __name__ == "__main__":
 """
 
 
+@LONG
 def test_a_killed_run_resumes(tmp_path):
     out, script = tmp_path / "study.jsonl", tmp_path / "study.py"
     script.write_text(STUDY, encoding="utf-8")

@@ -17,6 +17,11 @@ from tests.support.scatter import (
     few,
 )
 
+pytestmark = pytest.mark.slow(
+    "thirty seeded repetitions of each kind of observation; "
+    "short tests compare each kind with dense algebra"
+)
+
 
 def test_every_kind_of_observation_is_here() -> None:
     assert set(o.KINDS) <= NETWORKS.keys()

@@ -35,6 +35,8 @@ from tests.networks.every_kind import FRAMES, GEOMETRIES, LENSES_USED, VIEWS
 from tests.support.differences import whitened_system
 from tests.support.graphs import normal_equations
 
+LONG = pytest.mark.slow("memory of graphs that were made and freed; short tests make them")
+
 ROUNDING = 1e-9
 """Relative: coordinates of 6·10⁶ m, divided by lengths of 100 m."""
 
@@ -596,6 +598,7 @@ def test_a_degenerate_sight_comes_through_gtsam_by_name() -> None:
         built.graph.linearize(built.values)
 
 
+@LONG
 def test_a_graph_that_is_no_longer_used_is_freed() -> None:
     """A callback that knew its own factor would keep it alive for ever."""
 

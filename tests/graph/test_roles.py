@@ -35,6 +35,10 @@ from tests.support.arrivals import bare, batch, chunks, difference
 from tests.support.differences import whitened_system
 from tests.support.graphs import normal_equations
 
+LONG = pytest.mark.slow(
+    "arrivals of every coincidence of roles; short tests compare the equations with dense algebra"
+)
+
 MIDDLE = np.array([12.0, -35.0, 110.0])
 PLACES = MIDDLE + np.random.default_rng(36).uniform(-20.0, 20.0, (6, 3)) * [1.0, 1.0, 0.4]
 """Points; sights between them are some ten metres long."""
@@ -359,6 +363,7 @@ def test_a_variable_in_several_roles_has_one_key_in_the_graph(kind: str) -> None
     np.testing.assert_allclose(g / scale, a.T @ v / scale, atol=1e-9 * np.linalg.norm(v))
 
 
+@LONG
 @pytest.mark.parametrize("kind", ALLOWED)
 def test_arrivals_are_the_batch(kind: str) -> None:
     network = coincidences_of(kind).network  # its readings only: all else is there before

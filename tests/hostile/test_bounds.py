@@ -140,8 +140,13 @@ BOMBS: dict[str, Write] = {
     "a folder as a file": lambda folder: (folder / "n.gkf").mkdir() or folder / "n.gkf",
 }
 
+LARGE = {"a small archive of elements", "packed numbers, bz2", "packed numbers, gz"}
+LONG = pytest.mark.slow(
+    "files that take seconds to be packed; short tests refuse the same without packing"
+)
 
-@pytest.mark.parametrize("bomb", BOMBS)
+
+@pytest.mark.parametrize("bomb", [pytest.param(b, marks=LONG if b in LARGE else ()) for b in BOMBS])
 def test_what_would_fill_the_memory_is_refused_at_once(bomb: str, tmp_path: Path) -> None:
     path = BOMBS[bomb](tmp_path)
     told = run(["check", str(path)], None)

@@ -9,6 +9,10 @@ import pytest
 
 from .campaign import campaign
 
+pytestmark = pytest.mark.slow(
+    "damaged inputs drawn by seed; short tests damage each format in known ways"
+)
+
 INPUTS = 300
 PARTS = 10
 SHORT = (1, 2, 9)

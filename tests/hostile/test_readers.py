@@ -16,6 +16,11 @@ from tests.hostile.formats import FORMATS, OPTIONS, Format
 from tests.hostile.places import misplaced
 from tests.hostile.readers import hear, judge
 
+LONG = pytest.mark.slow(
+    "every format with 35 kinds of damage; "
+    "short tests damage the files of each reader in its own way"
+)
+
 DAMAGED = 200
 CHANGED = 60
 """Changes of each file of a format; the command makes all of them."""
@@ -41,6 +46,7 @@ def test_undamaged_files_are_read_and_told_by_name_and_content(name: str, tmp_pa
         assert READERS.of(tmp_path / form.begin).name == form.reader
 
 
+@LONG
 @pytest.mark.parametrize("name", FORMATS)
 def test_damaged_files_are_refused_with_file_and_line_or_read(name: str, tmp_path: Path) -> None:
     form = FORMATS[name]
@@ -48,6 +54,7 @@ def test_damaged_files_are_refused_with_file_and_line_or_read(name: str, tmp_pat
     judge(form.reads, files, form.begin, tmp_path, seed=21, count=DAMAGED, options=OPTIONS)
 
 
+@LONG
 @pytest.mark.parametrize("name", FORMATS)
 def test_nothing_is_passed_over_in_silence(name: str, tmp_path: Path) -> None:
     form = FORMATS[name]

@@ -29,6 +29,8 @@ from factorgraph_adj.simulation.simulate import measure
 from tests.networks.small_block import small_block
 from tests.support.arrivals import batch, difference
 
+LONG = pytest.mark.slow("what waits again after a removal; short tests let it wait once")
+
 AT = np.array([2.0, 9.0, 1.5])
 """Where the new point is."""
 
@@ -219,6 +221,7 @@ def test_rays_that_are_parallel_within_three_standard_deviations(
     assert inc.estimate("P")[2] == pytest.approx(-depth, rel=1e-6)
 
 
+@LONG
 @pytest.mark.parametrize("datum", ["given", "free"])
 def test_it_waits_again_when_what_said_where_it_is_is_taken_out(
     datum: Literal["given", "free"],

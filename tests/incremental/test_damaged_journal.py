@@ -15,6 +15,10 @@ from tests.networks.small_block import small_block
 from tests.support import journals
 from tests.support.arrivals import bare, chunks
 
+LONG = pytest.mark.slow(
+    "every way in which a file is changed beneath a journal; short tests damage single lines"
+)
+
 
 def day(folder: Path) -> Path:
     """Return a journal of five photos, three tapes, and a removal."""
@@ -112,6 +116,7 @@ LINKS = {
 }
 
 
+@LONG
 @pytest.mark.parametrize(("change", "line", "told"), LINKS.values(), ids=LINKS)
 def test_lines_that_do_not_follow_from_one_another_are_refused(tmp_path, change, line, told):
     journal = day(tmp_path)
@@ -131,6 +136,7 @@ def test_lines_that_do_not_follow_from_one_another_are_refused(tmp_path, change,
         assert fga.IncrementalAdjustment.resume(journal).resumed == ""
 
 
+@LONG
 def test_lines_of_two_journals_do_not_mix(tmp_path):
     (tmp_path / "a").mkdir()
     first = day(tmp_path / "a")
@@ -174,6 +180,7 @@ BENEATH = {
 }
 
 
+@LONG
 @pytest.mark.parametrize(("happens", "told"), BENEATH.values(), ids=BENEATH)
 def test_what_happens_to_the_file_beneath_is_an_error_before_the_next_answer(
     tmp_path, happens, told

@@ -14,12 +14,17 @@ import factorgraph_adj as fga
 from factorgraph_adj.observations import AnyObservation, SlopeDistance
 from tests.support.days import compare, drawn, play
 
+LONG = pytest.mark.slow(
+    "days from morning to evening; short tests notice a moment outside the promise"
+)
+
 SEEDS = (200, 202, 206, 147)
 """Days on the site, and a network of other kinds."""
 TWO_MINIMA = 178
 """A day whose batch ends in a lower minimum than the arrivals do, which `settle` has to find."""
 
 
+@LONG
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_day_keeps_the_promise_at_every_moment(seed: int) -> None:
     found = list(play(seed))
@@ -30,6 +35,7 @@ def test_a_day_keeps_the_promise_at_every_moment(seed: int) -> None:
             assert not c.lower, c
 
 
+@LONG
 def test_the_day_with_two_minima_ends_in_the_lower_one_and_says_so() -> None:
     found = list(play(TWO_MINIMA))
     assert not any(c.outside for c in found)

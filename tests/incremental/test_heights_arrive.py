@@ -15,6 +15,10 @@ from factorgraph_adj.io.records import observation, record
 from factorgraph_adj.simulation.simulate import measure
 from tests.networks.aerial_heights import Aerial, plan_of, unknown_values
 
+LONG = pytest.mark.slow(
+    "heights in the air against the batch; short tests let single heights arrive"
+)
+
 PERCENT = 0.01
 """Share of a standard deviation within which an incremental adjustment is at the minimum."""
 BLOCK = Aerial(
@@ -59,6 +63,7 @@ def assert_same(inc: fga.IncrementalAdjustment, s: fga.Solution) -> None:
         assert (off <= PERCENT * e.sigmas + 1e-12).all(), name
 
 
+@LONG
 def test_what_arrives_ends_where_the_batch_adjustment_does(tmp_path) -> None:
     network, later = begun()
     assert {x.kind for x in later} >= {"profile_height", "level_height", "gyro_azimuth"}

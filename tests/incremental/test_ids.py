@@ -14,6 +14,10 @@ from factorgraph_adj.simulation.simulate import measure
 from tests.networks.small_block import plan
 from tests.support.arrivals import bare, items
 
+LONG = pytest.mark.slow(
+    "journals of blocks with rejected image points; short tests take terrestrial readings"
+)
+
 MM = 1e-3
 
 
@@ -45,6 +49,7 @@ def test_an_image_point_with_the_id_of_another_observation_is_refused() -> None:
         inc.add(SlopeDistance(there.point, ray.point, 1.0, sigma=MM, id="q"))
 
 
+@LONG
 @pytest.mark.parametrize("own", ["first", "again"])
 def test_the_journal_tells_a_rejected_image_point_from_its_repetition(
     own: str, tmp_path: Path

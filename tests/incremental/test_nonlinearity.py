@@ -10,6 +10,10 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.observations import HeightDifference, SlopeDistance
 
+LONG = pytest.mark.slow(
+    "twelve starts on either side of the stations; short tests take single arrivals"
+)
+
 STATIONS = {"A": (0, 0, 0.0), "B": (100, 0, 0.0), "C": (60, 90, 0.0), "D": (0, 80, 0.0)}
 TRUE = np.array([45.0, 40.0, 12.0])
 SIGMA = 0.002
@@ -46,6 +50,7 @@ def assert_right(inc: fga.IncrementalAdjustment) -> None:
     assert inc.standard_deviations("P") == pytest.approx(batch.standard_deviations("P"), rel=0.01)
 
 
+@LONG
 @pytest.mark.parametrize("weight", [10.0, 1000.0])
 @pytest.mark.parametrize("z", [-5.0, -1.0, 0.0, 0.5, 2.0, 5.0])
 def test_from_any_start_all_four_readings_are_accepted(z, weight):

@@ -11,6 +11,8 @@ import pytest
 import factorgraph_adj as fga
 from tests.networks.image_blocks import ImageBlock, aerial, ring
 
+LONG = pytest.mark.slow("a free block photo by photo; short tests orient the first photos")
+
 SAME = 1e-9
 """Relative difference of vᵀPv of two adjustments that end at one minimum."""
 
@@ -31,6 +33,7 @@ def empty(block: ImageBlock, **options) -> fga.IncrementalAdjustment:
     return inc
 
 
+@LONG
 @pytest.mark.parametrize("kind", ["ring", "aerial"])
 def test_photos_one_by_one_begin_a_free_block_and_end_at_its_minimum(kind):
     if kind == "ring":
@@ -49,6 +52,7 @@ def test_photos_one_by_one_begin_a_free_block_and_end_at_its_minimum(kind):
     assert inc.solution().vtpv == pytest.approx(fga.adjust(block.truth).vtpv, rel=SAME)
 
 
+@LONG
 def test_a_block_waits_for_its_control_and_the_journal_says_how_it_was_oriented(tmp_path):
     block = ring(1, photos=6, control=3)
     inc = empty(block, policy="accept", journal=tmp_path / "journal.jsonl")

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from factorgraph_adj import IncrementalAdjustment, Network, Observation, Solution, adjust
 from factorgraph_adj.io.records import observation, record
@@ -14,6 +15,10 @@ from factorgraph_adj.network.selection import filtered
 from factorgraph_adj.simulation.simulate import measure
 from tests.networks.odometry import odometry
 from tests.networks.rigs import MOUNTS, rig
+
+LONG = pytest.mark.slow(
+    "an epoch of a whole rig against the batch; short tests let single photos arrive"
+)
 
 PERCENT = 0.01
 """Share of a standard deviation within which an incremental adjustment is at the minimum."""
@@ -38,6 +43,7 @@ def assert_same(inc: IncrementalAdjustment, whole: Solution, kind: str, names: l
         assert (off <= PERCENT * e.sigmas + 1e-9).all(), (name, off / e.sigmas)
 
 
+@LONG
 def test_an_epoch_of_a_rig_arrives_and_ends_where_the_batch_adjustment_does(tmp_path: Path) -> None:
     network = measure(rig(5, held_points=30), seed=1)
     first, later = begun(network, "E4")

@@ -29,6 +29,11 @@ from factorgraph_adj.solve.solution import Solution
 from tests.benchmarks.vehicle import Drive, Event
 from tests.networks.arriving import CASES
 
+LONG = pytest.mark.slow(
+    "sections of a network of many photos; "
+    "short tests take constants, rows and factors that enter one"
+)
+
 PROMISE = 0.01
 """Largest deviation from the batch adjustment, relative to σ."""
 SECONDS, RAYS = 40.0, 60
@@ -225,6 +230,7 @@ def test_what_is_removed_is_out_wherever_it_was():
         assert deviations(driving, batch)[0] < PROMISE
 
 
+@LONG
 def test_a_ledger_that_gives_its_room_back_keeps_its_sections():
     """Rows get new numbers when more than half of them have been taken out."""
     driving = Driving()
@@ -242,6 +248,7 @@ def test_a_ledger_that_gives_its_room_back_keeps_its_sections():
     assert deviations(driving, batch)[0] < PROMISE
 
 
+@LONG
 def test_the_whole_is_adjusted_again_when_sections_have_taken_as_long(monkeypatch):
     driving = Driving()
     section_with(driving)
@@ -284,6 +291,7 @@ def scattered(driving: Driving, n: int, seed: int = 3) -> Iterator[Observation]:
             yield PhotoPosition(photo, tuple(at.tolist()), sigma=(0.02,) * 3, id=f"antenna {i}")
 
 
+@LONG
 @pytest.mark.parametrize("seed", [1, 2])
 def test_rows_beside_a_section_reach_the_whole_network(monkeypatch, seed):
     """Estimates, counts, vᵀPv and covariances anywhere, also of what no row touches."""
@@ -316,6 +324,7 @@ def test_rows_beside_a_section_reach_the_whole_network(monkeypatch, seed):
     assert cofactor_gap(driving.inc, batch, pairs) < 2 * PROMISE
 
 
+@LONG
 def test_what_a_section_makes_of_a_step_of_the_rest(monkeypatch):
     """(Q' − Q) g, of gradients by points outside and by photos of T."""
     monkeypatch.setattr(cutting, "SMALLEST", 0)
@@ -382,6 +391,7 @@ def test_what_touches_nothing_of_the_rest_is_a_section_too(monkeypatch):
     assert deviations(driving, batch)[0] < PROMISE
 
 
+@LONG
 def test_the_rest_is_solved_for_what_is_new_in_a_section(monkeypatch):
     """Cofactors of T that the section before had are the same to the last bit."""
     monkeypatch.setattr(cutting, "WORK", np.inf)
@@ -426,6 +436,7 @@ def test_rows_touch_no_more_of_the_rest_than_there_is_room_for():
     assert len(far) + 2 * len(poses) <= room or system.reaching([*far, *poses]) is None
 
 
+@LONG
 def test_observations_between_known_points_are_sections_too(monkeypatch):
     monkeypatch.setattr(cutting, "WORK", np.inf)
     monkeypatch.setattr(cutting, "SMALLEST", 0)
@@ -447,6 +458,7 @@ def test_observations_between_known_points_are_sections_too(monkeypatch):
     assert cofactor_gap(driving.inc, after, [(a, b) for a in known for b in known]) < 2 * PROMISE
 
 
+@LONG
 def test_a_gross_error_between_known_points_is_left_out_of_a_section():
     driving = Driving()
     section_with(driving)
@@ -473,6 +485,7 @@ def test_image_points_of_a_free_network_are_not_cut():
     assert system is not None and system.section is None
 
 
+@LONG
 def test_photos_that_come_together_are_taken_one_by_one(monkeypatch):
     """The same is in, and everything is in the same place, as if they had come one by one."""
     monkeypatch.setattr(cutting, "MOST_AT_ONCE", RAYS)
@@ -495,6 +508,7 @@ def test_photos_that_come_together_are_taken_one_by_one(monkeypatch):
     assert deviations(together, alone.batch())[0] < 2 * PROMISE
 
 
+@LONG
 def test_what_the_rest_has_is_removed_from_where_everything_is(monkeypatch):
     """The whole is adjusted from its state, without finding out anew what is determined."""
     driving = Driving()
@@ -513,6 +527,7 @@ def test_what_the_rest_has_is_removed_from_where_everything_is(monkeypatch):
     assert deviations(driving, driving.batch())[0] < PROMISE
 
 
+@LONG
 def test_a_section_without_minimum_is_not_followed_by_another():
     """What is wrong with a system would be forgotten with it."""
     driving = Driving()
@@ -522,6 +537,7 @@ def test_a_section_without_minimum_is_not_followed_by_another():
     assert cutting.section_of(driving.inc._state.ledger, driving.system) is not None
 
 
+@LONG
 def test_what_comes_to_no_minimum_in_a_section_waits(monkeypatch):
     """The whole, from the same values, would only take longer to find none."""
     driving = Driving()
@@ -543,6 +559,7 @@ def test_what_comes_to_no_minimum_in_a_section_waits(monkeypatch):
     assert deviations(driving, driving.batch())[0] < PROMISE
 
 
+@LONG
 def test_rows_of_the_rest_that_left_make_no_section(monkeypatch):
     """A ray to a point with a tape distance leaves: what the rest says of the point has changed."""
     driving = Driving()

@@ -32,6 +32,8 @@ from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.support.arrivals import compare, difference, variables
 
+LONG = pytest.mark.slow("each start with a journal beside it; short tests take the start alone")
+
 Datum = Literal["given", "free"]
 AT_REST = 1e-6
 """Largest deviation of a settled state from the batch adjustment, relative to σ."""
@@ -523,6 +525,7 @@ def test_weights_of_a_part_count_as_readings() -> None:
 # -- where it starts, and after a crash -----------------------------------------------------------
 
 
+@LONG
 @pytest.mark.parametrize("few", [False, True])
 @pytest.mark.parametrize("name", CASES)
 def test_a_given_start_and_a_journal_change_nothing(name: str, few: bool, tmp_path: Path) -> None:

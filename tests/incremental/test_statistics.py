@@ -42,6 +42,11 @@ from tests.networks.every_kind import GEOMETRIES, OBSERVED, sight_equations
 from tests.networks.small_block import plan
 from tests.support.predicted import of_the_group
 
+pytestmark = pytest.mark.slow(
+    "verdicts of many seeded arrivals and their frequencies; "
+    "short tests compare single verdicts with the batch"
+)
+
 SIDE_BY_SIDE, PARTS = 100, 10
 TRIALS = SIDE_BY_SIDE * PARTS
 ALPHA = 0.05

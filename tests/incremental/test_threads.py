@@ -18,6 +18,8 @@ from factorgraph_adj.io.journal import Journal
 from factorgraph_adj.observations import HeightDifference, SlopeDistance
 from factorgraph_adj.service.stream import Stream
 
+LONG = pytest.mark.slow("hundreds of readings from several threads; short tests give single ones")
+
 POINTS, READINGS, THREADS = 5, 50, 8
 
 
@@ -43,6 +45,7 @@ def reading(n: int) -> HeightDifference:
     return HeightDifference("A", f"P{n % POINTS}", dh, sigma=0.001, id=f"h{n}")
 
 
+@LONG
 def test_what_was_accepted_from_several_threads_is_there(tmp_path):
     inc = levels(tmp_path / "day.jsonl")
     with ThreadPoolExecutor(THREADS) as pool:
@@ -77,6 +80,7 @@ def test_ids_that_the_adjustment_gives_are_given_once():
     assert len(set(ids)) == READINGS == len(inc)
 
 
+@LONG
 def test_a_stream_answers_each_line_of_several_threads():
     stream = Stream(levels())
     lines = [

@@ -18,6 +18,8 @@ from tests.networks.arriving import CASES
 from tests.networks.random_small import random_network
 from tests.support.predicted import BOUND, Compared, verdicts_of_drawn, verdicts_of_network
 
+LONG = pytest.mark.slow("verdicts in published networks; short tests take simulated ones")
+
 ACCURACY = 0.01
 """What is promised of estimates between two looks, relative to σ."""
 SELDOM = 0.05
@@ -46,6 +48,7 @@ def test_verdicts_in_random_networks_are_predictions_of_the_batch() -> None:
     assert_predicted(found, 30)
 
 
+@LONG
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_verdicts_in_published_networks_are_predictions_of_the_batch(name: str) -> None:
     assert_predicted(list(verdicts_of_network(name, CASES[name].make(), 1, 6)), 2)

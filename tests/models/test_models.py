@@ -43,6 +43,8 @@ from factorgraph_adj.observations import (
 from factorgraph_adj.rotation import omega_phi_kappa, world_R_camera, world_R_photogrammetric
 from factorgraph_adj.types import Array
 
+LONG = pytest.mark.slow("whole networks turned and moved; short tests compute single models")
+
 NANOMETRE = 1e-9
 ROUNDING = 1e-11
 """Angles of sights longer than 1 m among coordinates below 10 km, radians."""
@@ -185,6 +187,7 @@ def three_points(numbers: list[float]) -> dict[str, Array]:
     return dict(zip("ijk", at, strict=True))
 
 
+@LONG
 @given(coordinates, angles, st.lists(st.floats(-1000, 1000), min_size=3, max_size=3))
 def test_a_network_turned_about_the_vertical_and_moved_has_the_same_residuals(
     numbers: list[float], turn: float, shift: list[float]
@@ -217,6 +220,7 @@ def test_large_coordinates_cost_no_digits(numbers: list[float], hi: float, ht: f
     assert there == here
 
 
+@LONG
 @given(coordinates)
 @settings(max_examples=30)
 def test_axes_of_any_order_and_hand_give_the_same_observations(numbers: list[float]) -> None:

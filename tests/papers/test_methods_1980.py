@@ -14,6 +14,10 @@ from tests.loaders.tsaiyoung import read_strip
 from tests.networks.strip import network_of_photos
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.slow(
+    "the comparison of methods on whole strips; short tests compute the tables of the papers"
+)
+
 QUICK = (5, 8, 9, 11, 13, 14, 15, 16, 17, 18, 23, 24, 25, 28, 29)
 """Methods that take a second or less each."""
 

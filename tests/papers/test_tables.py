@@ -20,6 +20,8 @@ from factorgraph_adj.papers.systematic_1986 import TABLE_6, Layout, effect, layo
 from factorgraph_adj.papers.tables_1981 import ISP_CASES, isp_inside, isp_trial
 from factorgraph_adj.papers.tables_1986 import AERIAL, CLOSE_RANGE, aerial, close_range
 
+LONG = pytest.mark.slow("every row of the tables; short tests take the first of them")
+
 REPETITIONS = 3
 LAYOUTS = ("layout 1", "layout 2", "layout 3")
 CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
@@ -130,6 +132,7 @@ def test_nine_tenths_of_an_image_error_go_along_the_distance_and_heights_take_th
 # -- 1986: systematic errors ---------------------------------------------------------------------
 
 
+@LONG
 @pytest.mark.parametrize("number", TABLE_6)
 def test_sizes_are_those_of_table_6(number: int) -> None:
     """Residuals within 0.4 µm, horizontal errors within 8 mm, Z of radial distortion within 14 mm.
@@ -220,6 +223,7 @@ def test_the_effect_of_affine_deformation_is_not_removed() -> None:
     assert after.of(across)[1] > 0.9 * before.of(across)[1]
 
 
+@LONG
 @pytest.mark.parametrize("name", OTHER_LAYOUTS)
 def test_where_the_8_control_points_are_decides_how_much_distances_help(name: str) -> None:
     """The factors in X of radial and affine in other layouts of the control.

@@ -13,7 +13,12 @@ from factorgraph_adj.parts.cut import cut_network
 from factorgraph_adj.parts.folder import Folder
 from tests.networks.small_block import small_block
 
+LONG = pytest.mark.slow(
+    "projects as parts by the command, with their files; short tests read its arguments"
+)
 
+
+@LONG
 def test_projects_are_parts_of_one_network(tmp_path, capsys):
     network = small_block()
     projects = []

@@ -26,6 +26,11 @@ from tests.networks.frames import network_of_frames
 from tests.networks.small_block import small_block
 from tests.support.places import data_dir
 
+LONG = pytest.mark.slow(
+    "runs in several processes with their files, "
+    "of which short tests take the refusals at the beginning"
+)
+
 CLOSE = 1e-9
 """Difference of estimates relative to σ that counts as equal."""
 ROUNDED = 1e-8
@@ -97,6 +102,7 @@ def test_total_stations_cut_by_nested_dissection(tmp_path, parts):
     assert len(found.jobs) == parts
 
 
+@LONG
 def test_photos_over_total_stations_share_a_calibration_and_points(tmp_path):
     found = equal_to_the_whole(simulate_mixed(1, points=400, photos=30).network, 3, tmp_path)
     assert set(found.junctions.by_kind()) >= {"calibration", "pose", "point"}
@@ -131,6 +137,7 @@ def test_simulated_networks(tmp_path, make):
     equal_to_the_whole(make(), 2, tmp_path)
 
 
+@LONG
 @pytest.mark.parametrize("parts", [3, 6])
 def test_the_gnss_network_of_dynadjust(tmp_path, parts):
     """Clusters of vectors with full covariances: every cluster belongs to one part."""
@@ -139,6 +146,7 @@ def test_the_gnss_network_of_dynadjust(tmp_path, parts):
     assert len(found.jobs) == parts
 
 
+@LONG
 def test_regions_of_the_user(tmp_path):
     network = simulate_grid(3, points=64).network
     middle = np.median([p.coordinates[0] for p in network.points.values()])
@@ -193,6 +201,7 @@ def same_heights(found: fga.PartsSolution, whole: fga.Solution, names: str) -> N
         assert found.covariance(name)[2, 2] == pytest.approx(variance, rel=1e-9, abs=1e-20)
 
 
+@LONG
 def test_a_part_that_is_singular_by_itself_and_a_junction_that_one_part_determines():
     # North has no bench mark, and E only a weight of zero there: E is levelled in the south alone.
     south = levelled("south", {"A": "fixed", "B": "", "C": "", "E": ""}, "AB BC CA CE BE")
@@ -210,6 +219,7 @@ def test_a_part_that_is_singular_by_itself_and_a_junction_that_one_part_determin
     same_heights(found, whole, "ABCDE")
 
 
+@LONG
 def test_a_weighted_junction_counts_once():
     south = levelled("south", {"A": "w", "B": "w", "C": ""}, "AB BC CA")
     north = levelled("north", {"B": "w", "C": "", "D": ""}, "BD DC")
@@ -238,6 +248,7 @@ def test_everything_that_parts_state_differently_is_named_at_once():
     ]
 
 
+@LONG
 def test_an_observation_that_two_parts_have_is_reported():
     south = levelled("south", {"A": "fixed", "B": "", "C": ""}, "AB BC CA")
     north = levelled("north", {"B": "", "C": "", "D": ""}, "BD DC")
@@ -281,6 +292,7 @@ def test_what_is_no_part_is_refused(tmp_path):
         fga.adjust_parts([part_of("south", south)], folder=tmp_path / "file" / "inside")
 
 
+@LONG
 def test_a_damaged_file_of_a_run_is_named(tmp_path):
     south = levelled("south", {"A": "fixed", "B": ""}, "AB BA")
     found = fga.adjust_parts([part_of("south", south)], folder=tmp_path)
@@ -324,6 +336,7 @@ def test_junctions_that_no_part_determines_are_named():
         fga.adjust_parts([part_of("south", south), part_of("north", north)])
 
 
+@LONG
 def test_junctions_of_a_large_root_that_no_part_determines(monkeypatch):
     monkeypatch.setattr("factorgraph_adj.parts.root.SEARCHED", 1)
     south = levelled("south", {"A": "", "B": "", "C": ""}, "AB BC CA")
@@ -357,6 +370,7 @@ def stop(iteration: int, *_: float) -> None:
         raise Stopped
 
 
+@LONG
 def test_a_killed_run_resumes_with_the_same_result_to_the_last_bit(tmp_path):
     network = simulate_mixed(1, points=400, photos=30).network
     folders = [Folder(tmp_path / name) for name in ("whole", "killed")]
@@ -376,6 +390,7 @@ def test_a_killed_run_resumes_with_the_same_result_to_the_last_bit(tmp_path):
         np.testing.assert_array_equal(a.redundancy_numbers, b.redundancy_numbers)
 
 
+@LONG
 def test_a_run_that_has_ended_is_not_iterated_again(tmp_path):
     network = simulate_grid(1, points=64).network
     parts = cut_network(network, 2, Folder(tmp_path))
@@ -392,6 +407,7 @@ def test_a_run_that_has_ended_is_not_iterated_again(tmp_path):
     assert closer.iterations > first.iterations
 
 
+@LONG
 def test_a_folder_of_another_run_is_refused(tmp_path):
     south = levelled("south", {"A": "fixed", "B": ""}, "AB BA")
     fga.adjust_parts([part_of("south", south)], folder=tmp_path)
@@ -404,6 +420,7 @@ def test_a_folder_of_another_run_is_refused(tmp_path):
         fga.adjust_parts([part_of("south", south)], folder=tmp_path)
 
 
+@LONG
 def test_a_solution_refuses_the_results_of_a_later_run(tmp_path):
     south = [part_of("south", levelled("south", {"A": "fixed", "B": ""}, "AB BA"))]
     first = fga.adjust_parts(south, folder=tmp_path)
@@ -414,6 +431,7 @@ def test_a_solution_refuses_the_results_of_a_later_run(tmp_path):
         first.part("south")
 
 
+@LONG
 def test_the_state_of_the_weights_stays_however_often_a_run_goes_on(tmp_path, monkeypatch):
     """Here two states before the last are kept, and nobody is ever near enough."""
     monkeypatch.setattr(loaded, "OLDEST", 2)
@@ -450,6 +468,7 @@ def without_heights(network: Network, names: str) -> Network:
     return network
 
 
+@LONG
 def test_approximate_values_of_junctions_come_from_any_part():
     south = levelled("south", {"A": "fixed", "B": "", "C": ""}, "AB BC CA")
     north = levelled("north", {"B": "", "C": "", "D": ""}, "BD DC")
@@ -467,6 +486,7 @@ def test_missing_approximate_values_are_named_with_their_part():
     assert "'south'" not in str(error.value)
 
 
+@LONG
 def test_a_point_of_one_part_leaves_the_plane_of_its_stations(tmp_path):
     """Slope distances alone: vᵀPv has no gradient across the plane, and a weak weight held it."""
     network = Network("two halves")
@@ -493,6 +513,7 @@ def test_a_point_of_one_part_leaves_the_plane_of_its_stations(tmp_path):
     assert "second places         not looked for" in parts_protocol(found)
 
 
+@LONG
 @pytest.mark.parametrize("regions", [2, 3, lambda name: "even" if int(name[1:]) % 2 else "odd"])
 def test_frames_in_several_parts(regions, tmp_path):
     """Their turns are found: of a held tilt and an unknown turn no rotation is known before."""
@@ -504,6 +525,7 @@ def test_frames_in_several_parts(regions, tmp_path):
     equal_to_the_whole(network, regions, tmp_path)
 
 
+@LONG
 @pytest.mark.parametrize(
     ("stated", "message"),
     [

@@ -9,6 +9,10 @@ import pytest
 import factorgraph_adj as fga
 from tests.benchmarks.regions import photos, states
 
+pytestmark = pytest.mark.slow(
+    "parts that a simulation makes; short tests run two parts by the command"
+)
+
 
 @pytest.mark.parametrize(
     ("make", "n"),

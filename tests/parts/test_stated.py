@@ -22,6 +22,10 @@ from factorgraph_adj.parts.folder import Folder
 from factorgraph_adj.rotation import exp_rotation
 from tests.networks.small_block import small_block
 
+pytestmark = pytest.mark.slow(
+    "what parts state differently in files of whole runs; short tests run two parts by the command"
+)
+
 
 def part_of(name: str, network: Network) -> fga.Part:
     return fga.Part(name, partial(Network.copy, network))

@@ -15,6 +15,8 @@ from factorgraph_adj.planning.candidates import Candidate, identified, with_cand
 from factorgraph_adj.planning.targets import DetectableDisplacement, RedundancyNumber, for_points
 from tests.networks.epochs import PLACES, detectable_shift, epoch, solved
 
+LONG = pytest.mark.slow("observations spared one by one; short tests plan single ones")
+
 
 def planned(network, **target):
     """Return the figures of a target by the names of its points."""
@@ -143,6 +145,7 @@ def test_a_proposal_meets_the_target():
         assert planned(with_candidates(design, identified(rest)), points="P")["P"] > target.at_most
 
 
+@LONG
 def test_observations_are_spared_while_the_target_is_met():
     whole = epoch(1)
     before = planned(whole, points=("P", "Q"))

@@ -26,7 +26,10 @@ from tests.networks.borea_flight import (
 )
 from tests.support.places import data_dir
 
-pytestmark = pytest.mark.published
+pytestmark = [
+    pytest.mark.published,
+    pytest.mark.slow("a real flight with drifts of its positions; short tests take simulated ones"),
+]
 
 EVERY = (*TURNS, *OFFSETS)
 SEED = 1

@@ -17,7 +17,10 @@ from tests.networks.aerial_heights import errors, unknown_values
 from tests.networks.borea_heights import plan_of
 from tests.support.places import data_dir
 
-pytestmark = pytest.mark.published
+pytestmark = [
+    pytest.mark.published,
+    pytest.mark.slow("a real flight with statoscope heights; short tests take simulated ones"),
+]
 
 
 @pytest.fixture(scope="module")

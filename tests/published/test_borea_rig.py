@@ -18,7 +18,12 @@ from tests.loaders.borea import read_borea
 from tests.networks.borea_rig import MOUNTS, carried, rig_plan, slipped
 from tests.support.places import data_dir
 
-pytestmark = pytest.mark.published
+pytestmark = [
+    pytest.mark.published,
+    pytest.mark.slow(
+        "a real flight of a rig with a camera that slipped; short tests take simulated rigs"
+    ),
+]
 
 FIRST, *_ = SEEDS = (1, 2, 3)
 WITHIN, SHARE = 2.5, 0.95

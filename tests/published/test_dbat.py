@@ -38,7 +38,13 @@ from tests.support.attitude import covariance_of_angles
 from tests.support.dbat_report import Printed, Report, read_report
 from tests.support.places import data_dir
 
-pytestmark = pytest.mark.published
+pytestmark = [
+    pytest.mark.published,
+    pytest.mark.slow(
+        "real blocks of up to 60 photos with many calibrations; "
+        "short tests adjust the smaller AICON block"
+    ),
+]
 
 LABELS = {
     "c": "Camera Constant",

@@ -23,7 +23,10 @@ from tests.networks.image_blocks import images_alone
 from tests.support.dbat_report import read_report
 from tests.support.places import data_dir
 
-pytestmark = pytest.mark.published
+pytestmark = [
+    pytest.mark.published,
+    pytest.mark.slow("real blocks from images alone; short tests orient simulated ones"),
+]
 
 
 def from_images(network: fga.Network, photos: int) -> tuple[fga.Solution, object]:

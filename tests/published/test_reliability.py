@@ -41,6 +41,10 @@ from tests.support.dbat_report import read_reliability
 from tests.support.dense import DenseReliability
 from tests.support.places import data_dir
 
+LONG = pytest.mark.slow(
+    "all 5 000 redundancy numbers of a real block; short tests take those of smaller networks"
+)
+
 pytestmark = pytest.mark.published
 
 TWO_DECIMALS, THREE_DECIMALS = 0.5e-2, 0.5e-3
@@ -66,6 +70,7 @@ def image_points(close_range: fga.Reliability) -> tuple[Index, Array]:
     return rows, np.array([of_point[i] for i in block.ids])
 
 
+@LONG
 def test_aicon_every_redundancy_number_is_the_printed_one(
     close_range: fga.Reliability, image_points: tuple[Index, Array]
 ) -> None:

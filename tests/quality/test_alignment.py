@@ -20,6 +20,8 @@ from tests.networks.alignment import (
     tunnel,
 )
 
+LONG = pytest.mark.slow("alignments that are simulated and found again; short tests adjust one")
+
 SEEDS = 60
 ALL_SEEDS = 200
 
@@ -131,6 +133,7 @@ def shares(seeds: int) -> list[float]:
     return [n / seeds for n in within.values()]
 
 
+@LONG
 def test_parameters_come_back() -> None:
     """Of normal errors 98.8 % are within 2.5 σ."""
     found = shares(SEEDS // 2)

@@ -25,6 +25,11 @@ from tests.networks.exchanged_day import day
 from tests.networks.photo_block import block
 from tests.support.spoiled import EXCHANGES, PHOTOS, SIZED
 
+LONG = pytest.mark.slow(
+    "networks in which a cause has a size that nobody makes; "
+    "short tests judge causes of plain networks"
+)
+
 GIVEN = ("2020-barta-phase_1-2TK", "Caspary", "camcal, model 3", "own cameras", "weighted photos")
 """Networks with held values."""
 
@@ -245,6 +250,7 @@ def test_every_hypothesis_has_the_numbers_of_good_readings() -> None:
     assert 0.42 < small / count_ < 0.58
 
 
+@LONG
 def test_a_cause_of_a_size_that_nobody_makes_is_not_plausible() -> None:
     """A centring of centimetres is, that by which an exchange is explained is not."""
     case = spoiled("centring", 1, 0.1)

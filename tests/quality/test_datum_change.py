@@ -40,6 +40,10 @@ from tests.networks.total_station import total_station
 from tests.support.dense import Dense
 from tests.support.places import data_dir
 
+LONG = pytest.mark.slow(
+    "every kind of network between its data; short tests change the datum of one"
+)
+
 NANOMETRE = 1e-9
 FEW_ULP = 1e-15
 """Relative: geocentric coordinates come in steps of 1 nm."""
@@ -104,6 +108,7 @@ def datum_mask(solution: fga.Solution, names: tuple[str, ...]) -> Mask:
 # -- free networks --------------------------------------------------------------------------------
 
 
+@LONG
 @pytest.mark.parametrize("name", FREE)
 def test_it_leads_to_the_adjustment_with_the_other_datum_points(name):
     there = adjusted(name, 1)
@@ -153,6 +158,7 @@ def test_what_does_not_depend_on_the_datum_stays(name):
             assert after.sigma == pytest.approx(before.sigma, rel=1e-7)
 
 
+@LONG
 def test_over_all_points_the_trace_is_smallest():
     """The inner constraints over all points give the smallest sum of variances of them all."""
     first = adjusted("total station", 0)
@@ -253,6 +259,7 @@ def restarted(network: Network, solution: fga.Solution) -> Network:
     return out
 
 
+@LONG
 @pytest.mark.parametrize("name", FREE)
 def test_a_minimal_datum_is_exchanged_for_inner_constraints(name):
     """The covariances of a free network, held coordinates included, from one with a given datum."""

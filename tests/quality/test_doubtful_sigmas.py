@@ -10,6 +10,10 @@ from factorgraph_adj.quality.doubtful_sigmas import doubtful_sigmas
 from tests.field_mistakes.projects import Project, yard
 from tests.field_mistakes.site import site
 
+LONG = pytest.mark.slow(
+    "seeded networks with gross errors or another unit; short tests name the unit of small ones"
+)
+
 
 def told(p: Project, folder) -> list[str]:
     """Return the groups that are doubted, with the size of the mistake."""
@@ -28,6 +32,7 @@ def stating(old: str, new: str, *, seed: int = 5, make=site) -> Project:
     return p
 
 
+@LONG
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(
     ("old", "new", "group"),
@@ -66,6 +71,7 @@ def test_right_standard_deviations_are_not_doubted(make, seed, tmp_path) -> None
     assert told(make(seed), tmp_path) == []
 
 
+@LONG
 @pytest.mark.parametrize("size", [0.02, 1.0, 100.0])
 @pytest.mark.parametrize("kind", ["direction", "zenith_angle", "slope_distance"])
 def test_gross_errors_are_no_standard_deviations(kind, size, tmp_path) -> None:

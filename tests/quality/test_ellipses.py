@@ -55,6 +55,8 @@ from tests.networks.small_block import small_block
 from tests.support.dense import Dense
 from tests.support.places import data_dir
 
+LONG = pytest.mark.slow("ellipsoids of a whole real block; short tests take single points")
+
 DEGREE = math.pi / 180
 MILLIMETRE = 1e-3
 EIGHT_AXES = ("en", "nw", "ws", "se", *LEFT_HANDED_AXES)
@@ -587,6 +589,7 @@ LINEARISED = 2e-7
 by up to 0.2 mm in sights of 1 to 3 km: see test_gama."""
 
 
+@LONG
 def test_the_ellipsoids_of_aicon_have_the_published_variances():
     """150 points: the squares of the semi-axes sum to sX² + sY² + sZ² as published."""
     folder = data_dir("aicon_jaicov")

@@ -15,7 +15,12 @@ from tests.benchmarks.exchanges import Counts, count, dense, doubts
 from tests.networks.exchanged_day import day
 from tests.networks.small import small
 
+LONG = pytest.mark.slow(
+    "exchanges in seeded days of many set-ups; short tests exchange targets in the field mistakes"
+)
 
+
+@LONG
 @pytest.mark.parametrize("seed", [1, 2, 6, 14])
 def test_an_exchange_is_named_first_with_and_without_approximate_coordinates(seed: int) -> None:
     """Both names and the station come first, where two others tell of one of the points."""
@@ -25,6 +30,7 @@ def test_an_exchange_is_named_first_with_and_without_approximate_coordinates(see
     assert counts.first == counts.told
 
 
+@LONG
 @pytest.mark.parametrize("seed", [30, 53, 61])
 def test_exchanges_that_concern_one_another_are_named_first(seed: int) -> None:
     """Levelling joins two of them (30), or they have a point in common, a controlled one (53)."""
@@ -33,6 +39,7 @@ def test_exchanges_that_concern_one_another_are_named_first(seed: int) -> None:
     assert counts.first == counts.told > 0
 
 
+@LONG
 @pytest.mark.parametrize("seed", [1, 2, 6])
 def test_an_exchange_is_named_first_where_sigma0_is_estimated(seed: int) -> None:
     """All σ are five times too small: T² refers to the estimate, and so do the tests of names."""
@@ -52,6 +59,7 @@ def test_an_exchange_is_named_first_where_sigma0_is_estimated(seed: int) -> None
     assert 0.5 < b.t2 / a.t2 < 2.0
 
 
+@LONG
 def test_an_exchange_that_two_set_ups_may_have_is_named_at_both() -> None:
     """With two set-ups the exchange at either makes all readings fit: nothing tells which."""
     for seed in range(40):

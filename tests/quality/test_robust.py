@@ -25,6 +25,8 @@ from tests.networks.small_block import small_block
 from tests.networks.trilateration import SIGMA, trilateration
 from tests.support.dense import Dense
 
+LONG = pytest.mark.slow("robust estimates to their last digit; short tests take small networks")
+
 # -- weights ----------------------------------------------------------------------------------
 
 
@@ -152,6 +154,7 @@ def test_gross_errors_lose_all_their_influence_on_the_others(estimator):
     assert all(np.all(f.weights[-2:] <= 2 * LEAST_WEIGHT) for f in found)
 
 
+@LONG
 def test_the_weights_at_rest_are_those_of_the_residuals():
     network, _ = trilateration(1, share=0.15)
     for estimator in ESTIMATORS:
@@ -184,6 +187,7 @@ def test_all_components_of_an_observation_share_a_weight():
     assert len(set(found.weights.tolist())) > 50
 
 
+@LONG
 def test_the_scale_is_found_where_standard_deviations_are_not_known():
     """All σ are stated three times too large or too small, a fifth of the distances is wrong.
 

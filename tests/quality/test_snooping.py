@@ -29,6 +29,8 @@ from tests.networks.trilateration import SIGMA, trilateration
 from tests.support.same import contents
 from tests.support.shifted import shift_image
 
+LONG = pytest.mark.slow("hundreds of tests of larger networks; short tests search small ones")
+
 # -- mixed networks -----------------------------------------------------------------------------
 
 
@@ -68,6 +70,7 @@ def found() -> Snooping:
     return snoop(quarry()[0])
 
 
+@LONG
 def test_gross_errors_of_many_kinds_are_found_in_a_mixed_network(found: Snooping) -> None:
     """Eleven of nine kinds; a vector of a correlated pair and an image point go as a whole."""
     network, planted = quarry()
@@ -414,6 +417,7 @@ def test_right_observations_are_rejected_as_often_as_alpha_says():
     assert abs(sum(rejected) - expected) < 4 * np.sqrt(expected)
 
 
+@LONG
 def test_with_sidak_alpha_is_that_of_the_whole_network():
     """α = 30 % of all tests together: 18 of 60 clean networks lose something, ± 3 √(60·0.3·0.7)."""
     alpha, trials = 0.3, 60

@@ -35,6 +35,8 @@ from tests.networks.small_block import small_block
 from tests.support.dense import Dense
 from tests.support.places import data_dir
 
+LONG = pytest.mark.slow("correlations of a real calibration; short tests take simulated ones")
+
 HALF_OF_PRINTED = 0.5e-3
 """Published correlations have three decimals."""
 adjusted = partial(adjust, variance="a-posteriori")
@@ -63,6 +65,7 @@ def camcal(camcal_network: Network) -> Solution:
     return adjusted(camcal_network)
 
 
+@LONG
 def test_strong_correlations_of_a_calibration_are_the_published_ones(aicon: Solution) -> None:
     """AICON 3D Studio prints A1-A2 −.909, Xh-B1 .939, Yh-B2 .800 and nothing else from 0.75."""
     published = {("A1", "A2"): -0.909, ("x0", "B1"): 0.939, ("y0", "B2"): 0.800}

@@ -18,6 +18,10 @@ from factorgraph_adj.types import Index
 from tests.benchmarks.grids import simulate_grid
 from tests.networks.small_block import small_block
 
+LONG = pytest.mark.slow(
+    "each published network without each observation; short tests leave out one"
+)
+
 
 def free_block() -> Network:
     network = small_block(seed=2)
@@ -53,6 +57,7 @@ def rows_of(rel: Reliability, units: list[int]) -> Index:
     return np.concatenate([every.rows(u) for u in units])
 
 
+@LONG
 @pytest.mark.parametrize("name", NETWORKS)
 def test_they_are_those_of_the_adjustment_without_the_observations(name: str) -> None:
     rel = reliability(adjust(NETWORKS[name]()))

@@ -50,6 +50,11 @@ from tests.networks.wrong_weights import TRUE, WRONG, industry_block, measured_k
 from tests.support.dense import Dense
 from tests.support.places import data_dir
 
+LONG = pytest.mark.slow(
+    "components of larger networks and against their likelihood; "
+    "short tests recover those of small ones"
+)
+
 CONFIDENCE = 0.999
 REPETITIONS = [
     6,
@@ -255,6 +260,7 @@ TERRESTRIAL_AND_IMAGES = {
 }
 
 
+@LONG
 @pytest.mark.parametrize("name", TERRESTRIAL_AND_IMAGES)
 def test_components_have_the_greatest_restricted_likelihood(name: str) -> None:
     make, groups = TERRESTRIAL_AND_IMAGES[name]
@@ -332,6 +338,7 @@ def test_every_repetition_comes_to_rest_with_a_standard_deviation_of_unit_weight
         assert r.solution.vtpv == pytest.approx(expected, rel=1e-3)
 
 
+@LONG
 def test_cameras_and_instruments_are_told_apart() -> None:
     found = estimate_variance_components(two_cameras_two_instruments(), groups="instrument")
     names = {c.name for c in found.components}
@@ -685,6 +692,7 @@ def test_large_networks_need_no_dense_matrix_for_what_decides(make: Callable[[],
     np.testing.assert_allclose(other.average, exact.average, rtol=0, atol=1e-6 * scale)
 
 
+@LONG
 def test_large_networks_get_the_same_components(monkeypatch: pytest.MonkeyPatch) -> None:
     network = industry_block(2)
     exact = estimate_variance_components(network, groups=measured_kinds, tolerance=1e-6)
@@ -765,6 +773,7 @@ def test_the_last_adjustment_is_a_plain_one_and_those_on_the_way_are_steps(
     np.testing.assert_allclose([c.redundancy for c in found.components], at.redundancy, rtol=1e-6)
 
 
+@LONG
 def test_weights_that_move_the_estimates_far_are_adjusted_to_the_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -785,6 +794,7 @@ def test_weights_that_move_the_estimates_far_are_adjusted_to_the_end(
         assert a.factor == pytest.approx(b.factor, rel=1e-7)
 
 
+@LONG
 def test_many_groups_of_a_large_network_have_the_components_of_a_small_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -26,6 +26,10 @@ from matplotlib.text import Text
 from factorgraph_adj.report.plots import plot_network, set_aside
 from factorgraph_adj.report.plots.in_frames import FramePlaces
 
+LONG = pytest.mark.slow(
+    "pictures of instruments above and below their points; short tests draw every figure once"
+)
+
 VIEWS = {"above": (0, 1), "south": (0, 2), "east": (1, 2)}
 """Coordinates that a view shows in a frame with X east, Y north."""
 ROUNDING = 1e-9
@@ -132,6 +136,7 @@ def test_every_sight_is_a_line_from_the_instrument_and_drawn_once(hall):
     assert expected <= drawn
 
 
+@LONG
 @pytest.mark.parametrize("view", VIEWS)
 def test_the_ellipse_of_an_instrument_is_that_of_a_point_under_it(hall, pillars, view):
     """Both networks have the same unknowns: a free point, or a free offset from a constant."""

@@ -40,6 +40,10 @@ from factorgraph_adj.report.plots.aside import images_aside, places_of
 from factorgraph_adj.report.plots.histogram import histogram_edges
 from factorgraph_adj.report.plots.sensor import coverage
 
+LONG = pytest.mark.slow(
+    "pictures that are drawn for one question each; short tests draw every figure once"
+)
+
 GROSS = {"F2/P5": 0.16, "F1/P3": -0.2}
 """Gross errors in x of image points, mm: 40 and 50 σ."""
 
@@ -109,6 +113,7 @@ def test_every_figure_says_in_its_title_that_its_result_is_doubtful(doubtful, cl
         assert "DOUBTFUL" not in figure.get_suptitle(), name
 
 
+@LONG
 def test_figures_say_what_faces_do_not_agree_and_the_likeliest_cause(clean, tmp_path, monkeypatch):
     network = clean[0].solution.network.copy()
     network.doubts.append(Doubt("its two faces give index 9 mgon", "target 'T'"))
@@ -125,6 +130,7 @@ def test_figures_say_what_faces_do_not_agree_and_the_likeliest_cause(clean, tmp_
     assert len(titles) > 4 and all(t.endswith("\nlikeliest cause: it") for t in titles)
 
 
+@LONG
 def test_arrows_and_counts_lie_within_the_picture():
     network = simulate_industry_block(seed=2).network
     network.cameras["P31"] = replace(network.cameras["P31"], format=None)
@@ -142,6 +148,7 @@ def test_arrows_and_counts_lie_within_the_picture():
                 assert axes.get_window_extent().y0 <= box.y0
 
 
+@LONG
 def test_figures_that_know_the_test_values_count_those_above_the_critical_value(doubtful):
     solution, rel = doubtful
     n = int(np.nansum(np.abs(rel.w) > rel.critical_w))
@@ -150,6 +157,7 @@ def test_figures_that_know_the_test_values_count_those_above_the_critical_value(
         assert f"{n} test values above the critical |w| 3.29" in title
 
 
+@LONG
 def test_a_title_of_doubts_does_not_run_into_the_legend(doubtful):
     for figure in (plot_network(doubtful[0]), plot_qq(doubtful[1]), plot_w(doubtful[1])):
         figure.draw_without_rendering()
@@ -349,6 +357,7 @@ def test_without_a_format_the_figures_say_that_the_frame_is_the_area_of_the_poin
     assert not marked(figure, "format", Rectangle)
 
 
+@LONG
 def test_points_outside_the_format_are_told():
     """A format with the origin at the wrong place, as pixels have it."""
     network = with_format(small_block(), format=(36.0, 24.0), origin="upper left")
@@ -368,6 +377,7 @@ def test_photos_are_named_in_the_plan():
     assert names == set(solution.network.photos)
 
 
+@LONG
 def test_the_legend_counts_the_names_that_found_no_room():
     network = small_block()
     solution = fga.adjust(network)

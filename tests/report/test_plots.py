@@ -55,6 +55,10 @@ from matplotlib.offsetbox import AnchoredOffsetbox, TextArea
 from matplotlib.quiver import Quiver
 from matplotlib.text import Text
 
+LONG = pytest.mark.slow(
+    "pictures that are drawn for one question each; short tests draw every figure once"
+)
+
 ROUNDING = 1e-9
 """Of figures that are copied or scaled once, relative."""
 TILT = 1e-3
@@ -276,6 +280,7 @@ def test_the_scale_key_is_its_length_times_the_factor(name):
     assert times == readable(times)
 
 
+@LONG
 def test_axes_that_point_elsewhere_give_the_same_plan():
     """X north and Y east, left-handed, and X west, Y south are the network with X east."""
     at = {"A": (0.0, 0.0, 1.0), "B": (100.0, 10.0, 2.0), "C": (40.0, 70.0, 3.0)}
@@ -315,6 +320,7 @@ def test_axes_that_point_elsewhere_give_the_same_plan():
     ]
 
 
+@LONG
 def test_a_geocentric_network_is_seen_in_its_own_horizon():
     solution = fga.adjust(PICTURES["geocentric block"]())
     figure = plot_network(solution)
@@ -364,6 +370,7 @@ def test_lines_are_drawn_once_and_told_apart_by_all_kinds_on_them(solution):
     assert "height difference (6)" in labels
 
 
+@LONG
 def test_points_are_marked_as_what_they_are(solution):
     labels = {t.get_text() for t in plot_network(solution).legends[0].get_texts()}
     assert {
@@ -428,6 +435,7 @@ def test_a_network_of_heights_with_plan_coordinates_is_a_plan_with_bars():
     np.testing.assert_allclose([np.ptp(s[:, 1]) / 2 for s in bars.get_segments()], half, rtol=1e-6)
 
 
+@LONG
 def test_names_lie_neither_upon_one_another_nor_upon_points():
     solution = fga.adjust(simulate_industry_block(2).network)
     figure = plot_network(solution)
@@ -544,6 +552,7 @@ def test_the_largest_suspects_are_named(blunder):
     assert f"image {largest.id} {largest.component}" == "image F2/P5 x"
 
 
+@LONG
 def test_gross_errors_do_not_flatten_the_others():
     network = small_block()
     _, _, xy, _ = network.images.columns()
@@ -681,6 +690,7 @@ def test_the_worst_photos_are_on_the_sheet_and_the_title_says_which(solution, re
     assert "2 of 4 photos" in texts(named)
 
 
+@LONG
 def test_photos_and_cameras_without_image_points_say_so():
     network = small_block()
     network.add_camera("spare", BrownLens(), {"c": 28.0})

@@ -37,6 +37,8 @@ from tests.networks.simulated import NETWORKS, gnss, levelling
 from tests.networks.small_block import blundered, box, small_block
 from tests.support.printed import assert_printed, row, section
 
+LONG = pytest.mark.slow("tables after many rejections; short tests print those of few")
+
 NINE_DIGITS = 1e-8
 """What a table's figures are rounded to, relative."""
 
@@ -591,6 +593,7 @@ def test_a_clean_network_says_in_one_line_that_nothing_was_set_aside():
     assert len(words) <= 2
 
 
+@LONG
 def test_what_was_set_aside_before_the_first_round_is_counted():
     """Data snooping begins without exchanged sights: "nothing set aside" would be untrue."""
     network = day(1, most=25).network

@@ -18,6 +18,8 @@ from factorgraph_adj.report.tables import write_solution
 from tests.networks.hall import hall
 from tests.networks.on_shapes import MM, measured, on_shape
 
+LONG = pytest.mark.slow("reports of a whole network of shapes; short tests print single tables")
+
 GON = np.pi / 200
 
 
@@ -81,6 +83,7 @@ def test_a_shape_stands_in_no_other_table() -> None:
     assert section(text(), "Distance meters, level, mount")
 
 
+@LONG
 def test_a_frame_of_shapes_alone_makes_no_table_of_frames() -> None:
     words = fga.protocol(fga.adjust(measured("torus", 1)))
     assert "\nFrames\n" not in words

@@ -143,10 +143,21 @@ def accepted(vtpv: float, redundancy: int) -> bool:
     return bool(low < vtpv < high)
 
 
+LONG = pytest.mark.slow(
+    "generators of rigs, models and whole blocks; short tests take the other twenty-one"
+)
+LONG_ONES = {
+    *("rig", "models", "triplets without projection centres", "aerial 1986", "all additions"),
+    *("industry", "photos of a monitoring network", "photos of an object in one"),
+    "shapes on photos",
+}
+
 # -- generators -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", GENERATORS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=LONG if n in LONG_ONES else ()) for n in GENERATORS]
+)
 def test_a_generator_makes_a_network_that_is_determined_and_fits_its_weights(name: str) -> None:
     parts = GENERATORS[name]
     spec = Spec(
@@ -172,6 +183,7 @@ def test_a_generator_makes_a_network_that_is_determined_and_fits_its_weights(nam
 
 
 @pytest.mark.parametrize("name", ["trackers", "levelled scanners", "models", "GNSS, INS and a cross strip", "rig"])  # fmt: skip  # noqa: E501
+@LONG
 def test_an_adjustment_finds_again_what_it_is_not_told(name: str) -> None:
     """Frames, mounts and drifts without values: the minimum is that which begins at true ones."""
     parts, close = GENERATORS[name], replace(NEARLY, points=0.05)

@@ -34,6 +34,10 @@ from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 from tests.support.arrivals import bare, chunks
 
+pytestmark = pytest.mark.slow(
+    "the scatter of a whole simulated block; short tests simulate each of its parts"
+)
+
 CONFIDENCE = 0.999
 SEEDS = [
     4,

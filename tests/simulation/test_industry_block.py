@@ -35,6 +35,10 @@ from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 
+pytestmark = pytest.mark.slow(
+    "the scatter of a whole simulated block; short tests simulate each of its parts"
+)
+
 CONFIDENCE = 0.999
 REPETITIONS = [
     12,

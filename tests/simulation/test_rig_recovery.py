@@ -17,6 +17,10 @@ from factorgraph_adj.simulation.simulate import measure
 from tests.networks import aerial_rig, rigs
 from tests.networks.odometry import odometry
 
+pytestmark = pytest.mark.slow(
+    "mounts of whole simulated flights come back; short tests adjust small rigs"
+)
+
 SEEDS = 8
 WITHIN = 2.5
 SHARE = 0.95

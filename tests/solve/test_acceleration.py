@@ -22,6 +22,8 @@ from factorgraph_adj.types import Array
 from tests.networks.poor_starts import SORTS, poor_start
 from tests.networks.small_block import small_block
 
+LONG = pytest.mark.slow("repeated adjustments from poor starts; short tests take one")
+
 WEAK = "weak control, 40° and half as large"
 
 
@@ -141,6 +143,7 @@ def test_the_reason_says_how_steps_shrink_and_how_many_more_are_needed() -> None
     assert few == "not at rest after 3 iterations: the last step was 0.25 σ"
 
 
+@LONG
 @pytest.mark.parametrize("sort", [s for s in SORTS if "BAL" not in s])
 def test_a_poor_start_is_the_same_each_time(sort: str) -> None:
     first, second = (compile_network(poor_start(sort, 1)) for _ in range(2))

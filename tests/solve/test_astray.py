@@ -9,6 +9,10 @@ from factorgraph_adj.quality.robust import robust_adjust
 from tests.field_mistakes.mistakes import MISTAKES
 from tests.field_mistakes.projects import yard
 
+LONG = pytest.mark.slow(
+    "data snooping from an adjustment that went astray; short tests see that it did"
+)
+
 
 @pytest.fixture
 def exchanged(tmp_path):
@@ -33,6 +37,7 @@ def test_a_robust_estimate_begins_at_the_approximate_values(exchanged, tmp_path)
         assert abs(off).max() < 5 * right.standard_deviations(name).max()
 
 
+@LONG
 def test_snooping_needs_no_minimum_of_the_whole(exchanged):
     found = fga.snoop(exchanged, start=fga.adjust(exchanged))
     aside = {(r.kind, r.label.split()[-2:][0]) for r in found.rejected}

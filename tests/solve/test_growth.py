@@ -14,6 +14,8 @@ from tests.benchmarks.blocks import OVERLAPS, simulate_photos_alone
 from tests.benchmarks.grids import simulate_grid
 from tests.benchmarks.growth import GRIDS, GROWTH, exponent
 
+LONG = pytest.mark.slow("blocks with much overlap; short tests take ordinary ones")
+
 
 def smallest(name: str) -> fga.Network:
     """Return the smallest grid, or the smallest block with the overlap of that name."""
@@ -32,6 +34,7 @@ def test_the_smallest_network_of_each_kind_is_adjusted(name: str) -> None:
     assert total == pytest.approx(solution.redundancy, abs=1e-8)
 
 
+@LONG
 def test_an_overlap_of_80_and_60_doubles_the_rays_of_a_point() -> None:
     """A point of the inner block is seen in 1 / ((1 − p)(1 − q)) photos, 5.6 and 12.5."""
     inside = {}

@@ -20,6 +20,8 @@ from tests.networks.exact_rig import adjust_exactly
 from tests.networks.odometry import ZERO, odometry
 from tests.networks.rigs import MOUNTS, PARTS, on_mount, rig
 
+LONG = pytest.mark.slow("rigs of all kinds with exact mounts; short tests adjust the plainest")
+
 EXACTLY = {RIGID: 1e-5, (1e-8, 1e-7): 1e-6}
 """Largest difference from exact mounts, in σ, by play. Projection centres have σ = 0.4 mm here: the
 squares of 1 µm / 0.4 mm and 0.1 µm / 0.4 mm are 6e-6 and 6e-8."""
@@ -36,6 +38,7 @@ def measured(network: Network, seed: int = 1) -> Network:
     return out
 
 
+@LONG
 @pytest.mark.parametrize("play", EXACTLY)
 @pytest.mark.parametrize("free", [PARTS, (), ("rx", "ry", "rz"), ("rz", "x")])
 def test_rigid_ties_equal_exact_mounts(free: tuple[str, ...], play: tuple[float, float]) -> None:
@@ -135,6 +138,7 @@ def without_images(network: Network, of: Callable[[str], bool]) -> Network:
     return out
 
 
+@LONG
 def test_calibrated_mounts_give_the_scale_and_free_ones_do_not() -> None:
     for free, missing in (((), 6), (("rx", "ry", "rz"), 6), (PARTS, 7)):
         network = without_datum(measured(aerial_rig(free=free)))

@@ -21,6 +21,8 @@ from factorgraph_adj.simulation.simulate import disturb, look_at, measure
 from factorgraph_adj.types import Array
 from tests.support.dense import Dense
 
+LONG = pytest.mark.slow("singular photos in blocks of many kinds; short tests take the plainest")
+
 SIGMA = 0.005
 """Standard deviation of an image coordinate, mm."""
 DETERMINED = 1e-9
@@ -135,6 +137,7 @@ SEEDS = pytest.mark.parametrize(
 )
 
 
+@LONG
 @SEEDS
 @pytest.mark.parametrize("arrangement", ARRANGEMENTS)
 def test_a_photo_with_two_points_and_a_tie_point_of_two_rays_is_named(arrangement, seeds) -> None:
@@ -142,6 +145,7 @@ def test_a_photo_with_two_points_and_a_tie_point_of_two_rays_is_named(arrangemen
     assert answered([resected(seed, arrangement) for seed in seeds]) == []
 
 
+@LONG
 @SEEDS
 @pytest.mark.parametrize("arrangement", ARRANGEMENTS)
 def test_it_is_named_in_a_free_network(arrangement, seeds) -> None:
@@ -182,6 +186,7 @@ def _weak_pairs(network: fga.Network) -> None:
         network.add(*rays("A", f"W{i}"), *rays("A2", f"W{i}"))
 
 
+@LONG
 def test_it_is_named_among_many_weak_points() -> None:
     """The search looks at 40 combinations; 80 others are nearly undetermined."""
     for seed in range(0, 60, 3):  # started from the true values
@@ -210,6 +215,7 @@ def touching(seed: int) -> tuple[fga.Network, float]:
     return network, 10 ** rng.uniform(-13, -8)
 
 
+@LONG
 def test_what_is_singular_at_the_solution_is_refused_though_the_start_is_not() -> None:
     refused = 0
     for seed in range(60):

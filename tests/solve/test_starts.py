@@ -18,6 +18,10 @@ from tests.benchmarks.starts import Compared, centres_off, compare
 from tests.networks.poor_starts import WRONG, poor_start, right_pixels
 from tests.support.other_solvers import cost, native
 
+LONG = pytest.mark.slow(
+    "poor starts of whole blocks against other solvers; short tests take small networks"
+)
+
 WEAK = "weak control, 40° and half as large"
 NOISY = "poses with 30° and 20 % noise"
 COMPARED = (
@@ -40,6 +44,7 @@ def test_no_other_solver_reaches_a_lower_cost(sort: str) -> None:
     assert not found.refused and not found.silent
 
 
+@LONG
 def test_a_minimum_that_gauss_newton_leads_away_from_is_carried_to_the_datum_points() -> None:
     """Newton's steps come to rest there; Gauss-Newton's on the way to the datum points grew."""
     found = Compared()
@@ -55,6 +60,7 @@ def test_native_factors_have_the_cost_of_our_observations() -> None:
     assert cost(solution.equations, solution.state) == pytest.approx(solution.vtpv, rel=1e-12)
 
 
+@LONG
 def test_a_bad_fit_that_was_reached_from_afar_says_that_a_lower_minimum_may_exist() -> None:
     good, bad = poor_start(WEAK, 0), poor_start(WEAK, 0)
     at = np.array(bad.photos["F0"].position) + np.array([300.0, 0.0, 0.0])
@@ -70,6 +76,7 @@ def test_a_bad_fit_that_was_reached_from_afar_says_that_a_lower_minimum_may_exis
     assert near.converged and LOWER_MINIMUM_POSSIBLE not in near.reason
 
 
+@LONG
 @pytest.mark.parametrize("number", range(2))
 def test_wrong_pixels_have_no_minimum_and_the_reason_names_their_points(number: int) -> None:
     """Of these blocks 15 % of the image points are anywhere; snooping finds what is right."""
@@ -80,6 +87,7 @@ def test_wrong_pixels_have_no_minimum_and_the_reason_names_their_points(number: 
     assert "adjust --snoop" in plain.reason
 
 
+@LONG
 def test_data_snooping_of_given_poses_finds_wrong_pixels() -> None:
     pytest.importorskip("poselib")
     right = fga.adjust(right_pixels(0))

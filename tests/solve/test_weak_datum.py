@@ -37,6 +37,8 @@ from factorgraph_adj.types import Array
 from tests.networks.small_block import small_block
 from tests.support.dense import Dense
 
+LONG = pytest.mark.slow("minimal data of many networks; short tests take one")
+
 WRONG = 1e-3
 """Relative error of a standard deviation that must not be given out."""
 NEARLY_EXACT = 1e-5
@@ -220,6 +222,7 @@ def test_the_covariance_is_a_reflexive_inverse_on_its_inner_constraints(seed):
 # -- the minimal datum ----------------------------------------------------------------------------
 
 
+@LONG
 @pytest.mark.parametrize("seed", [*CANCELLED, *BADLY_HELD])
 def test_a_well_chosen_minimal_datum_enlarges_no_standard_deviation_much(seed):
     solution = fga.adjust(weak_block(seed))

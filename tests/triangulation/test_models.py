@@ -20,6 +20,8 @@ from tests.networks.strip_of_photos import measured_strip, strip_plan, units
 from tests.support.dense import Dense
 from tests.support.places import data_dir
 
+LONG = pytest.mark.slow("frequencies in simulated strips of models; short tests adjust one")
+
 TIGHT = 1e-8
 """Bound on the last step, so that differences are those of the methods."""
 LINEARISATION = 0.005
@@ -215,6 +217,7 @@ def test_photos_from_one_place_give_no_model() -> None:
         relative_model(network, ("0", "1"))
 
 
+@LONG
 def test_a_model_point_with_a_detectable_error_is_found_as_often_as_predicted() -> None:
     """Error of one ∇ in one model coordinate: in 80 % of the measurements its test value tells."""
     plan = deformed_block(weighted=())

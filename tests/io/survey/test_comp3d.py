@@ -13,6 +13,8 @@ from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.units import ARCSEC, GON
 from tests.hostile.readers import judge
 
+LONG = pytest.mark.slow("two hundred damaged projects; short tests read each kind of line")
+
 POINTS = """* the net
 1 S1 100.000 100.000 50.000 0.001 0.001 0.001 *comment
 2 S2 150.000 100.000 50.000 0.010 0.010 0.000
@@ -330,6 +332,7 @@ def test_200_damaged_projects_in_a_grid(tmp_path: Path) -> None:
     judge(fga.read_comp3d, files, "p.comp", tmp_path, seed=22)
 
 
+@LONG
 def test_200_damaged_projects(tmp_path: Path) -> None:
     files = {name: text.encode() for name, text in FILES.items()}
     judge(

@@ -17,6 +17,10 @@ from factorgraph_adj.quality.causes.separable import SAME, separability_toleranc
 from tests.benchmarks.causes import adjusted
 from tests.networks.building_site import site
 
+LONG = pytest.mark.slow(
+    "frequencies in simulated networks; short tests compute the evidence itself"
+)
+
 SIGMA = 0.001
 """Standard deviation of a levelled difference of heights, metres."""
 
@@ -109,6 +113,7 @@ def test_good_heights_are_not_named_with_an_estimated_sigma0() -> None:
     assert named <= 2
 
 
+@LONG
 def test_the_wrong_reading_is_on_the_list_where_several_may_be_it() -> None:
     """Levelling of low redundancy, one gross error: the true one need not be the largest."""
     several = 0
@@ -125,6 +130,7 @@ def test_the_wrong_reading_is_on_the_list_where_several_may_be_it() -> None:
     assert several > 40
 
 
+@LONG
 @pytest.mark.parametrize(("estimated", "times"), [(False, 7.0), (True, 100.0)])
 def test_readings_are_alike_that_explain_one_another(estimated: bool, times: float) -> None:
     """Against two adjustments with one of the two withdrawn, and one with both."""

@@ -16,6 +16,10 @@ from factorgraph_adj.report.context import Report
 from tests.benchmarks.causes import adjusted
 from tests.networks.building_site import site
 
+LONG = pytest.mark.slow(
+    "vectors with exchanged axes in whole networks; short tests print single headlines"
+)
+
 
 def spoiled(seed: int, heights: dict[str, float]) -> fga.Network:
     """Return a building site whose recorded heights of instruments are multiplied by a factor."""
@@ -57,6 +61,7 @@ def test_a_height_in_another_unit_is_named_with_it(factor: float, unit: str) -> 
     assert f"m if it was recorded in {unit}" in str(named[0])
 
 
+@LONG
 @pytest.mark.parametrize("seed", [1, 2, 5])
 def test_x_and_y_of_a_vector_and_of_a_position_are_found_exchanged(seed: int) -> None:
     for kind in (GnssVector, GnssPosition):

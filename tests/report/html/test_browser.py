@@ -26,6 +26,10 @@ from tests.networks.simulated import free_block
 from tests.support.pages import Opened, chromium, opened
 from tests.support.places import EXAMPLES
 
+LONG = pytest.mark.slow(
+    "pages of every kind of result in a browser; short tests read the pages as text"
+)
+
 PLACE = """(div, [meta, number]) => {
   const trace = div.data.find(t => t.meta === meta && t.customdata.includes(number)
     && (meta !== "points" || t.mode === "lines"));
@@ -89,6 +93,7 @@ SORTS = ("three", "heights", "nasty", "block", "failed", "free", "geocentric", "
 """Plan, heights and space; a gross error, no minimum, no datum, on the Earth, from the air."""
 
 
+@LONG
 @pytest.mark.parametrize("name", SORTS)
 def test_a_page_says_nothing_and_asks_for_its_own_file_only(browser, folder, name):
     file = folder / f"{name}.html"

@@ -16,6 +16,10 @@ from factorgraph_adj.report.html.language import Texts
 from tests.networks import moved
 from tests.support.pages import chromium, data_of, elements, opened
 
+LONG = pytest.mark.slow(
+    "clicks in a browser on the page of two epochs; short tests read the page as text"
+)
+
 EN, DE = Texts("en"), Texts("de")
 
 
@@ -151,6 +155,7 @@ def test_write_report_takes_a_comparison(tmp_path):
         fga.write_report(moved.in_plan().solutions[0], file, blocks=[moved.block()])
 
 
+@LONG
 def test_a_click_on_a_displacement_shows_its_row(tmp_path):
     file = tmp_path / "moved.html"
     fga.write_report(moved.in_plan(), file, blocks=[moved.block()])

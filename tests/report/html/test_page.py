@@ -25,6 +25,8 @@ from tests.networks.small_block import small_block
 from tests.support.pages import data_of, elements
 from tests.support.places import EXAMPLES, ROOT
 
+LONG = pytest.mark.slow("pages of many solutions; short tests make those of one")
+
 EN = Texts("en")
 
 
@@ -132,6 +134,7 @@ def test_the_input_files_have_the_hashes_of_their_bytes():
 # -- verdict --------------------------------------------------------------------------------------
 
 
+@LONG
 def test_a_good_result_is_green_and_a_doubtful_one_red_as_in_the_protocol():
     assert verdict(industry(), EN).colour == "green"
     assert verdict(snooped(), EN).colour == "amber"
@@ -295,6 +298,7 @@ def test_every_file_of_the_page_goes_into_the_wheel():
     assert {p for p in folder.rglob("*") if p.is_file()} <= kept
 
 
+@LONG
 def test_reports_of_other_solutions_are_made_too():
     """A-posteriori σ, a combined block with stations and check points, a solution read back."""
     network = small_block()
