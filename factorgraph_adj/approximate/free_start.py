@@ -15,6 +15,7 @@ import numpy as np
 
 from ..models.base import wrap
 from ..types import Array, Index, Mask
+from .clouds import join_clouds
 from .intersection import (
     GOOD_CROSSING,
     LEAST_CROSSING,
@@ -48,7 +49,7 @@ def grow(progress: Progress, *, most: int | None = None) -> bool:
     """
     steps = 0
     while (most is None or steps < most) and (
-        orient(progress) | polar(progress)
+        join_clouds(progress) | orient(progress) | polar(progress)
         or intersect(progress, crossing=GOOD_CROSSING)
         or intersect(progress, crossing=LEAST_CROSSING)
     ):

@@ -15,6 +15,7 @@ from ..observations import AstronomicLatitude, AstronomicLongitude
 from ..types import Array, Mask
 from .additive import solve_additive
 from .alignments import align, aligned
+from .clouds import join_clouds
 from .diagnosis import not_reached
 from .frame_sights import intersect_sights, orient_frames, resect_frames, start_frame
 from .free_start import join_blocks, observed_misfits, resolve_doubt, start_heights
@@ -228,7 +229,8 @@ def _sure_steps(progress: Progress) -> bool:
     """Fill orientations, polar points, heights and ends of vectors; return whether any was."""
     led_on = False
     while (
-        orient(progress)
+        join_clouds(progress)
+        | orient(progress)
         | share_gyros(progress)
         | polar(progress)
         | heights(progress)

@@ -1,9 +1,9 @@
 """Exchanged names of targets, looked up before data snooping where an adjustment is far off.
 
-A few exchanged names bend an adjustment until its largest residuals are those of good readings, and
-where the places of points come from readings alone the approximate values as well. A robust
-estimate says which readings may be wrong; what is right is found beside the rest, without them
-(`causes.exchanged_targets`). Then data snooping begins without the exchanged sights.
+A few exchanged names bend an adjustment until its largest residuals are those of good readings.
+What is far off at the approximate values, or in a robust estimate, may be wrong; what is right is
+found beside the rest, without it (`causes.exchanged_targets`). Then data snooping begins without
+the exchanged sights.
 """
 
 from __future__ import annotations
@@ -62,18 +62,35 @@ def exchanged_names(
     """
     if solution.datum is not None or network.datum == "free":
         return ()  # there is no robust estimator of free networks
+    equations = compile_network(network)  # those of the estimate have other weights
+    first = replace(solution, state=solution.start)
+    found = exchanged_targets(
+        equations, first, _far_off_at_first(solution), alpha, estimated=estimated
+    )
+    if found:
+        return found
     try:
-        found = robust_adjust(
+        robust = robust_adjust(
             network, start=approximate_values(solution), from_start=True, max_iterations=ENOUGH
         )
     except AdjustmentError:
         return ()
-    equations = compile_network(network)  # those of the estimate have other weights
-    size = np.abs(np.nan_to_num(found.test_values))
+    size = np.abs(np.nan_to_num(robust.test_values))
     sigma0 = float(np.median(size)) / normal_quantile(0.75) if estimated else 1.0
     limit = max(sigma0 * normal_quantile(1.0 - 0.5 * alpha), PART * float(size.max(initial=0.0)))
     bad = {equations.id(int(row)) for row in np.flatnonzero(size > limit)}
-    return exchanged_targets(equations, found.solution, bad, alpha, estimated=estimated)
+    return exchanged_targets(equations, robust.solution, bad, alpha, estimated=estimated)
+
+
+def _far_off_at_first(solution: Solution) -> set[str]:
+    """Return the readings that are far off at the approximate values, which nothing has bent yet.
+
+    Set-ups without approximate coordinates are joined by what most of their targets agree on, so
+    that the others are far off there. Nothing is said of coordinates that are all rough.
+    """
+    size = np.abs(np.nan_to_num(solution.equations.residuals(solution.start)))
+    limit = max(FARTHEST, PART * float(size.max(initial=0.0)))
+    return {solution.equations.id(int(row)) for row in np.flatnonzero(size > limit)}
 
 
 def _with_another(network: Network, ids: tuple[str, ...]) -> tuple[str, ...]:

@@ -31,9 +31,9 @@ def test_an_exchange_is_named_first_with_and_without_approximate_coordinates(see
 
 
 @LONG
-@pytest.mark.parametrize("seed", [30, 53, 61])
+@pytest.mark.parametrize("seed", [7, 30, 53, 61, 257])
 def test_exchanges_that_concern_one_another_are_named_first(seed: int) -> None:
-    """Levelling joins two of them (30), or they have a point in common, a controlled one (53)."""
+    """Levelling joins two of them (30), or they share a point, also a controlled one (53, 7)."""
     case, counts = day(seed), Counts()
     assert count(case, counts) == ""
     assert counts.first == counts.told > 0

@@ -1,0 +1,150 @@
+"""Set-ups as levelled clouds of points, joined to known points by the turn on which most agree.
+
+A set of directions with distances is a cloud of points about its station, with known scale and
+plumb line: a turn, a shift in plan and one in height are all that is unknown (three unknowns where
+nothing gives heights). Every pair of points that the cloud has in common with known points proposes
+one transformation; the one with which most of the common points agree is taken. So a target with
+the name of another neither turns a set-up nor moves its station.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..types import Array, Index, Mask
+from .progress import Progress
+
+AGREED = 3e-3
+"""Distance of a common point from its known place, relative to the size of the cloud, up to which
+it agrees with a transformation."""
+MOST_COMMON = 30
+"""Largest number of common points of which pairs are formed."""
+
+
+class Agreement(NamedTuple):
+    """The levelled transformation on which most common points agree."""
+
+    turn: float
+    """Rotation from north to east, radians."""
+    shift: Array
+    """Shift in east, north and height, metres, (3,); height NaN: unknown."""
+    agree: Mask
+    """Which of the common points agree, (m,)."""
+
+
+def turned(plan: Array, turn: float) -> Array:
+    """Return positions (n, 2) turned from north to east."""
+    c, s = np.cos(turn), np.sin(turn)
+    return np.asarray(plan @ np.array([[c, -s], [s, c]]))
+
+
+def agreement(cloud: Array, known: Array, *, within: float) -> Agreement | None:
+    """Return the turn and shift that more than half of the common points agree on; none: no such.
+
+    known = R(turn) cloud + shift, with the scale of both.
+
+    Args:
+        cloud: east, north, height of the common points in the cloud, (m, 3); heights may be NaN.
+        known: the same of the known places, (m, 3).
+        within: largest distance, in plan and in height, of a point that agrees, metres.
+    """
+    m = len(cloud)
+    some = np.unique(np.linspace(0, m - 1, min(m, MOST_COMMON)).astype(int))
+    i, j = (some[k] for k in np.triu_indices(len(some), 1))
+    a, b = cloud[j] - cloud[i], known[j] - known[i]
+    la, lb = (np.hypot(d[:, 0], d[:, 1]) for d in (a, b))
+    # Heights that are not known contradict nothing.
+    fit = (np.abs(la - lb) <= 2 * within) & ~(np.abs(a[:, 2] - b[:, 2]) > 2 * within)
+    fit &= np.minimum(la, lb) > 2 * within
+    if not fit.any():
+        return None
+    a, b, i, j = a[fit], b[fit], i[fit], j[fit]
+    turns = np.arctan2(b[:, 0], b[:, 1]) - np.arctan2(a[:, 0], a[:, 1])
+    middle, place = (cloud[i] + cloud[j]) / 2, (known[i] + known[j]) / 2
+    c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
+    d = cloud[None] - middle[:, None]
+    e = c * d[..., 0] + s * d[..., 1] + place[:, :1] - known[:, 0]
+    n = c * d[..., 1] - s * d[..., 0] + place[:, 1:2] - known[:, 1]
+    h = np.nan_to_num(d[..., 2] + place[:, 2:] - known[:, 2])
+    off = np.maximum(np.hypot(e, n), np.abs(h)) / within
+    best = int(np.argmin(np.minimum(off, 1.0).sum(axis=1)))
+    agree = np.asarray(off[best] <= 1.0)
+    if 2 * np.count_nonzero(agree) <= m:
+        return None
+    return _fitted(cloud[agree], known[agree], agree)
+
+
+def _fitted(cloud: Array, known: Array, agree: Mask) -> Agreement:
+    """Return the transformation of the points that agree, by least squares in plan."""
+    a = cloud[:, :2] - cloud[:, :2].mean(axis=0)
+    b = known[:, :2] - known[:, :2].mean(axis=0)
+    turn = float(np.arctan2(np.sum(b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0]), np.sum(a * b)))
+    shift = np.full(3, np.nan)
+    shift[:2] = np.mean(known[:, :2] - turned(cloud[:, :2], turn), axis=0)
+    rise = known[:, 2] - cloud[:, 2]
+    if np.isfinite(rise).any():
+        shift[2] = np.nanmedian(rise)
+    return Agreement(turn, shift, agree)
+
+
+def join_clouds(progress: Progress) -> bool:
+    """Fill stations, orientations and targets of set-ups whose clouds agree with known points.
+
+    The set-up with which most points agree comes first, so that a target on which two set-ups
+    contradict one another has the place of the better one.
+
+    Returns:
+        Whether any set-up was joined.
+    """
+    joined: list[tuple[int, int, Index, Array, Agreement]] = []
+    for group, point, place in _clouds(progress):
+        common: Index = np.flatnonzero(progress.placed[point])
+        known = progress.plan[point[common]]
+        size = float(np.hypot(place[:, 0], place[:, 1]).max())
+        found = agreement(place[common], known, within=AGREED * size)
+        if found is not None:
+            joined.append((-int(found.agree.sum()), group, point, place, found))
+    for _, group, point, place, found in sorted(joined, key=lambda c: c[:2]):
+        at = np.append(turned(place[:, :2], found.turn), place[:, 2:], axis=1) + found.shift
+        progress.set_plan(point, at[:, :2])
+        high: Mask = np.isfinite(at[:, 2])
+        progress.set_height(point[high], at[high, 2])
+        convergence = progress.horizon.convergence(progress.plan[point[:1]])[0]
+        progress.orientation[group] = found.turn - convergence
+    return bool(joined)
+
+
+def _clouds(progress: Progress) -> list[tuple[int, Index, Array]]:
+    """Return sets that are not oriented, with their points, the station first, and their places.
+
+    Sets with fewer than two known points are left out, and those with nothing but known ones.
+    """
+    d, e = progress.survey.directions, progress.survey.edges
+    open_ = np.flatnonzero(np.isnan(progress.orientation[d.third]))
+    rows, edge = progress.survey.edge(d.station[open_], d.target[open_])
+    rows = open_[rows]
+    length = progress.lengths()[edge]
+    usable = np.isfinite(length) & (length > 0.0)
+    rows, edge, length = rows[usable], edge[usable], length[usable]
+    group, placed = d.third[rows], progress.placed
+    sets = len(progress.orientation)
+    known = np.bincount(group, placed[d.target[rows]], sets)[group] + placed[d.station[rows]]
+    # Where every point is known, the median of all bearings is the orientation.
+    enough = (known >= 2) & (known <= np.bincount(group, None, sets)[group])
+    if not enough.any():
+        return []
+    rows, edge, length = rows[enough], edge[enough], length[enough]
+    rise = np.where(d.station[rows] == e.a[edge], e.rise[edge], -e.rise[edge])
+    place = np.stack([length * np.sin(d.value[rows]), length * np.cos(d.value[rows]), rise], axis=1)
+    order = np.argsort(d.third[rows], kind="stable")
+    groups, first = np.unique(d.third[rows][order], return_index=True)
+    out: list[tuple[int, Index, Array]] = []
+    for group, own in zip(groups.tolist(), np.split(order, first[1:]), strict=True):
+        station = d.station[rows[own[0]]]
+        # A target that was sighted more than once is one point.
+        targets, once = np.unique(d.target[rows[own]], return_index=True)
+        point = np.append(station, targets)
+        out.append((group, point, np.append(np.zeros((1, 3)), place[own[once]], axis=0)))
+    return out
