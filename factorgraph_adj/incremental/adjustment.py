@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -21,7 +21,7 @@ from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
 from ..types import Array
-from . import commands, points, records
+from . import commands, points, records, sides
 from .arrival import Arrival, Waiting, waiting_of
 from .beginning import begin, replayed
 from .flow import State
@@ -325,6 +325,12 @@ class IncrementalAdjustment:
         """Observations that were rejected."""
         return tuple(self._state.ledger.verdicts("rejected"))
 
+    @property
+    @one_at_a_time
+    def doubts(self) -> tuple[str, ...]:
+        """Sentences on points of which one reading alone tells the side; the solution has them."""
+        return sides.doubts(self._state.ledger)
+
     @one_at_a_time
     def network(self) -> Network:
         """Return the network as it stands: what is in the graph, to save or to adjust in batch.
@@ -344,7 +350,8 @@ class IncrementalAdjustment:
             raise InputError("nothing is determined yet: there is no solution")
         if self._solution is None or self._solution[0] is not self._state:
             found = solution_of(self._state.ledger, self._state.system, self._rules)
-            self._solution = self._state, found
+            told = (*found.second_places, *self.doubts)
+            self._solution = self._state, replace(found, second_places=told)
         return self._solution[1]
 
     @one_at_a_time
@@ -462,5 +469,6 @@ class IncrementalAdjustment:
         return (
             f"<IncrementalAdjustment of {self._state.ledger.network.name!r}: {len(self)} "
             f"observations, redundancy {self.redundancy}, {self.n_waiting} waiting, "
-            f"{len(self.suspects)} suspects, {len(self.rejected)} rejected>"
+            f"{len(self.suspects)} suspects, {len(self.rejected)} rejected"
+            f"{''.join(f', BUT {doubt}' for doubt in self.doubts)}>"
         )

@@ -25,9 +25,10 @@ from .cutting import due
 from .entering import Entered, Entering
 from .finding import Found, Search, firm
 from .ledger import Ledger
-from .nonlinearity import tested_by_readjustment
+from .nonlinearity import MAX_UNITS_TESTED, tested_by_readjustment
 from .rebasing import EFFORT, Draft
 from .rules import Rules
+from .sides import contradicted, examined
 from .system import System
 from .verdicts import Verdict
 
@@ -136,7 +137,7 @@ class _Loop:
         """Work the list off; where a new base was made, test again what had been left out."""
         before = self.state
         self._work()
-        self._test_by_adjusting()
+        self._test_by_adjusting(self.told)
         told = before.ledger.rows.verdicts
         again = self._fitting_by_now(before.system)
         if len(again):
@@ -145,10 +146,13 @@ class _Loop:
             parts = np.array_split(again, -(-len(again) // AT_ONCE))
             self.tasks = [Task(part) for part in parts]
             self._work()
+            self._test_by_adjusting(ledger.ids_of(again))
             still = self.state.ledger.rows.among(again, "suspect")
             first = {v.id: v for row in still.tolist() for v in told[row]}
             ledger = self.state.ledger.moved(still, "suspect", "tested again", first)
             self.state = replace(self.state, ledger=ledger)
+        ledger = examined(self.state.ledger, self.state.system, self.rules)
+        self.state = replace(self.state, ledger=ledger)
         return self.state, self.told
 
     def _work(self) -> None:
@@ -159,18 +163,31 @@ class _Loop:
             else:
                 self._decide_whether_anew()
 
-    def _test_by_adjusting(self) -> None:
+    def _test_by_adjusting(self, ids: Collection[str]) -> None:
         """Test again by adjusting what failed on linear forms that do not hold that far."""
-        failed = [i for i, v in self.told.items() if v.verdict == self.rules.failed and v.dof]
+        told = [self.told[i] for i in ids if i in self.told]
+        failed = [v.id for v in told if v.verdict == self.rules.failed and v.dof]
         ledger, system = self.state.ledger, self.state.system
         if system is None or not failed:
             return
-        ledger, found, told = tested_by_readjustment(
+        ledger, found, entered = tested_by_readjustment(
             ledger, system, ledger.find(failed), self.rules, self.given
         )
-        self.told |= {v.id: v for v in told}
-        if told:
+        self.told |= {v.id: v for v in entered}
+        if entered:
             self.state = State(ledger, found, settled=False)
+        self._name_contradicted(ledger, found, ledger.find(failed)[-MAX_UNITS_TESTED:])
+
+    def _name_contradicted(self, ledger: Ledger, system: System, rows: Index) -> None:
+        """Name the readings that alone tell a side, without which others would fit."""
+        failed = self.rules.failed
+        for row in ledger.rows.among(rows, failed).tolist() if ledger.sides else ():
+            if doubt := contradicted(ledger, system, row, self.rules):
+                ids = ledger.unit(row).ids
+                told = {i: replace(self.told[i], doubt=doubt) for i in ids if i in self.told}
+                self.told |= told
+                ledger = ledger.moved(np.array([row]), failed, "tested by adjusting", told)
+        self.state = replace(self.state, ledger=ledger)
 
     def _merge(self) -> None:
         """Adjust the whole network where its sections have taken as long by now."""

@@ -27,7 +27,7 @@ from ..observations.identity import identity, named
 from ..types import Array, Index
 from .rows import CODE, GONE, Names, Room, Rows
 from .units import Unit
-from .verdicts import OUTCOMES, Outcome, Verdict
+from .verdicts import OUTCOMES, Outcome, Side, Verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,8 @@ class Ledger:
     """Weighted unknowns that lost their weights since then."""
     oriented: Mapping[str, str] = field(default_factory=dict)
     """How photos without poses were oriented since then, by name."""
+    sides: Mapping[str, Side] = field(default_factory=dict)
+    """Points that readings have moved to their other sides, by the first id of the reading."""
     sizes: dict[Variable, tuple[int, int]] = field(default_factory=dict)
     """What `needs` has found for this network."""
 

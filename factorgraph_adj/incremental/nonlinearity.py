@@ -11,12 +11,15 @@ with it and without:
 with the same degrees of freedom and the same critical value. The adjustment with it begins where
 the points are, or from a place at which vᵀPv is smaller: moved both ways along the direction in
 which they are weakest, or at the mirror image that fits the other observations as well (see
-`solve.mirrors`). Which of the two sides a point is on, only a later observation may tell.
+`solve.mirrors`). Both vᵀPv are those of one side: those of the two sides without the observation
+may differ by the critical value of one degree of freedom, which chance exceeds with a probability
+of α/2 at most. An observation that moves a point to its other side, which nothing else tells, is
+accepted with a doubt (see `sides`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -34,8 +37,10 @@ from .judging import accepted
 from .ledger import Ledger
 from .rebasing import Draft
 from .rules import Rules
+from .sides import other_sides, with_points_at, without
 from .system import System
-from .verdicts import Verdict
+from .units import Unit
+from .verdicts import Side, Verdict
 
 MOVES_TO_TRY = tuple(3.0**-k for k in range(13))
 """Moves at which vᵀPv is computed, relative to the farthest likely one."""
@@ -58,7 +63,7 @@ def tested_by_readjustment(
 ) -> tuple[Ledger, System, list[Verdict]]:
     """Let observations enter that failed a linear test and fit once everything is adjusted anew.
 
-    T² = vᵀPv with − vᵀPv without ≤ χ²(1 − α, dof); see the head of the module.
+    T² = vᵀPv with − vᵀPv without ≤ χ²(1 − α, dof), on one side; see the head of the module.
 
     Args:
         ledger: where they were left out.
@@ -76,7 +81,7 @@ def tested_by_readjustment(
         return ledger, system, told
     ready = Candidates(ledger, known_in(system), rows).ready
     last = ready[-MAX_UNITS_TESTED:]
-    images = _images(ledger, system, last)
+    images = _images(ledger, system, last, rules) if len(last) else {}
     bent = [row for row in last.tolist() if _bends(ledger, system, row, images)]
     # Together first: others than the first may tell which of two places is right.
     for part in [bent, *([row] for row in bent if len(bent) > 1)]:
@@ -87,6 +92,8 @@ def tested_by_readjustment(
             verdicts = list(accepted(joint, rules.alpha, given, gains=rules.datum == "given"))
             # One that contradicts must not hide in the sum of those that fit.
             if not any(v.test > 1.0 for v in verdicts):
+                doubts = {i: str(s) for i, s in found[0].sides.items() if s.alone}
+                verdicts = [replace(v, doubt=doubts.get(v.id, "")) for v in verdicts]
                 (ledger, system), told = found, [*told, *verdicts]
     return ledger, system, told
 
@@ -104,14 +111,24 @@ def _weakest(system: System, name: str) -> Array | None:
     return np.asarray(vectors[:, -1] * farthest)
 
 
-def _images(ledger: Ledger, system: System, rows: Index) -> dict[str, Array]:
-    """Return the movements of points of observations to their mirror images, (3,) metres each."""
-    unknowns, state = system.base.equations.unknowns["point"], system.base.state
+def _images(ledger: Ledger, system: System, rows: Index, rules: Rules) -> dict[str, Array]:
+    """Return the movements of points of observations to their mirror images, (3,) metres each.
+
+    Everything in the graph tells of images, and nothing that has left it.
+    """
+    equations, state = system.base.equations, system.base.state
+    if system.changed:
+        try:
+            draft = Draft.of(ledger, system, rules.datum)
+        except AdjustmentError:
+            return {}
+        equations, state = draft.equations, draft.start.state
+    unknowns = equations.unknowns["point"]
     candidates = np.zeros(len(unknowns.offset), dtype=bool)
     for unit in ledger.units(rows):
         candidates[[unknowns.number[n] for n in unit.points if n in unknowns.number]] = True
-    candidates &= standing_free(system.base.equations)
-    middles = mirror_midpoints(system.base.equations, state, candidates) if candidates.any() else {}
+    candidates &= standing_free(equations)
+    middles = mirror_midpoints(equations, state, candidates) if candidates.any() else {}
     return {unknowns.names[n]: 2.0 * (at - state["point"][n]) for n, at in middles.items()}
 
 
@@ -149,7 +166,8 @@ def _with(
     ledger: Ledger, system: System, rows: Index, rules: Rules, images: Mapping[str, Array]
 ) -> tuple[Ledger, System] | None:
     """Return ledger and system with observations; none where they do not fit."""
-    points = dict.fromkeys(n for u in ledger.units(rows) for n in u.points)
+    units = ledger.units(rows)
+    points = dict.fromkeys(n for u in units for n in u.points)
     ledger = ledger.moved(rows, "accepted", "tested by adjusting")
     try:
         draft = Draft.of(ledger, system, rules.datum)
@@ -163,24 +181,35 @@ def _with(
         return None
     if not isinstance(found, System) or not found.base.converged:
         return None
+    here = without(ledger, found, rows, rules.datum, {})
+    sides = [] if here is None else other_sides(system, found, here, points)
+    vtpv = min(system.vtpv, np.inf if here is None else here.vtpv)
+    if here is not None and sides:
+        vtpv = here.vtpv
+        if vtpv - system.vtpv > critical_t2(rules.alpha, 1):
+            return None  # the others tell that this is the wrong side
     dof = max(found.redundancy - system.redundancy, 1)
-    fits = found.vtpv - system.vtpv <= critical_t2(rules.alpha, dof)
-    return (ledger, found) if fits else None
+    if found.vtpv - vtpv > critical_t2(rules.alpha, dof):
+        return None
+    equal = abs(vtpv - system.vtpv) <= critical_t2(rules.alpha, 1)
+    return replace(ledger, sides={**ledger.sides, **dict(_told_alone(units, sides, equal))}), found
+
+
+def _told_alone(
+    units: Sequence[Unit], sides: Iterable[Side], equal: bool
+) -> Iterator[tuple[str, Side]]:
+    """Iterate over the readings that moved points to their other sides, each the only one."""
+    for side in sides:
+        telling = [u for u in units if side.point in u.points]
+        if len(telling) == 1:
+            yield telling[0].ids[0], replace(side, alone=equal)
 
 
 def _moved(draft: Draft, name: str, ways: Iterable[Array]) -> Start:
     """Return the start with a point moved in one of the ways, if vᵀPv is smaller there."""
-    number = draft.equations.unknowns["point"].number[name]
-    return min(_places(draft.start, number, ways), key=lambda start: _vtpv(draft, start))
-
-
-def _places(start: Start, number: int, ways: Iterable[Array]) -> Iterator[Start]:
-    """Iterate over a start, and the same with a point moved in each of the ways."""
-    yield start
-    for way in ways:
-        points = start.state["point"].copy()
-        points[number] += way
-        yield replace(start, state={**start.state, "point": points})
+    at = draft.start.state["point"][draft.equations.unknowns["point"].number[name]]
+    places = (with_points_at(draft.start, {name: at + way}) for way in ways)
+    return min((draft.start, *places), key=lambda start: _vtpv(draft, start))
 
 
 def _vtpv(draft: Draft, start: Start) -> float:

@@ -201,6 +201,7 @@ class Draft:
         *,
         tolerances: Sequence[float] = (EFFORT.close,),
         doubted: bool = False,
+        other_sides: bool = True,
     ) -> System | Failure:
         """Adjust; a failure says why there is no minimum.
 
@@ -208,6 +209,7 @@ class Draft:
             datum: given or free.
             tolerances: bounds of the last step, of which the first that is reached is enough.
             doubted: whether there was no minimum before, and nothing has left since.
+            other_sides: whether points may go to their other sides where vᵀPv is smaller there.
         """
         n = self.equations.unknowns.n_columns
         most = EFFORT.most
@@ -224,6 +226,7 @@ class Draft:
                     tolerance=tolerance,
                     max_iterations=EFFORT.quick if slow else most,
                     looked=self.looked,
+                    other_sides=other_sides,
                 )
                 # Where a free network lies changes no observation.
                 if solution.converged or solution.reason == OFF_DATUM:

@@ -4,7 +4,8 @@ The first line has the options and the network at the start as the files of a pr
 line is one change that counts: what was asked (``do``), new points, photos and cameras, the
 observations that are new or changed, the ids that became ``gone``, ``accepted``, ``waiting``,
 ``suspect`` or ``rejected``, and why (``causes``); what is said of what waits (``lacks``); how
-photos without poses were oriented (``oriented``). Image points stand in ``images``, those of a
+photos without poses were oriented (``oriented``); which readings have moved points to their other
+sides (``sides``, all of them where that has changed). Image points stand in ``images``, those of a
 photo with the same outcome together. Reading back needs no test again.
 """
 
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,12 +42,12 @@ from .ledger import Ledger
 from .rows import GONE
 from .rules import Rules
 from .units import Unit
-from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Verdict
+from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Side, Verdict
 
 _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
 FIELDS = (
     *("do", "cameras", "points", "photos", "observations", "images"),
-    *("gone", *OUTCOMES, "causes", "lacks", "found", "unweighted", "oriented"),
+    *("gone", *OUTCOMES, "causes", "lacks", "found", "unweighted", "oriented", "sides"),
 )
 """Fields of a line after the first."""
 _TOLD = ("suspect", "rejected")
@@ -136,6 +137,8 @@ def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
     more["unweighted"] = list(after.unweighted)
     more["oriented"] = dict(after.oriented)
     more["lacks"] = _lacks(before, after)
+    if after.sides != before.sides:
+        out["sides"] = {ident: asdict(side) for ident, side in after.sides.items()}
     return out | {name: found for name, found in more.items() if found}
 
 
@@ -207,7 +210,7 @@ def figures(verdict: Verdict | None) -> dict[str, Any]:
         value = getattr(verdict, name)
         if math.isfinite(value):
             out[name] = value
-    return out
+    return out | ({"doubt": verdict.doubt} if verdict.doubt else {})
 
 
 # -- reading back ---------------------------------------------------------------------------------
@@ -266,7 +269,14 @@ def _after(line: Mapping[str, Any], ledger: Ledger, where: str) -> Ledger:
         ledger = ledger.with_values(kind, found)
     changed = {tuple(key) if len(key) > 1 else key[0]: why for *key, why in line.get("lacks", ())}
     kept = {key: why for key, why in ({**ledger.lacks, **changed}).items() if why}
+    if "sides" in line:
+        ledger = replace(ledger, sides={i: _side(s) for i, s in line["sides"].items()})
     return replace(ledger, lacks=kept).recorded()[0]
+
+
+def _side(given: Mapping[str, Any]) -> Side:
+    x, y, z = (float(value) for value in given["other"])
+    return Side(str(given["point"]), (x, y, z), float(given["moved"]), bool(given["alone"]))
 
 
 def _moved(
@@ -336,6 +346,7 @@ def _verdict(
         t2=given.get("t2", np.nan),
         dof=given.get("dof", 0),
         critical=given.get("critical", np.nan),
+        doubt=str(given.get("doubt", "")),
         points=points,
         **known,
     )

@@ -36,6 +36,25 @@ class Gain:
     """With it, (3,)."""
 
 
+@dataclass(frozen=True)
+class Side:
+    """A point that a reading has moved to its other side."""
+
+    point: str
+    """Its name."""
+    other: tuple[float, float, float]
+    """Where it was before, metres."""
+    moved: float
+    """By how much it moved, metres."""
+    alone: bool = True
+    """Whether nothing but the reading tells the side."""
+
+    def __str__(self) -> str:
+        """Say so."""
+        moves = f"moves {self.point!r} by {self.moved:.3g} m to its other side"
+        return moves + "; no other reading tells the side" * self.alone
+
+
 @dataclass(frozen=True, eq=False)
 class Verdict:
     """What became of an observation, and why; arrays over its k scalar components.
@@ -76,6 +95,9 @@ class Verdict:
     cause: str = ""
     """Why it is out, or in, where no test on its arrival says it: ``discarded``, ``snooping`` or
     ``rest of a group``, or ``came back after snoop()`` or another command."""
+    doubt: str = ""
+    """Why the verdict may be wrong: an accepted observation that moved a point to its other side,
+    of which nothing else tells; or one that failed, and fits without such an observation."""
     gains: tuple[Gain, ...] = ()
     """What it adds to its points; empty for observations that are left out, and in free networks
     (there the standard deviations belong to all datum points together)."""

@@ -106,6 +106,7 @@ class Answers:
             "waiting": inc.n_waiting,
             "suspects": len(inc.suspects),
             "rejected": len(inc.rejected),
+            "doubts": len(inc.doubts),
             "redundancy": inc.redundancy,
             "sigma0": figure(inc.sigma0),
         }
@@ -117,6 +118,8 @@ class Answers:
         out = fields_of(v, "id", "kind", "label", "verdict")
         if v.cause:
             out["cause"] = v.cause
+        if v.doubt:
+            out["doubt"] = v.doubt
         if v.verdict == "waiting":
             return out | {"lacks": v.lacks}
         if v.innovation is None:  # data snooping gave the verdict instead of a test on arrival
@@ -218,7 +221,7 @@ class Answers:
         return {
             "name": s.network.name,
             **fields_of(s, "converged", "reason", "n_observations", "n_unknowns"),
-            **fields_of(s, "datum_defect", "redundancy"),
+            **fields_of(s, "datum_defect", "redundancy", "second_places"),
             "vtpv": figure(s.vtpv),
             "sigma0": figure(s.sigma0),
             "points": [

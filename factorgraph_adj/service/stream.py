@@ -22,7 +22,8 @@ such as σ of a new point before the observation, are null.
                       with the fields of the tables and of [[camera]]; at least one of them.
                       One error refuses all. Observations with a joint covariance are one record
                       ``{"kind": "correlated", "observations": […], "covariance_si": [[…]]}``
-``solution``          figures of the adjustment, ``points``, ``photos``, ``calibrations``
+``solution``          figures of the adjustment, ``second_places`` (why a converged result is in
+                      doubt), ``points``, ``photos``, ``calibrations``
 ``estimate``          one of ``point``, ``photo``, ``camera``: a name; present estimate and σ
 ``reliability``       ``alpha``, ``power``, ``most`` (10): Σr (``sum``), ``uncontrolled``,
                       ``weakest`` (smallest r), ``largest_mdb`` of each kind, ``suspects``
@@ -46,7 +47,7 @@ such as σ of a new point before the observation, are null.
 states its σ or takes that of [sigma.image]; only a project can state other axes. Answers have
 ``line`` (number of the line, from 1), ``ok``, for commands ``do``, and
 
-- ``counts``: ``observations`` in the graph, ``waiting``, ``suspects``, ``rejected``,
+- ``counts``: ``observations`` in the graph, ``waiting``, ``suspects``, ``rejected``, ``doubts``,
   ``redundancy``, ``sigma0``;
 - ``seconds``: duration of the command.
 
@@ -60,6 +61,8 @@ Answers to observations, ``add``, ``accept``, ``remove``, ``replace`` and ``rewe
   the component would have in the graph; ``gains``: σ of points ``before_x_mm`` …,
   ``after_x_mm`` …. A waiting observation has ``lacks`` instead; ``cause`` tells that an
   observation was discarded, set aside by snooping, or came back, and after which command;
+  ``doubt`` tells that an accepted observation alone tells the side of a point, or that one that
+  failed fits without such an observation;
 - ``entered``: verdicts of observations that waited or were left out, and have entered now;
 - ``points``: affected free points, ``name``, ``x``, ``y``, ``z``, ``sigma_x_mm`` …;
   ``points_lost``: points that are no longer determined; ``waits_again``: ids of observations

@@ -107,6 +107,7 @@ def adjust_from(
     solver: Solver | None = None,
     astray: bool = False,
     looked: Mapping[str, Looked] | None = None,
+    other_sides: bool = True,
 ) -> Solution:
     """Adjust compiled equations from start values; see `adjust`.
 
@@ -115,6 +116,7 @@ def adjust_from(
     determined that was at the start is returned as not converged; otherwise it is a `DatumError`,
     by which an incremental adjustment knows what to let wait. ``looked`` are shapes that an
     adjustment before has fitted anew in vain, which is not repeated where nothing has changed.
+    Without ``other_sides`` points stay on the side on which the iteration finds them.
     """
     attempt = partial(
         _adjust_from_one,
@@ -129,6 +131,7 @@ def adjust_from(
         solver=solver,
         astray=astray,
         looked={} if looked is None else looked,
+        other_sides=other_sides,
     )
     return better_of_both(attempt, start)
 
@@ -147,6 +150,7 @@ def _adjust_from_one(
     solver: Solver | None,
     astray: bool,
     looked: Mapping[str, Looked],
+    other_sides: bool,
 ) -> Solution:
     """Adjust compiled equations from one start; see `adjust_from`."""
     start = _beside_lines(equations, start, free=free, weights=weights, extra=extra)
@@ -162,6 +166,7 @@ def _adjust_from_one(
         solver=solver,
         astray=astray,
         looked=looked,
+        other_sides=other_sides,
     )
     if ended.converged and run.smallest_pivot < ITERATION.poor:
         run.at_solution = run.normal_at(run.state)
@@ -224,6 +229,7 @@ def _beside_lines(
             solver=None,
             astray=False,
             looked={},
+            other_sides=True,
         )
         if np.isfinite(ended.vtpv):
             start = replace(start, state=beside_lines(equations, run.state))
@@ -243,6 +249,7 @@ def _minimise(
     solver: Solver | None,
     astray: bool,
     looked: Mapping[str, Looked],
+    other_sides: bool,
 ) -> tuple[Run, Ended]:
     """Iterate to the minimum of vᵀPv; repeat with the weights that follow from the new lengths."""
     state, iterations, extrapolated = start.state, 0, NONE_TAKEN
@@ -259,7 +266,7 @@ def _minimise(
         go_on = _Iteration(tolerance, max_iterations, progress)
         run.state = pulled_ahead(equations, run.state, run.solver.layers.reduced)
         ended = _ahead_of_cameras(run, go_on(run, iterations), go_on)
-        if ended.converged:
+        if ended.converged and other_sides:
             ended, found = resolve_ambiguous_points(run, ended, go_on, examine)
             # With the next weights the iteration begins at a place, and finds nothing between.
             told = found or told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -186,3 +187,85 @@ def test_a_station_may_stand_where_the_image_of_a_point_is():
     (v,) = inc.add(SlopeDistance("Q", "P", 20.0, sigma=SIGMA)).verdicts
     assert v.verdict == "suspect"
     assert inc.estimate("P")[2] == pytest.approx(-12.0, abs=0.01)
+
+
+WRONG = HeightDifference("A", "P", -12.0, sigma=SIGMA, id="wrong")
+"""A levelled height with the wrong sign."""
+
+
+def right_side() -> fga.IncrementalAdjustment:
+    """Return a day on which four distances have put P above the plane, where it is."""
+    network = near_the_plane(10.0, np.inf)
+    network.add_point("Q", ABOVE, fixed="xyz")
+    inc = fga.IncrementalAdjustment(network)
+    inc.add(list(distances().values()))
+    return inc
+
+
+def test_a_reading_that_alone_tells_the_side_is_accepted_with_a_doubt():
+    inc = right_side()
+    (v,) = inc.add(WRONG).verdicts
+    assert v.verdict == "accepted"
+    assert v.doubt == "moves 'P' by 24 m to its other side; no other reading tells the side"
+    (doubt,) = inc.doubts
+    assert doubt.startswith("'wrong' alone tells the side of point 'P': without it, 45.0000, 40.0")
+    assert doubt in repr(inc)
+    assert doubt in inc.solution().second_places
+
+
+@pytest.mark.parametrize("what", TELLING)
+def test_a_suspect_names_the_reading_that_alone_tells_the_side(what, tmp_path):
+    network = near_the_plane(10.0, np.inf)
+    network.add_point("Q", ABOVE, fixed="xyz")
+    inc = fga.IncrementalAdjustment(network, journal=tmp_path / "day.jsonl")
+    inc.add(list(distances().values()))
+    inc.add(WRONG)
+    (v,) = inc.add(replace(TELLING[what], id="right")).verdicts
+    assert v.verdict == "suspect"
+    assert v.doubt == "fits without 'wrong', which alone tells the side of 'P'"
+    del inc
+    again = fga.IncrementalAdjustment.resume(tmp_path / "day.jsonl")
+    assert [s.doubt for s in again.suspects] == [v.doubt]
+    assert len(again.doubts) == 1
+    again.remove("wrong")
+    assert not again.suspects
+    assert again.estimate("P") == pytest.approx(TRUE, abs=0.01)
+    assert [d.partition(" ")[0] for d in again.doubts] == ["'right'"]  # it is alone now
+
+
+def test_the_doubt_ends_once_another_reading_tells_the_side_and_begins_again_without_it():
+    inc = other_side()
+    names = list(TELLING)
+    (v,) = inc.add(TELLING[names[0]]).verdicts
+    assert v.doubt and inc.doubts
+    (second,) = inc.add(replace(TELLING[names[1]], id="second")).verdicts
+    assert second.verdict == "accepted" and not second.doubt
+    assert not inc.doubts
+    inc.remove("second")
+    assert len(inc.doubts) == 1
+    inc.remove(v.id)
+    assert not inc.doubts
+
+
+def test_two_readings_that_tell_the_side_together_are_in_no_doubt():
+    inc = other_side()
+    verdicts = inc.add(list(TELLING.values())).verdicts
+    assert {(v.verdict, v.doubt) for v in verdicts} == {("accepted", "")}
+    assert not inc.doubts
+
+
+@pytest.mark.slow("150 simulated days: the size of the test on the other side, which one day hides")
+def test_a_right_reading_on_the_other_side_fails_with_the_probability_alpha():
+    alpha, days, failed, doubted = 0.1, 150, 0, 0
+    for seed in range(days):
+        network = near_the_plane(-10.0, np.inf)
+        inc = fga.IncrementalAdjustment(network, alpha=alpha)
+        inc.add(list(distances(seed).values()))
+        if inc.suspects:
+            continue
+        noise = SIGMA * np.random.default_rng(1000 + seed).standard_normal()
+        (v,) = inc.add(HeightDifference("A", "P", 12.0 + noise, sigma=SIGMA)).verdicts
+        failed += v.verdict == "suspect"
+        doubted += bool(v.doubt)
+    assert doubted + failed > 0.85 * days
+    assert failed / (doubted + failed) == pytest.approx(alpha, abs=3 * np.sqrt(0.09 / days))

@@ -60,7 +60,8 @@ def test_the_first_line_says_what_there_is_and_in_which_units(empty):
         "sigma_angle": "mgon",
     }
     assert first["counts"] == {
-        **dict.fromkeys(("observations", "waiting", "suspects", "rejected", "redundancy"), 0),
+        **dict.fromkeys(("observations", "waiting", "suspects", "rejected", "doubts"), 0),
+        "redundancy": 0,
         "sigma0": None,
     }
 
