@@ -10,13 +10,15 @@ import numpy as np
 
 from ..ellipsoid import Ellipsoid
 from ..errors import InputError
-from ..types import Array
+from ..types import Array, Mask
 from . import proj
 from .geoid import Geoid, GeoidValues
 from .similarity import SevenParameters
 
 ROUNDS = 5
 """Iterations of the ellipsoidal height in the system of the grid; each one gains 5 digits."""
+MAX_ZONES = 60
+"""Largest number of a zone with which an easting begins."""
 MARGIN = 10.0
 """Degrees outside of its area of use where coordinates cannot belong to a system."""
 
@@ -162,28 +164,57 @@ class Chain:
     def _unprojected(self, grid: Array, names: Sequence[str] | None) -> Array:
         """Return λ, φ (degrees) and h (m) of the system of the grid."""
         what = f"reference system {self.name}"
-        out = proj.run(self.projection, grid, what=what, names=names)
+
+        def hint(i: int) -> str:
+            return self._with_zone_number(grid[i])
+
+        out = proj.run(self.projection, grid, what=what, names=names, hint=hint)
         proj.refuse(
             np.abs(out[:, 1]) > 90.0,
-            lambda i: f"is no place on the Earth in {self.name}: {proj.told(grid[i])}",
+            lambda i: f"is no place on the Earth in {self.name}: {proj.told(grid[i])}{hint(i)}",
             names,
         )
-        if self.area is not None:
-            west, south, east, north = self.area
-            x = np.remainder(out[:, 0] - west, 360.0)
-            width = np.remainder(east - west, 360.0) or 360.0
-            away = np.minimum(np.maximum(x - width, 0.0), np.abs(360.0 - x))
-            far = (away > MARGIN) | (out[:, 1] < south - MARGIN) | (out[:, 1] > north + MARGIN)
-            proj.refuse(
-                far,
-                lambda i: (
-                    f"is far outside of the area of {self.name}: {proj.told(grid[i])} is at "
-                    f"latitude {out[i, 1]:.3f}°, longitude {out[i, 0]:.3f}°; are easting and "
-                    "northing exchanged, or is it another zone?"
-                ),
-                names,
-            )
+        proj.refuse(
+            self._far(out),
+            lambda i: (
+                f"is far outside of the area of {self.name}: {proj.told(grid[i])} is at "
+                f"latitude {out[i, 1]:.3f}°, longitude {out[i, 0]:.3f}°"
+                + (hint(i) or "; are easting and northing exchanged, or is it another zone?")
+            ),
+            names,
+        )
         return out
+
+    def _far(self, there: Array) -> Mask:
+        """Return which places, λ and φ in degrees, cannot belong to the system, (n,)."""
+        if self.area is None:
+            return np.zeros(len(there), dtype=bool)
+        west, south, east, north = self.area
+        x = np.remainder(there[:, 0] - west, 360.0)
+        width = np.remainder(east - west, 360.0) or 360.0
+        away = np.minimum(np.maximum(x - width, 0.0), np.abs(360.0 - x))
+        return np.asarray(
+            (away > MARGIN) | (there[:, 1] < south - MARGIN) | (there[:, 1] > north + MARGIN)
+        )
+
+    def _with_zone_number(self, place: Array) -> str:
+        """Return that an easting begins with the number of a zone; empty if it does not.
+
+        It does where the place lies in the area of the system without the millions.
+        """
+        number, east = divmod(float(place[0]), 1e6)
+        if self.area is None or not 1 <= number <= MAX_ZONES:
+            return ""
+        try:
+            there = proj.run(self.projection, np.array([[east, *place[1:]]]), what=self.name)
+        except InputError:
+            return ""
+        if self._far(there)[0]:
+            return ""
+        return (
+            f"; the easting begins with {number:.0f}, as with the number of a zone: leave it out "
+            f"({east:.3f}), or is the system another one, such as Gauß-Krüger?"
+        )
 
     def _shifted(self, there: Array, names: Sequence[str] | None) -> tuple[Array, Array, Array]:
         if isinstance(self.shift, SevenParameters):

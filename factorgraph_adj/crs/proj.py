@@ -196,6 +196,7 @@ def run(
     what: str,
     inverse: bool = False,
     names: Iterable[str] | None = None,
+    hint: Callable[[int], str] = lambda _: "",
 ) -> Array:
     """Return transformed coordinates (n, 3).
 
@@ -205,6 +206,7 @@ def run(
         what: what the operation is, for messages.
         inverse: whether from target to source.
         names: names of the points, for messages.
+        hint: what may be wrong with a point that fails, by its row.
 
     Raises:
         InputError: points that the operation cannot transform, all of them.
@@ -217,7 +219,7 @@ def run(
         raise InputError(Problem(_short(error), what)) from None
     out = np.stack([x, y, z], axis=1)
     failed = ~np.isfinite(out).all(axis=1) & np.isfinite(coordinates).all(axis=1)
-    refuse(failed, lambda i: f"is outside of {what}: {told(coordinates[i])}", names)
+    refuse(failed, lambda i: f"is outside of {what}: {told(coordinates[i])}{hint(i)}", names)
     out[~np.isfinite(coordinates).all(axis=1)] = np.nan
     return out
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -14,7 +14,7 @@ from ..errors import InputError, Problem, known
 from ..frames import Frame, LocalFrame
 from ..models.variables import UNKNOWNS
 from ..observations import Observation
-from ..observations.positions import PhotoPosition
+from ..observations.positions import GnssVector, PhotoPosition
 from ..types import Array
 from .entities import Photo
 from .grid.control import moved_point
@@ -39,6 +39,9 @@ CHOICES: dict[str, tuple[object, ...]] = {
     "vectors": (None, "geocentric", "grid"),
     "horizontal_distances": ("measured", "ellipsoid", "grid"),
 }
+ELSEWHERE = 0.05
+"""Smallest misfit of a vector, relative to its length, that other axes explain, and largest share
+of it that is left then."""
 
 
 def from_grid(
@@ -326,9 +329,12 @@ def _observations(
                 problems.append(Problem(f"duplicate id {name!r}", o.label()))
             out.observations[name] = new
             out.state_found(new)
+        if _is_rotation(matrix):
+            out.axes_of_files[ident] = matrix
         if ident in clustered:
             became[ident] = ids, matrix
     if problems:
+        problems += _in_other_axes(network, move, points)
         return
     out.clusters = [
         (
@@ -337,6 +343,37 @@ def _observations(
         )
         for ids, covariance in network.clusters
     ]
+
+
+def _in_other_axes(network: Network, move: GridMove, points: Moved) -> Iterator[Problem]:
+    """Find the vectors between known places that are not along the stated axes, the first one.
+
+    Called where something else is wrong, which this may be the reason of: a vector along the grid
+    needs a place, a geocentric one does not.
+    """
+    if move.options.vectors != "grid":
+        return
+    for o in network.observations.values():
+        if not isinstance(o, GnssVector):
+            continue
+        i, j = (network.point_number[n] for n in (o.station, o.target))
+        if not (points.there(i) and points.there(j)):
+            continue
+        between, v = points.xyz[j] - points.xyz[i], np.array(o.value)
+        stated, other = (np.linalg.norm(k @ v - between) for k in (points.turn[i], move.from_earth))
+        if stated > ELSEWHERE * np.linalg.norm(v) and other < ELSEWHERE * stated:
+            yield Problem(
+                f"fits the given coordinates as a geocentric vector to {other:.3g} m, and along "
+                f"the grid to {stated:.0f} m; say vectors = 'geocentric'",
+                o.label(),
+            )
+            return
+
+
+def _is_rotation(matrix: Array) -> bool:
+    """Return whether components x, y, z were turned, and nothing else."""
+    turned = matrix.shape == (3, 3) and not np.array_equal(matrix, np.eye(3))
+    return turned and np.allclose(matrix @ matrix.T, np.eye(3), rtol=0.0, atol=1e-12)
 
 
 def _propagated(covariance: Array, matrices: Sequence[Array]) -> Array:

@@ -96,6 +96,12 @@ class GridMove:
         return np.vstack([self.old.east_north, [0.0, 0.0, 1.0]])
 
     @property
+    def from_earth(self) -> Array:
+        """Rotation from the axes of the Earth X, Y, Z to those of the new frame, (3, 3)."""
+        new = self.new
+        return new.axes_in_geocentric if isinstance(new, TopocentricFrame) else np.eye(3)
+
+    @property
     def level(self) -> bool:
         """Whether the undulation is the same everywhere: a constant, or heights are ellipsoidal."""
         return not isinstance(self.system.geoid, str) and not self.system.chain.own_heights

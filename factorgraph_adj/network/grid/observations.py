@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, Problem
-from ...frames import TopocentricFrame
 from ...observations import Observation
 from ...observations.airborne import NavigationAttitude, PhotoAngle, PhotoAttitude
 from ...observations.far_directions import GyroAzimuth, PhotoSight
@@ -272,8 +271,7 @@ def _(o: GnssVector, c: Context, place: Moved, row: int) -> Converted:
         )
         raise InputError(Problem(what, o.label()))
     if c.move.options.vectors == "geocentric":
-        new = c.move.new
-        k = new.axes_in_geocentric if isinstance(new, TopocentricFrame) else np.eye(3)
+        k = c.move.from_earth
     else:
         k = c.points.turn[c.point(o.station, o.label())]
     covariance = k @ _of_axes(o) @ k.T

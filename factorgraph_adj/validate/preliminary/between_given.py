@@ -14,11 +14,12 @@ vᵀ S⁻¹ v > `CONTRADICTS`² contradicts.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...crs.system import ReferenceSystem
 from ...errors import InputError
 from ...frames import MEAN_EARTH_RADIUS
 from ...graph.blocks import Block
@@ -30,7 +31,10 @@ from ...observations import KINDS
 from ...types import Array, Index, Mask
 from ...units import ANGLE, LENGTH, decimal_angle
 from .finding import CONTRADICTS, Finding
+from .given_rows import own_covariance
 from .given_units import NOUNS, length_factors
+from .gnss_frames import other_zone
+from .misread import exchanged_components, other_signs
 from .repeated import DOUBT
 
 LISTED = 12
@@ -56,6 +60,17 @@ class _Compared:
     """Numbers of their points, (k, m)."""
     sets: Index | None
     """Number of the set of directions of each, (k,); None for other kinds."""
+    axes_of_files: Mapping[str, Array]
+    """Rotations (d, d) from the axes in which some were read to those of the network, by id."""
+
+    def as_read(self, i: int) -> tuple[Array, Array, Array]:
+        """Return observed and computed values (d,) and S (d, d) along the axes of the file."""
+        observed = self.block.observed[i]
+        computed = observed + self.relative(self.residual)[i]
+        turn = self.axes_of_files.get(self.block.ids[i])
+        if turn is None:
+            return observed, computed, self.covariance[i]
+        return observed @ turn, computed @ turn, turn.T @ self.covariance[i] @ turn
 
     def test(self, residual: Array) -> Array:
         """Return √(vᵀ S⁻¹ v) in units of `CONTRADICTS`, (k,)."""
@@ -121,13 +136,18 @@ def between_given(
             f"fit{'s' * one} with {what}",
             "look at the order of the columns of the points",
             ids=ids,
+            cause=what,
         )
         return
-    yield from _one_by_one(every, wrong, length, angle)
+    yield from _one_by_one(equations.network.crs, every, wrong, length, angle)
 
 
 def _one_by_one(
-    every: Sequence[_Compared], wrong: Sequence[Mask], length: str, angle: str
+    crs: ReferenceSystem | None,
+    every: Sequence[_Compared],
+    wrong: Sequence[Mask],
+    length: str,
+    angle: str,
 ) -> Iterator[Finding]:
     """Iterate over contradicting readings; those of a kind with one reason are one finding."""
     found: list[tuple[float, Finding]] = []
@@ -135,7 +155,7 @@ def _one_by_one(
         reasons: dict[str, list[int]] = {}
         for i in np.flatnonzero(off).tolist():
             reasons.setdefault(_reason(c, i, length, angle), []).append(i)
-        tests, residual = c.test(c.relative(c.residual)), c.relative(c.residual)
+        tests = c.test(c.relative(c.residual))
         for why, rows in reasons.items():
             several = bool(why) and len(rows) > 1
             for i in rows[:1] if several else rows:
@@ -143,17 +163,21 @@ def _one_by_one(
                 if several:
                     kind = c.block.kind.replace("_", " ")
                     text = f"{len(rows)} {kind}s between given points, of which {text}"
-                worst = int(np.argmax(np.abs(residual[i])))
-                sigma = float(np.sqrt(c.covariance[i, worst, worst]))
+                observed, computed, covariance = c.as_read(i)
+                residual = computed - observed
+                worst = int(np.argmax(np.abs(residual)))
+                sigma = float(np.sqrt(covariance[worst, worst]))
                 scale = 1e3 if c.block.unit == "m" else 1e3 / ANGLE[decimal_angle(angle)]
                 unit = "mm" if c.block.unit == "m" else f"m{decimal_angle(angle)}"
                 finding = Finding(
                     f"{text}{why and f', and fits {why}'}",
-                    "look at the reading, its names and units, and at the coordinates",
-                    float(scale * residual[i, worst]),
+                    "look at the reading, its names and units, and at the coordinates"
+                    + (other_zone(crs, abs(residual[worst])) if c.block.unit == "m" else ""),
+                    float(scale * residual[worst]),
                     scale * CONTRADICTS * sigma,
                     unit,
                     tuple(c.block.ids[j] for j in (rows if several else [i])),
+                    why,
                 )
                 found.append((float(tests[i]), finding))
     found.sort(key=lambda each: -each[0])
@@ -170,8 +194,7 @@ def _one_by_one(
 
 def _told(c: _Compared, i: int, length: str, angle: str) -> str:
     """Return a contradiction in words, with both values."""
-    observed = c.block.observed[i]
-    computed = observed + c.relative(c.residual)[i]
+    observed, computed, _ = c.as_read(i)
     if c.block.unit == "m":
         unit, scale, digits = length, LENGTH[length], 3
     else:
@@ -192,18 +215,19 @@ def _told(c: _Compared, i: int, length: str, angle: str) -> str:
 
 def _reason(c: _Compared, i: int, length: str, angle: str) -> str:
     """Return the first that makes a contradicting reading fit; empty if nothing does."""
-    observed = c.block.observed[i]
-    computed = observed + c.residual[i]
-    if c.block.unit == "m" and computed @ np.linalg.solve(c.covariance[i], computed) < LEAST:
+    observed, computed, covariance = c.as_read(i)
+    if c.block.unit == "m" and computed @ np.linalg.solve(covariance, computed) < LEAST:
         return ""  # in large units anything is near zero
     other = int(c.references[i])
+    if other >= 0:
+        computed = observed + c.residual[i]
     for why, value in _readings(observed, c.block, length, angle):
         v = computed - value
         if other >= 0:  # the same change makes another reading of the reference
             reference = dict(_readings(c.block.observed[other], c.block, length, angle))[why]
             v = v - (c.block.observed[other] + c.residual[other] - reference)
         v = wrap(v) if c.block.unit == "rad" else v
-        if float(v @ np.linalg.solve(c.covariance[i], v)) < CONTRADICTS**2:
+        if float(v @ np.linalg.solve(covariance, v)) < CONTRADICTS**2:
             return why
     return ""
 
@@ -216,9 +240,8 @@ def _readings(
     if block.unit == "m":
         for unit, factor in length_factors(length).items():
             yield f"as {unit} (factor {factor:.4g})", factor * observed
-        yield "with the other sign", -observed
-        if len(observed) == 3:
-            yield "with x and y exchanged", observed[[1, 0, 2]]
+        yield from other_signs(observed)
+        yield from exchanged_components(observed)
     else:
         stated = decimal_angle(angle)
         for unit, noun in NOUNS.items():
@@ -329,7 +352,7 @@ class _Given:
             found = part.evaluate(frame, self.state)
         except InputError:  # two points in one place, which `check` refuses
             return None
-        covariance = _own_covariance(part)
+        covariance = own_covariance(part)
         known = np.ones(part.n, dtype=bool)
         for j in ends:
             index, a = part.variables[j][1], found.jacobians[j]
@@ -352,7 +375,8 @@ class _Given:
         if sets is not None:
             sets = sets[keep]
         points = np.column_stack([part.variables[j][1][keep] for j in ends])
-        out = _Compared(part.select(keep), residual, covariance[keep], points, sets)
+        axes = self.equations.network.axes_of_files
+        out = _Compared(part.select(keep), residual, covariance[keep], points, sets, axes)
         if sets is None:
             return out
         return replace(out, covariance=out.covariance + out.covariance[out.references])
@@ -364,11 +388,3 @@ class _Given:
         lift = DOUBT * np.sum((b - a) ** 2, axis=1) / (2.0 * MEAN_EARTH_RADIUS)
         effect = np.einsum("nij,nj->ni", by_target, up) * lift[:, None]
         return np.asarray(np.einsum("ni,nj->nij", effect, effect))
-
-
-def _own_covariance(block: Block) -> Array:
-    """Return the covariances of readings, (k, d, d)."""
-    if block.whitener is not None:
-        inverse = np.linalg.inv(block.whitener)
-        return np.asarray(np.einsum("nij,nkj->nik", inverse, inverse))
-    return np.asarray(np.einsum("ni,ij->nij", np.square(block.sigma), np.eye(block.dimension)))

@@ -9,24 +9,31 @@ with by its coordinates.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...crs.system import ReferenceSystem
 from ...graph.equations import Equations
 from ...observations import Observation
 from ...observations.weights import LEVELLING, Along
 from ...stochastic import StandardDeviation
 from ...types import Array, Index
 from .finding import CONTRADICTS, TIMES, Finding
+from .given_rows import own_covariance
 from .given_units import LENGTHS
+from .gnss_frames import other_zone
+from .misread import exchanged_components, mistyped, other_signs
 
 NAMED = 8
 """Largest number of observations of a loop that are named."""
 WORST = 20
 """Largest number of misclosures that are listed."""
+MOST_LIKELY = 2
+"""Largest number of readings, or points, of which one alone explains a misclosure: where more do,
+none is named."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +50,20 @@ class Edges:
     """Variances, (n, d)."""
     label: Sequence[str]
     """Readable names, (n,)."""
+    turn: Array
+    """Rotation from the axes of the differences to those of the network, (d, d)."""
 
 
-def loops(edges: Edges) -> Iterator[list[tuple[int, int]]]:
-    """Iterate over closed loops: the edges of each, with +1, or −1 where one runs backwards."""
-    n = int(max(edges.start.max(initial=-1), edges.end.max(initial=-1))) + 1
+def loops(start: Index, end: Index) -> Iterator[list[tuple[int, int]]]:
+    """Iterate over closed loops: the edges of each, with +1, or −1 where one runs backwards.
+
+    Args:
+        start: numbers of the points at which edges start, (n,).
+        end: numbers of the points at which they end, (n,).
+    """
+    n = int(max(start.max(initial=-1), end.max(initial=-1))) + 1
     beside: list[list[tuple[int, int, int]]] = [[] for _ in range(n)]
-    ends = zip(edges.start.tolist(), edges.end.tolist(), strict=True)
+    ends = zip(start.tolist(), end.tolist(), strict=True)
     for number, (a, b) in enumerate(ends):
         beside[a].append((b, number, 1))
         beside[b].append((a, number, -1))
@@ -69,7 +83,7 @@ def loops(edges: Edges) -> Iterator[list[tuple[int, int]]]:
                     above[other] = (at, number, sign)
                     used.add(number)
                     waiting.append(other)
-    for number, (a, b) in enumerate(zip(edges.start.tolist(), edges.end.tolist(), strict=True)):
+    for number, (a, b) in enumerate(zip(start.tolist(), end.tolist(), strict=True)):
         if number in used:
             continue
         loop = [(number, 1)]
@@ -89,7 +103,7 @@ def loops(edges: Edges) -> Iterator[list[tuple[int, int]]]:
 def misclosures(edges: Edges, what: str, remedy: str, axes: Sequence[str]) -> Iterator[Finding]:
     """Iterate over the loops that do not close within the tolerance, the worst first."""
     found: list[tuple[float, Finding]] = []
-    for loop in loops(edges):
+    for loop in loops(edges.start, edges.end):
         number = np.array([i for i, _ in loop])
         sign = np.array([s for _, s in loop], dtype=float)
         w = sign @ edges.value[number]
@@ -99,12 +113,13 @@ def misclosures(edges: Edges, what: str, remedy: str, axes: Sequence[str]) -> It
             named = [edges.label[i] for i in number[:NAMED].tolist()]
             more = f" … ({len(loop)} in all)" if len(loop) > NAMED else ""
             axis = f" in {axes[worst]}" if axes[worst] else ""
-            text = f"the loop of {len(loop)} {what} does not close{axis} ({', '.join(named)}{more})"
+            why = _one_of(edges, loop, w, limit)
+            text = f"the loop of {len(loop)} {what} does not close{axis}{why and f', and {why}'}"
+            text += f" ({', '.join(named)}{more})"
             size, most = 1e3 * float(w[worst]), 1e3 * float(limit[worst])
-            found.append((abs(size) / most, Finding(text, remedy, size, most, "mm")))
-    found.sort(key=lambda f: -f[0])
-    for _, finding in found[:WORST]:
-        yield finding
+            finding = Finding(text, remedy, size, most, "mm", cause=why)
+            found.append((abs(size) / most, finding))
+    yield from _worst_first(found)
 
 
 def closures(equations: Equations) -> Iterator[Finding]:
@@ -143,15 +158,20 @@ def lines_between_given(equations: Equations) -> Iterator[Finding]:
         joined = Edges(
             np.concatenate([np.zeros(len(given), dtype=np.intp), edges.start + 1]),
             np.concatenate([given + 1, edges.end + 1]),
-            np.concatenate([values[given], edges.value]),
-            np.concatenate([np.square(sigmas[given]), edges.variance]),
+            np.concatenate([values[given] @ edges.turn, edges.value]),
+            np.concatenate(
+                [np.square(sigmas[given]) @ np.square(edges.turn), edges.variance],
+            ),
             [*(repr(table.names[i]) for i in given.tolist()), *edges.label],
+            edges.turn,
         )
         named = tuple("xyz") if len(axes) == 3 else ()
-        yield from _contradicting(joined, len(given), what, named)
+        yield from _contradicting(joined, len(given), what, named, equations.network.crs)
 
 
-def _contradicting(edges: Edges, n_given: int, what: str, axes: Sequence[str]) -> Iterator[Finding]:
+def _contradicting(
+    edges: Edges, n_given: int, what: str, axes: Sequence[str], crs: ReferenceSystem | None
+) -> Iterator[Finding]:
     """Iterate over the lines through the datum that do not fit, the worst first.
 
     Args:
@@ -159,9 +179,10 @@ def _contradicting(edges: Edges, n_given: int, what: str, axes: Sequence[str]) -
         n_given: number of given points.
         what: what the differences are.
         axes: names of the axes; none for heights.
+        crs: reference system of the given coordinates; none: it is not known.
     """
     found: list[tuple[float, Finding]] = []
-    for loop in loops(edges):
+    for loop in loops(edges.start, edges.end):
         ends = [(i, s) for i, s in loop if i < n_given]
         readings = [(i, s) for i, s in loop if i >= n_given]
         if len(ends) != 2 or len(readings) < 2:
@@ -180,27 +201,85 @@ def _contradicting(edges: Edges, n_given: int, what: str, axes: Sequence[str]) -
         more = f" … ({len(readings)} in all)" if len(readings) > NAMED else ""
         axis = f" in {axes[worst]}" if axes else ""
         made, given = (", ".join(f"{x:.4f}" for x in v.tolist()) for v in (led, known))
+        why = _explained(led, known, limit) or _one_of(edges, readings, w, limit)
+        why = why or (_mistyped_height(edges, first, last, w, limit) if not axes else "")
         text = (
             f"{len(readings)} {what} lead from the given point {edges.label[first]} to "
             f"{edges.label[last]} and miss it{axis}: they make {made} m, the given coordinates "
-            f"{given} m{_explained(led, known, limit)} ({', '.join(named)}{more})"
+            f"{given} m{why and f', and {why}'} ({', '.join(named)}{more})"
         )
         remedy = "look for a wrong reading, sign, unit or name, or wrong given coordinates"
+        remedy += other_zone(crs, abs(float(w[worst]))) if axes else ""
         size, most = 1e3 * float(w[worst]), 1e3 * float(limit[worst])
-        found.append((abs(size) / most, Finding(text, remedy, size, most, "mm")))
-    found.sort(key=lambda f: -f[0])
-    for _, finding in found[:WORST]:
-        yield finding
+        finding = Finding(text, remedy, size, most, "mm", cause=why)
+        found.append((abs(size) / most, finding))
+    yield from _worst_first(found)
+
+
+def _worst_first(found: Sequence[tuple[float, Finding]]) -> Iterator[Finding]:
+    """Iterate over findings, the largest first; of those with one cause over the first."""
+    ordered = [finding for _, finding in sorted(found, key=lambda f: -f[0])]
+    number = Counter(f.cause for f in ordered if f.cause)
+    told: set[str] = set()
+    kept = []
+    for finding in ordered:
+        if finding.cause in told:
+            continue
+        told |= {finding.cause} - {""}
+        if (more := number[finding.cause] - 1) > 0:
+            also = f"; the same explains {more} more misclosure{'s' * (more > 1)}"
+            finding = replace(finding, what=finding.what + also)
+        kept.append(finding)
+    yield from kept[:WORST]
 
 
 def _explained(led: Array, known: Array, limit: Array) -> str:
-    """Return what makes a line fit, in words; empty if nothing does."""
-    tried = {"with the other sign": -led}
-    tried |= {f"in {unit}": factor * led for unit, factor in LENGTHS.items() if factor != 1.0}
-    if len(led) == 3:
-        tried["with x and y exchanged"] = led[[1, 0, 2]]
-    fits = [why for why, value in tried.items() if np.all(np.abs(value - known) <= limit)]
-    return f", which fits {fits[0]}" if fits else ""
+    """Return what makes a line fit as a whole, in words; empty if nothing does."""
+    for why, value in _instead(led):
+        if np.all(np.abs(value - known) <= limit):
+            return f"fit {why}"
+    return ""
+
+
+def _instead(value: Array) -> Iterator[tuple[str, Array]]:
+    """Iterate over what a difference may be instead, (d,), with a reason."""
+    yield from other_signs(value)
+    yield from ((f"in {unit}", f * value) for unit, f in LENGTHS.items() if f != 1.0)
+    yield from exchanged_components(value)
+
+
+def _one_of(edges: Edges, loop: Sequence[tuple[int, int]], w: Array, limit: Array) -> str:
+    """Return which reading alone explains a misclosure w (d,), in words; empty if none does."""
+    found = []
+    for i, sign in loop:
+        value = edges.value[i]
+        fits = (why for why, v in _instead(value) if np.all(np.abs(w + sign * (v - value)) < limit))
+        if (why := next(fits, None)) is not None:
+            found.append(f"{edges.label[i]} {why}")
+    if not 0 < len(found) <= MOST_LIKELY:
+        return ""
+    return f"{' or '.join(found)} explains it"
+
+
+def _mistyped_height(edges: Edges, first: int, last: int, w: Array, limit: Array) -> str:
+    """Return which given height explains the miss w (1,) of a line, in words; empty if none does.
+
+    Args:
+        edges: the differences, those that join given points with the datum too.
+        first: number of the given point where the line begins.
+        last: number of that where it ends.
+        w: line − given difference, metres.
+        limit: its tolerance.
+    """
+    found = []
+    for point, sign in ((first, 1.0), (last, -1.0)):
+        given = float(edges.value[point][0])
+        for why, z in mistyped(given):
+            if abs(float(w[0]) + sign * (z - given)) < float(limit[0]):
+                found.append(f"the height {given:g} m of point {edges.label[point]} {why}")
+    if not 0 < len(found) <= MOST_LIKELY:
+        return ""
+    return f"{' or '.join(found)} explains it"
 
 
 def of_line(o: Observation, start: Array, end: Array) -> float:
@@ -217,11 +296,12 @@ def _edges(equations: Equations, kind: str) -> Edges | None:
     """Return the observations of a kind reduced to the marks; none: there are none.
 
     Heights of antennas are reduced along the verticals at the given coordinates; a vector with
-    such heights between points without coordinates is left out.
+    such heights between points without coordinates is left out. Vectors that were read along other
+    axes than those of the network are turned into those of the first.
     """
     parts = []
     points = equations.unknowns["point"].values
-    frame = equations.network.frame
+    frame, axes = equations.network.frame, equations.network.axes_of_files
     for block in equations.blocks:
         if block.kind != kind or block.prior:
             continue
@@ -236,17 +316,22 @@ def _edges(equations: Equations, kind: str) -> Edges | None:
                 at = np.nan_to_num(points[index])
                 basis = frame.basis(at[fine], np.zeros((int(fine.sum()), 2)))
                 value[fine] += sign * height[fine, None] * basis.enu[:, 2]
-        sigma = block.sigma.copy()
+        covariance = own_covariance(block)
         for i, ident in enumerate(block.ids):
             o = equations.network.observations.get(ident)
             if block.dimension == 1 and o is not None:
-                sigma[i] = of_line(o, points[ends[0][i]], points[ends[1][i]])
-        fine &= np.isfinite(sigma).all(axis=1)  # without a length there is no tolerance
+                covariance[i] = of_line(o, points[ends[0][i]], points[ends[1][i]]) ** 2
+        # Without a length there is no tolerance.
+        fine &= np.isfinite(covariance).all(axis=(1, 2))
         rows = np.flatnonzero(fine)
         labels = [block.labels(int(i)) for i in rows]
         start, end = (index[rows] for index in ends)
-        parts.append((start, end, value[rows], np.square(sigma[rows]), labels))
+        turn = next((axes[i] for i in block.ids if i in axes), None)
+        parts.append((start, end, value[rows], covariance[rows], labels, turn))
     if not parts:
         return None
-    start, end, value, variance = (np.concatenate([p[i] for p in parts]) for i in range(4))
-    return Edges(start, end, value, variance, [name for p in parts for name in p[4]])
+    start, end, value, covariance = (np.concatenate([p[i] for p in parts]) for i in range(4))
+    turn = next((p[5] for p in parts if p[5] is not None), np.eye(value.shape[1]))
+    variance = np.einsum("ji,njk,ki->ni", turn, covariance, turn)
+    labels = [name for p in parts for name in p[4]]
+    return Edges(start, end, value @ turn, variance, labels, turn)

@@ -25,17 +25,23 @@ class Finding:
     ids: tuple[str, ...] = ()
     """Ids of the observations that share the mistake; empty where a finding is of something else,
     or of one reading alone."""
+    cause: str = ""
+    """The one mistake of those that people make that explains the misfit; empty: none does."""
 
     def __str__(self) -> str:
         """Return the finding as text."""
-        size = (
-            f": {significant(self.size, 4)} {self.unit}".rstrip() if self.size == self.size else ""
-        )
+        size = ""
+        if self.size == self.size:
+            large = self.unit == "mm" and abs(self.size) >= METRES
+            one, unit = (1e-3, "m") if large else (1.0, self.unit)
+            size = f": {significant(one * self.size, 4)} {unit}".rstrip()
         if self.tolerance == self.tolerance:
             size += f", tolerance {significant(self.tolerance, 3)} {self.unit}".rstrip()
         return f"{self.what}{size}; {self.remedy}"
 
 
+METRES = 1e5
+"""Size in millimetres from which a misfit is told in metres."""
 TIMES = 3.29
 """Tolerance of a misclosure, in its standard deviations: exceeded by chance once in 1000."""
 CONTRADICTS = 6.0

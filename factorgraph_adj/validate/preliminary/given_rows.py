@@ -64,3 +64,11 @@ def computed_values(equations: Equations, block: Block, rows: Index) -> tuple[Ar
 def median(misfit: Array) -> float:
     """Return the median of the sizes of misfits."""
     return float(np.median(np.abs(misfit)))
+
+
+def own_covariance(block: Block) -> Array:
+    """Return the covariances of readings, (k, d, d)."""
+    if block.whitener is not None:
+        inverse = np.linalg.inv(block.whitener)
+        return np.asarray(np.einsum("nij,nkj->nik", inverse, inverse))
+    return np.asarray(np.einsum("ni,ij->nij", np.square(block.sigma), np.eye(block.dimension)))

@@ -25,6 +25,8 @@ from .given_rows import BETTER, computed_values, given_rows, median
 
 OTHER = 0.05
 """Smallest misfit of components, relative to the length, that another frame explains."""
+ZONE_APART = 1e4
+"""Smallest difference of coordinates, metres, that another zone explains."""
 
 
 def vector_frames(equations: Equations) -> Iterator[Finding]:
@@ -157,17 +159,22 @@ def _by_lengths(equations: Equations) -> Iterator[Finding]:
                 f"{len(rows)} GNSS vectors have the lengths of the given coordinates, but other "
                 "components",
                 "they are geocentric, or in another frame: give the frame of the network, or turn "
-                "the vectors into it" + _other_zone(equations.network.crs),
+                "the vectors into it" + other_zone(equations.network.crs),
                 by_components,
                 by_length,
                 "m",
             )
 
 
-def _other_zone(system: ReferenceSystem | None) -> str:
-    """Return that grid coordinates may be those of another zone, which keeps lengths."""
+def other_zone(system: ReferenceSystem | None, size: float = np.inf) -> str:
+    """Return that grid coordinates may be those of another zone; empty if they are of none.
+
+    Args:
+        system: the reference system.
+        size: how far coordinates are off, metres: less than `ZONE_APART` is no other zone.
+    """
     return (
         ""
-        if system is None
+        if system is None or size < ZONE_APART
         else f"; or the coordinates are not those of {system.name}: look at its zone and datum"
     )

@@ -22,7 +22,7 @@ from ...quality.distributions import chi2_upper_quantile
 from ...rotation import log_rotation
 from ...types import Array, Index
 from ...units import GON, significant
-from .closures import NAMED, WORST, Edges, loops
+from .closures import NAMED, WORST, loops
 from .finding import Finding
 from .gross_places import ALPHA, GIVEN, Wrong, gross_places, ids_in, put_right, without_gross
 from .left_handed import left_handed
@@ -317,9 +317,8 @@ def _open_loops(fits: list[Similarity]) -> Iterator[Finding]:
             [f.pair.second.name for f in fits],
         )
     )
-    nothing = np.zeros((len(fits), 0))
     found: list[tuple[float, Finding]] = []
-    for loop in loops(Edges(start, end, nothing, nothing, names)):
+    for loop in loops(start, end):
         along, w, covariance = _around(fits, loop, start, end)
         named = [names[i] for i in along[:NAMED]]
         more = f" … ({len(along)} in all)" if len(along) > NAMED else ""

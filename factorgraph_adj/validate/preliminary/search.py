@@ -12,7 +12,7 @@ from .circles import beyond_circle, level_sights
 from .closures import closures, lines_between_given
 from .finding import Finding
 from .given_units import compared_kinds
-from .heights import heights
+from .heights import exchanged_heights, heights
 from .in_frames import in_frames
 from .repeated import repeated
 from .scale import traverse_scale
@@ -22,7 +22,9 @@ from .undetermined import undetermined
 
 
 def mistaken(network: Network, *, length: str = "m", angle: str = "gon") -> tuple[Finding, ...]:
-    """Return mistakes of whole groups that given coordinates tell of: units, signs, axes.
+    """Return mistakes with a name: of whole groups, such as units, signs and axes, and of one.
+
+    One reading, or one given height, alone explains what does not fit.
 
     Args:
         network: the network.
@@ -30,9 +32,21 @@ def mistaken(network: Network, *, length: str = "m", angle: str = "gon") -> tupl
         angle: unit of angles in its files.
     """
     try:
-        return tuple(against_given(compile_rows(network), length=length, angle=angle))
+        equations = compile_rows(network)
     except InputError:
         return ()
+    groups = (
+        *against_given(equations, length=length, angle=angle),
+        *exchanged_heights(network),
+    )
+    if groups:
+        return groups
+    single = (
+        *between_given(equations, length=length, angle=angle),
+        *closures(equations),
+        *lines_between_given(equations),
+    )
+    return tuple({f.cause: f for f in reversed(single) if f.cause}.values())
 
 
 def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> tuple[Finding, ...]:
@@ -58,9 +72,11 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
     except InputError:  # `check` tells why
         return ()
     compared = tuple(against_given(equations, length=length, angle=angle))
+    turned = tuple(exchanged_heights(network))
     return (
         # What whole groups have in common explains what does not fit one by one.
         *compared,
+        *turned,
         *(Finding(str(p), "look at the readings of both faces") for p in network.doubts),
         *(Finding(str(left), "correct the file") for left in network.left_out if left.doubtful),
         *(() if compared else traverse_scale(network, length)),
@@ -68,7 +84,7 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
         *beyond_circle(network, angle),
         *level_sights(network, angle, compared_kinds(equations)),
         *repeated(network),
-        *heights(network),
+        *(() if turned else heights(network)),
         *closures(equations),
         *(() if compared else lines_between_given(equations)),
         *traverses(network),

@@ -28,7 +28,7 @@ from ...frames import LocalFrame
 from ...models.base import wrap
 from ...network.network import Network
 from ...types import Array
-from .closures import WORST, Edges, loops
+from .closures import WORST, loops
 from .finding import TIMES, Finding
 from .legs import Measured, Survey
 
@@ -180,8 +180,7 @@ def _polygons(survey: Survey) -> Iterator[Traverse]:
     number = {name: i for i, name in enumerate(names)}
     ends = [(a, b) for a in names for b in survey.legs[a] if number[a] < number.get(b, -1)]
     start, end = (np.array([number[e[i]] for e in ends], dtype=np.intp) for i in range(2))
-    none = np.zeros((len(ends), 1))
-    for loop in loops(Edges(start, end, none, none, [""] * len(ends))):
+    for loop in loops(start, end):
         way = _way([ends[i] for i, _ in loop])
         turns = zip(way, way[1:], [*way[2:], way[1]], strict=False)
         if len(loop) > 2 and all(survey.angle(at, a, b) for a, at, b in turns):
