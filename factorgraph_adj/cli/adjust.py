@@ -20,7 +20,7 @@ from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.causes import likeliest
 from ..report.context import Report
-from ..report.doubts import doubts_about, notes_about, of_network, unknowns_left_out
+from ..report.doubts import doubts_about, notes_about, notes_on, of_network, unknowns_left_out
 from ..report.html.language import Language
 from ..report.html.write import write_html
 from ..report.options import Provenance, ReportOptions
@@ -262,12 +262,17 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _verdict(found: Adjusted, report: Report) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
-    for said in (*unknowns_left_out(found.solution.network), *notes_about(found.solution)):
+    network = found.solution.network
+    for said in (
+        *unknowns_left_out(network),
+        *notes_about(found.solution),
+        *notes_on(network),
+    ):
         print(said, file=sys.stderr)
     doubts = [
         *doubts_about(found.solution),
         *report.of_sigmas,
-        *of_network(found.solution.network),
+        *of_network(network),
     ]
     if found.components is not None and not found.components.converged:
         doubts.append(f"variance components not converged: {found.components.reason}")

@@ -7,9 +7,10 @@ import sys
 from collections.abc import Sequence
 
 from ..block_orientation.begin import tried_start
-from ..errors import InputError, LeftOut, Problem
+from ..errors import InputError, Problem
 from ..graph.equations import compile_rows
 from ..io.project import Project
+from ..report.doubts import notes_on
 from ..validate.check import check
 from ..validate.line_lengths import wrong_line_lengths
 from ..validate.mistyped_names import mistyped_at_start
@@ -54,7 +55,8 @@ def _check(options: argparse.Namespace) -> int:
         *([] if start is None else mistyped_at_start(network, start.state)),
         *([] if start is None else wrong_line_lengths(compile_rows(network), start.state)),
     ]
-    noted = [left for left in network.left_out if not left.doubtful]
+    noted = [str(left) for left in network.left_out if not left.doubtful]
+    noted += notes_on(network)
     name = network.name or "a network without a name"
     if not found and not without:
         print(f"{name}: no problems found in {content}; approximate values are there")
@@ -76,9 +78,9 @@ def _check(options: argparse.Namespace) -> int:
     return DOUBTFUL
 
 
-def _print_notes(left: Sequence[LeftOut]) -> None:
-    """Print what the reader left out, as it always does."""
-    for one in left:
+def _print_notes(noted: Sequence[str]) -> None:
+    """Print what is no doubt: what the reader left out, as it always does, and copied returns."""
+    for one in noted:
         print(f"note: {one}")
 
 

@@ -17,6 +17,7 @@ from ..quality.unit_weight import Adjusted, global_test
 from ..types import Array
 from ..validate.preliminary.finding import Finding
 from ..validate.preliminary.left_handed import left_handed
+from ..validate.preliminary.returned import copied_returns
 
 NAMED = 6
 """Largest number of names or ids that a doubt lists."""
@@ -83,6 +84,11 @@ def notes_about(solution: Ended) -> list[str]:
         f"{test.lower:.4f} to {test.upper:.4f}; the σ are stated too large, or readings are not "
         "independent"
     ]
+
+
+def notes_on(network: Network) -> list[str]:
+    """Return what is striking about what was adjusted without making the result doubtful."""
+    return copied_returns(network)
 
 
 def of_network(network: Network) -> list[str]:

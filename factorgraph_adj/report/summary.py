@@ -19,7 +19,7 @@ from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.unit_weight import global_test
 from ..version import __version__
 from .context import Report
-from .doubts import notes_about
+from .doubts import notes_about, notes_on
 from .grid import grid_record
 from .json_text import finite, json_text
 from .lines import line_record
@@ -68,7 +68,7 @@ def summary(report: Report) -> dict[str, Any]:
         "variance": s.variance,
         "global_test": {**asdict(test), "accepted": test.accepted},
         "doubts": list(report.doubts),
-        **({"notes": notes} if (notes := notes_about(s)) else {}),
+        **({"notes": notes} if (notes := [*notes_about(s), *notes_on(network)]) else {}),
         **(
             {"unknowns_left_out": [asdict(x) for x in network.unknowns_left_out]}
             if network.unknowns_left_out

@@ -16,7 +16,7 @@ from .adjusted import observations, weighted_coordinates
 from .causes import causes, exchanges_untested, given, likeliest
 from .context import Report
 from .coordinates import check_points, photos, points, side_shots
-from .doubts import notes_about, unknowns_left_out
+from .doubts import notes_about, notes_on, unknowns_left_out
 from .epochs.text import render_congruence
 from .frames import frames
 from .geographic import geographic
@@ -147,7 +147,11 @@ def _doubts(report: Report) -> list[str]:
 
 def _notes(report: Report) -> list[str]:
     """Return what was left out, as nothing determines it, and what is striking."""
-    said = [*unknowns_left_out(report.network), *notes_about(report.solution)]
+    said = [
+        *unknowns_left_out(report.network),
+        *notes_about(report.solution),
+        *notes_on(report.network),
+    ]
     return [line for each in said for line in (*paragraph(each), "")]
 
 

@@ -114,7 +114,7 @@ def misclosures(edges: Edges, what: str, remedy: str, axes: Sequence[str]) -> It
             more = f" … ({len(loop)} in all)" if len(loop) > NAMED else ""
             axis = f" in {axes[worst]}" if axes[worst] else ""
             why = _one_of(edges, loop, w, limit)
-            text = f"the loop of {len(loop)} {what} does not close{axis}{why and f', and {why}'}"
+            text = f"the loop of {len(loop)} {what} does not close{axis}{why and f', which {why}'}"
             text += f" ({', '.join(named)}{more})"
             size, most = 1e3 * float(w[worst]), 1e3 * float(limit[worst])
             finding = Finding(text, remedy, size, most, "mm", cause=why)
@@ -206,7 +206,7 @@ def _contradicting(
         text = (
             f"{len(readings)} {what} lead from the given point {edges.label[first]} to "
             f"{edges.label[last]} and miss it{axis}: they make {made} m, the given coordinates "
-            f"{given} m{why and f', and {why}'} ({', '.join(named)}{more})"
+            f"{given} m{why and f', which {why}'} ({', '.join(named)}{more})"
         )
         remedy = "look for a wrong reading, sign, unit or name, or wrong given coordinates"
         remedy += other_zone(crs, abs(float(w[worst]))) if axes else ""
@@ -237,7 +237,7 @@ def _explained(led: Array, known: Array, limit: Array) -> str:
     """Return what makes a line fit as a whole, in words; empty if nothing does."""
     for why, value in _instead(led):
         if np.all(np.abs(value - known) <= limit):
-            return f"fit {why}"
+            return f"fits {why}"
     return ""
 
 
@@ -258,7 +258,7 @@ def _one_of(edges: Edges, loop: Sequence[tuple[int, int]], w: Array, limit: Arra
             found.append(f"{edges.label[i]} {why}")
     if not 0 < len(found) <= MOST_LIKELY:
         return ""
-    return f"{' or '.join(found)} explains it"
+    return f"{' or '.join(found)} explains"
 
 
 def _mistyped_height(edges: Edges, first: int, last: int, w: Array, limit: Array) -> str:
@@ -279,7 +279,7 @@ def _mistyped_height(edges: Edges, first: int, last: int, w: Array, limit: Array
                 found.append(f"the height {given:g} m of point {edges.label[point]} {why}")
     if not 0 < len(found) <= MOST_LIKELY:
         return ""
-    return f"{' or '.join(found)} explains it"
+    return f"{' or '.join(found)} explains"
 
 
 def of_line(o: Observation, start: Array, end: Array) -> float:

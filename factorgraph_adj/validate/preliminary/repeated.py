@@ -72,11 +72,11 @@ def _duplicates(network: Network) -> Iterator[Finding]:
         by_kind.setdefault(o.kind, defaultdict(list))[key].append(o)
     for kind, again in by_kind.items():
         pairs = [pair for some in again.values() for pair in pairwise(_sorted(some))]
-        copies = [(a, b) for a, b in pairs if np.array_equal(_reading(a), _reading(b))]
+        copies = [(a, b) for a, b in pairs if np.array_equal(reading(a), reading(b))]
         if not copies:
             continue
-        groups = [np.array([_reading(o) for o in some]) for some in again.values()]
-        step = _resolution(np.concatenate([x.ravel() for x in groups]))
+        groups = [np.array([reading(o) for o in some]) for some in again.values()]
+        step = resolution(np.concatenate([x.ravel() for x in groups]))
         scatter = _scatter(groups)
         if scatter is not None and scatter < STEPS * step:
             continue
@@ -94,13 +94,13 @@ def _duplicates(network: Network) -> Iterator[Finding]:
         )
 
 
-def _reading(o: Observation) -> Array:
+def reading(o: Observation) -> Array:
     """Return the observed values (q,); what has no value equals itself alone."""
     return np.atleast_1d(np.asarray(getattr(o, "value", np.nan), dtype=float)).ravel()
 
 
 def _sorted(some: list[Observation]) -> list[Observation]:
-    return sorted(some, key=lambda o: tuple(_reading(o)))
+    return sorted(some, key=lambda o: tuple(reading(o)))
 
 
 def _scatter(groups: list[Array]) -> float | None:
@@ -121,17 +121,17 @@ def _chance(o: Observation, step: float, scatter: float | None) -> float:
     Of the stated σ and the scatter of repeated readings the smaller one counts: where the σ are
     stated too large, honest readings are equal more often than these say.
     """
-    reading = _reading(o)
+    values = reading(o)
     known = [scatter] if scatter is not None else []
-    if len(reading) == 1:
-        known.append(size_of(o, float(abs(reading[0]))))
+    if len(values) == 1:
+        known.append(size_of(o, float(abs(values[0]))))
     if not known:
         return 0.0
     s = min(known)
-    return float(min(1.0, step / (2 * np.sqrt(np.pi) * s)) ** len(reading)) if s > 0 else 1.0
+    return float(min(1.0, step / (2 * np.sqrt(np.pi) * s)) ** len(values)) if s > 0 else 1.0
 
 
-def _resolution(readings: Array) -> float:
+def resolution(readings: Array) -> float:
     """Return the coarsest decimal step of readings, in metres, gon, degrees or seconds."""
     finite = readings[np.isfinite(readings)]
     tried = (u * m / 10.0**d for u in UNITS for d in range(DECIMALS) for m in (5.0, 2.0, 1.0))
