@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import get_args
 
 from ..epochs.blocks import BlockMotion, Model, block_motion
-from ..epochs.congruence import Congruence, congruence
+from ..epochs.comparison import Congruence
+from ..epochs.congruence import congruence
 from ..epochs.localise import Method
 from ..errors import InputError, Problem, known
 from ..io.atomic import one_transaction, write_files

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..errors import DatumError, InputError, Problem, known
 from ..types import Array
-from .congruence import Congruence
+from .comparison import Congruence
 from .hypotheses import Test
 
 Model: TypeAlias = Literal["rigid", "similarity", "affine"]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..epochs.congruence import Congruence
+from ..epochs.comparison import Congruence
 from ..errors import InputError, Problem, known
 from ..io.format_options import fitting, options_of, refuse_unknown
 from ..io.writers import WRITERS

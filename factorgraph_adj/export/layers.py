@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..epochs.congruence import Congruence
+from ..epochs.comparison import Congruence
 from ..errors import InputError
 from ..report.context import Report
 from ..report.epochs.context import EpochsReport

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from math import isfinite
 
 from ..control_characters import escaped
-from ..epochs.congruence import Congruence
+from ..epochs.comparison import Congruence
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..quality.unit_weight import global_test
 from ..solve.solution import Solution

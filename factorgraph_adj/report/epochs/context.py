@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...epochs.blocks import BlockMotion
-from ...epochs.congruence import Congruence
+from ...epochs.comparison import Congruence
 from ...io.numbers import Units
 from ...network.network import Network
 from ...quality.ellipses import ErrorEllipse
@@ -118,5 +118,6 @@ def _doubts(found: Congruence) -> Iterator[str]:
             f"point {name!r} is held in both epochs, {1000 * size:.2f} mm apart: all "
             "displacements refer to it"
         )
+    yield from found.alternatives
     if found.steps and not found.steps[-1].test.accepted:
         yield "no set of reference points kept its shape"

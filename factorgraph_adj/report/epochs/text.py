@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...epochs.blocks import BlockMotion
-from ...epochs.congruence import Congruence, Displacement
+from ...epochs.comparison import Congruence, Displacement
 from ...epochs.hypotheses import Test
 from ...epochs.identical import told as identical
 from ..layout import listed, paragraph, short, table, title
@@ -40,6 +40,8 @@ def _tested(found: Congruence) -> list[str]:
     held = list(found.roles.held)
     datum = "the points held in both epochs" if held else "the datum of the adjustments"
     out = paragraph(same) if same else []
+    for said in found.alternatives:
+        out += paragraph(f"ATTENTION: {said}.")
     for said in left_out_of_epochs(found.solutions):
         out += paragraph(f"The {said}.")
     if n:
@@ -118,8 +120,19 @@ def _reference(found: Congruence) -> list[str]:
             "No set of reference points that could be tested kept its shape: the displacements "
             "below refer to points that moved against each other."
         )
+    if found.scale_change is not None:
+        s = found.scale_change
+        told = "significant" if s.significant else "not significant"
+        if first.accepted or s.rest.accepted:
+            out += paragraph(
+                f"Scale of the second epoch relative to the first, from all reference points: {s}, "
+                f"{told}; {_words(s.test)}."
+            )
+        else:
+            out += paragraph(f"No common scale explains the change: {_words(s.rest)}.")
     if found.stable:
-        out += paragraph(f"Stable: {listed(found.stable, LISTED)}.")
+        kept = "Stable" if found.steps[-1].test.accepted else "Left in the reference"
+        out += paragraph(f"{kept}: {listed(found.stable, LISTED)}.")
     else:
         out += paragraph(
             "No reference point is stable: the displacements below refer to the points held in "
@@ -152,6 +165,11 @@ def _displacements(found: Congruence) -> list[str]:
         "the direction in which it is hardest to find. Stable points are compared with the other "
         "stable ones."
     )
+    if any(x.verdict == "doubtful" for x in every):
+        note += (
+            " doubtful: a point of the reference whose own test rejects; where the reference kept "
+            f"its shape, one in {1 / found.alpha:.0f} of those that kept their places is."
+        )
     return [*out, "", *table(header, rows), "", *paragraph(note)]
 
 
@@ -187,7 +205,13 @@ def _row(x: Displacement, axes: str) -> list[str]:
 
 FITS = {True: "yes", False: "no"}
 """Words for the test of the points that are left; a test of no points says nothing."""
-MOVED = {"stable": "stable", "moved": "yes", "kept": "no", "untested": "not tested"}
+MOVED = {
+    "stable": "stable",
+    "doubtful": "doubtful",
+    "moved": "yes",
+    "kept": "no",
+    "untested": "not tested",
+}
 """Words for the verdict of a displacement."""
 PARAMETER_UNITS = {"t": ("mm", 1e3), "r": ("µrad", 1e6), "s": ("ppm", 1e6), "e": ("ppm", 1e6)}
 """Unit of a parameter of a common motion by its first letter, and its number in the unit of SI."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...epochs.blocks import BlockMotion
-from ...epochs.congruence import Congruence
+from ...epochs.comparison import Congruence
 from ...errors import InputError
 from ...io.atomic import write_files
 from ...quality.levels import CONFIDENCE

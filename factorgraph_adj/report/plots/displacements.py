@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...epochs.blocks import BlockMotion
-from ...epochs.congruence import Congruence
+from ...epochs.comparison import Congruence
 from ...errors import InputError
 from ...types import Mask
 from ..epochs.context import EpochsReport

@@ -1,0 +1,201 @@
+"""What else than displacements may explain the differences of two epochs.
+
+- Names that were exchanged: points whose displacements lead to one another's places, and that kept
+  their places once the names are exchanged back.
+- A point with another name: a point that only the second epoch has, where one lay that only the
+  first has.
+- A scale: reference points of free networks kept their shape but for one common factor, see
+  `scale_change`. A distance meter does this, and no displacement.
+- Held points that moved: everything else then seems to move. Both epochs are adjusted once more as
+  free networks, in which held points can be seen to move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..solve.batch import adjust
+from ..solve.solution import Solution
+from ..types import Array
+from .comparison import Congruence
+from .roles import ONE_EPOCH_ALONE
+
+MAX_PART_LEFT = 0.1
+"""Largest distance from the place of another point, relative to the displacement, at which a point
+may be that other point."""
+MAX_PART_TO_NEXT = 0.01
+"""Largest distance of two points of one epoch each, relative to that to the nearest other point, at
+which they may be the same."""
+MIN_POINTS_HELD = 2
+"""Smallest number of held points, of which one alone cannot be seen to move."""
+Compare = Callable[[Solution, Solution, Mapping[str, str]], Congruence]
+"""Compares two epochs by names in the second by names in the first."""
+
+
+def alternatives(found: Congruence, compare: Compare) -> tuple[str, ...]:
+    """Return sentences on what may explain the differences instead of displacements.
+
+    Args:
+        found: the comparison.
+        compare: the same comparison of other solutions, or with other names.
+    """
+    if len(found.solutions) != 2:
+        return ()
+    return (
+        *_exchanged(found, compare),
+        *_of_other_names(found),
+        *_scaled(found),
+        *_held(found, compare),
+    )
+
+
+# -- names ----------------------------------------------------------------------------------------
+
+
+def _exchanged(found: Congruence, compare: Compare) -> Iterator[str]:
+    """Yield the sets of points whose names seem exchanged."""
+    every = found.displacements
+    names, places = list(every), np.array([x.place for x in every.values()]).reshape(-1, 3)
+    axes = ["xyz".index(a) for a in found.differences.axes]
+    place_of: dict[str, str] = {}
+    for name, x in every.items():
+        if not x.moved or len(names) < 2:
+            continue
+        apart = np.linalg.norm((places - x.place - x.vector)[:, axes], axis=1)
+        nearest = int(np.argmin(apart))
+        if names[nearest] != name and apart[nearest] < MAX_PART_LEFT * x.length:
+            place_of[name] = names[nearest]
+    later = dict(zip(found.differences.names, found.differences.later, strict=True))
+    for ring in _rings(place_of):
+        back = {place_of[n]: later[n] for n in ring}
+        try:
+            again = compare(*_both(found), {**later, **back})
+        except AdjustmentError:
+            continue
+        left = max(again.displacements[n].length for n in ring)
+        moved = max(every[n].length for n in ring)
+        if left < MAX_PART_LEFT * moved:
+            listed = " and ".join(map(repr, ring)) if len(ring) == 2 else ", ".join(map(repr, ring))
+            yield (
+                f"the names of {listed} look exchanged in one epoch: they lie within "
+                f"{1000 * left:.2f} mm of one another's places, and {moved:.3g} m from their own"
+            )
+
+
+def _rings(leads: Mapping[str, str]) -> Iterator[list[str]]:
+    """Yield the rings a → b → … → a of a mapping."""
+    seen: set[str] = set()
+    for first in leads:
+        ring, at = [first], leads[first]
+        while at in leads and at not in ring:
+            ring.append(at)
+            at = leads[at]
+        if at == first and not seen.intersection(ring):
+            seen.update(ring)
+            yield ring
+
+
+def _both(found: Congruence) -> tuple[Solution, Solution]:
+    first, second = found.solutions
+    return first, second
+
+
+def _of_other_names(found: Congruence) -> Iterator[str]:
+    """Yield pairs of points of one epoch each that lie at one place."""
+    alone = found.roles.not_compared
+    old = [n for n, why in alone.items() if why == ONE_EPOCH_ALONE[0]]
+    new = [n for n, why in alone.items() if why == ONE_EPOCH_ALONE[1]]
+    if not old or not new:
+        return
+    first, second = _both(found)
+    moved = _onto_first(found, np.array([second.point(n) for n in new]))
+    others = np.concatenate([np.array([first.point(n) for n in old]), *_compared_places(found)])
+    for name, at in zip(new, moved, strict=True):
+        apart = np.linalg.norm(others - at, axis=1)
+        order = np.argsort(apart)
+        nearest = int(order[0])
+        if nearest >= len(old) or (
+            len(order) > 1 and apart[nearest] > MAX_PART_TO_NEXT * apart[order[1]]
+        ):
+            continue
+        yield (
+            f"point {name!r} of the second epoch lies {1000 * apart[nearest]:.2f} mm from where "
+            f"{old[nearest]!r} of the first was, and neither was compared: give the point one name"
+        )
+
+
+def _compared_places(found: Congruence) -> list[Array]:
+    return [x.place[None] for x in found.displacements.values()]
+
+
+def _onto_first(found: Congruence, points: Array) -> Array:
+    """Return points of a free second epoch where the first one has them, by rotation and shift."""
+    names = found.stable or tuple(found.displacements)
+    if not found.differences.motions.size or not names:
+        return points
+    first, second = _both(found)
+    later = dict(zip(found.differences.names, found.differences.later, strict=True))
+    here = np.array([first.point(n) for n in names])
+    there = np.array([second.point(later[n]) for n in names])
+    a, b = here - here.mean(axis=0), there - there.mean(axis=0)
+    u, _, v = np.linalg.svd(b.T @ a)
+    u[:, -1] *= np.sign(np.linalg.det(u @ v))
+    return np.asarray((points - there.mean(axis=0)) @ (u @ v) + here.mean(axis=0))
+
+
+# -- scale and datum ------------------------------------------------------------------------------
+
+
+def _scaled(found: Congruence) -> Iterator[str]:
+    change = found.scale_change
+    if change is None or not found.steps or found.steps[0].test.accepted:
+        return
+    if change.significant and change.rest.accepted:
+        yield (
+            f"a scale of {change} between the epochs explains all differences of the reference "
+            "points: compare the distance meters and the weather of both epochs before any "
+            "displacement is believed"
+        )
+
+
+def _held(found: Congruence, compare: Compare) -> Iterator[str]:
+    """Yield what a comparison of free networks says of held points, where little else fits."""
+    held = found.roles.held
+    fits = found.steps and found.stable and found.steps[-1].test.accepted
+    if len(held) < MIN_POINTS_HELD or (fits and (found.ratio is None or found.ratio.accepted)):
+        return
+    later = dict(zip(found.differences.names, found.differences.later, strict=True))
+    try:
+        first, second = (_released(s, held, found.differences.axes) for s in found.solutions)
+        free = compare(first, second, {**later, **{n: n for n in held}})
+    except AdjustmentError:
+        return
+    if not free.fine or not free.stable:
+        return
+    moved = [n for n in free.moved if n in held]
+    if moved:
+        told = ", ".join(f"{n!r} by {1000 * free.displacements[n].length:.2f} mm" for n in moved)
+        yield (
+            f"held points moved, as a free adjustment of both epochs shows, in which the others "
+            f"kept their shape: {told}. All displacements refer to them"
+        )
+
+
+def _released(solution: Solution, held: Mapping[str, Array], axes: str) -> Solution:
+    """Return the free adjustment of a network in which held points are unknown in some axes.
+
+    Raises:
+        AdjustmentError: it has no solution.
+    """
+    network = solution.network.copy()
+    for name in held:
+        point = network.points[name]
+        network.points[name] = replace(
+            point, fixed=("x" not in axes, "y" not in axes, "z" not in axes)
+        )
+    network.datum = "free"
+    return adjust(network, start=solution)
