@@ -20,6 +20,7 @@ from ..network.selection import without
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..solve.start import Start
+from ..types import Array
 from .causes.exchanged_targets import Exchange, exchanged_targets
 from .causes.hypotheses import SIGHTS
 from .causes.separable import FARTHEST
@@ -35,18 +36,29 @@ PART = 0.01
 have bent is less far off, and what else does not fit shows without them."""
 
 
-def sights_far_off(solution: Solution) -> bool:
+def sights_far_off(solution: Solution, *, estimated: bool = False) -> bool:
     """Return whether several readings of sights are so far off that names may be exchanged.
 
     Args:
         solution: the adjustment of everything, or where it ended.
+        estimated: whether σ0 is estimated; otherwise it is 1.
     """
     v = np.nan_to_num(solution.equations.residuals(solution.state))
+    v = v / _sigma0(v, estimated)
     far = 0
     for block in solution.equations.blocks:
         if block.kind in SIGHTS:
             far += int(np.sum(np.abs(v[block.rows]) > FARTHEST))
     return far > 1
+
+
+def _sigma0(normalised: Array, estimated: bool) -> float:
+    """Return σ0 of normalised residuals or test values (n,): 1, or that of their median.
+
+    Where half of them are zero, nothing tells of σ0, and it is 1.
+    """
+    middle = float(np.median(np.abs(normalised))) if estimated and len(normalised) else 0.0
+    return middle / normal_quantile(0.75) if middle > 0.0 else 1.0
 
 
 def exchanged_names(
@@ -76,8 +88,10 @@ def exchanged_names(
     except AdjustmentError:
         return ()
     size = np.abs(np.nan_to_num(robust.test_values))
-    sigma0 = float(np.median(size)) / normal_quantile(0.75) if estimated else 1.0
-    limit = max(sigma0 * normal_quantile(1.0 - 0.5 * alpha), PART * float(size.max(initial=0.0)))
+    limit = max(
+        _sigma0(size, estimated) * normal_quantile(1.0 - 0.5 * alpha),
+        PART * float(size.max(initial=0.0)),
+    )
     bad = {equations.id(int(row)) for row in np.flatnonzero(size > limit)}
     return exchanged_targets(equations, robust.solution, bad, alpha, estimated=estimated)
 

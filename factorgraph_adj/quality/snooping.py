@@ -164,11 +164,10 @@ def _from_given(
     """
     network, options = searching.network, searching.options
     names: list[Match] = []
-    if plain and first is not None and sights_far_off(first):
+    estimated = searching.test == "pope"
+    if plain and first is not None and sights_far_off(first, estimated=estimated):
         # Exchanged names bend an adjustment, and a search that begins with it.
-        exchanged = exchanged_names(
-            network, first, searching.alpha, estimated=searching.test == "pope"
-        )
+        exchanged = exchanged_names(network, first, searching.alpha, estimated=estimated)
         names = [e.match for e in exchanged]
         beside = start_beside(network, exchanged, options) if names else None
         if beside is not None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from ..models.variables import UNKNOWNS
 from ..quality.causes.cause import Cause
+from ..quality.causes.evidence import VarianceFactor
 from ..quality.causes.given import GivenValue
 from ..quality.causes.hypotheses import Size
 from ..quality.causes.search import EXCHANGES
-from ..quality.distributions import chi2_quantile
 from ..units import decimal
 from .context import Report
 from .doubts import nothing_tells
@@ -104,8 +104,7 @@ def given(report: Report) -> list[str]:
     rel = report.reliability
     assert rel is not None
     where = report.where("given_values.csv")
-    limits = {n: chi2_quantile(1.0 - rel.alpha, n) for n in {v.together.dof for v in every} if n}
-    above = [v for v in every if v.together.dof and v.together.t2 > limits[v.together.dof]]
+    above = [v for v in every if v.together.dof and v.together.t2 > _limit(report, v)]
     if not above:
         n, tested = len(every), sum(v.together.dof > 0 for v in every)
         some = f"{tested} fit{'s' * (tested == 1)}, nothing tests the other {n - tested}"
@@ -125,8 +124,20 @@ def given(report: Report) -> list[str]:
         "each tested as if it had been given with σ → ∞; error: given − true, if it alone is "
         f"wrong; {len(above)} of {len(every)} do not fit, all in {where}"
     )
+    if report.pope:
+        text += "; σ0² by F: for each from what vᵀPv would be with it as an unknown"
     heading = title(f"Given values that are held, T² critical (α0 = {percent(rel.alpha)})")
     return [*heading, *table(header, shown, left=2), *note, *paragraph(text)]
+
+
+def _limit(report: Report, v: GivenValue) -> float:
+    """Return T² of a given value, σ0 = 1, that good values exceed with the probability α0."""
+    assert report.reliability is not None
+    error = v.together
+    weight = VarianceFactor.left_by(
+        report.solution, estimated=report.pope, t2=error.t2, dof=error.dof
+    )
+    return weight.limit(error.dof, report.reliability.alpha)
 
 
 def _row(report: Report, v: GivenValue, i: int) -> list[str]:

@@ -307,9 +307,10 @@ class Report:
     @cached_property
     def _exchanged(self) -> tuple[Exchange, ...]:
         """Exchanged names of targets, where readings of sights are far off."""
-        if self.snooping is not None or not sights_far_off(self.solution):
+        estimated = self.pope
+        if self.snooping is not None or not sights_far_off(self.solution, estimated=estimated):
             return ()
-        return exchanged_names(self.network, self.solution, self.options.alpha, estimated=self.pope)
+        return exchanged_names(self.network, self.solution, self.options.alpha, estimated=estimated)
 
     @cached_property
     def given(self) -> tuple[GivenValue, ...]:

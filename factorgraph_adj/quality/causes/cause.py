@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,12 +103,10 @@ class Cause:
             space: what divides numbers and units.
         """
         sizes = []
-        named = zip(self.components or ("",), self.sizes, self.error, self.sigma, strict=False)
-        for name, size, error, sigma in named:
-            if np.isfinite(error):
-                one, symbol = unit(size)
-                parts = (name, figure(error / one), "±", figure(sigma / one), symbol)
-                sizes.append(space.join(p for p in parts if p))
+        for name, size, error, sigma, alone in self.estimates:
+            one, symbol = unit(size)
+            parts = (name, figure(error / one), "±", figure(sigma / one), symbol)
+            sizes.append(space.join(p for p in parts if p) + (" if it alone is wrong" * alone))
         test = f"T² {figure(self.t2)}"
         if self.sizes:
             test += f", {self.dof} degree{'s' * (self.dof != 1)} of freedom, critical "
@@ -117,6 +115,21 @@ class Cause:
         if self.same:
             text += f", or {', or '.join(self.same)}: nothing tells which"
         return (f"{text}: {', '.join(sizes)}" if sizes else text) + f" ({test})"
+
+    @property
+    def estimates(self) -> Iterator[tuple[str, Size, float, float, bool]]:
+        """Name, quantity, error and σ of each component that the residuals tell of.
+
+        Of components of a given value that they tell of together only, each is estimated as if it
+        alone were wrong, which the last element says.
+        """
+        named = zip(self.components or ("",), self.sizes, self.error, self.sigma, strict=False)
+        for i, (name, size, error, sigma) in enumerate(named):
+            if np.isfinite(error):
+                yield name, size, float(error), float(sigma), False
+            elif self.given is not None and (one := self.given.apart[i]).dof:
+                scale = np.sqrt(self.given.together.t2 / self.t2)
+                yield name, size, float(one.error[0]), float(one.sigma[0] * scale), True
 
     @property
     def plausible(self) -> bool:

@@ -85,6 +85,7 @@ TEXTS: dict[str, str] = {
     "light.unresolved.many": "{n} observations are above the critical value and could not be set "
     "aside.",
     "light.cause": "Likely cause",
+    "light.cause.several": "One of several errors, which explains more than any single reading:",
     "light.cause.text.none": "Nothing tells which of several errors has happened:",
     "light.cause.text.one": "One cause explains more than any single reading:",
     "light.cause.text.many": "{n} causes explain more than any single reading, the likeliest:",

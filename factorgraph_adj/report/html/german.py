@@ -85,6 +85,8 @@ TEXTS: dict[str, str] = {
     "light.unresolved.many": "{n} Beobachtungen liegen über dem kritischen Wert und konnten nicht "
     "ausgeschieden werden.",
     "light.cause": "Wahrscheinliche Ursache",
+    "light.cause.several": "Einer von mehreren Fehlern, der mehr erklärt als jede einzelne "
+    "Ablesung:",
     "light.cause.text.none": "Nichts sagt, welcher von mehreren Fehlern vorliegt:",
     "light.cause.text.one": "Eine Ursache erklärt mehr als jede einzelne Ablesung:",
     "light.cause.text.many": "{n} Ursachen erklären mehr als jede einzelne Ablesung, die "

@@ -121,7 +121,9 @@ def worst(report: Report, t: Texts) -> Sheet | None:
     columns = _columns(report, t, rows)
     close = [_partners(report, t, r, p) for r, p in zip(rows, partners, strict=True)]
     columns.insert(-1, Column(t("col.partners"), close, help=t("help.partners")))
-    columns.insert(-1, Column(t("col.cause"), _causes(report, rows), help=t("help.cause")))
+    columns.insert(
+        -1, Column(t("col.cause"), _causes(report, rows), help=t("help.cause"), english=True)
+    )
     return sheet("worst", caption, columns, order=t("order.test"))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -28,6 +28,8 @@ class Column:
     """Whether it is sorted as numbers and set flush right."""
     help: str = ""
     """What the heading means, in a sentence; empty where it says so itself."""
+    english: bool = False
+    """Whether its cells are words of the adjustment itself, English in every language."""
 
     @property
     def look(self) -> str:
@@ -66,6 +68,7 @@ class Sheet:
         """What the script of the page needs."""
         return {
             "looks": [c.look for c in self.columns],
+            "english": [c.english for c in self.columns],
             "columns": [list(c.values) for c in self.columns],
         }
 
@@ -85,15 +88,18 @@ def sheet(
     return Sheet(ident, caption, kept, tuple(n for n in notes if n), order)
 
 
-def columns_of(heads: Sequence[Head], rows: Sequence[Sequence[str]]) -> list[Column]:
+def columns_of(
+    heads: Sequence[Head], rows: Sequence[Sequence[str]], *, english: Collection[str] = ()
+) -> list[Column]:
     """Return columns from rows of cells.
 
     Args:
         heads: title, whether the column is numeric, and its help, of each column.
         rows: the cells, row by row.
+        english: titles of the columns whose cells are words of the adjustment itself.
     """
     cells = list(zip(*rows, strict=True)) if rows else [()] * len(heads)
     return [
-        Column(head[0], values, head[1], head[2] if len(head) == 3 else "")
+        Column(head[0], values, head[1], head[2] if len(head) == 3 else "", head[0] in english)
         for head, values in zip(heads, cells, strict=True)
     ]

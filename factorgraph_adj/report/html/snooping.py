@@ -103,7 +103,9 @@ def unresolved(report: Report, t: Texts) -> Sheet | None:
         (t("col.reason"), False),
         (t("col.source"), False),
     ]
-    return sheet("unresolved", t("unresolved.caption"), columns_of(heads, rows))
+    return sheet(
+        "unresolved", t("unresolved.caption"), columns_of(heads, rows, english=[t("col.reason")])
+    )
 
 
 def given(report: Report, t: Texts) -> Sheet | None:
@@ -140,13 +142,10 @@ def causes(report: Report, t: Texts) -> Sheet | None:
     rows = []
     for c in found.likelier:
         sizes = []
-        for name, size, error, sigma in zip(
-            c.components or ("",), c.sizes, c.error.tolist(), c.sigma.tolist(), strict=False
-        ):
+        for name, size, error, sigma, alone in c.estimates:
             unit, symbol = unit_of(report, size)
-            if isfinite(error):
-                shown = f"{name} {short(error / unit)} ± {short(sigma / unit)} {symbol}"
-                sizes.append(shown.strip())
+            shown = f"{name} {short(error / unit)} ± {short(sigma / unit)} {symbol}"
+            sizes.append(shown.strip() + (" if it alone is wrong" * alone))
         cells = [f"{c.cause} {c.where}", "; ".join(sizes), f"{c.t2:.1f}", str(c.dof)]
         rows.append([*cells, f"{c.critical:.1f}", str(len(c.ids)), listed(c.ids, NAMED)])
     heads: list[Head] = [
@@ -160,4 +159,5 @@ def causes(report: Report, t: Texts) -> Sheet | None:
     ]
     note = t("causes.note", n=found.tested)
     caption = t("causes.caption")
-    return sheet("causes", caption, columns_of(heads, rows), notes=[note], order=t("order.cause"))
+    said = columns_of(heads, rows, english=[t("col.cause"), t("col.size")])
+    return sheet("causes", caption, said, notes=[note], order=t("order.cause"))

@@ -170,6 +170,8 @@ def _cause(report: Report, t: Texts) -> list[Light]:
     if (c := found.likeliest) is None:
         return []
     text = t.number("light.cause.text", len(found.likelier))
+    if not found.alone(c):
+        text = t("light.cause.several")
     return [
         Light(
             "red",

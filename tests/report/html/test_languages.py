@@ -1,6 +1,7 @@
 """English and German say the same, and each says it in its own words."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from string import Formatter
 
@@ -11,6 +12,8 @@ from factorgraph_adj.report.context import Report
 from factorgraph_adj.report.html import english, german
 from factorgraph_adj.report.html.language import Texts
 from factorgraph_adj.report.html.page import html
+from tests.benchmarks.causes import adjusted
+from tests.networks.building_site import site
 from tests.networks.reported import three_points
 from tests.networks.small_block import small_block
 from tests.support.pages import elements
@@ -101,3 +104,18 @@ def test_sentences_of_the_adjustment_are_marked_as_english():
     told = [e for e in found if e.text.strip() == solution.reason]
     assert told and told[-1].attributes["lang"] == "en"
     assert next(e for e in found if e.tag == "pre").attributes["lang"] == "en"
+
+
+def test_causes_are_announced_in_german_and_marked_as_english():
+    network, readings, _ = site(1)
+    wrong = adjusted(network, readings)
+    for ident, o in wrong.observations.items():
+        factor = {"S1": 1.05, "S2": 0.95, "S4": 1.06}.get(getattr(o, "station", ""))
+        if factor and getattr(o, "instrument_height", None):
+            wrong.observations[ident] = replace(o, instrument_height=factor * o.instrument_height)
+    page = html(Report(fga.adjust(wrong)), language="de")
+    assert "Einer von mehreren Fehlern" in page
+    cells = [e for e in elements(page) if e.tag in ("td", "q")]
+    said = [e for e in cells if words(e.text) & (ENGLISH - {"observations", "points"})]
+    assert any("the height of the instrument at" in e.text for e in said)
+    assert {e.attributes.get("lang") for e in said} == {"en"}

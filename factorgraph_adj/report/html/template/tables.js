@@ -23,7 +23,7 @@ function asked(text, numeric) {
 
 async function made(table) {
   const name = table.dataset.sheet;
-  const [DataTable, { looks, columns }] = await Promise.all([
+  const [DataTable, { looks, english, columns }] = await Promise.all([
     dataTables(), dataOf(`sheet-${name}`),
   ]);
   const numeric = looks.map((look) => look === "number");
@@ -42,6 +42,7 @@ async function made(table) {
     columns: heads.map((_, i) => ({
       type: numeric[i] ? "num" : "string",
       className: looks[i],
+      createdCell: english[i] ? (cell) => { cell.lang = "en"; } : null,
       orderSequence: numeric[i] ? ["desc", "asc", ""] : ["asc", "desc", ""],
       render: (cell, type) => {
         if (type === "display") return escapeCell(cell);
