@@ -11,7 +11,7 @@ from ..parts.network import adjust_cut
 from ..parts.result import PartsSolution
 from ..parts.workers import connected
 from ..quality.levels import ALPHA, POWER
-from ..report.doubts import doubts_about, notes_about
+from ..report.doubts import doubts_about, notes_about, unknowns_left_out
 from ..report.parts import parts_protocol, write_parts
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
@@ -23,7 +23,6 @@ from .run import run_of
 WHOLE_ONLY = (
     *("snoop", "robust", "variance_components", "ellipses", "relative", "between", "rows"),
     *("test", "sidak", "report", "language", "export"),
-    "leave_out_undetermined",
 )
 """Options of a network that is adjusted as a whole."""
 MOST_ITERATIONS = 100
@@ -65,6 +64,9 @@ def adjust_in_parts(options: argparse.Namespace) -> int:
     ]
     if options.parts is not None and len(options.project) > 1:
         problems.append(Problem("--parts cuts one project; several projects are parts already"))
+    if options.leave_out_undetermined and len(options.project) > 1:
+        what = "--leave-out-undetermined takes one project, also with --parts: join the parts"
+        problems.append(Problem(what))
     if options.datum == "free":
         problems.append(Problem("--datum free: a network in parts needs a given datum"))
     if problems:
@@ -90,7 +92,9 @@ def _solution(options: argparse.Namespace) -> PartsSolution:
                 progress=show and (lambda *figures: show(iteration(*figures))),
             )
     project = read_input(options, options.project[0])
-    refuse_problems(project)
+    leave_out = options.leave_out_undetermined
+    if not leave_out:
+        refuse_problems(project)
     warn(project.warnings)
     with connected(options.cluster) as client, progress(project.network.name) as show:
         return adjust_cut(
@@ -100,13 +104,14 @@ def _solution(options: argparse.Namespace) -> PartsSolution:
             folder=options.folder,
             variance=options.variance or project.options.variance,
             max_iterations=options.max_iterations or project.options.max_iterations,
+            leave_out_undetermined=leave_out,
             progress=show and (lambda *figures: show(iteration(*figures))),
         )
 
 
 def _verdict(solution: PartsSolution) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
-    for note in notes_about(solution):
+    for note in (*unknowns_left_out(solution), *notes_about(solution)):
         print(note, file=sys.stderr)
     doubts = doubts_about(solution)
     if n := len(solution.repeated):

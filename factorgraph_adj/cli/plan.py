@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..planning.candidates import identified, with_candidates
 from ..planning.files import Wishes, read_wishes
 from ..planning.plan import Plan, plan
 from ..planning.propose import Proposal, propose
+from ..planning.readings import as_planned
 from ..planning.targets import (
     DetectableError,
     RedundancyNumber,
@@ -31,6 +32,7 @@ from ..planning.targets import (
     limit_of,
 )
 from ..report.doubts import unknowns_left_out
+from ..solve.batch import determined_part
 from ..units import LENGTH
 from ..validate.where import with_lines
 from .exit_codes import DOUBTFUL, FINE
@@ -77,6 +79,7 @@ def add_plan(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         metavar="PROJECT",
         help="write the design as proposed: a .toml file, or a folder for project.toml",
     )
+    add_leave_out(wish)
     _add_common(wish)
     wish.set_defaults(run=_propose)
 
@@ -120,6 +123,11 @@ def _propose(options: argparse.Namespace) -> int:
         raise InputError(problems)
     chances = {"alpha": options.alpha, "power": options.power}
     rows = options.rows or LISTED
+    if options.leave_out_undetermined:
+        with _lines_of(project):
+            project = replace(project, network=determined_part(as_planned(project.network)))
+        for said in unknowns_left_out(project.network):
+            print(said, file=sys.stderr)
     try:
         found = propose(project.network, wishes.candidates, wishes.targets, **chances)
     except InputError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from uuid import uuid4
@@ -36,6 +37,7 @@ from .tasks import (
     labels_of,
     leave,
     observations_at,
+    second_places,
     share,
     survey,
     weighs_as,
@@ -325,4 +327,5 @@ def _quality(whole: Whole, begun: Sequence[Begun], at: At, ended: Ended, varianc
         job.own.write_arrays(JUNCTIONS, {"covariances": mine})
         whole.workers.sent += mine.nbytes
     finished = whole.workers.all(finish, [(at, totals)] * len(whole.workers.jobs))
-    return Quality(totals, n, u, tuple(finished))
+    told = whole.workers.all(second_places, [(at,)] * len(begun)) if ended.converged else []
+    return Quality(totals, n, u, tuple(finished), tuple(chain.from_iterable(told)))

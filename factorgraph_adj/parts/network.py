@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, overload
 
-from ..errors import InputError
+from ..errors import AdjustmentError, InputError
 from ..network.network import DatumChoice, Network
 from ..solve import batch
 from ..solve.extra import ExtraFactors
@@ -54,6 +54,7 @@ def adjust(
     tolerance: float = 1e-5,
     max_iterations: int = 100,
     progress: Progress | None = None,
+    leave_out_undetermined: bool = False,
 ) -> PartsSolution: ...
 
 
@@ -106,8 +107,8 @@ def adjust(
             Not with a client.
         progress: called after each iteration; an exception in it ends the adjustment.
         leave_out_undetermined: whether `determined_part` is adjusted, without what the observations
-            do not determine; ``solution.network.unknowns_left_out`` names it. Not with ``weights``
-            or a client.
+            do not determine; ``solution.network.unknowns_left_out`` names it, with a client
+            ``solution.unknowns_left_out``. Not with ``weights``.
 
     Returns:
         The solution; its ``converged`` and ``reason`` say how the iteration ended.
@@ -140,7 +141,6 @@ def adjust(
         "start": start,
         "weights": weights,
         "extra_factors": extra_factors or None,
-        "leave_out_undetermined": leave_out_undetermined or None,
     }
     if refused := [name for name, value in given.items() if value is not None]:
         raise InputError(f"with a client there is no {', '.join(refused)}: adjust without it")
@@ -158,6 +158,7 @@ def adjust(
         tolerance=tolerance,
         max_iterations=max_iterations,
         progress=progress,
+        leave_out_undetermined=leave_out_undetermined,
     )
 
 
@@ -171,21 +172,36 @@ def adjust_cut(
     tolerance: float = 1e-5,
     max_iterations: int = 100,
     progress: Progress | None = None,
+    leave_out_undetermined: bool = False,
 ) -> PartsSolution:
-    """Cut a network into parts and adjust them, see `adjust`; without a client in this process."""
+    """Cut a network into parts and adjust them, see `adjust`; without a client in this process.
+
+    What is to be left out is found in an adjustment of the whole network, if the parts refuse it.
+    """
     if regions is None:
         workers = 1 if client is None else len(client.scheduler_info(n_workers=-1)["workers"])
         regions = FOR_EACH_WORKER * max(workers, 1)
     temporary = Scratch() if folder is None else None
     place = Path(temporary.path if temporary is not None else str(folder)).absolute()
-    solution = adjust_parts(
-        cut_network(network, regions, Folder(place).made()),
-        client=client,
-        folder=place,
-        name=network.name,
-        variance=variance,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-        progress=progress,
-    )
-    return replace(solution, temporary=temporary)
+
+    def attempt(some: Network) -> PartsSolution:
+        return adjust_parts(
+            cut_network(some, regions, Folder(place).made()),
+            client=client,
+            folder=place,
+            name=network.name,
+            variance=variance,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            progress=progress,
+        )
+
+    try:
+        return replace(attempt(network), temporary=temporary)
+    except AdjustmentError:
+        if not leave_out_undetermined:
+            raise
+    # Parts do not tell what of all is open: a junction may be open in one of them alone.
+    rest = batch.determined_part(network)
+    left_out = tuple(rest.unknowns_left_out)
+    return replace(attempt(rest), temporary=temporary, unknowns_left_out=left_out)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, UnknownLeftOut, known
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
@@ -34,6 +34,8 @@ class Quality:
     """Number of free components."""
     parts: tuple[Finished, ...]
     """Figures of each part."""
+    second_places: tuple[str, ...] = ()
+    """Sentences on points of one part alone that fit equally well at a second place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +99,8 @@ class PartsSolution(Shown):
     _last: dict[str, PartResult] = field(default_factory=dict, repr=False)
     temporary: Scratch | None = field(default=None, repr=False)
     """The folder of the run, if it disappears with the solution."""
+    unknowns_left_out: tuple[UnknownLeftOut, ...] = ()
+    """Unknowns that were left out as nothing determines them, see `determined_part`."""
 
     def headline(self) -> str:
         """Return the numbers of the adjustment, and how it ended."""
@@ -141,8 +145,8 @@ class PartsSolution(Shown):
 
     @property
     def second_places(self) -> tuple[str, ...]:
-        """Nothing: a network in parts is not looked at for second places."""
-        return ()
+        """Sentences on points of one part alone that fit equally well at a second place."""
+        return self.quality.second_places
 
     @property
     def iterations(self) -> int:

@@ -24,6 +24,7 @@ from ..solve.carried import carried
 from ..solve.datum import find_defects
 from ..solve.extra import NOTHING_MORE
 from ..solve.memory import available
+from ..solve.minimum import places_beside
 from ..solve.normal import NormalEquations, Solver
 from ..solve.rank import undetermined
 from ..solve.run import Run
@@ -187,6 +188,15 @@ def _beside(part: Loaded, at: At) -> State | None:
     inside[[part.number(v) for v in part.setup.variables if v.kind == "point"]] = False
     found = better_place(run, normal, inside, normal.system.vtpv) if inside.any() else None
     return None if found is None else found[0]
+
+
+@_task
+def second_places(part: Loaded, at: At) -> tuple[str, ...]:
+    """Return what is to be told of points of this part alone that fit as well elsewhere.
+
+    The junctions are held where they are, as such a point moves none of them.
+    """
+    return places_beside(part.with_known_junctions(at), part.state(at.state))
 
 
 @_task

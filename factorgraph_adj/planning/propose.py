@@ -26,6 +26,7 @@ from ..graph.equations import compile_network
 from ..network.network import Network
 from ..quality.levels import ALPHA, POWER
 from ..shown import Rows, Shown
+from ..solve.batch import determined_part
 from .candidates import (
     Candidate,
     as_candidates,
@@ -131,6 +132,7 @@ def propose(
     *,
     alpha: float = ALPHA,
     power: float = POWER,
+    leave_out_undetermined: bool = False,
 ) -> Proposal:
     """Propose the cheapest additions that make a design meet its targets.
 
@@ -146,6 +148,9 @@ def propose(
             the candidates.
         alpha: as in `plan`.
         power: as in `plan`.
+        leave_out_undetermined: whether what the design does not determine is left out first, see
+            `determined_part`; ``plan.network.unknowns_left_out`` names it. Targets concern the
+            rest, and candidates that name what was left out are refused.
 
     Raises:
         InputError: no targets; invalid candidates or targets; candidates that need another
@@ -155,6 +160,9 @@ def propose(
     """
     wanted = as_targets(targets)
     problems = limit_problems(wanted, list(network.points))
+    if leave_out_undetermined:
+        network = determined_part(as_planned(network))
+        problems = problems or limit_problems(wanted, list(network.points))
     if not wanted:
         problems.append(Problem("there are no targets: what is to be achieved?"))
     try:

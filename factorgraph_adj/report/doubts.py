@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ..errors import UnknownLeftOut
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
 from ..quality.causes.search import Causes
@@ -108,9 +109,18 @@ def of_network(network: Network) -> list[str]:
     return found
 
 
-def unknowns_left_out(network: Network) -> list[str]:
+class Reduced(Protocol):
+    """A network, or a result, that names what was left out of it."""
+
+    @property
+    def unknowns_left_out(self) -> Sequence[UnknownLeftOut]:
+        """What was left out, as nothing determines it."""
+        ...
+
+
+def unknowns_left_out(reduced: Reduced) -> list[str]:
     """Return a sentence with all that was left out, as nothing determines it; none: nothing was."""
-    gone = network.unknowns_left_out
+    gone = reduced.unknowns_left_out
     if not gone:
         return []
     by_reason: dict[tuple[str, str], list[str]] = {}

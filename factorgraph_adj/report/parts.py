@@ -16,6 +16,7 @@ from ..parts.result import PartResult, PartsSolution
 from ..quality.unit_weight import global_test
 from ..units import decimal
 from . import axes
+from .doubts import unknowns_left_out
 from .layout import WIDTH, paragraph, table, title
 from .observation_tables import figures
 from .options import Run
@@ -34,6 +35,7 @@ def parts_protocol(solution: PartsSolution, run: Run | None = None) -> str:
     """Return the protocol of an adjustment in parts: the whole, its parts, the largest tests."""
     sections = (
         _whole(solution, run or Run()),
+        [line for said in unknowns_left_out(solution) for line in paragraph(said)],
         _repeated(solution),
         _parts(solution),
         _tests(solution),
@@ -93,7 +95,8 @@ def _whole(s: PartsSolution, run: Run) -> list[str]:
         f"{s.sum_of_redundancy_numbers:.6f}",
         f"  junctions             {kinds or 'none'}; {s.junctions.n_columns} components",
         f"  iterations            {s.iterations}, {ended}: {s.reason}",
-        "  second places         not looked for",
+        "  second places         "
+        + ("; ".join(s.second_places) or "none found; points that parts share are not examined"),
         f"  vᵀPv                  {s.vtpv:.6g}",
     ]
     if test.redundancy <= 0:

@@ -12,9 +12,10 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..graph.equations import Equations
+from ..graph.variables import State
 from ..network.network import DatumChoice
 from ..types import Array
-from .ambiguous_points import MOST_THERE, resolve_ambiguous_points
+from .ambiguous_points import LOWER, MOST_THERE, resolve_ambiguous_points, standing_free
 from .datum import FreeDatum
 from .determine import GROSS, refuse_unnoticed
 from .extra import NOTHING_MORE, Extra
@@ -23,6 +24,7 @@ from .fit import fits_badly
 from .free_network import MOTION, carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
 from .memory import refuse_too_large
+from .mirrors import mirror_midpoints
 from .normal import Solver
 from .points_behind import pulled_ahead
 from .run import Looked, Run
@@ -289,6 +291,30 @@ def _minimise(
     if not ended.converged and ended.vtpv > GROSS**2 * run.equations.n_rows:
         ended = replace(ended, reason=f"{ended.reason}; {GROSS_END}")
     return run, replace(ended, iterations=iterations, second_places=told)
+
+
+def places_beside(equations: Equations, state: State) -> tuple[str, ...]:
+    """Return sentences on points that fit equally well, or better, at a second place.
+
+    Args:
+        equations: a network, of which what is common with others is held.
+        state: where it is at rest.
+    """
+    if not mirror_midpoints(equations, state, standing_free(equations)):
+        return ()
+    run = Run.at(equations, state, state, free=False)
+    examine = _Iteration(TOLERANCE, MOST_THERE)
+    ended = examine(run)
+    here, vtpv = run.state["point"].copy(), ended.vtpv
+    if not ended.converged:
+        return ()
+    ended, told = resolve_ambiguous_points(run, ended, examine, examine)
+    if ended.vtpv > vtpv - LOWER or not ended.converged:
+        return told
+    apart = np.linalg.norm(run.state["point"] - here, axis=1)
+    name = equations.unknowns["point"].names[int(np.argmax(apart))]
+    at = ", ".join(f"{x:.4f}" for x in run.state["point"][int(np.argmax(apart))])
+    return (*told, f"point {name!r} fits better at {at}: give that as its approximate coordinates")
 
 
 def _fits_badly(run: Run, weights: Array | None, *, relative: bool) -> bool:

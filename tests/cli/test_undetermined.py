@@ -10,6 +10,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli import adjust as command
 from factorgraph_adj.cli.main import main
+from factorgraph_adj.errors import InputError
 from factorgraph_adj.planning.targets import PointPrecision
 from tests.networks.epochs import epoch
 from tests.networks.well_determined import PLACES, distance, seen_once, well_determined
@@ -118,3 +119,36 @@ def test_two_epochs_name_in_every_output_what_was_left_out(tmp_path, capsys):
     assert named == [["X"], ["Y", "X"]]
     reasons = {x["name"]: x["reason"] for x in results["not_compared"]}
     assert reasons["Y"] == "left out of the second epoch as undetermined"
+
+
+CANDIDATES = """
+[[target]]
+kind = "point_precision"
+at_most_mm = 1.5
+points = ["P"]
+
+[[candidate]]
+name = "again"
+cost = 1
+observations = [{kind = "slope_distance", station = "A", target = "P", sigma_mm = 0.5}]
+"""
+
+
+def test_a_proposal_leaves_out_what_the_design_does_not_determine(loose, tmp_path, capsys):
+    wishes = tmp_path / "wishes.toml"
+    wishes.write_text(CANDIDATES, encoding="utf-8")
+    assert main(["propose", loose, str(wishes)]) == 2
+    assert "X" in capsys.readouterr().err
+    code = main(["propose", loose, str(wishes), OPTION])
+    told = capsys.readouterr()
+    assert code in (0, 1)
+    assert "1 unknown left out with 1 observation: point X" in told.err
+
+    network = well_determined()
+    seen_once(network, np.random.default_rng(1))
+    target = PointPrecision(1.0, points=("P",))
+    found = fga.propose(network, [], target, leave_out_undetermined=True)
+    assert [x.name for x in found.plan.network.unknowns_left_out] == ["X"]
+    with pytest.raises(InputError):  # it names nothing of what is left
+        target = PointPrecision(1.0, points=("X",))
+        fga.propose(network, [], target, leave_out_undetermined=True)

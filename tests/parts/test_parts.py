@@ -510,7 +510,8 @@ def test_a_point_of_one_part_leaves_the_plane_of_its_stations(tmp_path):
     for half in range(2):
         at = found.point(f"P{half}")
         assert abs(at[2] - 10.0) == pytest.approx(12.0, abs=0.01)
-    assert "second places         not looked for" in parts_protocol(found)
+    assert len(found.second_places) == 2  # above and below, at the same distances
+    assert all("fits equally well at" in told for told in found.second_places)
 
 
 @LONG
