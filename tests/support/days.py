@@ -283,7 +283,9 @@ def compare(inc: IncrementalAdjustment, seed: int, when: str) -> Compared:
     if anew.converged:
         if out.outside:
             again = adjust(inc.network(), start=anew, tolerance=1e-9)
-            if again.converged and np.isclose(again.vtpv, theirs.vtpv, rtol=1e-9, atol=1e-9):
+            # Of the same minimum, whose vᵀPv has rounding too.
+            gap = abs(again.vtpv - theirs.vtpv)
+            if again.converged and gap <= LOWER * (1.0 + theirs.vtpv):
                 out = replace(out, rounding=max(apart(again, theirs)))
         less = theirs.vtpv - anew.vtpv
         if less > LOWER * (1.0 + theirs.vtpv):
