@@ -28,8 +28,8 @@ reach 30."""
 FREE_GROWTH_BYTES = 4_000_000
 """Unpacked data of this size are read whatever the ratio, bytes."""
 MAX_ELEMENTS = 10_000_000
-"""Largest number of elements of an XML file, and of attributes; each element takes 250 bytes of
-memory."""
+"""Largest number of elements of an XML file, and of attributes; an element with three
+attributes takes 300 bytes of memory."""
 SPARE_ELEMENTS = 200_000
 """Elements, and attributes, that an XML file may have whatever its size."""
 MIN_BYTES_OF_ELEMENT = 16

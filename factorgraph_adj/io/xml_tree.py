@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
 
@@ -20,26 +20,36 @@ from ..files import (
     read_pieces,
 )
 
-_NOTHING: dict[str, str] = {}
-"""Attributes of the elements that have none, which are most of the elements of a large file."""
+MAX_SHARED = 100_000
+"""Number of different short values, and of different lists of names, that elements share: names of
+points and standard deviations come again and again."""
+SHORT = 16
+"""Largest number of letters of a value that is shared."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Element:
-    """An element of an XML file."""
+    """An element of an XML file; a large file has millions, so that it takes little memory."""
 
     tag: str
     """Name, without namespace."""
-    attributes: dict[str, str]
-    """Attributes, values stripped of blanks at both ends."""
     line: int
     """Line of the start tag, counted from 1."""
-    children: list[Element] = field(default_factory=list)
+    names: tuple[str, ...] = ()
+    """Names of the attributes, without namespace."""
+    values: tuple[str, ...] = ()
+    """Their values, stripped of blanks at both ends."""
+    children: Sequence[Element] = ()
     """Elements inside, in order."""
     text: str = ""
     """Text directly inside the element, without the text of its children."""
     end: int = 0
     """Line of the end tag."""
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """Attributes by name."""
+        return dict(zip(self.names, self.values, strict=True))
 
     def all(self, tag: str) -> Iterator[Element]:
         """Iterate over the children with a name."""
@@ -84,6 +94,9 @@ def _parsed(pieces: Iterable[bytes], name: str) -> Element:
     """Return the root of an XML text in pieces, within the bounds of `_refuse_bounds`."""
     root: list[Element] = []
     stack: list[Element] = []
+    children: list[list[Element]] = [root]
+    names: dict[tuple[str, ...], tuple[str, ...]] = {}
+    values: dict[str, str] = {}
     texts: list[list[str]] = []  # joined once: entities can make millions of pieces
     size = elements = attributes = 0
     parser = expat.ParserCreate(namespace_separator=" ")
@@ -95,18 +108,21 @@ def _parsed(pieces: Iterable[bytes], name: str) -> Element:
             raise InputError(Problem(what, f"{name}:{parser.CurrentLineNumber}"))
         elements += 1
         attributes += len(stated)
-        element = Element(
-            _name(tag),
-            {_name(k): v.strip() for k, v in stated.items()} or _NOTHING,
-            parser.CurrentLineNumber,
-        )
-        (stack[-1].children if stack else root).append(element)
+        element = Element(_name(tag), parser.CurrentLineNumber)
+        if stated:
+            element.names = _shared_names(names, tuple(stated))
+            element.values = tuple(_shared_value(values, v.strip()) for v in stated.values())
+        children[-1].append(element)
+        children.append([])
         stack.append(element)
         texts.append([])
 
     def end(_: str) -> None:
         element = stack.pop()
         element.text, element.end = "".join(texts.pop()), parser.CurrentLineNumber
+        element.children = children.pop() or ()
+        if element.end == element.line:
+            element.end = element.line  # one number
 
     def characters(text: str) -> None:
         texts[-1].append(text)
@@ -137,6 +153,25 @@ def _parsed(pieces: Iterable[bytes], name: str) -> Element:
     except (ValueError, LookupError) as error:  # the encoding is unknown or multi-byte
         raise InputError(Problem(f"is not readable XML: {error}", f"{name}:1")) from None
     return root[0]
+
+
+def _shared_value(known: dict[str, str], value: str) -> str:
+    """Return a value; one object for all elements that have the same short one."""
+    if len(value) > SHORT:
+        return value
+    return known.setdefault(value, value) if len(known) < MAX_SHARED else known.get(value, value)
+
+
+def _shared_names(
+    known: dict[tuple[str, ...], tuple[str, ...]], stated: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Return names without namespaces; one object for all elements that have the same."""
+    found = known.get(stated)
+    if found is None:
+        found = tuple(map(_name, stated))
+        if len(known) < MAX_SHARED:
+            known[stated] = found
+    return found
 
 
 def _name(stated: str) -> str:
