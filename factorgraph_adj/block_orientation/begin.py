@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import ApproximationError, DatumError, InputError, Problem
+from ..errors import AdjustmentError, ApproximationError, DatumError, InputError, Problem
 from ..graph.equations import Equations, compile_network
 from ..network.network import DatumChoice, Network
 from ..solve.determine import GROSS
@@ -163,7 +163,7 @@ def is_lost(solution: Solution) -> bool:
     return not solution.converged and float(v @ v) > GROSS**2 * len(v)
 
 
-def leaving_out(start: Start, error: InputError | DatumError) -> InputError | DatumError:
+def leaving_out(start: Start, error: AdjustmentError) -> AdjustmentError:
     """Return an error of an adjustment that began from image points, with what it may come from."""
     if not start.doubtful:
         return error
@@ -172,8 +172,15 @@ def leaving_out(start: Start, error: InputError | DatumError) -> InputError | Da
         "that do not agree; fga.snoop, or adjust --snoop, begins without them, "
         "found = fga.orient(network) names them, and found.without_doubtful() has none of them"
     )
+    return with_note(error, what)
+
+
+def with_note(error: AdjustmentError, what: str) -> AdjustmentError:
+    """Return an error with what it may come from, of the same kind where that says more."""
     if isinstance(error, InputError):
         return InputError([*error.problems, Problem(what)])
-    return DatumError(
-        f"{error}\n{what}", defect=error.defect, names=error.names, unknowns=error.unknowns
-    )
+    if isinstance(error, DatumError):
+        return DatumError(
+            f"{error}\n{what}", defect=error.defect, names=error.names, unknowns=error.unknowns
+        )
+    return AdjustmentError(f"{error}\n{what}")

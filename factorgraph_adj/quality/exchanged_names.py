@@ -1,13 +1,14 @@
 """Exchanged names of targets, looked up before data snooping where an adjustment is far off.
 
 A few exchanged names bend an adjustment until its largest residuals are those of good readings.
-What is far off at the approximate values, or in a robust estimate, may be wrong; what is right is
+What is far off in a robust estimate, or at the approximate values, may be wrong; what is right is
 found beside the rest, without it (`causes.exchanged_targets`). Then data snooping begins without
 the exchanged sights.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -75,25 +76,23 @@ def exchanged_names(
     if solution.datum is not None or network.datum == "free":
         return ()  # there is no robust estimator of free networks
     equations = compile_network(network)  # those of the estimate have other weights
-    first = replace(solution, state=solution.start)
-    found = exchanged_targets(
-        equations, first, _far_off_at_first(solution), alpha, estimated=estimated
-    )
-    if found:
-        return found
-    try:
+    with suppress(AdjustmentError):
         robust = robust_adjust(
             network, start=approximate_values(solution), from_start=True, max_iterations=ENOUGH
         )
-    except AdjustmentError:
-        return ()
-    size = np.abs(np.nan_to_num(robust.test_values))
-    limit = max(
-        _sigma0(size, estimated) * normal_quantile(1.0 - 0.5 * alpha),
-        PART * float(size.max(initial=0.0)),
-    )
-    bad = {equations.id(int(row)) for row in np.flatnonzero(size > limit)}
-    return exchanged_targets(equations, robust.solution, bad, alpha, estimated=estimated)
+        size = np.abs(np.nan_to_num(robust.test_values))
+        limit = max(
+            _sigma0(size, estimated) * normal_quantile(1.0 - 0.5 * alpha),
+            PART * float(size.max(initial=0.0)),
+        )
+        bad = {equations.id(int(row)) for row in np.flatnonzero(size > limit)}
+        found = exchanged_targets(equations, robust.solution, bad, alpha, estimated=estimated)
+        if found:
+            return found
+    # Several exchanges among few targets bend the estimate, too.
+    first = replace(solution, state=solution.start)
+    bad = _far_off_at_first(solution)
+    return exchanged_targets(equations, first, bad, alpha, estimated=estimated)
 
 
 def _far_off_at_first(solution: Solution) -> set[str]:

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from ..block_orientation.begin import begun, begun_anew, is_lost, leaving_out
+from ..block_orientation.begin import begun, begun_anew, is_lost, leaving_out, with_note
 from ..errors import AdjustmentError, DatumError, InputError, Problem, known
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
@@ -23,6 +23,7 @@ from ..solve.minimum import MOST_ITERATIONS
 from ..solve.solution import Solution
 from ..solve.start import Start
 from ..types import Array
+from .causes.block_mistakes import BlockMistake, block_mistakes
 from .causes.matches import Match
 from .exchanged_names import exchanged_names, sights_far_off, start_beside
 from .far_off import approximate_values, astray, simpler
@@ -117,15 +118,22 @@ def snoop(
     first: Solution | None = None
     failure: InputError | DatumError | None = None
     from_images: Snooping | None = None
+    mistakes: tuple[BlockMistake, ...] = ()
     if robust is None:
         try:
             first = adjust(network, start=start, extra_factors=extra, **options)
         except (InputError, DatumError) as error:
             failure = error
+        if plain and first is not None:
+            mistakes = block_mistakes(first, searching.alpha, estimated=test == "pope")
+        aside = tuple(i for m in mistakes for i in m.aside)
+        if aside:
+            beside = replace(Start.of(mistakes[0].solution), doubtful=aside)
+            return searching.run_beside(beside, [m.match for m in mistakes])[1]
         lost = first is None or is_lost(first)
         if plain and lost and (anew := begun_anew(network, datum)) is not None:
             with suppress(AdjustmentError):
-                from_images = searching.run_beside(anew)[1]
+                from_images = searching.run_beside(anew, [m.match for m in mistakes])[1]
         if from_images is not None and (failure is not None or not from_images.unresolved):
             return from_images
         if failure is not None:
@@ -136,7 +144,13 @@ def snoop(
                 f"the network has no minimum with its factors: {first.reason}; find the gross "
                 "errors without extra_factors first"
             )
-    found = _from_given(searching, first, start, robust, extra, plain=plain)
+    try:
+        found = _from_given(searching, first, start, robust, extra, mistakes, plain=plain)
+    except AdjustmentError as error:
+        if not mistakes:
+            raise
+        said = "; ".join(f"{m.match.cause} {m.match.where}" for m in mistakes)
+        raise with_note(error, f"nearly everything fits without one mistake: {said}") from None
     if from_images is None:
         return found
     # Images that are wrong themselves lead astray, too: what leaves less unresolved is chosen.
@@ -149,6 +163,7 @@ def _from_given(
     start: Solution | Start | None,
     robust: Estimator | None,
     extra: Extra,
+    mistakes: Sequence[BlockMistake],
     *,
     plain: bool,
 ) -> Snooping:
@@ -160,16 +175,17 @@ def _from_given(
         start: where it began.
         robust: the robust estimator.
         extra: the user's factors.
+        mistakes: what bends the block of photos.
         plain: whether there is no estimator, no factor and no earlier solution.
     """
     network, options = searching.network, searching.options
-    names: list[Match] = []
+    names = [m.match for m in mistakes]
     estimated = searching.test == "pope"
     if plain and first is not None and sights_far_off(first, estimated=estimated):
         # Exchanged names bend an adjustment, and a search that begins with it.
         exchanged = exchanged_names(network, first, searching.alpha, estimated=estimated)
-        names = [e.match for e in exchanged]
-        beside = start_beside(network, exchanged, options) if names else None
+        names += [e.match for e in exchanged]
+        beside = start_beside(network, exchanged, options) if exchanged else None
         if beside is not None:
             return searching.run_beside(beside, names)[1]
     if first is not None and first.converged:

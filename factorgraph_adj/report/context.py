@@ -14,8 +14,9 @@ from ..graph.variables import calibration_name
 from ..io.numbers import Units
 from ..models.variables import VariableKind
 from ..network.network import Network
-from ..quality.causes.exchanged_targets import Exchange
+from ..quality.causes.block_mistakes import block_mistakes
 from ..quality.causes.given import GivenValue
+from ..quality.causes.matches import Match
 from ..quality.causes.search import Causes, causes, exchanges_alone
 from ..quality.check_points import check_points
 from ..quality.doubtful_sigmas import doubtful_sigmas
@@ -273,7 +274,7 @@ class Report:
             return []
         first = self.causes.likeliest
         if self.snooping is None and first is not None and not first.sizes:
-            return [f"readings fit under other names: {first}"]
+            return [f"readings fit without a mistake: {first}"]
         if self.snooping is None and not self.pope:
             return []
         if first is None:
@@ -291,7 +292,7 @@ class Report:
         if self.snooping is not None:
             found = self.snooping.causes
             return None if found is None else axes.causes(self.network, found)
-        rel, matches = self.reliability, [e.match for e in self._exchanged]
+        rel, matches = self.reliability, self._matches
         if rel is None or not self.solution.converged:
             found = exchanges_alone(self.solution, matches, self.options.alpha)
             return found if matches else None
@@ -305,12 +306,16 @@ class Report:
         return axes.causes(self.network, causes(rel, matches, estimated=self.pope))
 
     @cached_property
-    def _exchanged(self) -> tuple[Exchange, ...]:
-        """Exchanged names of targets, where readings of sights are far off."""
-        estimated = self.pope
-        if self.snooping is not None or not sights_far_off(self.solution, estimated=estimated):
-            return ()
-        return exchanged_names(self.network, self.solution, self.options.alpha, estimated=estimated)
+    def _matches(self) -> list[Match]:
+        """Exchanged names of targets, where sights are far off, and mistakes that bend a block."""
+        if self.snooping is not None:
+            return []
+        alpha, pope = self.options.alpha, self.pope
+        found = [m.match for m in block_mistakes(self.solution, alpha, estimated=pope)]
+        if sights_far_off(self.solution, estimated=pope):
+            every = exchanged_names(self.network, self.solution, alpha, estimated=pope)
+            found += [e.match for e in every]
+        return found
 
     @cached_property
     def given(self) -> tuple[GivenValue, ...]:

@@ -167,7 +167,7 @@ def _(p: Project) -> None:
     "two targets exchanged, adjusted without data snooping",
     ADJUST,
     DOUBTFUL,
-    "readings fit under other names: two targets, exchanged: 'A' and 'D' seen from 'S1'",
+    "readings fit without a mistake: two targets, exchanged: 'A' and 'D' seen from 'S1'",
 )
 def _(p: Project) -> None:
     exchange_targets(p, "S1", "A", "D")
@@ -177,7 +177,7 @@ def _(p: Project) -> None:
     "two targets exchanged, with which the adjustment has no minimum",
     ADJUST,
     DOUBTFUL,
-    "readings fit under other names: two targets, exchanged: 'A' and 'E' seen from 'S1'",
+    "readings fit without a mistake: two targets, exchanged: 'A' and 'E' seen from 'S1'",
 )
 def _(p: Project) -> None:
     exchange_targets(p, "S1", "A", "E")

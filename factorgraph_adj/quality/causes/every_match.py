@@ -8,6 +8,7 @@ from ...graph.equations import Equations
 from ...solve.solution import Solution
 from .evidence import VarianceFactor
 from .exchanged_photos import exchanged_photos
+from .image_names import exchanged_image_points
 from .matches import Match, matches
 from .mirrored_block import mirrored_block
 from .photos import photos
@@ -38,6 +39,7 @@ def every_match(
     found = (
         *matches(equations, clean, aside, alpha, weight),
         *photos(equations, clean, aside, alpha, weight),
+        *exchanged_image_points(equations, clean, aside, alpha, weight),
     )
     if again:
         bad = [*aside, *above]

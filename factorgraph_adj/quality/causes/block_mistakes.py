@@ -1,0 +1,285 @@
+"""Mistakes that bend a block of photos beyond its linear model, each tested by adjusting anew.
+
+Two image points of a photo with each other's names, a control point with the coordinates of
+another or with a height of the wrong sign, a principal distance in another unit: the adjustment of
+such a block ends far from the truth, where what was given of the camera seems to explain most. So
+the block is adjusted again from its approximate values, once for each mistake as if it had not been
+made: with the names exchanged, without the coordinates of the point, with the principal distance
+unknown. What was wrong is that with which nearly everything fits. Mistakes after which everything
+fits as well are named together.
+
+Which image points may have other names is known before any adjustment: they do not agree with the
+orientation from image points, and lie where the other point is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, combinations
+
+import numpy as np
+
+from ...block_orientation.begin import begun_anew
+from ...errors import AdjustmentError
+from ...graph.equations import Equations
+from ...graph.variables import State
+from ...network.network import Network
+from ...solve.batch import adjust
+from ...solve.solution import Solution
+from ...types import Array
+from ...units import significant
+from ..distributions import normal_quantile
+from .evidence import VarianceFactor
+from .image_names import (
+    IMAGE_NAMES,
+    exchanged_in_photos,
+    image_blocks,
+    misfits,
+    with_exchanged,
+)
+from .matches import Match
+from .separable import SAME
+
+BENT = 100.0
+"""Test value of a row beyond which a block may be bent."""
+MOST_RAYS = 5000
+"""Largest number of image points of a block that is adjusted for every mistake."""
+MOST_ITERATIONS = 15
+"""Largest number of iterations of an adjustment: without the mistake it is near its minimum."""
+FIT = 0.95
+"""Smallest share of all rows that fit without the mistake; the others may be gross errors."""
+LESS = 0.01
+"""Largest part of vᵀPv that a mistake leaves."""
+MOST_POINTS = 6
+"""Largest number of control points that are tried, those whose rays misfit most."""
+MOST_FIT = 0.7
+"""Share of the rows that fit from which on a block is not bent as a whole: then control and cameras
+are left to linear tests."""
+DIGITS = 5
+"""Digits of a principal distance."""
+MIRRORED = 10.0
+"""Largest distance of a coordinate from that with the other sign, in standard deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Mistake:
+    """A mistake, and the network as if it had not been made."""
+
+    cause: str
+    places: tuple[str, ...]
+    network: Network
+    ids: tuple[tuple[str, ...], ...]
+    """Ids of the image points that are concerned, for each place."""
+    named: Callable[[Solution], str] | None = None
+    """Returns what is wrong from the adjustment without it; none: `cause`."""
+    fitting: Callable[[Solution], str] | None = None
+    """Returns what fits, as an addition to the place; none: nothing is to be said."""
+    aside: bool = False
+    """Whether its image points may be set aside for it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitting:
+    """A mistake without which nearly everything fits."""
+
+    mistake: _Mistake
+    solution: Solution
+
+    @property
+    def named(self) -> str:
+        """What was wrong."""
+        m = self.mistake
+        return m.cause if m.named is None else m.named(self.solution)
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMistake:
+    """A mistake without which nearly everything in a block fits."""
+
+    match: Match
+    """What is to be said of it."""
+    solution: Solution
+    """The adjustment without it."""
+    aside: tuple[str, ...]
+    """Ids of what may be set aside for it; empty if it is in given values."""
+
+
+def block_mistakes(
+    solution: Solution, alpha: float, *, estimated: bool = False
+) -> tuple[BlockMistake, ...]:
+    """Look for a mistake without which nearly everything in a bent block fits.
+
+    Args:
+        solution: the adjustment of everything, or where it ended.
+        alpha: probability with which a row that is right does not fit.
+        estimated: whether σ0 is estimated; otherwise it is 1.
+    """
+    equations = solution.equations
+    if solution.n_extra or not 0 < equations.n_rays <= MOST_RAYS:
+        return ()
+    v = np.abs(np.nan_to_num(equations.residuals(solution.state)))
+    unit = float(np.median(v)) if estimated else 1.0
+    if not np.max(v, initial=0.0) > BENT * unit:
+        return ()
+    begin = begun_anew(solution.network, None)
+    state = solution.start if begin is None else begin.state
+    tried: list[Iterator[_Mistake]] = [_image_names(equations, state)]
+    if np.mean(v <= unit * normal_quantile(1.0 - 0.5 * alpha)) < MOST_FIT:
+        off = _rays_off(equations, state)
+        given = chain(_control(equations, off), _cameras(equations))
+        tried += [given, _exchanged_control(equations, off)]
+    for every in tried:
+        fitting = [f for m in every if (f := _without(m, solution, alpha, estimated)) is not None]
+        if fitting:
+            return tuple(_found(fitting, float(v @ v)))
+    return ()
+
+
+def _without(
+    mistake: _Mistake, solution: Solution, alpha: float, estimated: bool
+) -> _Fitting | None:
+    """Return a mistake, if nearly everything fits without it."""
+    try:
+        found = adjust(
+            mistake.network,
+            datum="given" if solution.datum is None else "free",
+            max_iterations=MOST_ITERATIONS,
+        )
+    except AdjustmentError:
+        return None
+    if not found.converged or not found.vtpv < LESS * solution.vtpv:
+        return None
+    squares = np.square(found.equations.residuals(found.state))
+    critical = VarianceFactor.left_by(found, estimated=estimated).limit(1, alpha)
+    return _Fitting(mistake, found) if np.mean(squares <= critical) >= FIT else None
+
+
+def _found(fitting: list[_Fitting], before: float) -> Iterator[BlockMistake]:
+    """Iterate over the places of the mistake that explains most; others as good go with it."""
+    best = min(fitting, key=lambda f: f.solution.vtpv)
+    after, mistake = best.solution.vtpv, best.mistake
+    others = [f for f in fitting if f is not best and f.solution.vtpv < after + SAME]
+    same = tuple(f"{f.named} {place}" for f in others for place in f.mistake.places)
+    more = "" if mistake.fitting is None else mistake.fitting(best.solution)
+    for place, ids in zip(mistake.places, mistake.ids, strict=True):
+        match = Match(best.named, place + more, ids, before, after, same=same)
+        yield BlockMistake(match, best.solution, ids if mistake.aside else ())
+
+
+# -- image points --------------------------------------------------------------------------------
+
+
+def _image_names(equations: Equations, state: State) -> Iterator[_Mistake]:
+    """Iterate over all image points that lie where others are computed, exchanged together."""
+    found = tuple(exchanged_in_photos(equations, state, lambda off: off > BENT))
+    if found:
+        network = with_exchanged(equations.network, found)
+        ids = tuple(e.ids for e in found)
+        yield _Mistake(IMAGE_NAMES, tuple(map(str, found)), network, ids, aside=True)
+
+
+def _rays_off(equations: Equations, state: State) -> Array:
+    """Return the largest misfit of the rays of each point in a state, (n,)."""
+    out = np.zeros(len(equations.unknowns["point"].names))
+    for block in image_blocks(equations):
+        np.maximum.at(out, dict(block.variables)["point"], misfits(equations, block, state))
+    return out
+
+
+# -- control -------------------------------------------------------------------------------------
+
+
+def _control_points(equations: Equations, off: Array) -> list[str]:
+    """Return the points with given coordinates that are tried, those off most first."""
+    table = equations.unknowns["point"]
+    given = (~table.free | np.isfinite(table.sigma)).any(axis=1) & (off > 0.0)
+    order = np.argsort(-off, kind="stable")
+    return [table.names[p] for p in order.tolist() if given[p]][:MOST_POINTS]
+
+
+def _rays_to(equations: Equations, points: Iterable[str]) -> tuple[str, ...]:
+    numbers = [equations.unknowns["point"].number[p] for p in points]
+    return tuple(
+        block.ids[int(i)]
+        for block in image_blocks(equations)
+        for i in np.flatnonzero(np.isin(dict(block.variables)["point"], numbers))
+    )
+
+
+def _control(equations: Equations, off: Array) -> Iterator[_Mistake]:
+    """Iterate over control points as if nothing were given of them."""
+    for name in _control_points(equations, off):
+        network = equations.network.copy()
+        point = network.points[name]
+        network.points[name] = replace(point, fixed=(False,) * 3, sigma=None)
+        named = _ControlName(name, np.array(point.coordinates))
+        ids = (_rays_to(equations, [name]),)
+        yield _Mistake("the given coordinates", (f"of point {name!r}",), network, ids, named)
+
+
+@dataclass(frozen=True, eq=False)
+class _ControlName:
+    """What is wrong with given coordinates, by where the point is without them."""
+
+    name: str
+    given: Array
+
+    def __call__(self, solution: Solution) -> str:
+        at, sigma = solution.point(self.name), solution.standard_deviations(self.name)
+        wrong = np.abs(at - self.given) > MIRRORED * sigma
+        mirrored = wrong & (np.abs(at + self.given) <= MIRRORED * sigma)
+        if mirrored.any() and not (wrong & ~mirrored).any():
+            axes = [a for a, m in zip("xyz", mirrored, strict=True) if m]
+            return f"the sign of the given {' and '.join(axes)}"
+        return "the given coordinates"
+
+
+def _exchanged_control(equations: Equations, off: Array) -> Iterator[_Mistake]:
+    """Iterate over pairs of control points with the coordinates of each other."""
+    for a, b in combinations(sorted(_control_points(equations, off)), 2):
+        network = equations.network.copy()
+        one, other = network.points[a], network.points[b]
+        network.points[a] = replace(other, name=a)
+        network.points[b] = replace(one, name=b)
+        places = (f"of points {a!r} and {b!r}",)
+        ids = (_rays_to(equations, [a, b]),)
+        yield _Mistake("the given coordinates, exchanged,", places, network, ids)
+
+
+# -- cameras -------------------------------------------------------------------------------------
+
+
+def _cameras(equations: Equations) -> Iterator[_Mistake]:
+    """Iterate over cameras whose principal distance is held, as if it were unknown."""
+    used = {photo.camera for photo in equations.network.photos.values()}
+    for name in sorted(used):
+        camera = equations.network.cameras[name]
+        at = camera.lens.names.index("c") if "c" in camera.lens.names else None
+        if at is None or not camera.fixed[at]:
+            continue
+        network = equations.network.copy()
+        fixed = tuple(f and k != at for k, f in enumerate(camera.fixed))
+        network.cameras[name] = replace(camera, fixed=fixed)
+        of_camera = [n for n, p in network.photos.items() if p.camera == name]
+        numbers = [equations.unknowns["pose"].number[n] for n in of_camera]
+        ids = tuple(
+            block.ids[int(i)]
+            for block in image_blocks(equations)
+            for i in np.flatnonzero(np.isin(dict(block.variables)["pose"], numbers))
+        )
+        where = (f"of camera {name!r}",)
+        fitting = _FittingDistance(name, camera.values[at])
+        yield _Mistake("the given c", where, network, (ids,), fitting=fitting)
+
+
+@dataclass(frozen=True)
+class _FittingDistance:
+    """The principal distance that fits."""
+
+    camera: str
+    given: float
+
+    def __call__(self, solution: Solution) -> str:
+        fitting = solution.calibration(self.camera)["c"]
+        return f", {significant(self.given, DIGITS)}, where {significant(fitting, DIGITS)} fits"
