@@ -41,6 +41,8 @@ def follow(equations: Equations, layers: Layers, before: State, moved: State) ->
     better = on & (start < cost)
     state["point"][better | ~on] = moved["point"][better | ~on]
     cost = np.where(better, start, cost)
+    if np.isinf(cost[on]).all():  # a point in a focal plane has no image, and there are no normals
+        return moved
     damping = np.full(len(cost), 1e-4)
     for _ in range(STEPS):
         h, g = _normals(equations, on, state)

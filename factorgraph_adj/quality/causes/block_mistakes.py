@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import chain, combinations
+from itertools import combinations
 
 import numpy as np
 
@@ -25,8 +25,10 @@ from ...errors import AdjustmentError
 from ...graph.equations import Equations
 from ...graph.variables import State
 from ...network.network import Network
+from ...network.selection import without
 from ...solve.batch import adjust
 from ...solve.solution import Solution
+from ...solve.start import Start
 from ...types import Array
 from ...units import significant
 from ..distributions import normal_quantile
@@ -124,16 +126,28 @@ def block_mistakes(
         return ()
     begin = begun_anew(solution.network, None)
     state = solution.start if begin is None else begin.state
-    tried: list[Iterator[_Mistake]] = [_image_names(equations, state)]
-    if np.mean(v <= unit * normal_quantile(1.0 - 0.5 * alpha)) < MOST_FIT:
-        off = _rays_off(equations, state)
-        given = chain(_control(equations, off), _cameras(equations))
-        tried += [given, _exchanged_control(equations, off)]
-    for every in tried:
+    critical = unit * normal_quantile(1.0 - 0.5 * alpha)
+    bent = float(np.mean(v <= critical)) < MOST_FIT
+    off = _rays_off(equations, state)
+    for every in (
+        _image_names(equations, state),
+        _as_single_errors(solution.network, begin) if bent else (),
+        (*_control(equations, off), *_cameras(equations)) if bent else (),
+        _exchanged_control(equations, off) if bent else (),
+    ):
         fitting = [f for m in every if (f := _without(m, solution, alpha, estimated)) is not None]
         if fitting:
             return tuple(_found(fitting, float(v @ v)))
     return ()
+
+
+def _as_single_errors(network: Network, begin: Start | None) -> Iterator[_Mistake]:
+    """Iterate over the network without image points that do not agree with the others.
+
+    Where it fits, these are gross errors of single readings, and no other mistake was made.
+    """
+    if begin is not None and begin.doubtful and not begin.unreached:
+        yield _Mistake("", (), without(network, begin.doubtful), ())
 
 
 def _without(
