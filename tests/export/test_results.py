@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.errors import LeftOut
 from factorgraph_adj.report.context import Report
 from factorgraph_adj.report.options import Provenance, ReportOptions, Run
 from factorgraph_adj.report.tables import write_solution
@@ -63,6 +65,30 @@ def written(result, folder):
 def test_the_schema_is_one():
     jsonschema = pytest.importorskip("jsonschema")
     jsonschema.Draft202012Validator.check_schema(fga.results_schema())
+
+
+def test_a_result_says_where_it_began_what_was_left_out_and_what_is_striking(tmp_path):
+    """A reader left a row out, a start was replaced, and back readings repeat the forth ones."""
+    jsonschema = pytest.importorskip("jsonschema")
+    network = fga.Network("striking")
+    for i in range(5):
+        network.add_point(f"P{i}", (0.0, 0.0, 1.0 * i), fixed="xyz" if i == 0 else "xy")
+    for i in range(5):
+        j = (i + 1) % 5
+        rise = round(1.0 * (j - i) + 0.0003 * (-1) ** i, 4)
+        for a, b, value in ((i, j, rise), (j, i, -rise)):
+            network.add(fga.HeightDifference(f"P{a}", f"P{b}", value, sigma=0.001))
+    row = LeftOut("rows", "they have no value", ("P4",), 1, of=11, where="levels.csv:7")
+    network.left_out.append(row)
+    solution = replace(fga.adjust(network), begun=("began from other values",))
+    found = written(solution, tmp_path)
+    jsonschema.validate(found, fga.results_schema())
+    assert found["start"] == ["began from other values"]
+    assert found["left_out"] == [str(row)]
+    assert any("forth and back" in note for note in found["notes"])
+    for key in ("start", "left_out", "notes"):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(found | {key: "one text"}, fga.results_schema())
 
 
 @pytest.mark.parametrize("name", RESULTS)
