@@ -5,6 +5,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
+from factorgraph_adj.observations.relations import CoordinateDifference
 from factorgraph_adj.validate.preliminary.repeated import repeated
 
 
@@ -98,3 +99,13 @@ def test_a_fit_that_is_too_good_is_a_note_and_no_doubt(tmp_path, capsys):
     assert "the readings fit better than their σ say" in printed.err
     assert "the readings fit better than their σ say" in printed.out.replace("\n  ", " ")
     assert "DOUBTFUL" not in printed.out
+
+
+@pytest.mark.parametrize("stated", [{"sigma": 0.002}, {"covariance": np.array([[4e-6]])}])
+def test_a_copied_vector_of_one_component_is_doubted(stated):
+    network = network_of([])
+    for name, x in (("A", 0.0), ("B", 50.0)):
+        network.add_point(name, (x, 0.0, 0.0), fixed="xyz")
+    for _ in range(2):
+        network.add(CoordinateDifference("A", "B", (50.0012,), axes="x", **stated))
+    assert len(doubts(network)) == 1

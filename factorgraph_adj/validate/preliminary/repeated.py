@@ -43,10 +43,15 @@ ROUNDING = 1e-4
 
 
 def size_of(o: Observation, length: float) -> float:
-    """Return the standard deviation of a reading over a sight of a length, unit of its value."""
+    """Return the standard deviation of a reading over a sight of a length, unit of its value.
+
+    Vectors of one component state it, or their covariance, for each component.
+    """
     sigma = o.sigma  # type: ignore[attr-defined]
+    if sigma is None:
+        return float(np.sqrt(np.ravel(o.covariance)[0]))  # type: ignore[attr-defined]
     if not isinstance(sigma, StandardDeviation):
-        return float(sigma)
+        return float(np.ravel(sigma)[0])
     weight = o.record.weight
     assert weight is not None
     return float(np.sqrt(weight.variance([sigma], Along(max(length, 1e-3)))[0]))
