@@ -80,6 +80,8 @@ def _stream(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             print("interrupted in the middle of a line", file=sys.stderr)
             return INTERRUPTED
+        for doubt in stream.adjustment.doubts:
+            print(doubt, file=sys.stderr)
         return INTERRUPTED if stop.received == signal.SIGINT else FINE
 
 

@@ -21,6 +21,7 @@ from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
 from ..types import Array
+from ..validate.preliminary.copied_blocks import CopiedBlocks
 from . import commands, points, records, sides
 from .arrival import Arrival, Waiting, waiting_of
 from .beginning import begin, replayed
@@ -97,9 +98,11 @@ class IncrementalAdjustment:
         self._solution: tuple[State, Solution] | None = None
         self.latest = Arrival()
         """What the latest command came to; after `snoop`, the verdicts on what came back."""
+        self._copies = CopiedBlocks()
         own = network.copy()
         own.datum = chosen
         self._state = begin(Ledger.of(own), self._rules, start)
+        self._copies.add(self._state.ledger.observations())
         if journal is not None:
             head = records.header(network, asdict(self._rules))
             self._journal = Journal.create(journal, head, durable=False)
@@ -136,7 +139,9 @@ class IncrementalAdjustment:
             out._rules, out._lock = rules, RLock()
             out.resumed, out._solution, out._journal = torn, None, None
             out.latest = Arrival()
+            out._copies = CopiedBlocks()
             out._state = replayed(network, entries, out._rules, str(journal))
+            out._copies.add(out._state.ledger.observations())
         except BaseException:
             opened.close()
             raise
@@ -201,7 +206,10 @@ class IncrementalAdjustment:
             )
         result = commands.add(self._state, given, self._rules)
         new = records.entities(self._state.ledger.network, result[0].ledger.network, given)
-        return self._changed("add", result, new)
+        arrived = result[0].ledger.observations(self._state.ledger.rows.n)
+        arrival = self._changed("add", result, new)
+        self._copies.add(arrived)
+        return arrival
 
     @one_at_a_time
     def remove(self, ids: str | Iterable[str]) -> Arrival:
@@ -328,8 +336,16 @@ class IncrementalAdjustment:
     @property
     @one_at_a_time
     def doubts(self) -> tuple[str, ...]:
-        """Sentences on points of which one reading alone tells the side; the solution has them."""
-        return sides.doubts(self._state.ledger)
+        """Why the result may be wrong: readings that alone tell the side of a point, and copies.
+
+        The solution tells of the first of these.
+        """
+        ledger = self._state.ledger
+
+        def there(ident: str) -> bool:
+            return ledger.status(ident) == "accepted"
+
+        return (*sides.doubts(ledger), *self._copies.told(there, lambda ident, _: repr(ident)))
 
     @one_at_a_time
     def network(self) -> Network:
@@ -350,7 +366,7 @@ class IncrementalAdjustment:
             raise InputError("nothing is determined yet: there is no solution")
         if self._solution is None or self._solution[0] is not self._state:
             found = solution_of(self._state.ledger, self._state.system, self._rules)
-            told = (*found.second_places, *self.doubts)
+            told = (*found.second_places, *sides.doubts(self._state.ledger))
             self._solution = self._state, replace(found, second_places=told)
         return self._solution[1]
 

@@ -369,6 +369,16 @@ class Ledger:
         unit = self.unit(int(rows[0]))
         return unit.observations[unit.ids.index(ident)]
 
+    def observations(self, first: int = 0) -> list[tuple[str, Observation]]:
+        """Return ids and observations of rows from a number on, in their order, no image points."""
+        rows = np.arange(first, self.rows.n)
+        rows = rows[self.rows.status[rows] != GONE]
+        return [
+            pair
+            for _, unit in self.rows.units(rows)
+            for pair in zip(unit.ids, unit.observations, strict=True)
+        ]
+
     def verdicts(self, outcome: Outcome) -> Iterator[Verdict]:
         """Iterate over the verdicts on suspects, or on rejected observations."""
         for row in self.having(outcome).tolist():

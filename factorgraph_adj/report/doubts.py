@@ -16,6 +16,7 @@ from ..quality.distributions import normal_quantile, poisson_from
 from ..quality.losses import Loss
 from ..quality.unit_weight import Adjusted, global_test
 from ..types import Array
+from ..validate.preliminary.copied_blocks import copied_blocks
 from ..validate.preliminary.finding import Finding
 from ..validate.preliminary.left_handed import left_handed
 from ..validate.preliminary.returned import copied_returns
@@ -96,11 +97,13 @@ def of_network(network: Network) -> list[str]:
     """Return doubts about what was adjusted.
 
     They are how many readings did not agree when they were reduced, with the first of them, what
-    a reader left out although it was to be used, and frames that no rotation leads to.
+    a reader left out although it was to be used, frames that no rotation leads to, and blocks of
+    readings that repeat earlier ones in all digits.
     """
     n = len(network.doubts)
     found = [str(f) for f in left_handed(network)]
     found += [str(left) for left in network.left_out if left.doubtful]
+    found += copied_blocks(network)
     if n:
         first = network.doubts[0]
         found.append(

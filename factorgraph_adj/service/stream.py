@@ -30,6 +30,9 @@ such as σ of a new point before the observation, are null.
 ``waiting``           all waiting observations, with the support that they lack
 ``suspects``          verdicts of doubtful observations that wait for a decision
 ``rejected``          verdicts of rejected observations
+``doubts``            sentences: which observations alone tell the side of a point, and which
+                      blocks of them repeat earlier ones in all digits (also at the end of the
+                      stream, on standard error)
 ``accept``            ``ids``: put suspect or rejected observations into the graph
 ``discard``           ``ids``: discard suspect observations
 ``remove``            ``ids``: remove observations; those that lose their support wait again
@@ -314,6 +317,9 @@ class Stream:
     def _rejected(self, row: Row) -> Answer:
         return {"rejected": [self.answers.verdict(v) for v in self.adjustment.rejected]}
 
+    def _doubts(self, row: Row) -> Answer:
+        return {"doubts": list(self.adjustment.doubts)}
+
     def _write(self, row: Row) -> Answer:
         name = row.text("project", required=True)
         overwrite = row.take("overwrite")
@@ -347,6 +353,7 @@ COMMANDS: dict[str, Command] = {
     "waiting": Command(Stream._all_waiting),
     "suspects": Command(Stream._suspects),
     "rejected": Command(Stream._rejected),
+    "doubts": Command(Stream._doubts),
     "accept": Command(Stream._accept, ("ids",)),
     "discard": Command(Stream._discard, ("ids",)),
     "remove": Command(Stream._remove, ("ids",)),

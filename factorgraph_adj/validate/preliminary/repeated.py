@@ -82,12 +82,12 @@ def _duplicates(network: Network) -> Iterator[Finding]:
             continue
         groups = [np.array([reading(o) for o in some]) for some in again.values()]
         step = resolution(np.concatenate([x.ravel() for x in groups]))
-        scatter = _scatter(groups)
+        scatter = scatter_of(groups)
         if scatter is not None and scatter < STEPS * step:
             continue
         expected = 0.0
         for some in again.values():
-            expected += len(some) * (len(some) - 1) / 2 * _chance(some[0], step, scatter)
+            expected += len(some) * (len(some) - 1) / 2 * chance_of_equal(some[0], step, scatter)
         if expected and poisson_from(len(copies), expected) > CHANCE:
             continue
         (first, second), n = copies[0], len(copies) - 1
@@ -108,7 +108,7 @@ def _sorted(some: list[Observation]) -> list[Observation]:
     return sorted(some, key=lambda o: tuple(reading(o)))
 
 
-def _scatter(groups: list[Array]) -> float | None:
+def scatter_of(groups: list[Array]) -> float | None:
     """Return the standard deviation of repeated readings within their groups; none: all are equal.
 
     Copies are counted once, as they would make it smaller.
@@ -120,7 +120,7 @@ def _scatter(groups: list[Array]) -> float | None:
     return float(np.sqrt(sum(np.sum((x - x.mean(axis=0)) ** 2) for x in different) / number))
 
 
-def _chance(o: Observation, step: float, scatter: float | None) -> float:
+def chance_of_equal(o: Observation, step: float, scatter: float | None) -> float:
     """Return the probability with which a second reading equals this one; 0 if σ is not known.
 
     Of the stated σ and the scatter of repeated readings the smaller one counts: where the σ are
