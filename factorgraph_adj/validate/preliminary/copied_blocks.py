@@ -133,7 +133,7 @@ def copied_blocks(network: Network) -> list[str]:
 
 
 def _place(ident: str, o: Observation) -> str:
-    unknown = o.id is None and o.source is None
+    unknown = getattr(o, "id", None) is None and getattr(o, "source", None) is None
     return f"{o.label()} (id {ident})" if unknown else o.label()
 
 
