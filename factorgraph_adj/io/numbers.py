@@ -20,6 +20,21 @@ _PI = Decimal("3.14159265358979323846264338327950288419716939937510582")
 _EXACT = Context(prec=60)
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _COMMA = re.compile(r"[+-]?[0-9.' ]*,[0-9]+(?:[eE][+-]?[0-9]+)?")
+_HINTS = {
+    "write a decimal point": _COMMA,
+    "write it without separators of thousands": re.compile(
+        r"[+-]?[0-9]{1,3}(?:[,.'’ \u00a0\u202f][0-9]{3})+(?:[.,][0-9]+)?"
+    ),
+    "its minus is another character: write '-'": re.compile("[\u2010-\u2015\u2212].*[0-9].*"),
+    "a spreadsheet may have made a date of it: format the column as text": re.compile(
+        r"[0-9]{1,2}\.? ?[^\W\d_]{3,}\.? ?[0-9]{0,4}|[^\W\d_]{3,}[ .-][0-9]{2,4}"
+        r"|[0-9]{1,4}[./][0-9]{1,2}[./][0-9]{2,4}"
+    ),
+    "degrees, minutes and seconds are read with the unit dms": re.compile(
+        r"[0-9]{1,3}[- °][0-9]{1,2}[- '’′][0-9]{1,2}(?:\.[0-9]*)?[\"”″]?"
+    ),
+}
+"""What a text that is no number may be, by what is to be done."""
 _MOST_QUOTED = 40
 """Largest number of characters of a number that a message quotes."""
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
@@ -112,8 +127,8 @@ def _parse(text: str, unit: str) -> float:
     if _NUMBER.fullmatch(text) is None:
         if _NOT_FINITE.fullmatch(text):
             raise ValueError(f"{_quoted(text)} is not a finite number")
-        hint = "; write a decimal point" if _COMMA.fullmatch(text) else ""
-        raise ValueError(f"{_quoted(text)} is not a number{hint}")
+        hints = (f"; {hint}" for hint, form in _HINTS.items() if form.fullmatch(text))
+        raise ValueError(f"{_quoted(text)} is not a number{next(hints, '')}")
     size = factor(unit)
     try:
         number = float(text) if size == 1 else float(_EXACT.multiply(Decimal(text), size))

@@ -82,7 +82,9 @@ def observation(
     row = Row(record, source, problems)
     kind = row.text("kind", required=True)
     row.of = label(record) if kind is not None else ""
-    if kind is not None and kind not in KINDS:
+    if kind == "kind":
+        row.wrong("this row is the header again: remove it")
+    elif kind is not None and kind not in KINDS:
         row.wrong(f"unknown kind {kind!r}; valid: {known(KINDS, meant=kind, most=80)}")
     if row.failed or kind is None:
         raise InputError(problems)
