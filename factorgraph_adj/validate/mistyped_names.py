@@ -2,7 +2,9 @@
 
 A typing error makes a new point of a known one. It is observed in one set-up alone, nothing depends
 on it, and it comes to lie where the other point is: with the difference d of their n unknown
-coordinates and the sum Σ of their covariances dᵀ Σ⁻¹ d follows χ² with n degrees of freedom.
+coordinates and the sum Σ of their covariances dᵀ Σ⁻¹ d follows χ² with n degrees of freedom. Two
+points that are read in one set-up, such as the two edges of a kerb, may lie beside one another and
+have numbers in a row: there only names that look alike are told.
 """
 
 from __future__ import annotations
@@ -117,6 +119,7 @@ def mistyped_names(
     numbers = np.unique([(o.point, b) for o, b in near])
     of = dict(zip(numbers.tolist(), covariances(numbers), strict=True))
     found: dict[frozenset[int], tuple[Mistyped, str]] = {}
+    in_a_row: set[frozenset[int]] = set()
     for o, b in near:
         free = table.free[o.point] & np.isfinite(xyz[o.point] + xyz[b])
         if not free[:2].all():
@@ -124,8 +127,8 @@ def mistyped_names(
         in_space = bool(free[2])
         if not sighted[o.point] and not sighted[b]:
             continue  # two free stations: an instrument is set up twice in one place on purpose
-        seen_beside = b in once and once[b].station == o.station
-        if not in_space and (seen_beside or _seen_from(equations, b, o.station)):
+        seen_beside = _seen_from(equations, b, o.station)
+        if not in_space and seen_beside:
             continue  # two floors of a building have points one above the other
         d = (xyz[o.point] - xyz[b])[free]
         sigma = times**2 * (of[o.point] + of[b])[np.ix_(free, free)]
@@ -141,8 +144,14 @@ def mistyped_names(
         a, other = table.names[o.point], table.names[b]
         key = frozenset((o.point, b))
         found.setdefault(key, (Mistyped(a, other, apart, float(most), o.label), _change(a, other)))
+        if seen_beside and _plain(a) != _plain(other):
+            in_a_row.add(key)
     rules = Counter(change for _, change in found.values())
-    named = [m for m, change in found.values() if rules[change] < CONVENTION]
+    named = [
+        m
+        for key, (m, change) in found.items()
+        if rules[change] < CONVENTION and key not in in_a_row
+    ]
     within = max((m.tolerance for m in named), default=0.0)
     return (
         named if len(named) > _coincident_with_other_names(table.names, xyz, once, within) else []
@@ -236,15 +245,20 @@ def _similar(names: Sequence[str], some: Sequence[int]) -> Iterator[tuple[int, i
                 yield a, b
 
 
+def _plain(name: str) -> str:
+    """Return a name as it looks at a glance."""
+    return name.translate(LOOK_ALIKE).casefold()
+
+
 def _keys(name: str) -> set[str]:
     """Return what a name shares with all names that look alike or are one edit away."""
-    plain = name.translate(LOOK_ALIKE).casefold()
+    plain = _plain(name)
     return {plain, *(plain[:i] + plain[i + 1 :] for i in range(len(plain)))}
 
 
 def _alike(a: str, b: str) -> bool:
     """Return whether two names look alike, or differ by one edit or two exchanged characters."""
-    a, b = (s.translate(LOOK_ALIKE).casefold() for s in (a, b))
+    a, b = _plain(a), _plain(b)
     if a == b:
         return True
     x, y = _differing(a, b)

@@ -95,3 +95,22 @@ def test_a_long_sight_is_bent_by_refraction() -> None:
         network.add_point("B", (length, 0, 0), fixed="xyz")
         network.add(fga.ZenithAngle("A", "B", np.pi / 2 + 1.2e-4, sigma=5e-6))
         assert len(told(network)) == n
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "wrong", "n"),
+    [
+        # Of two targets side by side a doubtful station moves both directions by the same angle.
+        (0.0, 6e-4, 1),
+        # Of two on opposite sides it moves them against one another, by 2 · 5 σ / 30 m here.
+        (np.pi, 2 * 5 * 0.005 / 30.0, 0),
+    ],
+)
+def test_two_directions_have_their_station_in_common(azimuth: float, wrong: float, n: int) -> None:
+    network = fga.Network("weighted station")
+    network.add_point("S", (0, 0, 0), sigma=(0.005, 0.005, 0.005))
+    for name, a in (("A", 0.0), ("B", azimuth + 1e-3)):
+        network.add_point(name, (30 * np.sin(a), 30 * np.cos(a), 0), fixed="xyz")
+    network.add(fga.Direction("S", "A", 1.0, sigma=1e-5))
+    network.add(fga.Direction("S", "B", (1.001 + azimuth + wrong) % (2 * np.pi), sigma=1e-5))
+    assert len(told(network)) == n

@@ -166,3 +166,24 @@ def test_the_command_names_a_new_point_of_a_star_net_file(command, tmp_path, cap
         assert main([command, str(file), "--set", f"options={settings}"]) == code
         told = " ".join("".join(capsys.readouterr()).split())
         assert ("point 'PI' may be point 'P1', mistyped" in told) == (typed == "PI")
+
+
+def kerb(names: tuple[str, str], at: np.ndarray) -> fga.Network:
+    """Return a detail survey of one set-up with two points 5 cm apart, distances of 1 cm."""
+    network = corners()
+    for name, place in zip(names, (at, at + np.array([0.0, 0.05, 0.0])), strict=True):
+        network.add_point(name, tuple(place.tolist()))
+        length = float(np.linalg.norm(place))
+        network.add(
+            fga.Direction("A", name, float(np.arctan2(place[0], place[1])), sigma=3e-5),
+            fga.ZenithAngle("A", name, float(np.arccos(place[2] / length)), sigma=3e-5),
+            fga.SlopeDistance("A", name, length, sigma=0.01),
+        )
+    network.add(fga.Direction("A", "B", np.pi / 2, sigma=3e-5))
+    return network
+
+
+@pytest.mark.parametrize(("names", "n"), [(("T41", "T42"), 0), (("7", "17"), 0), (("P1", "PI"), 1)])
+def test_two_points_of_a_set_up_may_have_numbers_in_a_row(names: tuple[str, str], n: int) -> None:
+    network = kerb(names, np.array([0.0, 40.0, 1.0]))
+    assert len(before(network)) == len(after(network)) == n

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.sparse import csc_array
 
 from ...types import Array
 from ...units import significant
@@ -83,6 +84,8 @@ class Cause:
     """Degrees of freedom of an estimated σ0; infinite where it is known."""
     recorded: float = np.nan
     """Height that was recorded, metres; NaN for other causes."""
+    columns: csc_array | None = field(default=None, repr=False)
+    """C of readings that share it, (n_rows, q); None for other causes."""
 
     def __str__(self) -> str:
         """Return the cause, its size and its test, in millimetres and milligons."""

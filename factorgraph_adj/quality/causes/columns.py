@@ -138,6 +138,67 @@ def _explain(
     return out
 
 
+def gains(solution: Solution, columns: csc_array, q: int) -> Array:
+    """Return T² of errors with q components each, (h,); 0 where the residuals do not tell of one.
+
+    Args:
+        solution: the adjustment without them.
+        columns: W C of all of them beside one another, (n_rows, h q).
+        q: number of components.
+    """
+    system = solution.normal().system
+    rows: Index = np.unique(columns.indices).astype(np.intp)
+    a, v = system.sparse(rows), system.residual[rows]
+    at_once = max(1, CHUNK // max(q * a.shape[1], 1)) * q
+    out = []
+    for first in range(0, columns.shape[1], at_once):
+        z = csr_array(columns[:, first : first + at_once])[rows]
+        y = (a.T @ z).toarray()
+        s = -np.einsum(
+            "uhi,uhj->hij",
+            y.reshape(len(y), -1, q),
+            solution.cofactor_times(y).reshape(len(y), -1, q),
+        )
+        for i in range(q):
+            for j in range(q):
+                s[:, i, j] += np.asarray(z[:, i::q].multiply(z[:, j::q]).sum(axis=0)).ravel()
+        total = np.asarray(z.multiply(z).sum(axis=0)).reshape(-1, q)
+        scale = np.sqrt(np.where(total > 0, total, 1.0))
+        values, vectors = np.linalg.eigh(s / (scale[:, :, None] * scale[:, None, :]))
+        along = np.einsum("hij,hi->hj", vectors, (z.T @ v).reshape(-1, q) / scale)
+        seen = values > CONTROLLED
+        out.append(np.sum(np.where(seen, along**2 / np.where(seen, values, 1.0), 0.0), axis=1))
+    return np.concatenate(out) if out else np.zeros(0)
+
+
+def beside(
+    solution: Solution, columns: csc_array, one: Index, other: Index
+) -> tuple[Explained, Explained, Array]:
+    """Return what one error explains, what another one explains beside it, and S of the latter.
+
+    With u and S of both together, the other one has, with the first as an unknown,
+
+        u₂₁ = u₂ − S₂₁ S₁₁⁻¹ u₁,   S₂₂₁ = S₂₂ − S₂₁ S₁₁⁻¹ S₁₂.
+
+    Args:
+        solution: the adjustment without them.
+        columns: W C of both beside one another, (n_rows, k).
+        one: columns of the first; the residuals tell of all its components.
+        other: columns of the other.
+    """
+    system = solution.normal().system
+    rows: Index = np.unique(columns.indices).astype(np.intp)
+    z = csr_array(columns)[rows]
+    y = system.sparse(rows).T @ z.toarray()
+    total = (z.T @ z).toarray()
+    u, s = z.T @ system.residual[rows], total - y.T @ solution.cofactor_times(y)
+    own, size = s[np.ix_(one, one)], np.diag(total)
+    moved = np.linalg.solve(own, np.column_stack([u[one], s[np.ix_(one, other)]]))
+    left = s[np.ix_(other, other)] - s[np.ix_(other, one)] @ moved[:, 1:]
+    rest = u[other] - s[np.ix_(other, one)] @ moved[:, 0]
+    return _of_one(u[one], own, size[one]), _of_one(rest, left, size[other]), left
+
+
 def _of_one(u: Array, s: Array, total: Array) -> Explained:
     """Return what one error explains, from u, S and the diagonal of CᵀPC."""
     scale = np.sqrt(np.where(total > 0, total, 1.0))

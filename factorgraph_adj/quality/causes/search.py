@@ -21,17 +21,21 @@ from ...types import Array, Index
 from ..distributions import chi2_quantile
 from ..reliability import Reliability
 from .cause import Cause, figure
-from .columns import Explained, explain, whitening
+from .columns import Explained, explain, gains, whitening
 from .evidence import VarianceFactor, evidence
 from .given import GivenValue, given_values
 from .held_axes import AxisScale, axis_scales
 from .hypotheses import Hypotheses, Size, hypotheses
 from .matches import Match
 from .readings import Readings
-from .separable import FARTHEST, SEPARABLE, separability_tolerance
+from .rivals import alike, readings_alike, rivals
+from .separable import FARTHEST, separability_tolerance
 
 MOST = 50
-"""Largest number of places at which a cause is tested in full: those that may explain most."""
+"""Largest number of places at which a cause is looked at: those with the largest T²."""
+ELEMENTS = 30_000_000
+"""Largest number of elements of the solutions by which the places are chosen: unknowns times
+components of all places of all causes."""
 CHANCE = 0.01
 """Largest probability with which good readings make any of the tested causes likelier."""
 NEARLY_ALL = 0.9
@@ -72,6 +76,8 @@ class Causes(Shown):
     """Causes that cannot be told from it."""
     freedom: float = np.inf
     """Degrees of freedom of the σ0 of `single`; infinite where it is known."""
+    below: tuple[Cause, ...] = field(default=(), repr=False)
+    """Causes that were tested and are not beyond their critical values."""
 
     def headline(self) -> str:
         """Return how many causes were found."""
@@ -148,32 +154,12 @@ class Causes(Shown):
         """
         likelier = self.likelier
         if likelier:
-            same = _alike(likelier, likelier[0].evidence, likelier[0].likelihood)
-            return () if not likelier[0].sizes or len(same) < 2 else _said(same)
+            first, more = likelier[0], (*self.found, *self.below)
+            rest = [c for c in more if c.sizes and c.possible and c is not first]
+            same = alike([first, *rest], first.evidence, first.likelihood)
+            return () if not first.sizes or len(same) < 2 else _said(same)
         every = (*self.readings, *self.rivals) if self.readings else ()
         return every if len(every) > 1 else ()
-
-
-def _alike(found: Iterable[Cause], most: float, likelihood: float) -> list[Cause]:
-    """Return the causes that cannot be told from one; of a cause at the same readings one place.
-
-    A cause at a station is the same as everywhere, where there is no other station. What is the
-    same to all readings cannot be told apart for its number of unknowns: either the evidence or
-    the likelihood, which does not count them, differs by less than `separability_tolerance`.
-
-    Args:
-        found: the causes.
-        most: evidence of the one.
-        likelihood: its likelihood, see `Cause.likelihood`.
-    """
-    out: list[Cause] = []
-    for c in found:
-        twice = any(c.ids and o.cause == c.cause and set(o.ids) == set(c.ids) for o in out)
-        close = abs(c.evidence - most) < separability_tolerance(most)
-        close = close or abs(c.likelihood - likelihood) < separability_tolerance(likelihood)
-        if close and not twice:
-            out.append(c)
-    return out
 
 
 def _said(found: Iterable[Cause]) -> tuple[str, ...]:
@@ -198,7 +184,7 @@ def causes(
     if estimated is None:
         estimated = solution.variance == "a-posteriori"
     every = explanations(solution, given)
-    tested = [t for c in every if c.dof and (t := _judged(solution, c, rel.alpha, estimated))]
+    tested = [_judged(solution, c, rel.alpha, estimated) for c in every if c.dof]
     exchanges = sorted((_of_match(m) for m in found), key=lambda c: -c.t2)
     w = np.where(rel.controlled, np.nan_to_num(rel.w), 0.0)
     t2 = float(np.max(w * w, initial=0.0))
@@ -206,29 +192,32 @@ def causes(
     single, freedom = t2 / weight.variance, weight.freedom
     out = Causes(
         solution,
-        (*exchanges, *ordered(tested)),
+        (*exchanges, *ordered(c for c in tested if c.t2 > c.critical)),
         single,
         len(every),
         rel.alpha,
         given,
         freedom=freedom,
+        below=tuple(c for c in tested if not c.t2 > c.critical),
     )
     here = evidence(single, 1, freedom)
     if not here > np.log((len(w) + len(every)) / CHANCE):
         return out
     first = int(np.argmax(np.abs(w)))
-    readings = tuple(map(solution.equations.label, _readings_alike(rel, w, first, estimated)))
-    return replace(out, readings=readings, rivals=_said(_rivals(out, first, here)))
+    rows = readings_alike(rel, w, first, estimated=estimated)
+    others = rivals(rel, ordered(tested), first, here, estimated=estimated)
+    readings = tuple(map(solution.equations.label, rows))
+    return replace(out, readings=readings, rivals=_said(others))
 
 
-def _judged(solution: Solution, c: Cause, alpha: float, estimated: bool) -> Cause | None:
-    """Return a cause with T² and σ by the σ0 that it leaves; none: it explains nothing."""
+def _judged(solution: Solution, c: Cause, alpha: float, estimated: bool) -> Cause:
+    """Return a cause with T² and σ by the σ0 that it leaves."""
     weight = VarianceFactor.left_by(solution, estimated=estimated, t2=c.t2, dof=c.dof)
-    t2, critical = c.t2 / weight.variance, weight.critical(c.dof, alpha)
-    if not t2 > critical:
-        return None
     sigma = c.sigma * np.sqrt(weight.variance)
-    return replace(c, t2=t2, sigma=sigma, critical=critical, freedom=weight.freedom)
+    critical = weight.critical(c.dof, alpha)
+    return replace(
+        c, t2=c.t2 / weight.variance, sigma=sigma, critical=critical, freedom=weight.freedom
+    )
 
 
 def exchanges_alone(solution: Solution, found: Iterable[Match], alpha: float) -> Causes:
@@ -241,66 +230,6 @@ def exchanges_alone(solution: Solution, found: Iterable[Match], alpha: float) ->
     """
     every = tuple(sorted((_of_match(m) for m in found), key=lambda c: -c.t2))
     return Causes(solution, every, 0.0, len(every), alpha)
-
-
-def _readings_alike(rel: Reliability, w: Array, first: int, estimated: bool) -> list[int]:
-    """Return the rows that cannot be told from the one with the largest test value, that one first.
-
-    Of row 1 and another row 2, with the correlation ρ of their test values, the test value of 1
-    with an error of 2 as an unknown, and the other way round, are
-
-        w₁₂ = (w₁ − ρ w₂) / √(1 − ρ²),   w₂₁ = (w₂ − ρ w₁) / √(1 − ρ²),   w₁² + w₂₁² = w₂² + w₁₂².
-
-    Row 2 belongs to them if its evidence is less by no more than `separability_tolerance` (of a
-    known σ0: w₁² − w₂² < `SAME`), and either one explains the other: w₁₂ and w₂₁ are not critical.
-    If they are, both are wrong. 1 − ρ² below `SEPARABLE` counts as that.
-
-    Args:
-        rel: the reliability.
-        w: test values for σ0 = 1, (n,); 0 where nothing controls a row.
-        first: row of the largest.
-        estimated: whether σ0 is estimated.
-    """
-    solution, t2 = rel.solution, w * w
-    rho = np.nan_to_num(rel.correlations_with(np.array([first]))[:, 0])
-    lost = np.maximum(1.0 - rho**2, SEPARABLE)
-    one, other = (w[first] - rho * w) ** 2 / lost, (w - rho * w[first]) ** 2 / lost
-
-    def of(value: float) -> float:
-        weight = VarianceFactor.left_by(solution, estimated=estimated, t2=value, dof=1)
-        return evidence(value / weight.variance, 1, weight.freedom)
-
-    most, out = of(float(t2[first])), [first]
-    for row in np.argsort(-t2, kind="stable").tolist():
-        if not rel.controlled[row] or most - of(float(t2[row])) >= separability_tolerance(most):
-            break
-        left = float(max(one[row], other[row]))
-        both = float(t2[row] + one[row])
-        weight = VarianceFactor.left_by(solution, estimated=estimated, t2=both, dof=2)
-        if row != first and not left / weight.variance > weight.critical(1, rel.alpha):
-            out.append(row)
-    return out
-
-
-def _rivals(found: Causes, first: int, most: float) -> list[Cause]:
-    """Return the causes that cannot be told from an error of one row.
-
-    A cause that this row shares is no rival for explaining nearly as much, as it does so by the
-    row; it is one if it is the same to all readings.
-
-    Args:
-        found: the causes.
-        first: the row.
-        most: evidence of its error.
-    """
-    ident = found.solution.equations.id(first)
-    possible = (c for c in found.found if c.sizes and c.possible)
-    same = SEPARABLE * found.single
-    return _alike(
-        [c for c in possible if ident not in c.ids or abs(c.t2 - found.single) < same],
-        most,
-        most,
-    )
 
 
 def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) -> list[Cause]:
@@ -371,34 +300,59 @@ def _cause(
 
 
 def _tested(solution: Solution, every: Iterable[Hypotheses]) -> Iterator[Cause]:
-    """Iterate over causes at places; at most `MOST` places of each."""
+    """Iterate over causes at places, of each the `MOST` with the largest T².
+
+    T² of all places is computed if `ELEMENTS` allows; otherwise of those with the largest
+    (zᵀr)² / zᵀz, a lower bound of it. There is no upper bound without the solution for z by which
+    T² itself is known.
+    """
     equations = solution.equations
     residual = solution.normal().system.residual
     w, observation = whitening(equations), equations.observation_of_row
+    kinds = list(every)
+    at_most = ELEMENTS // max(equations.unknowns.n_columns * sum(len(h.sizes) for h in kinds), 1)
     chosen: list[tuple[Hypotheses, int]] = []
     parts: list[csc_array] = []
     groups: list[Index] = []
     first = 0
-    for h in every:
+    for h in kinds:
         z = csc_array(w @ h.columns)
         q = len(h.sizes)
-        total = np.asarray(z.multiply(z).sum(axis=0)).ravel()
-        gain = (z.T @ residual) ** 2 / np.where(total > 0, total, 1.0)
-        most = np.argsort(-gain.reshape(-1, q).sum(axis=1), kind="stable")[:MOST]
-        for number in most.tolist():
-            own = z[:, number * q : (number + 1) * q]
-            if len(np.unique(observation[own.indices])) < SHARED:
-                continue
+        places = np.flatnonzero(_observations(z, q, observation) >= SHARED)
+        if len(places) > MOST:
+            total = np.asarray(z.multiply(z).sum(axis=0)).ravel()
+            least = (z.T @ residual) ** 2 / np.where(total > 0, total, 1.0)
+            places = _largest(places, least.reshape(-1, q).sum(axis=1)[places], at_most)
+            places = _largest(places, gains(solution, _of_places(z, places, q), q), MOST)
+        for number in places.tolist():
             chosen.append((h, number))
-            parts.append(own)
             groups.append(first + np.arange(q))
             first += q
-    if not parts:
+        parts.append(_of_places(z, places, q))
+    if not chosen:
         return
     z = csc_array(hstack(parts))
     for (h, number), group, what in zip(chosen, groups, explain(solution, z, groups), strict=True):
-        rows = np.unique(z[:, group].indices)
-        ids = tuple(dict.fromkeys(equations.id(int(row)) for row in rows))
+        rows = np.unique(z.indices[z.indptr[group[0]] : z.indptr[group[-1] + 1]])
+        ids = tuple(dict.fromkeys(map(equations.id, rows.tolist())))
         cause = _cause(h.cause, h.where[number], h.components, h.sizes, what, ids)
         recorded = np.nan if h.recorded is None else float(h.recorded[number])
-        yield replace(cause, rank=h.rank, recorded=recorded)
+        columns = _of_places(h.columns, np.array([number]), len(h.sizes))
+        yield replace(cause, rank=h.rank, recorded=recorded, columns=columns)
+
+
+def _of_places(z: csc_array, places: Index, q: int) -> csc_array:
+    """Return the columns of some places, q each."""
+    return csc_array(z[:, (places[:, None] * q + np.arange(q)).ravel()])
+
+
+def _largest(places: Index, sizes: Array, most: int) -> Index:
+    """Return the places of the largest sizes, at least `MOST` of them."""
+    return places[np.argsort(-sizes, kind="stable")[: max(most, MOST)]]
+
+
+def _observations(z: csc_array, q: int, observation: Index) -> Index:
+    """Return the number of observations that q columns each touch, (h,)."""
+    column = np.repeat(np.arange(z.shape[1]), np.diff(z.indptr))
+    pairs = np.unique(np.stack([column // q, observation[z.indices]]), axis=1)
+    return np.bincount(pairs[0], minlength=z.shape[1] // q)

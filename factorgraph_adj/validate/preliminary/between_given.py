@@ -7,8 +7,11 @@ v = computed − observed has the covariance
 
 with R of the reading, Σ of the given coordinates, and for angles the doubt δk of the refraction
 that lifts the target t of a sight of length L along the vertical u. The orientation of a set of
-directions is eliminated by the reading whose v is the median. A reading with
-vᵀ S⁻¹ v > `CONTRADICTS`² contradicts.
+directions is eliminated by the reading j whose v is the median: v_i − v_j has the covariance
+
+    R_i + R_j + (J_i − J_j) Σ (J_i − J_j)ᵀ,
+
+as both have the station in common. A reading with vᵀ S⁻¹ v > `CONTRADICTS`² contradicts.
 """
 
 from __future__ import annotations
@@ -353,17 +356,18 @@ class _Given:
         except InputError:  # two points in one place, which `check` refuses
             return None
         covariance = own_covariance(part)
-        known = np.ones(part.n, dtype=bool)
+        known, by_point = np.ones(part.n, dtype=bool), list[Array]()
         for j in ends:
             index, a = part.variables[j][1], found.jacobians[j]
             size = np.abs(a).max(axis=(1, 2), keepdims=True)
             matters = (np.abs(a) > INFLUENCE * np.maximum(size, 1e-300)).any(axis=1)
             sigma = self.sigma[index]
             known &= ~(matters & ~np.isfinite(sigma)).any(axis=1)
-            b = a * np.where(np.isfinite(sigma), sigma, 0.0)[:, None, :]
-            covariance = covariance + np.einsum("nij,nkj->nik", b, b)
+            by_point.append(a * np.where(np.isfinite(sigma), sigma, 0.0)[:, None, :])
         if part.unit == "rad":
             covariance = covariance + self._refraction(part, ends, found.jacobians[ends[-1]])
+        every = np.column_stack([part.variables[j][1] for j in ends])
+        covariance = covariance + _in_common(every, by_point, every, by_point)
         sets = next((i for kind, i in part.variables if kind == "orientation"), None)
         keep = np.flatnonzero(known)
         if sets is not None:
@@ -374,12 +378,18 @@ class _Given:
         residual = np.asarray(found.residual)[keep]
         if sets is not None:
             sets = sets[keep]
-        points = np.column_stack([part.variables[j][1][keep] for j in ends])
+        points, by_point = every[keep], [b[keep] for b in by_point]
         axes = self.equations.network.axes_of_files
         out = _Compared(part.select(keep), residual, covariance[keep], points, sets, axes)
         if sets is None:
             return out
-        return replace(out, covariance=out.covariance + out.covariance[out.references])
+        other = out.references
+        both = _in_common(points, by_point, points[other], [b[other] for b in by_point])
+        both = both + np.swapaxes(both, 1, 2)
+        total = out.covariance + out.covariance[other] - both
+        # The reference beside itself has no difference: its own covariance stands there.
+        itself = other == np.arange(len(other))
+        return replace(out, covariance=np.where(itself[:, None, None], out.covariance, total))
 
     def _refraction(self, part: Block, ends: Sequence[int], by_target: Array) -> Array:
         """Return the variances of angles by the doubt about refraction, (k, 1, 1)."""
@@ -388,3 +398,22 @@ class _Given:
         lift = DOUBT * np.sum((b - a) ** 2, axis=1) / (2.0 * MEAN_EARTH_RADIUS)
         effect = np.einsum("nij,nj->ni", by_target, up) * lift[:, None]
         return np.asarray(np.einsum("ni,nj->nij", effect, effect))
+
+
+def _in_common(
+    points: Index, by_point: Sequence[Array], others: Index, by_other: Sequence[Array]
+) -> Array:
+    """Return the covariances of readings with others by the points in common, (k, d, d).
+
+    Args:
+        points: numbers of the points of the readings, (k, m).
+        by_point: J σ of each of them, (k, d, 3).
+        others: numbers of the points of the others, (k, m).
+        by_other: J σ of these.
+    """
+    out = np.zeros((len(points), by_point[0].shape[1], by_point[0].shape[1]))
+    for i, a in enumerate(by_point):
+        for j, b in enumerate(by_other):
+            same = points[:, i] == others[:, j]
+            out += same[:, None, None] * np.einsum("nij,nkj->nik", a, b)
+    return out
