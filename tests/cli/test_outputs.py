@@ -58,6 +58,30 @@ def test_no_command_writes_over_what_it_read(project, command, monkeypatch, caps
     assert "was read, and would be written over" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["compare", "p", "q", "--out", "p"],
+        ["compare", "p", "q", "--plot", "p/points.csv"],
+        ["compare", "p", "q", "--report", "p/points.csv"],
+        ["adjust", "p", "--report", "p/points.csv"],
+        ["adjust", "p", "--parts", "2", "--out", "p"],
+        ["adjust", "p", "--parts", "2", "--folder", "p"],
+        ["plot", "p", "--out", "p/points.csv"],
+        ["plot", "p", "--out", "p"],
+        ["stream", "p", "--journal", "p/project.toml"],
+        ["stream", "p", "--journal", "p/points.csv"],
+    ],
+)
+def test_no_command_changes_what_it_read_whatever_else_it_writes(project, command, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(project.parent)
+    before = content(project.parent)
+    assert main(command) in (0, 1, 2)
+    after = content(project.parent)
+    assert {name: after.get(name) for name in before} == before
+
+
 def test_the_message_names_every_file_that_would_be_replaced(project, capsys):
     assert main(["adjust", str(project), "--out", str(project)]) == 2
     said = capsys.readouterr().err
