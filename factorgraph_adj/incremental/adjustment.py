@@ -22,7 +22,7 @@ from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
 from ..types import Array
 from ..validate.preliminary.copied_blocks import CopiedBlocks
-from . import commands, points, records, sides
+from . import commands, contradicted_photos, points, records, sides
 from .arrival import Arrival, Waiting, waiting_of
 from .beginning import begin, replayed
 from .flow import State
@@ -336,16 +336,20 @@ class IncrementalAdjustment:
     @property
     @one_at_a_time
     def doubts(self) -> tuple[str, ...]:
-        """Why the result may be wrong: readings that alone tell the side of a point, and copies.
+        """Why the result may be wrong: points and photos at the wrong place, and copies.
 
-        The solution tells of the first of these.
+        The solution tells of the places.
         """
         ledger = self._state.ledger
 
         def there(ident: str) -> bool:
             return ledger.status(ident) == "accepted"
 
-        return (*sides.doubts(ledger), *self._copies.told(there, lambda ident, _: repr(ident)))
+        return (*self._places_in_doubt(), *self._copies.told(there, lambda ident, _: repr(ident)))
+
+    def _places_in_doubt(self) -> tuple[str, ...]:
+        ledger = self._state.ledger
+        return (*sides.doubts(ledger), *contradicted_photos.doubts(ledger))
 
     @one_at_a_time
     def network(self) -> Network:
@@ -366,7 +370,7 @@ class IncrementalAdjustment:
             raise InputError("nothing is determined yet: there is no solution")
         if self._solution is None or self._solution[0] is not self._state:
             found = solution_of(self._state.ledger, self._state.system, self._rules)
-            told = (*found.second_places, *sides.doubts(self._state.ledger))
+            told = (*found.second_places, *self._places_in_doubt())
             self._solution = self._state, replace(found, second_places=told)
         return self._solution[1]
 
