@@ -122,6 +122,8 @@ def adjust(
         )
 
     def lost(*, undetermined: bool) -> InputError | None:
+        if isinstance(start, Solution) and not start.converged:
+            return None  # where it ended, points may lie in one place: that says nothing of σ
         weighed = equations.weighted_at(begin.state)
 
         def works(eased: Array) -> bool:

@@ -152,7 +152,8 @@ def _gauss_newton(
         if not np.isfinite(before):
             name_overflow(run)
         first = iteration == 1
-        if first and run.state is run.began:
+        # With weights of its own it begins where another adjustment ended, wherever that was.
+        if first and run.state is run.began and not run.weighted:
             check_numerical_precision(normal.system, normal.resolution)
         if first and (run.free or bool(np.any(run.unobserved(normal)))):
             settle_datum(run, normal)

@@ -18,6 +18,7 @@ from ..types import Array
 from .ambiguous_points import LOWER, MOST_THERE, resolve_ambiguous_points, standing_free
 from .datum import FreeDatum
 from .determine import GROSS, refuse_unnoticed
+from .exchanged_places import exchanged_places
 from .extra import NOTHING_MORE, Extra
 from .extrapolation import NONE_TAKEN
 from .fit import fits_badly
@@ -188,7 +189,7 @@ def _adjust_from_one(
         reason=ended.reason,
         iterations=ended.iterations,
         within=ended.left,
-        second_places=ended.second_places,
+        second_places=(*ended.second_places, *exchanged_places(run.equations, run.state)),
         begun=start.words,
         vtpv=ended.vtpv,
         solver=run.solver,
@@ -263,6 +264,7 @@ def _minimise(
         run = Run.at(equations, state, start.origin, free=free, extra=extra, solver=solver)
         solver, run.may_go_astray = run.solver, astray
         run.extrapolated, run.looked = extrapolated, looked
+        run.weighted = weights is not None
         if not iterations:
             refuse_too_large(run.solver.plan, equations, state)
         go_on = _Iteration(tolerance, max_iterations, progress)

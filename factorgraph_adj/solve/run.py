@@ -58,6 +58,8 @@ class Run:
     no undamped step."""
     drifting: tuple[tuple[str, str], ...] = ()
     """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
+    weighted: bool = False
+    """Whether observations have factors on their weights."""
     damped: bool = False
     """Whether a step was damped, so that the start was not near the minimum."""
     may_go_astray: bool = False
