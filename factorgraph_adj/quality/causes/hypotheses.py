@@ -203,6 +203,16 @@ def _centring(r: Readings) -> Iterator[Hypotheses]:
         r,
         "the centring of the target",
         both,
+        (r.target,),
+        r.by_end("target"),
+        lambda i: f"at {name(r.target[i])}",
+        ("east", "north"),
+        rank=2,
+    )
+    yield grouped(
+        r,
+        "the centring of the target",
+        both,
         (r.station, r.target),
         r.by_end("target"),
         lambda i: f"at {name(r.target[i])} seen from {name(r.station[i])}",

@@ -24,6 +24,7 @@ from factorgraph_adj.quality.causes.readings import Readings
 from factorgraph_adj.quality.causes.search import explanations
 from tests.networks.building_site import site
 
+TARGET = "the centring of the target"
 LOOP = ((0, 1), (1, 2), (2, 0), (2, 3))
 """Lines of a loop, and of one to a second given height: redundancy 2."""
 
@@ -147,9 +148,14 @@ def test_the_places_with_the_largest_test_are_chosen(monkeypatch: pytest.MonkeyP
     network, readings, _ = site(0)
     network.add(*readings)
     solution = fga.adjust(network)
-    every = [c for c in explanations(solution, ()) if c.cause.startswith("the centring of the t")]
+
+    def of_sights() -> list[search.Cause]:
+        found = explanations(solution, ())
+        return [c for c in found if c.cause == TARGET and "seen from" in c.where]
+
+    every = of_sights()
     monkeypatch.setattr(search, "MOST", 3)
-    few = [c for c in explanations(solution, ()) if c.cause.startswith("the centring of the t")]
+    few = of_sights()
     assert len(every) > len(few) == 3
     largest = sorted((c.t2 for c in every), reverse=True)[:3]
     assert sorted((c.t2 for c in few), reverse=True) == pytest.approx(largest)
@@ -159,3 +165,29 @@ def test_the_places_with_the_largest_test_are_chosen(monkeypatch: pytest.MonkeyP
         groups = list(np.arange(z.shape[1]).reshape(-1, q))
         t2 = [e.t2 for e in explain(solution, z, groups)]
         assert gains(solution, z, q) == pytest.approx(np.nan_to_num(t2))
+
+
+def test_a_target_beside_its_mark_for_all_is_listed_with_the_instrument_there() -> None:
+    """Where the point is free, it moves with the one, and the other is off the other way."""
+    for seed in range(4):
+        network, readings, true = site(seed)
+        by = true["S2"] + np.array([0.03, 0.0, 0.0])
+        moved = [
+            replace(o, value=_seen(o, true, by))
+            if isinstance(o, (Direction, SlopeDistance)) and o.target == "S2"
+            else o
+            for o in readings
+        ]
+        found = causes_with(network, moved)
+        assert found.likeliest is None or found.likeliest.cause == TARGET
+        told = found.undecided or [f"{found.likeliest.cause} {found.likeliest.where}"]
+        assert any(t.startswith(f"{TARGET} at 'S2'") for t in told), (seed, told)
+
+
+def _seen(o: Direction | SlopeDistance, true: dict[str, Any], by: Any) -> float:
+    """Return what is read to a place beside a target."""
+    a, b = true[o.station], true[o.target]
+    if isinstance(o, SlopeDistance):
+        return o.value + float(np.linalg.norm(by - a) - np.linalg.norm(b - a))
+    bearing = [np.arctan2(*(p - a)[:2]) for p in (by, b)]
+    return o.value + float(bearing[0] - bearing[1])
