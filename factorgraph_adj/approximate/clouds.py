@@ -3,8 +3,10 @@
 A set of directions with distances is a cloud of points about its station, with known scale and
 plumb line: a turn, a shift in plan and one in height are all that is unknown (three unknowns where
 nothing gives heights). Every pair of points that the cloud has in common with known points proposes
-one transformation; the one with which most of the common points agree is taken. So a target with
-the name of another neither turns a set-up nor moves its station.
+one transformation; the one with which most of the common points agree is taken, unless as many
+agree with another turn. So where four or more points agree, a target with the name of another
+neither turns a set-up nor moves its station. Two points agree with what they propose themselves: of
+three common points two exchanged ones may lead to a start that is turned, which misfits then.
 """
 
 from __future__ import annotations
@@ -13,12 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..models.base import wrap
 from ..types import Array, Index, Mask
 from .progress import Progress
 
 AGREED = 3e-3
 """Distance of a common point from its known place, relative to the size of the cloud, up to which
 it agrees with a transformation."""
+OTHER_TURN = 0.1
+"""Difference of two turns from which on they are not the same one, radians."""
 MOST_COMMON = 30
 """Largest number of common points of which pairs are formed."""
 
@@ -41,7 +46,9 @@ def turned(plan: Array, turn: float) -> Array:
 
 
 def agreement(cloud: Array, known: Array, *, within: float) -> Agreement | None:
-    """Return the turn and shift that more than half of the common points agree on; none: no such.
+    """Return the turn and shift on which more than half of the common points agree.
+
+    None: there is no such transformation, or as many points agree on one with another turn.
 
     known = R(turn) cloud + shift, with the scale of both.
 
@@ -72,6 +79,9 @@ def agreement(cloud: Array, known: Array, *, within: float) -> Agreement | None:
     best = int(np.argmin(np.minimum(off, 1.0).sum(axis=1)))
     agree = np.asarray(off[best] <= 1.0)
     if 2 * np.count_nonzero(agree) <= m:
+        return None
+    as_many = np.count_nonzero(off <= 1.0, axis=1) >= np.count_nonzero(agree)
+    if np.any(np.abs(wrap(turns[as_many] - turns[best])) > OTHER_TURN):
         return None
     return _fitted(cloud[agree], known[agree], agree)
 

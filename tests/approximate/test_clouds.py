@@ -67,3 +67,15 @@ def test_exchanged_targets_move_no_other_point_of_a_start(seed: int) -> None:
     off = {n: np.abs(start[k] - case.true[n]).max() for k, n in enumerate(names)}
     assert len(wrong & off.keys()) == len(wrong)
     assert max(d for n, d in off.items() if n not in wrong) < 10 * max(SIGMA_GNSS)
+
+
+def test_two_turns_with_as_many_points_are_no_agreement() -> None:
+    """A station, two right targets, and two exchanged ones on opposite sides of the station."""
+    own = np.array([[0, 0, 0], [60, 0, 0], [0, 70, 0], [-40, 30, 0], [40, -30, 0]], dtype=float)
+    known = moved(own)
+    known[[3, 4]] = known[[4, 3]]
+    assert agreement(own, known, within=0.3) is None
+    known[1] = moved(own)[1]
+    more = np.append(own, [[20.0, 55.0, 0.0]], axis=0)
+    found = agreement(more, np.append(known, moved(more)[-1:], axis=0), within=0.3)
+    assert found is not None and found.agree.tolist() == [True, True, True, False, False, True]
