@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from math import ceil, log10
 
 import numpy as np
@@ -16,10 +16,12 @@ from ..graph.variables import camera_of_calibration
 from ..io.numbers import Units, parse, write
 from ..models.base import within
 from ..network.entities import Camera
-from ..observations import Unit, observation_kind
+from ..observations import KINDS, Unit, observation_kind
 from ..types import Array, Index
 from ..units import ANGLE, LENGTH, decimal, format_angle, format_turn
 
+ENDS = ("station", "target", "target2", "station2", "point", "start", "end")
+"""Columns of the points of observations, in tables of a project as in those of results."""
 MARGIN = 0.01
 """Part of a decimal that rounding of units may cost without a further decimal."""
 MOST_CAMERAS = 8
@@ -373,23 +375,32 @@ class ReportRows:
 
 
 def identities(rows: Sequence[Row]) -> dict[str, list[str]]:
-    """Return the columns that identify the observations.
+    """Return the columns that identify the observations, named as in tables of a project.
 
-    A frame of its own stands in ``frame``, and the only point that is observed from it in ``to``.
+    Points stand in `ENDS`: a sight has a station and a target, an image point a point.
     """
-    points = [("", *r.points) if r.frame and len(r.points) == 1 else r.points for r in rows]
+    ends = [dict(zip(_ends(r.kind, len(r.points)), r.points, strict=False)) for r in rows]
     return {
         "id": [r.id for r in rows],
         "kind": [r.kind for r in rows],
-        "from": [p[0] if p else "" for p in points],
-        "to": [p[1] if len(p) > 1 else "" for p in points],
-        "to2": [p[2] if len(p) > 2 else "" for p in points],
+        **{name: [own.get(name, "") for own in ends] for name in ENDS},
         "photo": [r.photo for r in rows],
         "frame": [r.frame for r in rows],
         "component": [r.component for r in rows],
         "observed": [r.scale.exact(r.observed) for r in rows],
         "unit": [r.scale.unit for r in rows],
     }
+
+
+@cache
+def _ends(kind: str, count: int) -> tuple[str, ...]:
+    """Return the columns of the points of an observation."""
+    record = KINDS.get(kind)
+    own = () if record is None else record.variables
+    named = tuple(name for of, name in own if of == "point" and name in ENDS)
+    if len(named) == count:
+        return named
+    return ("point",) if count == 1 else ENDS
 
 
 def scale_of(unit: Unit, units: Units) -> Scale:

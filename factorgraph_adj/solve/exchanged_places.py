@@ -52,7 +52,8 @@ def exchanged_places(equations: Equations, state: State) -> tuple[str, ...]:
 
 def _rings(nearest: Index, close: Array) -> list[list[int]]:
     """Return the rings p → nearest(p) → … → p of two and more."""
-    out, seen = [], set()
+    out: list[list[int]] = []
+    seen: set[int] = set()
     for first in range(len(nearest)):
         ring, here = [], first
         while close[here] and here not in ring:

@@ -158,7 +158,7 @@ def test_published_gross_errors_are_found_by_the_command(here, tmp_path):
     )
     assert (result.returncode, result.stderr) == (0, TWO_ASIDE)
     rows = rows_of(tmp_path / "snooping.csv")
-    assert [(r["from"], r["to"], r.get("to2", "")) for r in rows] == [
+    assert [(r["station"], r["target"], r.get("target2", "")) for r in rows] == [
         ("3", "4", ""),
         ("103", "102", "1"),
     ]

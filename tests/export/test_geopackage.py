@@ -173,10 +173,10 @@ def test_observations_are_lines_with_v_r_w(plane):
             assert len(line) == size
     line = next(r for r in rows_of(plane, "observations") if r["kind"] == "slope distance")
     _, _, ends = decoded(line["geom"])
-    assert np.array_equal(ends, [s.point(line["from"]), s.point(line["to"])])
+    assert np.array_equal(ends, [s.point(line["station"]), s.point(line["target"])])
     ray = rows_of(plane, "image_points")[0]
     _, _, ends = decoded(ray["geom"])
-    assert np.array_equal(ends, [s.pose(ray["photo"]).position, s.point(ray["from"])])
+    assert np.array_equal(ends, [s.pose(ray["photo"]).position, s.point(ray["point"])])
 
 
 def test_the_worst_observations_are_drawn_last(tmp_path):

@@ -144,7 +144,7 @@ def test_the_tables_have_gon_and_metres_and_the_frame_of_each_observation(tmp_pa
         assert row["state"] == "free"
     assert found["station", "rx"]["state"] == "held"
     rows = list(csv.DictReader(io.StringIO((tmp_path / "observations.csv").read_text("utf-8"))))
-    assert [(r["frame"], r.get("from", ""), r["to"], r["component"]) for r in rows[:2]] == [
+    assert [(r["frame"], r.get("station", ""), r["point"], r["component"]) for r in rows[:2]] == [
         ("scan", "", "P0", "x"),
         ("scan", "", "P0", "y"),
     ]
