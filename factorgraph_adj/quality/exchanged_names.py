@@ -37,15 +37,16 @@ PART = 0.01
 have bent is less far off, and what else does not fit shows without them."""
 
 
-def sights_far_off(solution: Solution, *, estimated: bool = False) -> bool:
+def sights_far_off(solution: Solution) -> bool:
     """Return whether several readings of sights are so far off that names may be exchanged.
+
+    σ0 is 1, also where it is estimated: exchanges bend every residual, so that no estimate is one
+    of good readings. Where the stated σ are far too small, names are looked up in vain.
 
     Args:
         solution: the adjustment of everything, or where it ended.
-        estimated: whether σ0 is estimated; otherwise it is 1.
     """
     v = np.nan_to_num(solution.equations.residuals(solution.state))
-    v = v / _sigma0(v, estimated)
     far = 0
     for block in solution.equations.blocks:
         if block.kind in SIGHTS:

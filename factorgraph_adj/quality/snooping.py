@@ -181,7 +181,7 @@ def _from_given(
     network, options = searching.network, searching.options
     names = [m.match for m in mistakes]
     estimated = searching.test == "pope"
-    if plain and first is not None and sights_far_off(first, estimated=estimated):
+    if plain and first is not None and sights_far_off(first):
         # Exchanged names bend an adjustment, and a search that begins with it.
         exchanged = exchanged_names(network, first, searching.alpha, estimated=estimated)
         names += [e.match for e in exchanged]

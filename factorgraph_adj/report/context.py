@@ -312,7 +312,7 @@ class Report:
             return []
         alpha, pope = self.options.alpha, self.pope
         found = [m.match for m in block_mistakes(self.solution, alpha, estimated=pope)]
-        if sights_far_off(self.solution, estimated=pope):
+        if sights_far_off(self.solution):
             every = exchanged_names(self.network, self.solution, alpha, estimated=pope)
             found += [e.match for e in every]
         return found

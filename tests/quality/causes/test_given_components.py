@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.quality.exchanged_names import sights_far_off
 from factorgraph_adj.report.causes import given
 from factorgraph_adj.report.context import Report
 
@@ -81,15 +79,3 @@ def test_given_values_are_tested_with_the_estimated_variance() -> None:
     for seed in range(10):
         assert "all fit" in said(levelling(seed, factor=10.0))
     assert "point C z" in said(levelling(1, factor=10.0, off=0.1))
-
-
-def test_how_far_sights_are_off_counts_in_the_estimated_sigma() -> None:
-    """All σ stated 20 000 times too small are no exchanged names."""
-    network = trilateration()
-    for ident, o in list(network.observations.items()):
-        network.observations[ident] = replace(o, sigma=o.sigma / 2e4)  # type: ignore[attr-defined, call-arg]
-    solution = fga.adjust(network)
-    assert sights_far_off(solution)
-    assert not sights_far_off(solution, estimated=True)
-    bent = fga.adjust(trilateration(off=(60.0, 20.0, 0.0)))
-    assert sights_far_off(bent)
