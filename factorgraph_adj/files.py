@@ -160,9 +160,16 @@ def refuse_replacing(paths: Iterable[Path]) -> None:
     """Raise the files that would be replaced or removed though they were read.
 
     Raises:
-        InputError: files that were read within `keeping_inputs`, all of them.
+        InputError: files that were read within `keeping_inputs`, and names with NUL, all of them.
     """
-    read = _READ.get() or set()
+    paths, read = list(paths), _READ.get() or set()
+    problems = [
+        Problem("no file can have this name: it holds the character NUL", str(path))
+        for path in paths
+        if "\0" in str(path)
+    ]
+    if problems:
+        raise InputError(problems)
     problems = [
         Problem("was read, and would be written over: write to another file or folder", str(path))
         for path in paths

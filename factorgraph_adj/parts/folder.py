@@ -88,7 +88,7 @@ class Folder:
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
+        except (OSError, ValueError) as error:
             what = f"the folder of the run cannot be made: {system_reason(error)}"
             raise InputError(Problem(what, str(self.path))) from None
         return self
