@@ -109,12 +109,12 @@ def decide(
         values, vectors = np.linalg.eigh(tested.block(i))
         tied = vectors[:, values <= TIED]
         lost = joint.held_by(i, tied, new) if tied.shape[1] else set()
-        if lost:
-            # Without it something is not determined: whatever joins that goes back to waiting.
-            gone = [j for j in out.stay if touching(j, lost)]
+        # Without it something is not determined: whatever joins that goes back to waiting.
+        gone = [j for j in out.stay if touching(j, lost)]
+        if gone:
             out.back += gone
             out.loose |= lost
-        else:
+        else:  # what nothing joins any more was lost with others before
             gone = [i]
             out.out[i] = tested.figures(joint.raw, np.array([i]))
         for j in gone:
