@@ -18,7 +18,7 @@ def height_differences(progress: Progress) -> tuple[Index, Index, Array]:
     e, z = progress.survey.edges, progress.survey.zeniths
     d = progress.plan[z.target, :2] - progress.plan[z.station, :2]
     length = np.hypot(d[:, 0], d[:, 1])
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         trig = length / np.tan(z.value) + length**2 * progress.horizon.curvature / 2 - z.rise
     joined, _ = progress.survey.edge(z.station, z.target)
     single = np.ones(z.n, dtype=bool)

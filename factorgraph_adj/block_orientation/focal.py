@@ -134,4 +134,5 @@ class Distances:
         if camera.format is not None:
             return float(max(camera.format))
         own = self.views.xy[self.views.camera == number]
-        return float(np.ptp(own, axis=0).max()) if len(own) else float(camera.values[0])
+        covered = float(np.ptp(own, axis=0).max()) if len(own) else 0.0
+        return covered if covered > 0.0 else float(camera.values[0])

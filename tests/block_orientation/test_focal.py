@@ -10,7 +10,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.block_orientation.focal import FACTORS, Distances
 from factorgraph_adj.block_orientation.views import Views
-from factorgraph_adj.models.lens import BrownLens
+from factorgraph_adj.models.lens import BrownLens, NoDistortion
 from tests.networks.image_blocks import CAMERA, HALF, ImageBlock, aerial, ring
 
 
@@ -85,3 +85,16 @@ def test_a_block_finds_the_principal_distance_that_nobody_knows(seed, tmp_path):
     solution = fga.adjust(network)
     assert solution.vtpv == pytest.approx(fga.adjust(block.truth).vtpv, rel=1e-9)
     assert "was found by a search" in " ".join(solution.begun)
+
+
+def test_image_points_that_are_all_equal_end_in_a_message() -> None:
+    """They cover nothing, by which pairs of photos were divided."""
+    network = fga.Network("nothing measured yet")
+    network.add_camera("C", NoDistortion(), {"c": 30.0}, free=["c"])
+    for i in range(8):
+        network.add_point(f"P{i}", (float(i), float(i * i % 5), 0.1 * i))
+    for photo in ("f1", "f2"):
+        network.add_photo(photo, "C")
+        network.add_image_points(photo, list(network.points), np.zeros((8, 2)), sigma=0.01)
+    with pytest.raises(fga.AdjustmentError):
+        fga.adjust(network)
