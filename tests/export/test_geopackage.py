@@ -196,7 +196,7 @@ def test_an_angle_goes_over_its_station(tmp_path):
     network.add(fga.HorizontalDistance("A", "C", 90.01, sigma=0.01))
     network.add(fga.HorizontalDistance("B", "C", 134.54, sigma=0.01))
     write_geopackage(fga.adjust(network), tmp_path / "a.gpkg")
-    angle = next(r for r in rows_of(tmp_path / "a.gpkg", "observations") if r["to2"])
+    angle = next(r for r in rows_of(tmp_path / "a.gpkg", "observations") if r["target2"])
     _, _, line = decoded(angle["geom"])
     assert np.allclose(line[[0, 1]], [[0, 90, 0], [0, 0, 0]], atol=0.1)
     assert line[2].tolist() == [100.0, 0.0, 0.0]
