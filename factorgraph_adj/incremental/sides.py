@@ -18,7 +18,7 @@ from ..errors import AdjustmentError
 from ..network.network import DatumChoice
 from ..quality.leave_out import critical_t2
 from ..solve.start import Start
-from ..types import Array, Index
+from ..types import Index
 from .ledger import Ledger
 from .rebasing import Draft
 from .rules import Rules
@@ -70,7 +70,7 @@ def other_sides(before: System, after: System, here: System, names: Iterable[str
     """
     out = []
     for name in names:
-        was, at, stays = (_place(s, name) for s in (before, after, here))
+        was, at, stays = (s.value("point", name) for s in (before, after, here))
         if was is None or at is None or stays is None or not len(after.columns("point", name)):
             continue
         moved = float(np.linalg.norm(at - was))
@@ -80,10 +80,6 @@ def other_sides(before: System, after: System, here: System, names: Iterable[str
         ):
             out.append(Side(name, (float(was[0]), float(was[1]), float(was[2])), moved))
     return out
-
-
-def _place(system: System, name: str) -> Array | None:
-    return system.value("point", name)
 
 
 def examined(ledger: Ledger, system: System | None, rules: Rules) -> Ledger:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from math import ceil, log10
 
 import numpy as np
@@ -379,7 +379,8 @@ def identities(rows: Sequence[Row]) -> dict[str, list[str]]:
 
     Points stand in `ENDS`: a sight has a station and a target, an image point a point.
     """
-    ends = [dict(zip(_ends(r.kind, len(r.points)), r.points, strict=False)) for r in rows]
+    columns = {key: _ends(*key) for key in {(r.kind, len(r.points)) for r in rows}}
+    ends = [dict(zip(columns[r.kind, len(r.points)], r.points, strict=False)) for r in rows]
     return {
         "id": [r.id for r in rows],
         "kind": [r.kind for r in rows],
@@ -392,7 +393,6 @@ def identities(rows: Sequence[Row]) -> dict[str, list[str]]:
     }
 
 
-@cache
 def _ends(kind: str, count: int) -> tuple[str, ...]:
     """Return the columns of the points of an observation."""
     record = KINDS.get(kind)

@@ -152,7 +152,7 @@ def _gauss_newton(
         if not np.isfinite(before):
             name_overflow(run)
         first = iteration == 1
-        # With weights of its own it begins where another adjustment ended, wherever that was.
+        # A robust estimate gives weights, and begins where another adjustment may have gone astray.
         if first and run.state is run.began and not run.weighted:
             check_numerical_precision(normal.system, normal.resolution)
         if first and (run.free or bool(np.any(run.unobserved(normal)))):
