@@ -20,6 +20,11 @@ from .make_blocks import by_kind, control_blocks, own_blocks, plain_blocks, weig
 from .variables import State, Unknowns
 from .weights import Cluster, clusters_of, weigh
 
+SAME_WEIGHTS = 1e-7
+"""Relative change of standard deviations, times the rms of v/σ, that counts as none."""
+MOST_DIGITS = 1e-12
+"""Smallest relative change of standard deviations that is more than rounding."""
+
 
 @dataclass(frozen=True)
 class Equations:
@@ -182,10 +187,19 @@ class Equations:
         """
         return replace(self, blocks=tuple(weigh(self.network, b, state) for b in self.blocks))
 
-    def weighs_as(self, other: Equations) -> bool:
-        """Return whether all standard deviations equal those of ``other`` within 1e-7."""
+    def weighs_as(self, other: Equations, misfit: float = 1.0) -> bool:
+        """Return whether a change of the weights moves nothing that counts.
+
+        A relative change of standard deviations by ε moves unknowns by the order of ε times the
+        root mean square of v/σ, relative to their own σ. That is to be below 1e-7.
+
+        Args:
+            other: the equations with the other weights.
+            misfit: root mean square of v/σ; less than 1 counts as 1.
+        """
+        within = max(SAME_WEIGHTS / max(misfit, 1.0), MOST_DIGITS)
         pairs = zip(self.blocks, other.blocks, strict=True)
-        return all(a is b or np.allclose(a.sigma, b.sigma, rtol=1e-7, atol=0) for a, b in pairs)
+        return all(a is b or np.allclose(a.sigma, b.sigma, rtol=within, atol=0) for a, b in pairs)
 
     def reweighted(self, factors: Array) -> Equations:
         """Return the equations with every weight multiplied by a factor.

@@ -298,6 +298,8 @@ class IncrementalAdjustment:
     def settle(self) -> None:
         """Iterate to rest: no estimate is further than 1e-6 σ from the batch adjustment's.
 
+        Where rounding hides more than that, as in networks that are hardly determined, it is no
+        further than batch adjustments from nearby starts are from one another.
         In a free network the coordinates are then on the inner constraints over all datum points.
         """
         if self._state.system is not None or self.n_waiting:

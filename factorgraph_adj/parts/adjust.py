@@ -112,6 +112,7 @@ def adjust_parts(
             whole,
             point,
             Noted(place, signature, tolerance),
+            sum(b.n_rows for b in begun),
             tolerance=tolerance,
             max_iterations=max_iterations,
             progress=progress,
@@ -264,6 +265,7 @@ def _weighed(
     whole: Whole,
     point: Point,
     note: Noted,
+    n_rows: int,
     *,
     tolerance: float,
     max_iterations: int,
@@ -294,7 +296,8 @@ def _weighed(
             return point, replace(ended, converged=False, reason=BETWEEN, left=np.inf)
         if not ended.converged or ended.iterations >= max_iterations:
             break
-        if all(whole.workers.all(weighs_as, [(at,)] * len(whole.workers.jobs))):
+        misfit = float(np.sqrt(ended.vtpv / n_rows))
+        if all(whole.workers.all(weighs_as, [(at, misfit)] * len(whole.workers.jobs))):
             point = replace(point, ended=ended)
             note(point)
             break

@@ -200,10 +200,10 @@ def second_places(part: Loaded, at: At) -> tuple[str, ...]:
 
 
 @_task
-def weighs_as(part: Loaded, at: At) -> bool:
-    """Return whether the weights at a state are those that were used."""
+def weighs_as(part: Loaded, at: At, misfit: float) -> bool:
+    """Return whether the weights at a state are those that were used, see `Equations`."""
     before = part.solver_at(at).equations
-    return before.weighted_at(part.state(at.state)).weighs_as(before)
+    return before.weighted_at(part.state(at.state)).weighs_as(before, misfit)
 
 
 @_task

@@ -44,7 +44,7 @@ TOLERANCE = 1e-5
 """Bound on the last step of every unknown relative to its own σ, if nothing else is asked for."""
 MOST_ITERATIONS = 100
 """Largest number of iterations, if nothing else is asked for."""
-MOST_WEIGHINGS = 10
+MOST_WEIGHINGS = 40
 """Largest number of times that weights are computed: they depend on the lengths of sights, which
 hardly change with the unknowns."""
 
@@ -279,7 +279,8 @@ def _minimise(
         iterations, state = ended.iterations, run.state
         extrapolated, looked = run.extrapolated, run.looked
         before, weighed = weighed, weighed.weighted_at(state)
-        if not ended.converged or iterations >= max_iterations or weighed.weighs_as(before):
+        misfit = float(np.sqrt(ended.vtpv / max(equations.n_rows, 1)))
+        if not ended.converged or iterations >= max_iterations or weighed.weighs_as(before, misfit):
             break
     else:
         change = np.max(np.abs(weighed.sigmas() / before.sigmas() - 1.0), initial=0.0)

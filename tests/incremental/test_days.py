@@ -18,8 +18,8 @@ LONG = pytest.mark.slow(
     "days from morning to evening; short tests notice a moment outside the promise"
 )
 
-SEEDS = (200, 202, 206, 147)
-"""Days on the site, and a network of other kinds."""
+SEEDS = (200, 202, 206, 147, 702)
+"""Days on the site, the last with gross errors that weights depend on, and other kinds."""
 TWO_MINIMA = 178
 """A day whose batch ends in a lower minimum than the arrivals do, which `settle` has to find."""
 

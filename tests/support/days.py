@@ -8,6 +8,7 @@ part of the site of total stations, GNSS, levels and photos. At some moments, an
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -24,6 +25,8 @@ from factorgraph_adj import (
 )
 from factorgraph_adj.incremental.verdicts import Policy
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint
+from factorgraph_adj.solve.minimum import OFF_DATUM
+from factorgraph_adj.solve.start import Start
 from tests.networks.random_small import random_network
 from tests.networks.site import STATIONS
 from tests.support.arrivals import bare, batch, between, deviations, ids_of, variables
@@ -37,6 +40,8 @@ APART = 3.0
 """Distance, relative to σ, from which the batch adjustment is at another place."""
 ROUNDING = 10.0
 """Multiple of the difference of two batch adjustments below which a difference is rounding."""
+PLACES = 3
+"""Batch adjustments from other starts that measure rounding."""
 LOWER = 1e-6
 """Part of vᵀPv, and amount of it, by which another minimum is lower."""
 POLICIES: tuple[Policy, ...] = ("flag", "reject", "accept")
@@ -276,21 +281,38 @@ def compare(inc: IncrementalAdjustment, seed: int, when: str) -> Compared:
                 estimates = max(estimates, float(moved.max()))
                 sigmas = max(sigmas, float(np.abs(own - 1.0).max()))
     out = replace(out, estimates=estimates, sigmas=sigmas)
+    if out.outside:
+        out = replace(out, rounding=max(_apart_from(start, theirs) for start in _near(theirs)))
     try:
         anew = adjust(inc.network())
     except AdjustmentError:
         return out
     if anew.converged:
-        if out.outside:
-            again = adjust(inc.network(), start=anew, tolerance=1e-9)
-            # Of the same minimum, whose vᵀPv has rounding too.
-            gap = abs(again.vtpv - theirs.vtpv)
-            if again.converged and gap <= LOWER * (1.0 + theirs.vtpv):
-                out = replace(out, rounding=max(apart(again, theirs)))
         less = theirs.vtpv - anew.vtpv
         if less > LOWER * (1.0 + theirs.vtpv):
             out = replace(out, lower=less)
     return out
+
+
+def _near(solution: Solution) -> Iterator[Start]:
+    """Return places some thousandths of a σ from a minimum, from which others end in it again."""
+    unknowns, rng = solution.equations.unknowns, np.random.default_rng(5)
+    diagonal = solution.normal().diagonal
+    each = np.where(unknowns.free & (diagonal > 0), 1e-3 / np.sqrt(np.fmax(diagonal, 1e-300)), 0.0)
+    for _ in range(PLACES):
+        state = unknowns.retract(solution.state, each * rng.normal(size=unknowns.n_columns))
+        yield Start(unknowns, state, solution.start)
+
+
+def _apart_from(start: Start, theirs: Solution) -> float:
+    """Return how far a batch adjustment from another start is from one at the same minimum."""
+    with suppress(AdjustmentError):
+        again = adjust(theirs.equations.network, start=start, tolerance=1e-9)
+        rests = again.converged or again.reason == OFF_DATUM  # which rounding may hide, too
+        # The same minimum, whose vᵀPv has rounding too.
+        if rests and abs(again.vtpv - theirs.vtpv) <= LOWER * (1.0 + theirs.vtpv):
+            return max(apart(again, theirs))
+    return 0.0
 
 
 def apart(a: Solution, b: Solution) -> tuple[float, float]:

@@ -251,7 +251,8 @@ function traces(div) {
       showlegend: false, marker: { symbol: "circle-open", size: 20, color: colour("selected"), line: { width: 3 } },
     });
   const few = shown.length < inside ? tell("js.shown", { shown: shown.length, n: inside }) : "";
-  byId("plan-told").textContent = few;
+  const marked = chosen !== null ? tell("js.selected", { name: names[chosen] }) : "";
+  byId("plan-told").textContent = [marked, few].filter(Boolean).join(" ");
   return out;
 }
 
@@ -370,5 +371,4 @@ async function find(name) {
   const [low, high] = plan.data.limits;
   const half = [0, 1].map((k) => 0.12 * (high[k] - low[k] || 1)), at = [xy[0][number], xy[1][number]];
   await plan.go([at.map((v, k) => v - half[k]), at.map((v, k) => v + half[k])]);
-  byId("plan-told").textContent = tell("js.selected", { name: names[number] });
 }
