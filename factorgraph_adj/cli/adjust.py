@@ -20,7 +20,7 @@ from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.causes import likeliest
 from ..report.context import Report
-from ..report.doubts import doubts_about, notes_about, notes_on, of_network, unknowns_left_out
+from ..report.doubts import notes_about, notes_on, unknowns_left_out
 from ..report.html.language import Language
 from ..report.html.write import write_html
 from ..report.options import Provenance, ReportOptions
@@ -269,11 +269,7 @@ def _verdict(found: Adjusted, report: Report) -> int:
         *notes_on(network),
     ):
         print(said, file=sys.stderr)
-    doubts = [
-        *doubts_about(found.solution),
-        *report.of_sigmas,
-        *of_network(network),
-    ]
+    doubts = list(report.doubts)
     if found.components is not None and not found.components.converged:
         doubts.append(f"variance components not converged: {found.components.reason}")
     if found.snooping is not None:
@@ -286,8 +282,6 @@ def _verdict(found: Adjusted, report: Report) -> int:
                 f"{left} observation{'s' * (left != 1)} above the critical value could not be set "
                 "aside"
             )
-    doubts += report.in_common
-    doubts += report.at_check_points
     for doubt in doubts:
         print(doubt, file=sys.stderr)
     return DOUBTFUL if doubts else FINE

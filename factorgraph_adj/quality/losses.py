@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import AdjustmentError
 from ..graph.equations import Equations, compile_network
 from ..network.network import Network
+from ..observations.positions import ControlPoint
 from ..observations.registry import KINDS
 from ..solve.solution import Solution
 from ..solve.standing import standing
@@ -127,6 +128,51 @@ def bare_place(found: Snooping) -> BarePlace | None:
     if not left or any(controlled[rows].any() for rows in own):
         return None
     return BarePlace(len(lost), left)
+
+
+@dataclass(frozen=True)
+class GivenCoordinates:
+    """Weighted coordinates of points that were set aside, though the points have other readings.
+
+    A gross error of given coordinates and another mark that was observed in place of the point
+    leave the same misfits: no reading tells the one from the other.
+    """
+
+    points: tuple[str, ...]
+    """Names of the points."""
+
+    def __str__(self) -> str:
+        """Return it as a sentence without a stop."""
+        named = ", ".join(repr(p) for p in self.points[:NAMED])
+        if more := len(self.points) - NAMED:
+            named += f" and {more} more" if more > 0 else ""
+        noun = "point" if len(self.points) == 1 else "points"
+        return (
+            f"given coordinates of {noun} {named} were set aside: they are wrong, or another mark "
+            "was observed under that name; the readings do not tell which"
+        )
+
+
+def given_coordinates(found: Snooping, original: Network) -> GivenCoordinates | None:
+    """Return the points whose weighted coordinates data snooping set aside; none: there are none.
+
+    Args:
+        found: the result of data snooping.
+        original: the network before it.
+    """
+    aside = [r.id for r in found.rejected if r.kind == ControlPoint.kind]
+    if not aside:
+        return None
+    equations = compile_network(original)
+    rows = np.concatenate(equations.find(aside))
+    names = equations.unknowns["point"].names
+    points: set[str] = set()
+    for block in equations.blocks:
+        if block.kind == ControlPoint.kind:
+            ((_, index),) = block.variables
+            inside = rows[(rows >= block.rows.start) & (rows < block.rows.stop)]
+            points |= {names[p] for p in index[(inside - block.first_row) // block.dimension]}
+    return GivenCoordinates(tuple(sorted(points)))
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from ..quality.doubtful_sigmas import doubtful_sigmas
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
 from ..quality.exchanged_names import exchanged_names, sights_far_off
 from ..quality.lines import AdjustedLine, adjusted_lines
-from ..quality.losses import bare_place, losses, lost_control
+from ..quality.losses import bare_place, given_coordinates, losses, lost_control
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
@@ -261,7 +261,8 @@ class Report:
         place = bare_place(self.snooping)
         found = lost(losses(self.snooping, original, self.snooping.whole))
         control = lost_control(self.snooping, original)
-        return [*found, *(str(x) for x in (place, control) if x is not None)]
+        given = given_coordinates(self.snooping, original) if place is None else None
+        return [*found, *(str(x) for x in (place, control, given) if x is not None)]
 
     @property
     def likelier(self) -> list[str]:

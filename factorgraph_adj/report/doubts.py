@@ -204,10 +204,9 @@ def above_critical(values: Array, critical: float, name: str, alpha: float) -> l
 def by_chance(values: Array, critical: float, alpha: float) -> bool:
     """Return whether test values above the critical value are what chance makes of good ones.
 
-    Of n test values without an error α n are above it. They are taken for chance if α n is 1 or
-    more, if as many are expected in one of `CHANCE` such networks (Poisson), and if the largest
-    does not exceed what the largest of n does with that probability (Šidák). Of small networks no
-    test value is taken for chance.
+    Of n test values without an error α n are above it. They are taken for chance if as many are
+    expected in one of `CHANCE` such networks (Poisson), and if the largest does not exceed what
+    the largest of n does with that probability (Šidák).
 
     Args:
         values: test values, NaN for observations that nothing controls.
@@ -216,7 +215,7 @@ def by_chance(values: Array, critical: float, alpha: float) -> bool:
     """
     tested = int(np.isfinite(values).sum())
     n = int(np.sum(np.abs(values) > critical))
-    if not n or alpha * tested < 1.0:
+    if not n:
         return False
     each = -np.expm1(np.log1p(-CHANCE) / tested)
     largest = float(np.nanmax(np.abs(values)))

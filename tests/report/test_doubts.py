@@ -35,10 +35,23 @@ def test_one_gross_error_and_many_small_ones_raise_a_doubt(wrong):
     assert text.endswith("above the critical |w| 3.29 (chance makes about 4)")
 
 
-def test_no_test_value_of_a_small_network_is_taken_for_chance():
-    values = np.full(900, 0.5)
-    values[3] = 3.3
-    assert not by_chance(values, CRITICAL, ALPHA)
+def test_a_good_small_network_seldom_raises_a_doubt():
+    """However few the test values are, one or two clean networks in a hundred are doubtful."""
+    rng = np.random.default_rng(8)
+    for tested in (10, 60, 150, 900):
+        values = rng.normal(size=(2000, tested))
+        doubted = sum(bool(above_critical(row, CRITICAL, "w", ALPHA)) for row in values)
+        assert 10 <= doubted <= 45, tested
+
+
+def test_what_chance_does_not_make_is_a_doubt_in_a_small_network_too():
+    values = np.full(150, 0.5)
+    values[3] = 3.4
+    assert by_chance(values, CRITICAL, ALPHA)
+    assert not above_critical(values, CRITICAL, "w", ALPHA)
+    values[3] = 4.2
+    assert above_critical(values, CRITICAL, "w", ALPHA)
+    values[:5] = 3.4
     assert above_critical(values, CRITICAL, "w", ALPHA)
     values[:] = np.nan
     assert not by_chance(values, CRITICAL, ALPHA)

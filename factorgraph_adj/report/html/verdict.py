@@ -138,9 +138,10 @@ def _tests(report: Report, t: Texts) -> Light:
         return Light("green", title, t("light.tests.fine", **figures), link=link)
     text = t.number("light.tests.above", above, **figures)
     expected = report.options.alpha * tested
-    if expected >= 1:
-        text += " " + t("light.tests.chance", n=f"{expected:.0f}")
     chance = by_chance(values, critical, report.options.alpha)
+    if expected >= 1 or chance:
+        n = f"{expected:.0f}" if expected >= 1 else f"{expected:.1g}"
+        text += " " + t("light.tests.chance", n=n)
     return Light("green" if chance else "red", title, text, link=link)
 
 
