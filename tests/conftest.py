@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
@@ -25,3 +27,21 @@ settings.register_profile("tests", deadline=None, derandomize=True)
 # New examples at every run, for hours where they are asked for: see tests/incremental/test_soak.py.
 settings.register_profile("soak", deadline=None, max_examples=500, stateful_step_count=100)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "tests"))
+
+
+def pytest_collection_finish() -> None:
+    """Let no search for garbage go through the thousands of tests and modules again."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def registered_kinds_stay() -> Iterator[None]:
+    """Tests that register a kind take it back: other tests may name all that are valid."""
+    from factorgraph_adj.models.registry import LENSES
+    from factorgraph_adj.models.variables import UNKNOWNS
+    from factorgraph_adj.observations.registry import KINDS
+
+    before = list(KINDS), list(UNKNOWNS), list(LENSES)
+    yield
+    assert (list(KINDS), list(UNKNOWNS), list(LENSES)) == before

@@ -197,11 +197,11 @@ def registries() -> Iterator[None]:
         table.update(kinds)
 
 
-@pytest.mark.usefixtures("registries")
 def test_long_pages_are_pages() -> None:
     assert PAGES.keys() >= LONG_PAGES
 
 
+@pytest.mark.usefixtures("registries")
 @pytest.mark.parametrize(
     "page", [pytest.param(p, marks=LONG if p in LONG_PAGES else ()) for p in PAGES]
 )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TypeGuard
 
 import pytest
 
@@ -28,11 +30,19 @@ beside the rooms of the package."""
 MODULES = {str(p.relative_to(TESTS)): p for p in sorted(TESTS.rglob("*.py"))}
 
 
+def statements(text: str) -> Iterator[ast.AST]:
+    """Yield the statements of a module, inner ones too, without what stands in expressions."""
+    todo: list[ast.AST] = [ast.parse(text)]
+    while todo:
+        yield (node := todo.pop())
+        todo.extend(n for n in ast.iter_child_nodes(node) if not isinstance(n, ast.expr))
+
+
 def imported(text: str, path: Path) -> set[str]:
     """Return the full names of the test modules that the text of a module imports."""
     here = path.relative_to(ROOT).parent.parts
     found = set()
-    for node in ast.walk(ast.parse(text)):
+    for node in statements(text):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -43,11 +53,11 @@ def imported(text: str, path: Path) -> set[str]:
     return {".".join(n) for n in inside if n[0] == "tests" and n[-1].startswith("test_")}
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_no_module_imports_a_test_module(name):
-    text = MODULES[name].read_text(encoding="utf-8")
+def test_no_module_imports_a_test_module():
     where = ", ".join(f"tests/{folder}" for folder in sorted(SHARED))
-    assert not imported(text, MODULES[name]), f"what tests share lies in {where}"
+    for name, path in MODULES.items():
+        found = imported(path.read_text(encoding="utf-8"), path)
+        assert not found, f"{name}: what tests share lies in {where}"
 
 
 def test_imports_of_every_form_are_seen():
@@ -77,23 +87,28 @@ def test_only_tests_of_the_whole_repository_lie_beside_the_folders():
     assert len(found) > 3
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_every_long_test_says_what_it_proves_beyond_the_short_ones(name):
-    tree = ast.parse(MODULES[name].read_text(encoding="utf-8"))
-    said = {id(n.func): n.args for n in ast.walk(tree) if isinstance(n, ast.Call)}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and ast.unparse(node) == "pytest.mark.slow":
+def test_every_long_test_says_what_it_proves_beyond_the_short_ones():
+    wrong = []
+    for name, path in MODULES.items():
+        text = path.read_text(encoding="utf-8")
+        nodes = list(ast.walk(ast.parse(text))) if "mark.slow" in text else []
+        said = {id(n.func): n.args for n in nodes if isinstance(n, ast.Call)}
+        for node in filter(is_mark, nodes):
             (proves,) = said.get(id(node), (None,))
-            assert isinstance(proves, ast.Constant), f"line {node.lineno}: says nothing"
-            assert len(str(proves.value)) > 40, f"line {node.lineno}: says little"
+            if not isinstance(proves, ast.Constant) or len(str(proves.value)) <= 40:
+                wrong.append(f"{name}, line {node.lineno}: says little or nothing")
+    assert not wrong
+
+
+def is_mark(node: ast.AST) -> TypeGuard[ast.Attribute]:
+    """Whether a node is ``pytest.mark.slow``."""
+    named = isinstance(node, ast.Attribute) and node.attr == "slow"  # most have another name
+    return named and ast.unparse(node) == "pytest.mark.slow"
 
 
 def is_slow(node: ast.AST) -> bool:
     """Whether a decorator, or the value of a name, marks tests as slow."""
-    return any(
-        isinstance(n, ast.Attribute) and ast.unparse(n) == "pytest.mark.slow"
-        for n in ast.walk(node)
-    )
+    return any(map(is_mark, ast.walk(node)))
 
 
 def has_short_tests(text: str) -> bool:
@@ -110,7 +125,7 @@ def has_short_tests(text: str) -> bool:
             ast.unparse(d) in slow or ast.unparse(d).startswith("pytest.mark.slow(")
             for d in n.decorator_list
         )
-        for n in ast.walk(tree)
+        for n in statements(text)
     )
 
 
@@ -145,7 +160,7 @@ def test_tests_against_published_figures_are_marked():
 def test_modules_that_are_shared_hold_no_tests():
     for name, path in MODULES.items():
         if name.split("/")[0] in SHARED:
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            functions = [n.name for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
+            inner = statements(path.read_text(encoding="utf-8"))
+            functions = [n.name for n in inner if isinstance(n, ast.FunctionDef)]
             assert not path.name.startswith("test_"), name
             assert not [f for f in functions if f.startswith("test_")], name

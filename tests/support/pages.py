@@ -7,14 +7,19 @@ import json
 import re
 import shutil
 from base64 import b64decode
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
+from time import monotonic
+from typing import Any, TypeVar
 
 import pytest
+
+from tests.support.processes import HANGS
+
+Read = TypeVar("Read")
 
 VOID = {"meta", "link", "input", "br", "hr", "img"}
 """Elements without an end."""
@@ -82,7 +87,19 @@ class Opened:
 
     def ready(self) -> None:
         """Wait until everything is drawn."""
-        self.page.wait_for_selector("html[data-all]", state="attached", timeout=60_000)
+        self.page.wait_for_selector("html[data-all]", state="attached")
+
+    def until(self, read: Callable[[], Read], holds: Callable[[Read], bool]) -> Read:
+        """Wait until what is read of the page is as it should be, and return it.
+
+        Figures are drawn anew some time after what asks for it, by the load of the machine.
+        """
+        begin, found = monotonic(), read()
+        while not holds(found):
+            assert monotonic() - begin < HANGS, f"stays {found}"
+            self.page.wait_for_timeout(20)
+            found = read()
+        return found
 
     def seconds(self) -> float:
         """Return the CPU seconds that the process of the page has taken."""
@@ -102,12 +119,12 @@ class Opened:
         """Scroll to a table, wait until it sorts and filters, and return it."""
         table = self.page.locator(f"#table-{name}")
         table.scroll_into_view_if_needed()
-        self.page.wait_for_selector(f"#table-{name}[data-made]", timeout=60_000)
+        self.page.wait_for_selector(f"#table-{name}[data-made]")
         return table
 
     def chosen(self) -> list[str]:
         """Wait for a row that was brought into view, and return its cells."""
-        row = self.page.wait_for_selector("tr.chosen", timeout=60_000)
+        row = self.page.wait_for_selector("tr.chosen")
         found: list[str] = row.evaluate("r => [...r.cells].map(c => c.textContent)")
         return found
 
@@ -130,6 +147,7 @@ def opened(browser: Any, file: Path, **context: Any) -> Iterator[Opened]:
     """Open a file offline, and record console, errors and requests."""
     made = browser.new_context(viewport={"width": 1300, "height": 1000}, **context)
     made.set_offline(True)
+    made.set_default_timeout(1000 * HANGS)
     found = Opened(made.new_page())
     found.page.on("console", lambda m: found.said.append(f"{m.type}: {m.text}"))
     found.page.on("pageerror", lambda e: found.said.append(f"error: {e}"))

@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,28 @@ def _click(found: Opened, what: str, number: int) -> None:
     found.page.mouse.move(x - 3, y)
     found.page.mouse.move(x, y)
     found.page.mouse.click(x, y)
+
+
+def _window(found: Opened) -> list[float]:
+    """Return the limits of the plan."""
+    limits: list[float] = found.page.eval_on_selector("#plan", RANGE)
+    return limits
+
+
+def _key(found: Opened) -> str | None:
+    """Return the text of the bar that shows the scale of the plan."""
+    text: str | None = found.page.locator("#plan .annotation-text").first.text_content()
+    return text
+
+
+def _colours(found: Opened) -> list[float]:
+    """Return the figures by which the points of the plan are coloured."""
+    script = "d => d.data.find(t => t.marker?.showscale)?.marker.color ?? []"
+    return [c for c in found.page.eval_on_selector("#plan", script) if c is not None]
+
+
+def _are_within(least: float, most: float, figures: list[float]) -> bool:
+    return bool(figures) and least <= min(figures) and max(figures) <= most
 
 
 SORTS = ("three", "heights", "nasty", "block", "failed", "free", "geocentric", "aerial")
@@ -188,21 +211,18 @@ def test_names_stay_text_in_plans_and_tables(browser, folder):
 def test_the_plan_zooms_by_buttons_and_finds_points(browser, folder):
     with opened(browser, folder / "block.html") as found:
         found.ready()
-        first = found.page.eval_on_selector("#plan", RANGE)
-        key = found.page.locator("#plan .annotation-text").first.text_content()
+        first, key = _window(found), _key(found)
         for _ in range(3):
             found.page.locator("#plan-in").click()
-        found.page.wait_for_timeout(400)
-        second = found.page.eval_on_selector("#plan", RANGE)
-        assert second[1] - second[0] == pytest.approx((first[1] - first[0]) / 8, rel=0.02)
-        assert found.page.locator("#plan .annotation-text").first.text_content() != key
+        eighth = pytest.approx((first[1] - first[0]) / 8, rel=0.02)
+        found.until(lambda: _window(found), lambda now: now[1] - now[0] == eighth)
+        found.until(lambda: _key(found), lambda now: now != key)
         found.page.get_by_label("Find point").fill("p52")
         found.page.keyboard.press("Enter")
         status = found.page.get_by_text("Point P52 is marked.")
         status.wait_for()
         found.page.locator("#plan-all").click()
-        found.page.wait_for_timeout(400)
-        np.testing.assert_allclose(found.page.eval_on_selector("#plan", RANGE), first, rtol=0.02)
+        found.until(lambda: _window(found), lambda now: np.allclose(now, first, rtol=0.02))
 
 
 def test_points_are_coloured_by_their_tests_and_redundancy(browser, folder):
@@ -210,11 +230,8 @@ def test_points_are_coloured_by_their_tests_and_redundancy(browser, folder):
         found.ready()
         for value, least, most in (("test", 0.0, 20.0), ("r", 0.0, 1.0)):
             found.page.get_by_label("Colour by").select_option(value)
-            found.page.wait_for_timeout(300)
-            script = "d => d.data.find(t => t.marker?.showscale).marker.color"
-            colours = [c for c in found.page.eval_on_selector("#plan", script) if c is not None]
-            assert len(colours) == 70 and min(colours) >= least and max(colours) <= most
-            assert len(set(colours)) > 10
+            colours = found.until(lambda: _colours(found), partial(_are_within, least, most))
+            assert len(colours) == 70 and len(set(colours)) > 10
 
 
 def test_of_many_points_some_are_drawn_and_all_in_a_smaller_window(browser, folder):
@@ -224,12 +241,13 @@ def test_of_many_points_some_are_drawn_and_all_in_a_smaller_window(browser, fold
         assert "of 2025 points in the window are drawn" in found.page.text_content("#plan-told")
         for _ in range(2):
             found.page.locator("#plan-in").click()
-        found.page.wait_for_timeout(400)
-        x0, x1, y0, y1 = found.page.eval_on_selector("#plan", RANGE)
+        found.until(lambda: found.page.text_content("#plan-told"), lambda now: now == "")
+        x0, x1, y0, y1 = _window(found)
         side = 100.0 * np.arange(45)
         inside = np.sum((side >= x0) & (side <= x1)) * np.sum((side >= y0) & (side <= y1))
-        assert sum(found.page.eval_on_selector("#plan", DRAWN)) == inside
-        assert found.page.text_content("#plan-told") == ""
+        found.until(
+            lambda: sum(found.page.eval_on_selector("#plan", DRAWN)), lambda now: now == inside
+        )
 
 
 def test_the_view_in_three_dimensions_is_drawn_when_asked_for(browser, folder):
@@ -237,7 +255,7 @@ def test_the_view_in_three_dimensions_is_drawn_when_asked_for(browser, folder):
         found.ready()
         assert found.page.locator("#scene").is_hidden()
         found.page.get_by_role("button", name="Show the 3-D view").click()
-        found.page.wait_for_selector("#scene[data-made]", timeout=60_000)
+        found.page.wait_for_selector("#scene[data-made]")
         points = "d => d.data.filter(t => t.meta === 'points').map(t => t.z.length)"
         assert found.page.eval_on_selector("#scene", points) == [70]
         pixels = """d => { const c = d.querySelector('canvas'), g = c.getContext('webgl');
@@ -291,14 +309,15 @@ def test_paper_has_the_plan_and_the_first_rows_and_no_tools(browser, folder):
     with opened(browser, folder / "block.html", color_scheme="dark") as found:
         found.ready()
         found.page.emulate_media(media="print", color_scheme="dark")
-        found.page.wait_for_timeout(300)
         for hidden in ("nav", ".tools", "#scene-part"):
             assert found.page.locator(hidden).first.is_hidden()
         assert found.page.locator("#plan .main-svg").first.is_visible()
         assert _grey(found.page.evaluate("getComputedStyle(document.body).backgroundColor")) == 255
         ink = "d => d.layout.font.color"
-        shown = found.page.eval_on_selector("#plan", RANGE)
-        found.page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        begin = "dispatchEvent(new Event('beforeprint'))"
+        shown = found.page.eval_on_selector(
+            "#plan", f"d => {{ const r = ({RANGE})(d); {begin}; return r; }}"
+        )
         assert found.page.eval_on_selector("#plan", ink) == "#000000"
         # A4 has 186 mm, 703 pixels, between the margins: no figure is wider, no number is broken.
         assert found.page.evaluate(WIDEST) <= 703
@@ -309,9 +328,7 @@ def test_paper_has_the_plan_and_the_first_rows_and_no_tools(browser, folder):
         assert found.page.eval_on_selector("#plan", ink) == "#e8eaed"
         # The screen has its width and its part of the plan again.
         found.page.wait_for_function(f"{WIDEST} > 703")
-        found.page.wait_for_timeout(300)
-        again = found.page.eval_on_selector("#plan", RANGE)
-        assert again == pytest.approx(shown, rel=1e-9)
+        found.until(lambda: _window(found), lambda now: now == pytest.approx(shown, rel=1e-9))
         printed = "addEventListener('beforeprint', () => (document.title = 'printed'))"
         found.page.evaluate(printed)
         paper = found.page.pdf(format="A4")
@@ -331,7 +348,7 @@ def test_a_browser_that_cannot_unpack_says_so(browser, folder, tmp_path):
     broken = tmp_path / "broken.html"
     broken.write_text(text.replace('id="data-plan">', 'id="data-plan">A'), encoding="utf-8")
     with opened(browser, broken) as found:
-        found.page.wait_for_selector("#failed:not([hidden])", timeout=30_000)
+        found.page.wait_for_selector("#failed:not([hidden])")
         words = found.page.text_content("#failed")
         assert words.startswith("Diese Seite konnte nicht gezeichnet werden:")
 
@@ -343,7 +360,7 @@ def test_the_report_of_roma_is_small_and_soon_ready(browser, tmp_path):
     write_report(solution, file)
     assert file.stat().st_size < 30e6
     with opened(browser, file) as found:
-        found.page.wait_for_selector("html[data-ready]", state="attached", timeout=60_000)
+        found.page.wait_for_selector("html[data-ready]", state="attached")
         assert found.seconds() < 5.0  # CPU seconds, so that other work does not count
         found.page.get_by_label("Find point").fill("11806")
         found.page.keyboard.press("Enter")
