@@ -91,7 +91,8 @@ def _moved_frames(
     """
     turned, offset, scale, origin, _ = split_frame(frames)
     out = frames.copy()
-    to_object = np.exp(scale)[:, None, None] * turned
+    with np.errstate(over="ignore"):  # a frame that has run to infinity stays there
+        to_object = np.exp(scale)[:, None, None] * turned
     zero = place(origin + np.einsum("nij,nj->ni", to_object, offset))
     turns: Mask = np.any(free[:, :3], axis=1)
     after = np.where(turns[:, None, None], rotation @ turned, turned)

@@ -382,8 +382,11 @@ def _apart(a: Array, b: Array) -> float:
 
 
 def _median(own: Sequence[Array]) -> Array:
-    """Return the median of places (3,)."""
-    return np.asarray(np.nan_to_num(np.nanmedian(np.stack(own), axis=0)))
+    """Return the median of places (3,); 0 for a coordinate that none of them knows."""
+    places, out = np.stack(own), np.zeros(3)
+    known = np.isfinite(places).any(axis=0)
+    out[known] = np.nanmedian(places[:, known], axis=0)
+    return out
 
 
 def _by_block(readings: Collection[tuple[int, int]]) -> dict[int, Index]:
