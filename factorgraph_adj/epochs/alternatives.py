@@ -1,5 +1,6 @@
 """What else than displacements may explain the differences of two epochs.
 
+- A mistake in one epoch, of which its readings alone tell, see `epoch_causes`.
 - Names that were exchanged: points whose displacements lead to one another's places, and that kept
   their places once the names are exchanged back.
 - A point with another name: a point that only the second epoch has, where one lay that only the
@@ -22,6 +23,7 @@ from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
 from .comparison import Congruence
+from .epoch_causes import epoch_causes
 from .roles import ONE_EPOCH_ALONE
 
 MAX_PART_LEFT = 0.1
@@ -36,21 +38,21 @@ Compare = Callable[[Solution, Solution, Mapping[str, str]], Congruence]
 """Compares two epochs by names in the second by names in the first."""
 
 
-def alternatives(found: Congruence, compare: Compare) -> tuple[str, ...]:
+def alternatives(found: Congruence, compare: Compare, *, estimated: bool) -> tuple[str, ...]:
     """Return sentences on what may explain the differences instead of displacements.
 
     Args:
         found: the comparison.
         compare: the same comparison of other solutions, or with other names.
+        estimated: whether σ0 is estimated; otherwise it is 1.
     """
-    if len(found.solutions) != 2:
-        return ()
-    return (
-        *_exchanged(found, compare),
-        *_of_other_names(found),
-        *_scaled(found),
-        *_held(found, compare),
-    )
+    between: list[str] = []
+    held: list[str] = []
+    if len(found.solutions) == 2:
+        between += [*_exchanged(found, compare), *_of_other_names(found), *_scaled(found)]
+        held += _held(found, compare)
+    own = epoch_causes(found.solutions, estimated=estimated, known=bool(held))
+    return (*held, *own, *between)
 
 
 # -- names ----------------------------------------------------------------------------------------

@@ -21,14 +21,16 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..errors import DatumError, InputError
+from ..errors import AdjustmentError, DatumError, InputError
 from ..quality.distributions import fisher_quantile
 from ..quality.levels import ALPHA_OF_MODEL, POWER
+from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array, Index
 from .alternatives import alternatives
 from .comparison import Congruence, Displacement, RatioTest
 from .differences import Differences, between, within
+from .epoch_causes import not_comparable
 from .hypotheses import Scale, moved, rank, spanning, unheld, weight
 from .localise import Method, Step, localise
 from .roles import roles_in_one, roles_of
@@ -75,16 +77,22 @@ def congruence(
             redundancy for a pooled variance.
         DatumError: the reference points do not determine the motions that are open, such as those
             on one line the rotation about it.
+        AdjustmentError: an adjustment that did not converge has singular normal equations.
     """
     if not 0 < alpha < power < 1:
         raise InputError(f"alpha and power must be 0 < alpha < power < 1, not {alpha}, {power}")
     options = _Options(method, variance, alpha, power)
-    found = _compared(first, second, reference, objects, pairs, options)
+    estimated = variance == "pooled"
+    try:
+        found = _compared(first, second, reference, objects, pairs, options)
+    except SingularError as error:
+        solutions = (first,) if second is None else (first, second)
+        raise AdjustmentError(not_comparable(solutions, estimated=estimated)) from error
 
     def compare(one: Solution, two: Solution, others: Mapping[str, str]) -> Congruence:
         return _compared(one, two, None, None, others, options)
 
-    return replace(found, alternatives=alternatives(found, compare))
+    return replace(found, alternatives=alternatives(found, compare, estimated=estimated))
 
 
 class _Options(NamedTuple):

@@ -10,7 +10,6 @@ from ..quality.causes.hypotheses import Size
 from ..quality.causes.search import EXCHANGES
 from ..units import decimal
 from .context import Report
-from .doubts import nothing_tells
 from .layout import NO_BREAK, listed, paragraph, percent, short, table, title
 
 MOST = 3
@@ -23,7 +22,7 @@ def unit_of(report: Report, size: Size) -> tuple[float, str]:
     """Return the unit of the size of an error, SI, and its name."""
     if size == "length":
         return report.small, report.units.sigma_length
-    if size == "angle":
+    if size in ("angle", "turn"):
         return report.radian, report.units.sigma_angle
     return {"ppm": (1.0, "ppm"), "ratio": (0.01, "%")}.get(size, (1.0, ""))
 
@@ -33,7 +32,7 @@ def causes(report: Report) -> list[str]:
     found = report.causes
     if found is None:
         return []
-    undecided = [line for text in nothing_tells(found) for line in paragraph(text)]
+    undecided = [line for text in found.nothing_tells for line in paragraph(text)]
     if not found.likelier:
         heading = title("An error, but nothing tells in which reading")
         return [*heading, *undecided] if undecided else []
@@ -85,10 +84,9 @@ def likeliest(report: Report) -> str:
     found = report.causes
     if found is None:
         return ""
-    if (first := found.likeliest) is None:
-        return next(iter(nothing_tells(found)), "")
-    what = "likeliest cause" if found.alone(first) else "one of several errors"
-    return f"{what}: {sentence(report, first)}{found.consequence(first)}"
+    if found.likeliest is None:
+        return next(iter(found.nothing_tells), "")
+    return found.said_likeliest(lambda cause: sentence(report, cause))
 
 
 def _members(cause: Cause) -> str:

@@ -14,14 +14,12 @@ from ..graph.variables import calibration_name
 from ..io.numbers import Units
 from ..models.variables import VariableKind
 from ..network.network import Network
-from ..quality.causes.block_mistakes import block_mistakes
 from ..quality.causes.given import GivenValue
-from ..quality.causes.matches import Match
-from ..quality.causes.search import Causes, causes, exchanges_alone
+from ..quality.causes.search import Causes
 from ..quality.check_points import check_points
 from ..quality.doubtful_sigmas import doubtful_sigmas
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
-from ..quality.exchanged_names import exchanged_names, sights_far_off
+from ..quality.likely_causes import likely_causes
 from ..quality.lines import AdjustedLine, adjusted_lines
 from ..quality.losses import bare_place, given_coordinates, losses, lost_control
 from ..quality.rejections import Rejected, Snooping, Unresolved
@@ -30,7 +28,6 @@ from ..quality.reliability import Reliability, reliability
 from ..quality.shapes import AdjustedShape, adjusted_shapes
 from ..quality.stiff import stiff_ties
 from ..quality.systematic import Label, Significance, TestedParameter, significance
-from ..quality.unit_weight import global_test
 from ..quality.variance_components import VarianceComponents
 from ..rotation import angles_by_rotation, omega_phi_kappa
 from ..solve.estimates import CalibrationEstimate
@@ -49,7 +46,6 @@ from .doubts import (
     at_check_points,
     doubts_about,
     lost,
-    nothing_tells,
     of_network,
     reasons,
 )
@@ -279,44 +275,20 @@ class Report:
         if self.snooping is None and not self.pope:
             return []
         if first is None:
-            return nothing_tells(self.causes)
+            return self.causes.nothing_tells
         what = "" if self.causes.alone(first) else "one of several errors, "
         rest = self.causes.consequence(first)
         return [f"{what}likelier than gross errors of single readings: {first}{rest}"]
 
     @cached_property
     def causes(self) -> Causes | None:
-        """Causes that several observations share; None where no test value is critical.
-
-        Pope's τ cannot exceed √r: what several observations share may show in none of them.
-        """
+        """Causes that several observations share; None where nothing misfits."""
         if self.snooping is not None:
             found = self.snooping.causes
-            return None if found is None else axes.causes(self.network, found)
-        rel, matches = self.reliability, self._matches
-        if rel is None or not self.solution.converged:
-            found = exchanges_alone(self.solution, matches, self.options.alpha)
-            return found if matches else None
-        values, critical = self.tests
-        if (
-            not self.pope
-            and not np.nanmax(np.abs(values), initial=0.0) > critical
-            and global_test(self.solution).accepted
-        ):
-            return None
-        return axes.causes(self.network, causes(rel, matches, estimated=self.pope))
-
-    @cached_property
-    def _matches(self) -> list[Match]:
-        """Exchanged names of targets, where sights are far off, and mistakes that bend a block."""
-        if self.snooping is not None:
-            return []
-        alpha, pope = self.options.alpha, self.pope
-        found = [m.match for m in block_mistakes(self.solution, alpha, estimated=pope)]
-        if sights_far_off(self.solution):
-            every = exchanged_names(self.network, self.solution, alpha, estimated=pope)
-            found += [e.match for e in every]
-        return found
+        else:
+            alpha, pope = self.options.alpha, self.pope
+            found = likely_causes(self.solution, self.reliability, alpha=alpha, estimated=pope)
+        return None if found is None else axes.causes(self.network, found)
 
     @cached_property
     def given(self) -> tuple[GivenValue, ...]:

@@ -10,7 +10,6 @@ import numpy as np
 from ..errors import UnknownLeftOut
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
-from ..quality.causes.search import Causes
 from ..quality.check_points import CheckPoints
 from ..quality.distributions import normal_quantile, poisson_from
 from ..quality.losses import Loss
@@ -170,18 +169,6 @@ def lost(found: Sequence[Loss]) -> list[str]:
         others = f"; too much also of {noun}s {', '.join(rest)}{more}" if rest else ""
         out.append(f"{own[0]}{others}")
     return out
-
-
-def nothing_tells(found: Causes) -> list[str]:
-    """Return between which errors nothing tells, all of them; nothing where something does."""
-    every = found.undecided
-    if not every:
-        return []
-    size = float(np.sqrt(found.likelier[0].t2 if found.likelier else found.single))
-    return [
-        f"an error of {size:.1f} times its standard deviation shows; with this redundancy nothing "
-        f"tells in which of: {'; '.join(every)}"
-    ]
 
 
 def above_critical(values: Array, critical: float, name: str, alpha: float) -> list[str]:

@@ -72,7 +72,8 @@ def test_a_held_point_that_moved_is_named():
     first = fga.adjust(epoch(1, datum="given"))
     second = fga.adjust(epoch(2, {"C": (0.03, 0.03)}, datum="given"))
     found = fga.congruence(first, second)
-    (told,) = found.alternatives
+    told, alone = found.alternatives
+    assert "in the second epoch alone" in alone and "the given x, y of point 'C'" in alone
     assert told.startswith("held points moved, as a free adjustment of both epochs shows")
     assert "'C' by 4" in told
 

@@ -17,6 +17,7 @@ from .hypotheses import Size
 PLAUSIBLE: dict[Size, float] = {
     "length": 2.5,
     "angle": np.pi / 200,
+    "turn": np.inf,
     "ppm": 1e4,
     "ratio": np.inf,
     "image": np.inf,
@@ -36,6 +37,7 @@ HEIGHT_UNITS = {"centimetres": 100.0, "millimetres": 1000.0, "feet": 1.0 / 0.304
 _UNIT: dict[Size, tuple[float, str]] = {
     "length": (1e-3, "mm"),
     "angle": (np.pi / 200e3, "mgon"),
+    "turn": (np.pi / 200e3, "mgon"),
     "ppm": (1.0, "ppm"),
     "ratio": (0.01, "%"),
     "image": (1.0, ""),

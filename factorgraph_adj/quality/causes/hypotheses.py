@@ -1,4 +1,7 @@
-"""Errors that surveyors know, as columns: of heights, constants, centring and directions."""
+"""Errors that surveyors know, as columns: of heights, constants, centring, directions, levelling.
+
+`FAMILIES` has them all: a new error is one more row, with the kinds of readings that may have it.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,8 @@ from scipy.sparse import coo_array, csc_array
 from ...types import Array, Index
 from .readings import Readings
 
-Size: TypeAlias = Literal["length", "angle", "ppm", "ratio", "image", "number"]
-"""Quantity of an error."""
+Size: TypeAlias = Literal["length", "angle", "turn", "ppm", "ratio", "image", "number"]
+"""Quantity of an error; a turn is an angle of any size, such as that between two norths."""
 
 DISTANCES = ("slope_distance", "horizontal_distance")
 INCLINATIONS = ("zenith_angle", "vertical_angle")
@@ -85,17 +88,11 @@ def grouped(
 
 
 def hypotheses(r: Readings) -> Iterator[Hypotheses]:
-    """Iterate over the causes that readings between points may have."""
-    sights = r.of_kinds(*SIGHTS)
-    if len(sights.row):
-        yield from _heights(sights)
-        yield from _vertical_circle(r.of_kinds(*INCLINATIONS))
-        yield from _distances(r.of_kinds(*DISTANCES))
-        yield from _centring(sights)
-        yield from _sets(r.of_kinds("direction"))
-    vectors = r.of_kinds("gnss_vector")
-    if len(vectors.row):
-        yield from _antennas(vectors)
+    """Iterate over the causes that readings between points may have, see `FAMILIES`."""
+    for kinds, family in FAMILIES:
+        some = r.of_kinds(*kinds)
+        if len(some.row):
+            yield from family(some)
 
 
 def _point(r: Readings) -> Callable[[int], str]:
@@ -141,22 +138,42 @@ def _heights(r: Readings) -> Iterator[Hypotheses]:
 
 def _vertical_circle(r: Readings) -> Iterator[Hypotheses]:
     """Zenith angles observed too large by one angle, vertical angles too small."""
-    if not len(r.row):
-        return
-    name = _point(r)
     values = np.where(r.kind == "zenith_angle", 1.0, -1.0)[:, None]
     cause = "the index error of the vertical circle"
+    yield from _at_stations_and_everywhere(r, cause, "angle", values)
+
+
+def _at_stations_and_everywhere(
+    r: Readings, cause: str, size: Size, values: Array, components: Sequence[str] = ()
+) -> Iterator[Hypotheses]:
+    """Return a hypothesis for the readings of each station, and one for all of them."""
+    name = _point(r)
     yield grouped(
-        r, cause, ("angle",), (r.station,), values, lambda i: f"at station {name(r.station[i])}"
+        r,
+        cause,
+        (size,),
+        (r.station,),
+        values,
+        lambda i: f"at station {name(r.station[i])}",
+        components,
     )
-    yield grouped(
-        r, cause, ("angle",), (np.zeros(len(r.row)),), values, lambda _: "everywhere", rank=2
-    )
+    every = (np.zeros(len(r.row)),)
+    yield grouped(r, cause, (size,), every, values, lambda _: "everywhere", components, rank=2)
+
+
+def _curvature(r: Readings) -> Iterator[Hypotheses]:
+    """Zenith angles observed too large by a share s of h / 2R, vertical angles too small.
+
+    s is 1 − k, with the coefficient of refraction k, where a plane frame leaves the curvature of
+    the Earth out; 2 k or −2 k where the refraction has the wrong sign.
+    """
+    cause = "the curvature of the Earth or refraction"
+    share = ("factor of d²/2R",)
+    values = -r.by_unknown("refraction")[:, None]
+    yield from _at_stations_and_everywhere(r, cause, "number", values, share)
 
 
 def _distances(r: Readings) -> Iterator[Hypotheses]:
-    if not len(r.row):
-        return
     name = _point(r)
     one, length = np.ones((len(r.row), 1)), PPM * r.computed[:, None]
     meter = r.variable("edm")
@@ -183,7 +200,7 @@ def _distances(r: Readings) -> Iterator[Hypotheses]:
 
 
 def _centring(r: Readings) -> Iterator[Hypotheses]:
-    """Offset of instrument or target from its mark, horizontally."""
+    """Offset of the instrument from its mark, horizontally."""
     name = _point(r)
     height = r.constant("instrument_height")
     both: tuple[Size, ...] = ("length", "length")
@@ -196,9 +213,12 @@ def _centring(r: Readings) -> Iterator[Hypotheses]:
         lambda i: f"at {name(r.station[i])} (height {height[i]:g} m)",
         ("east", "north"),
     )
-    r = r.only(r.kind != "horizontal_angle")  # it has two targets
-    if not len(r.row):
-        return
+
+
+def _centring_of_targets(r: Readings) -> Iterator[Hypotheses]:
+    """Offset of the target from its mark, horizontally, at all its sights or at one."""
+    name = _point(r)
+    both: tuple[Size, ...] = ("length", "length")
     yield grouped(
         r,
         "the centring of the target",
@@ -222,8 +242,6 @@ def _centring(r: Readings) -> Iterator[Hypotheses]:
 
 def _sets(r: Readings) -> Iterator[Hypotheses]:
     """A set of directions that turned, or was moved, on the way."""
-    if not len(r.row):
-        return
     name, sets = _point(r), r.variable("orientation")
     names = r.equations.unknowns["orientation"].names
     yield grouped(
@@ -273,3 +291,38 @@ def _antennas(r: Readings) -> Iterator[Hypotheses]:
         lambda i: f"at {name(point[i])} ({height[i]:g} m)",
         recorded=height,
     )
+
+
+def _azimuths(r: Readings) -> Iterator[Hypotheses]:
+    """Azimuths from another north, or set by a wrong backsight: all of them turned by one angle."""
+    one = np.ones((len(r.row), 1))
+    cause = "the north of azimuths"
+    yield from _at_stations_and_everywhere(r, cause, "turn", one)
+
+
+def _levelled(r: Readings) -> Iterator[Hypotheses]:
+    """Height differences from a staff whose divisions are not metres.
+
+    Recorded = true / (1 − s), with s = 1 − true / recorded, whatever its size. So the column is the
+    recorded difference, which no other misfit bends.
+    """
+    nothing = np.zeros(len(r.row))
+    values = r.observed[:, None]
+    cause = "the scale of levelled height differences (staff or line of sight)"
+    yield grouped(r, cause, ("ratio",), (nothing,), values, lambda _: "everywhere", rank=2)
+
+
+FAMILIES: tuple[tuple[tuple[str, ...], Callable[[Readings], Iterator[Hypotheses]]], ...] = (
+    (SIGHTS, _heights),
+    (INCLINATIONS, _vertical_circle),
+    (DISTANCES, _distances),
+    (SIGHTS, _centring),
+    (tuple(k for k in SIGHTS if k != "horizontal_angle"), _centring_of_targets),
+    (("direction",), _sets),
+    (INCLINATIONS, _curvature),
+    (("azimuth", "gyro_azimuth"), _azimuths),
+    (("height_difference",), _levelled),
+    (("gnss_vector",), _antennas),
+)
+"""Kinds of readings, and the errors that they may share. A horizontal angle has two targets: the
+centring of one of them is no error of all of it."""

@@ -158,6 +158,17 @@ class Readings:
             out[at] = change[self.number[at], self.component[at]]
         return out
 
+    def by_unknown(self, kind: str) -> Array:
+        """Return ∂f by the first component of a kind of unknown of the model; 0: it has none."""
+        out, frame = np.zeros(len(self.row)), self.equations.network.frame
+        for block, at in self.parts():
+            one = block.by_role()
+            for place, (what, _) in enumerate(one.variables):
+                if what == kind:
+                    partials = one.evaluate(frame, self.state).jacobians[place][:, :, 0]
+                    out[at] += partials[self.number[at], self.component[at]]
+        return out
+
     def by_end(self, end: str) -> Array:
         """Return ∂f by the position of the station or the target, east and north, (m, 2)."""
         out, frame = np.zeros((len(self.row), 2)), self.equations.network.frame

@@ -8,7 +8,7 @@ bend an adjustment too far for its linear model.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -160,6 +160,30 @@ class Causes(Shown):
             return () if not first.sizes or len(same) < 2 else _said(same)
         every = (*self.readings, *self.rivals) if self.readings else ()
         return every if len(every) > 1 else ()
+
+    @property
+    def nothing_tells(self) -> list[str]:
+        """A sentence on the errors between which nothing tells; none where something does."""
+        every = self.undecided
+        if not every:
+            return []
+        size = float(np.sqrt(self.likelier[0].t2 if self.likelier else self.single))
+        return [
+            f"an error of {size:.1f} times its standard deviation shows; with this redundancy "
+            f"nothing tells in which of: {'; '.join(every)}"
+        ]
+
+    def said_likeliest(self, sentence: Callable[[Cause], str]) -> str:
+        """Return the likeliest cause with what it leaves of σ̂0; empty if there is none.
+
+        Args:
+            sentence: writes a cause with its size and its test.
+        """
+        first = self.likeliest
+        if first is None:
+            return ""
+        what = "likeliest cause" if self.alone(first) else "one of several errors"
+        return f"{what}: {sentence(first)}{self.consequence(first)}"
 
 
 def _said(found: Iterable[Cause]) -> tuple[str, ...]:

@@ -15,7 +15,6 @@ from ..doubts import (
     above_critical,
     by_chance,
     doubts_about,
-    nothing_tells,
     of_network,
     unknowns_left_out,
 )
@@ -165,7 +164,7 @@ def _cause(report: Report, t: Texts) -> list[Light]:
     found = report.causes
     if found is None:
         return []
-    if undecided := nothing_tells(found):
+    if undecided := found.nothing_tells:
         link = "table-causes" if found.likelier else ""
         return [Light("red", t("light.cause"), t("light.cause.text.none"), undecided[0], link)]
     if (c := found.likeliest) is None:
