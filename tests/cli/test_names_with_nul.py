@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from factorgraph_adj.cli.main import main
-from tests.support.places import EXAMPLES, ROOT
+from tests.support.places import EXAMPLES
 
 PROJECT = str(EXAMPLES / "industry_block")
 
@@ -48,16 +47,10 @@ def test_odd_settings_are_bad_input(setting: str, capsys) -> None:
     assert "fault of the program" not in capsys.readouterr().err
 
 
-def test_the_stream_answers_a_path_with_nul() -> None:
+def test_the_stream_answers_a_path_with_nul(capsys, monkeypatch) -> None:
     asked = {"do": "write", "project": "/tmp/x\0y"}
-    done = subprocess.run(
-        [sys.executable, "-m", "factorgraph_adj", "stream", PROJECT],
-        input=json.dumps(asked) + "\n",
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=ROOT,
-    )
-    assert done.returncode == 0
-    answer = json.loads(done.stdout.splitlines()[-1])
+    lines = io.BytesIO(json.dumps(asked).encode("utf-8") + b"\n")
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(lines, encoding="utf-8"))
+    assert main(["stream", PROJECT]) == 0
+    answer = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert not answer["ok"] and "\\x00" in answer["error"][0]["what"]

@@ -142,9 +142,12 @@ BOMBS: dict[str, Write] = {
     "a folder as a file": lambda folder: (folder / "n.gkf").mkdir() or folder / "n.gkf",
 }
 
-LARGE = {"a small archive of elements", "packed numbers, bz2", "packed numbers, gz"}
+LARGE = {
+    *("a small archive of elements", "packed numbers, bz2", "packed numbers, gz"),
+    "elements in a large file",
+}
 LONG = pytest.mark.slow(
-    "files that take seconds to be packed; short tests refuse the same without packing"
+    "files that take seconds to be packed or read; short tests refuse smaller ones"
 )
 
 

@@ -388,11 +388,15 @@ def test_a_torn_last_line_is_reported_and_left_out(tmp_path):
 def test_a_line_without_its_end_counts(tmp_path):
     """A whole object is a whole entry: it was recorded."""
     path = tmp_path / "day.jsonl"
-    moments, journals = undisturbed()
-    path.write_bytes(journals[20].removesuffix(b"\n"))
-    inc = IncrementalAdjustment.resume(path)
+    first = IncrementalAdjustment(morning(), journal=path)
+    for step in day()[:20]:
+        step(first)
+    moment = moment_of(first)
+    cut = tmp_path / "cut.jsonl"
+    cut.write_bytes(path.read_bytes().removesuffix(b"\n"))
+    inc = IncrementalAdjustment.resume(cut)
     assert inc.resumed == ""
-    assert_is(inc, moments[20], exact=True)
+    assert_is(inc, moment, exact=True)
 
 
 def test_what_the_network_had_at_the_start_is_resumed_too(tmp_path):

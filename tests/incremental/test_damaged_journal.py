@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gc
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -36,9 +38,17 @@ def day(folder: Path) -> Path:
     return out
 
 
+@cache
+def recorded() -> bytes:
+    """Return the journal of one such day."""
+    with TemporaryDirectory() as folder:
+        return day(Path(folder)).read_bytes()
+
+
 def damaged(folder: Path, line: int, key: str, value: Any) -> Path:
     """Return a journal of which one entry of a line has another value; None: it is absent."""
-    out = day(folder)
+    out = folder / "day.jsonl"
+    out.write_bytes(recorded())
     lines = journals.read(out)
     if value is None:
         del lines[line - 1][key]

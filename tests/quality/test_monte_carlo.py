@@ -67,6 +67,12 @@ SPOILT = (
 )
 
 
+REAL_NETWORKS = pytest.mark.slow(
+    "adjusts real networks many times; the trials with linear observations are compared with the "
+    "same formulas at once"
+)
+
+
 def simulated(seed: int) -> tuple[Network, Truth]:
     """Return the block with its measurements, and what is true."""
     block = simulate_close_range_1986(seed, distances=DISTANCES, height_differences=LEVELLED)
@@ -241,10 +247,7 @@ def test_the_power_chosen_is_the_power_had():
         assert low <= found <= high, f"{SPOILT[k]}: {found} of {TRIALS}"
 
 
-@pytest.mark.slow(
-    "adjusts real networks many times; the trials with linear observations are compared with the "
-    "same formulas at once"
-)
+@REAL_NETWORKS
 def test_real_adjustments_have_the_test_values_of_the_linear_trials():
     """All test values of every adjustment, with and without the error."""
     rows = np.flatnonzero(base().redundancy_numbers > 0.05).tolist()
@@ -257,6 +260,7 @@ def test_real_adjustments_have_the_test_values_of_the_linear_trials():
         np.testing.assert_allclose(trial.spoilt.w[rows], wrong, atol=CURVATURE_OF_W)
 
 
+@REAL_NETWORKS
 def test_real_adjustments_find_four_of_five_and_give_few_false_alarms():
     """Bounds for 40 adjustments at 99.9 %: 22 to 39 found, at most 2 false alarms."""
     found = sum(abs(t.spoilt.w[t.row]) > base().critical_w for t in trials())
@@ -266,6 +270,7 @@ def test_real_adjustments_find_four_of_five_and_give_few_false_alarms():
     assert alarms <= bounds(REAL, ALPHA, figures=2)[1]
 
 
+@REAL_NETWORKS
 def test_the_estimated_error_is_the_error_and_what_noise_adds():
     """Estimated error − error has the standard deviation 1/√(P Q_vv P)_ii = mdb/δ0."""
     normalised = [
@@ -292,6 +297,7 @@ def shift(trial: Trial) -> dict[tuple[str, str], Array]:
     return moved
 
 
+@REAL_NETWORKS
 def test_the_predicted_effect_is_the_observed_shift_of_every_unknown():
     """Compared with δ̄ σ of each component: the most that the error could have done to it."""
     sigmas = {
@@ -308,6 +314,7 @@ def test_the_predicted_effect_is_the_observed_shift_of_every_unknown():
             assert off.max() < CURVATURE, f"{SPOILT[spoilt().index(trial.row)]}: {e.name}"
 
 
+@REAL_NETWORKS
 @pytest.mark.parametrize("kind", ["height_difference", "slope_distance", "control", "image"])
 def test_an_error_moves_projection_centres_and_far_points_as_predicted(kind):
     """The largest shift of a projection centre, and of a point that was not measured to.

@@ -79,8 +79,8 @@ def test_every_result_is_one_short_line_and_pure_html(results: dict[str, Shown])
         assert tags.count("tr") == (shown + 1 if shown else 0), name
 
 
-def test_the_rows_of_a_solution_are_its_points(results: dict[str, Shown]) -> None:
-    page = results["Solution"]._repr_html_()
+def test_the_rows_of_a_solution_are_its_points() -> None:
+    page = fga.adjust(small_block())._repr_html_()
     first = next(iter(small_block().points))
     assert f"<td>{first}</td>" in page
     assert f"the first {FIRST} of {len(small_block().points)} rows" in page

@@ -30,6 +30,9 @@ from tests.support.places import EXAMPLES
 LONG = pytest.mark.slow(
     "pages of every kind of result in a browser; short tests read the pages as text"
 )
+TOOLS = pytest.mark.slow(
+    "every tool of a page in a browser; short tests click, zoom, sort and filter there"
+)
 
 PLACE = """(div, [meta, number]) => {
   const trace = div.data.find(t => t.meta === meta && t.customdata.includes(number)
@@ -141,6 +144,7 @@ def test_a_click_on_an_ellipse_shows_its_row(browser, folder, block):
         assert found.page.evaluate("document.activeElement.closest('table').id") == "table-points"
 
 
+@TOOLS
 def test_a_click_finds_its_row_behind_a_filter(browser, folder, block):
     number = list(block.network.points).index("P52")
     with opened(browser, folder / "block.html") as found:
@@ -153,6 +157,7 @@ def test_a_click_finds_its_row_behind_a_filter(browser, folder, block):
         assert table.locator(".filters input").first.input_value() == ""
 
 
+@TOOLS
 def test_a_click_on_a_marked_observation_shows_its_row(browser, folder, block):
     rel = fga.reliability(block.solution)
     worst = int(np.argmax(np.abs(rel.w)))
@@ -225,6 +230,7 @@ def test_the_plan_zooms_by_buttons_and_finds_points(browser, folder):
         found.until(lambda: _window(found), lambda now: np.allclose(now, first, rtol=0.02))
 
 
+@TOOLS
 def test_points_are_coloured_by_their_tests_and_redundancy(browser, folder):
     with opened(browser, folder / "block.html") as found:
         found.ready()
@@ -234,6 +240,7 @@ def test_points_are_coloured_by_their_tests_and_redundancy(browser, folder):
             assert len(colours) == 70 and len(set(colours)) > 10
 
 
+@TOOLS
 def test_of_many_points_some_are_drawn_and_all_in_a_smaller_window(browser, folder):
     with opened(browser, folder / "field.html") as found:
         found.ready()
@@ -250,6 +257,7 @@ def test_of_many_points_some_are_drawn_and_all_in_a_smaller_window(browser, fold
         )
 
 
+@TOOLS
 def test_the_view_in_three_dimensions_is_drawn_when_asked_for(browser, folder):
     with opened(browser, folder / "block.html") as found:
         found.ready()
@@ -264,6 +272,7 @@ def test_the_view_in_three_dimensions_is_drawn_when_asked_for(browser, folder):
         assert not [s for s in found.said if s.startswith("error")]
 
 
+@TOOLS
 def test_a_keyboard_is_enough(browser, folder):
     with opened(browser, folder / "block.html") as found:
         found.ready()
@@ -284,6 +293,7 @@ def test_a_keyboard_is_enough(browser, folder):
         assert found.page.evaluate(unnamed) == 0
 
 
+@TOOLS
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_tables_and_plans_take_the_colours_of_the_scheme(browser, folder, scheme):
     with opened(browser, folder / "three.html", color_scheme=scheme) as found:
@@ -305,6 +315,7 @@ def _grey(colour: str) -> float:
     return float(np.mean([float(v) for v in colour[colour.index("(") + 1 : -1].split(",")[:3]]))
 
 
+@TOOLS
 def test_paper_has_the_plan_and_the_first_rows_and_no_tools(browser, folder):
     with opened(browser, folder / "block.html", color_scheme="dark") as found:
         found.ready()
@@ -336,6 +347,7 @@ def test_paper_has_the_plan_and_the_first_rows_and_no_tools(browser, folder):
         assert len(re.findall(rb"/Type\s*/Page\b", paper)) > 3
 
 
+@TOOLS
 def test_without_a_script_the_page_still_has_its_words(browser, folder):
     with opened(browser, folder / "block.html", java_script_enabled=False) as found:
         assert found.page.locator("noscript").text_content().startswith("The script of this page")
