@@ -361,7 +361,7 @@ def _unnoticed(
         if rows.own.any():
             held = ease[:, None] * system.times(np.where(rows.own[:, None], 0.0, among))
         on_earth = size / system.equations.network.frame.radius
-        middle_point = system.state["point"].mean(axis=0, keepdims=True)
+        middle_point = middle(system.state)[0][None]
         up = heights(system.equations.network.frame, middle_point)[1][0]
         # Azimuths come last, as tilts that surfaces tell would mix with turns that these tell less.
         for which, factor, least in (
