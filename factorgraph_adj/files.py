@@ -12,6 +12,7 @@ import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import IO, Any, Protocol
 from zipfile import ZipFile
@@ -146,14 +147,37 @@ _NAMED: ContextVar[frozenset[Path]] = ContextVar("paths named by the user", defa
 # -- inputs that outputs must not replace ---------------------------------------------------------
 
 
+@dataclass
+class FilesOfRun:
+    """Files that a run has read and written."""
+
+    read: set[Path] = field(default_factory=set)
+    """Files that were read, and journals that are open."""
+    written: list[Path] = field(default_factory=list)
+    """Files that are in place."""
+
+
 @contextmanager
-def keeping_inputs() -> Iterator[None]:
+def keeping_inputs() -> Iterator[FilesOfRun]:
     """Note every file that is read, so that `refuse_replacing` keeps it from being written over."""
-    token = _READ.set(set())
+    run = FilesOfRun()
+    token = _RUN.set(run)
     try:
-        yield
+        yield run
     finally:
-        _READ.reset(token)
+        _RUN.reset(token)
+
+
+def note_read(path: Path) -> None:
+    """Note a file that is read, or that is open, within `keeping_inputs`."""
+    if (run := _RUN.get()) is not None:
+        run.read.add(path.resolve())
+
+
+def note_written(paths: Iterable[Path]) -> None:
+    """Note files that are in place within `keeping_inputs`."""
+    if (run := _RUN.get()) is not None:
+        run.written += paths
 
 
 def refuse_replacing(paths: Iterable[Path]) -> None:
@@ -162,7 +186,8 @@ def refuse_replacing(paths: Iterable[Path]) -> None:
     Raises:
         InputError: files that were read within `keeping_inputs`, and names with NUL, all of them.
     """
-    paths, read = list(paths), _READ.get() or set()
+    run = _RUN.get()
+    paths, read = list(paths), set() if run is None else run.read
     problems = [
         Problem("no file can have this name: it holds the character NUL", str(path))
         for path in paths
@@ -179,7 +204,7 @@ def refuse_replacing(paths: Iterable[Path]) -> None:
         raise InputError(problems)
 
 
-_READ: ContextVar[set[Path] | None] = ContextVar("files that were read", default=None)
+_RUN: ContextVar[FilesOfRun | None] = ContextVar("files of the run", default=None)
 
 
 # -- contents -------------------------------------------------------------------------------------
@@ -208,8 +233,7 @@ def opened(path: Path, name: str = "") -> Iterator[IO[bytes]]:
         descriptor = os.open(path, os.O_RDONLY | _NO_WAITING)
     except (OSError, ValueError) as error:  # ValueError: the path has a zero byte
         raise InputError(_unread(error, name)) from None
-    if (read := _READ.get()) is not None:
-        read.add(Path(path).resolve())
+    note_read(Path(path))
     try:
         status = os.fstat(descriptor)
         refuse_special(status, name)  # a folder cannot even become a stream

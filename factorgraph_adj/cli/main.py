@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..control_characters import escaped
-from ..errors import AdjustmentError, ApproximationError, InputError, Problem
-from ..files import keeping_inputs
+from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known
+from ..files import FilesOfRun, keeping_inputs
 from ..version import __version__
 from .adjust import add_adjust
 from .check import add_check
@@ -76,9 +76,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not options.ends_with_reader:
         for name, stream in streams.items():
             setattr(sys, name, UntilClosed(stream))
+    with keeping_inputs() as files:
+        return _run(options, files)
+
+
+def _run(options: argparse.Namespace, files: FilesOfRun) -> int:
+    """Run the command of the options; return the exit code."""
     try:
-        with keeping_inputs():
-            code = int(options.run(options))
+        code = int(options.run(options))
         sys.stdout.flush()
         return code
     except (InputError, ApproximationError) as error:
@@ -88,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain([Problem(str(error))])
         return BAD_INPUT
     except KeyboardInterrupt:
-        print("interrupted: nothing was written", file=sys.stderr)
+        print(f"interrupted: {_written(files)}", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # nobody reads the answers of a stream any more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -98,11 +103,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         print(
             f"factorgraph-adj failed: {type(error).__name__}: {error}\n"
-            "This is a fault of the program, not of the input; nothing was written. "
+            f"This is a fault of the program, not of the input; {_written(files)}. "
             "FACTORGRAPH_ADJ_DEBUG=1 shows where.",
             file=sys.stderr,
         )
         return FAULT
+
+
+def _written(files: FilesOfRun) -> str:
+    """Say what a run has written before it ended."""
+    if not files.written:
+        return "nothing was written"
+    folders = known(dict.fromkeys(path.parent for path in files.written))
+    n = len(files.written)
+    return f"{n} file{'s are' if n > 1 else ' is'} written already, in {folders}"
 
 
 def _parser() -> argparse.ArgumentParser:

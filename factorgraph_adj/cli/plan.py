@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import AdjustmentError, InputError, Problem
-from ..io.project import Project
+from ..files import refuse_replacing
+from ..io.project import Project, tables
 from ..io.write_project import write_project
 from ..planning.candidates import identified, with_candidates
 from ..planning.files import Wishes, read_wishes
@@ -118,7 +119,13 @@ def _propose(options: argparse.Namespace) -> int:
         for what, given in (("target", wishes.targets), ("candidate", wishes.candidates))
         if not given
     ]
-    out = _checked_out(options.out, project, problems) if options.out is not None else None
+    out = None
+    if options.out is not None:
+        out = _checked_out(options.out, project, problems)
+        try:
+            refuse_replacing([out, *(out.with_name(f"{table}.csv") for table in tables())])
+        except InputError as error:
+            problems += error.problems
     if problems:
         raise InputError(problems)
     chances = {"alpha": options.alpha, "power": options.power}

@@ -1,33 +1,42 @@
 """Write all files or none: an error or an interruption leaves the old files in place.
 
 Several outputs of one run are one transaction (`one_transaction`): nothing is moved into place
-before all of them are computed and stand beside their targets on the disk. Then one file, the mark,
-says that they are to be moved, and it goes when all are in place. A process that is killed leaves
-folders ``.writing-…``; the next one that writes into one of their folders finishes the moves where
-the mark stands, in all folders of the transaction, and otherwise only removes what is left.
+before all of them are computed and stand beside their targets on the disk. Signals that would end
+the process wait until all are in place. After an error the old files are put back; where that fails
+too, an error says which files are new and which old, and nothing is removed. What such an error,
+or a process that was killed, has left half-way is put back by the next one that reads or writes
+there (`factorgraph_adj.io.unfinished`).
 """
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
-import socket
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError, Problem, system_reason
-from ..files import read_bytes, refuse_replacing
+from ..files import note_written, refuse_replacing
+from .ending_signals import ending_signals_held
+from .unfinished import (
+    MARK,
+    Beside,
+    Change,
+    UnfinishedError,
+    digest,
+    in_use,
+    new_path,
+    put_back,
+    recover,
+    remove,
+    sync_folder,
+    unfinished,
+    write_synced,
+)
 
 Files = Mapping[str, str | bytes | None]
 """Contents by file name; None removes the file."""
-PREFIX = ".writing-"
-"""Beginning of the names of folders for files that are not in place yet."""
-
 _PENDING: ContextVar[list[tuple[Path, Files]] | None] = ContextVar("files to write", default=None)
 
 
@@ -35,9 +44,9 @@ def write_files(folder: str | Path, files: Files) -> None:
     """Write files into a folder; create the folder if it does not exist.
 
     All files are first written to a temporary folder inside the target and then moved into
-    place. After an error the replaced files are restored; the moves of a process that was killed
-    are finished by the next one. Within `one_transaction`
-    this happens at its end, with the files of all folders.
+    place. After an error the old files are put back; those of a process that was killed are put
+    back by the next one. Within `one_transaction` this happens at its end, with the files of all
+    folders.
 
     Args:
         folder: the target folder.
@@ -47,6 +56,7 @@ def write_files(folder: str | Path, files: Files) -> None:
     Raises:
         InputError: the folder cannot be written to, or a file was read by this run
             (`factorgraph_adj.files.keeping_inputs`); no file has changed.
+        UnfinishedError: files that were in place already cannot be put back; it says which.
     """
     target = Path(folder)
     refuse_replacing(target / name for name in files)
@@ -62,7 +72,9 @@ def one_transaction() -> Iterator[None]:
     """Write the files of all folders together at the end, or none after an error.
 
     Raises:
-        InputError: a folder cannot be written to; no file has changed.
+        InputError: a folder cannot be written to, or two outputs that differ are one file; no file
+            has changed.
+        UnfinishedError: as `write_files`.
     """
     pending: list[tuple[Path, Files]] = []
     token = _PENDING.set(pending)
@@ -73,205 +85,109 @@ def one_transaction() -> Iterator[None]:
     _write(pending)
 
 
-LIST, FORWARD, BACK = ".moves.json", ".forward", ".back"
-"""Files of a folder ``.writing-…``: what it holds, and the marks that its files are to be moved
-into place, or to be restored."""
-OLD = ".old"
-"""Folder in it with links to the files that are replaced."""
-
-
-@dataclass(frozen=True)
-class _Beside:
-    """A folder ``.writing-…`` with the new files of the folder around it."""
-
-    path: Path
-    """Where it is."""
-    first: Path
-    """Folder of the same transaction that has the mark."""
-    all: tuple[Path, ...]
-    """All folders of the transaction; known to the first one."""
-    names: Mapping[str, bool]
-    """Names of the files that change: whether there is a new one, or the old one is removed."""
-    existed: tuple[str, ...]
-    """Names of those that were there before."""
-
-    def save(self) -> None:
-        """Write the list of the folder."""
-        content = {
-            "first": str(self.first),
-            "all": [str(p) for p in self.all],
-            "names": dict(self.names),
-            "existed": self.existed,
-        }
-        _write_synced(self.path / LIST, json.dumps(content).encode("utf-8"))
-
-    def link_old(self) -> None:
-        """Keep the files that are replaced or removed."""
-        (self.path / OLD).mkdir()
-        for name in self.existed:
-            os.link(self.path.parent / name, self.path / OLD / name)
-
-    def move(self) -> None:
-        """Move the files into place, as far as they are not yet."""
-        for name, new in self.names.items():
-            if not new:
-                (self.path.parent / name).unlink(missing_ok=True)
-            elif (self.path / name).exists():
-                os.replace(self.path / name, self.path.parent / name)
-
-    def restore(self) -> None:
-        """Put the old files back, as far as they are not yet."""
-        for name in self.names:
-            if name not in self.existed:
-                (self.path.parent / name).unlink(missing_ok=True)
-            elif (self.path / OLD / name).exists():
-                os.replace(self.path / OLD / name, self.path.parent / name)
-
-
-def _write(outputs: list[tuple[Path, Files]]) -> None:
+def _write(outputs: Sequence[tuple[Path, Files]]) -> None:
     """Write the files of all folders beside their targets, and then move them into place."""
+    if not outputs:
+        return
     made: list[Path] = []
-    folder = Path()
-    try:
-        with ExitStack() as stack:
-            paths: list[Path] = []
-            for folder, _ in outputs:
-                made += [p for p in (folder, *folder.parents) if not p.exists()]
-                folder.mkdir(parents=True, exist_ok=True)
-                _finish_stale(folder)
-                prefix = f"{PREFIX}{socket.gethostname()}-{os.getpid()}-"
-                temporary = tempfile.TemporaryDirectory(prefix=prefix, dir=folder.resolve())
-                paths.append(Path(stack.enter_context(temporary)))
-            beside = []
-            for path, (folder, files) in zip(paths, outputs, strict=True):
-                for name, content in files.items():
-                    if content is not None:
-                        data = content.encode("utf-8") if isinstance(content, str) else content
-                        _write_synced(path / name, data)
-                names = {name: content is not None for name, content in files.items()}
-                existed = tuple(n for n in names if (folder / n).exists())
-                every = tuple(paths) if path == paths[0] else ()
-                beside.append(_Beside(path, paths[0], every, names, existed))
-            _move(beside)
-    except BaseException as error:
-        for path in sorted(made, key=lambda p: -len(p.parts)):
-            shutil.rmtree(path, ignore_errors=True)
-        if isinstance(error, OSError):
-            problem = Problem(
-                f"cannot be written: {system_reason(error)}", str(error.filename or folder)
-            )
-            raise InputError(problem) from None
-        raise
+    paths: list[Path] = []
+    where = Path()
+    with ending_signals_held():
+        try:
+            for where, _ in outputs:
+                made += [p for p in (where, *where.parents) if not p.exists()]
+                where.mkdir(parents=True, exist_ok=True)
+                recover(where)
+            content = _by_folder(outputs)
+            paths += map(new_path, content)
+            with in_use(paths):
+                members = []
+                for path, files in zip(paths, content.values(), strict=True):
+                    where = path.parent
+                    members.append(_staged(path, paths, files))
+                for member in members:
+                    member.save()
+                    member.keep_old()
+                _move(members)
+                remove(paths)
+        except BaseException as error:
+            left = [] if isinstance(error, UnfinishedError) else remove(paths)
+            for path in sorted(made, key=lambda p: -len(p.parts)):
+                with suppress(OSError):
+                    path.rmdir()
+            if isinstance(error, OSError):
+                why = f"cannot be written: {system_reason(error)}"
+                problems = [Problem(why, str(error.filename or where))]
+                what = "is left of it, and not needed: the next run that writes there removes it"
+                raise InputError([*problems, *(Problem(what, str(p)) for p in left)]) from None
+            raise
 
 
-def _move(beside: Sequence[_Beside]) -> None:
-    """Move all files into place; on any error restore the replaced files."""
-    if not beside:
-        return
-    for each in beside:
-        each.save()
-        each.link_old()
-        _sync_folder(each.path)
-    forward, back = (beside[0].first / name for name in (FORWARD, BACK))
-    try:
-        _write_synced(forward, b"")
-        _sync_folder(forward.parent)
-        for each in beside:
-            each.move()
-            _sync_folder(each.path.parent)
-    except BaseException:
-        if forward.exists():
-            os.replace(forward, back)
-            for each in reversed(beside):
-                each.restore()
-            back.unlink()
-        raise
-    forward.unlink()
+def _by_folder(outputs: Sequence[tuple[Path, Files]]) -> dict[Path, dict[str, str | bytes | None]]:
+    """Return the contents by folder and name.
 
-
-def _write_synced(path: Path, data: bytes) -> None:
-    with path.open("wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
-
-
-def _sync_folder(path: Path) -> None:
-    """Bring the names of a folder to the disk, where the system can."""
-    if not hasattr(os, "O_DIRECTORY"):
-        return
-    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    except OSError:  # some file systems cannot
-        pass
-    finally:
-        os.close(descriptor)
-
-
-# -- what a killed process left -------------------------------------------------------------------
-
-
-def _finish_stale(folder: Path) -> None:
-    """Finish or remove what processes of this machine left that ended in a transaction."""
-    for path in folder.resolve().glob(f"{PREFIX}*"):
-        if not _is_stale(path):
-            continue
-        found = _listed(path)
-        first = None if found is None else _listed(found.first)
-        members = [] if first is None else [m for p in first.all if (m := _member(p, first.first))]
-        if first is not None and (first.path / FORWARD).exists():
-            for member in members:
-                member.move()
-        elif first is not None and (first.path / BACK).exists():
-            for member in reversed(members):
-                member.restore()
-        if first is not None:
-            for mark in (FORWARD, BACK):
-                (first.path / mark).unlink(missing_ok=True)
-        for member in reversed(members):
-            shutil.rmtree(member.path, ignore_errors=True)
-        shutil.rmtree(path, ignore_errors=True)
-
-
-def _is_stale(path: Path) -> bool:
-    """Return whether a folder is one that a process of this machine left that has ended."""
-    own = f"{PREFIX}{socket.gethostname()}-"
-    number = path.name.removeprefix(own).partition("-")[0]
-    return path.name.startswith(own) and number.isdigit() and not _runs(int(number))
-
-
-def _member(path: Path, first: Path) -> _Beside | None:
-    """Return the list of a folder of a transaction; None if it does not say that it is one."""
-    found = _listed(path)
-    return found if found is not None and found.first == first else None
-
-
-def _listed(path: Path) -> _Beside | None:
-    """Return the list of a stale folder; None if there is none.
-
-    A folder may come from anybody: its list can name files of the folder around it alone, and
-    moves in other folders need a list in each of them that names the same first folder.
+    Raises:
+        InputError: two outputs that differ are one file.
     """
-    if not _is_stale(path) or path.is_symlink():
-        return None
-    try:
-        given = json.loads(read_bytes(path / LIST))
-        names = {str(name): bool(new) for name, new in given["names"].items()}
-        existed = tuple(str(name) for name in given["existed"])
-        if any(Path(name).name != name for name in (*names, *existed)):
-            return None
-        every = tuple(Path(p) for p in given["all"])
-        return _Beside(path, Path(given["first"]), every, names, existed)
-    except (InputError, ValueError, KeyError, TypeError, AttributeError):
-        return None
+    content: dict[Path, dict[str, str | bytes | None]] = {}
+    problems = []
+    for folder, files in outputs:
+        there = content.setdefault(folder.resolve(), {})
+        for name, new in files.items():
+            if there.setdefault(name, new) != new:
+                what = "is named for two outputs of this run: give each a name of its own"
+                problems.append(Problem(what, str(folder / name)))
+    if problems:
+        raise InputError(problems)
+    return content
 
 
-def _runs(process: int) -> bool:
+def _staged(path: Path, paths: Sequence[Path], files: Files) -> Beside:
+    """Make the folder with the new files of the folder around it."""
+    path.mkdir(mode=0o700)
+    changes = []
+    for name, content in files.items():
+        new = None
+        if content is not None:
+            data = content.encode("utf-8") if isinstance(content, str) else content
+            write_synced(path / name, data)
+            new = digest(data)
+        changes.append(Change(name, new, os.path.lexists(path.parent / name)))
+    every = tuple(paths) if path == paths[0] else ()
+    return Beside(path, paths[0], every, tuple(changes))
+
+
+def _move(members: Sequence[Beside]) -> None:
+    """Move all files into place; on any error put the old ones back.
+
+    Raises:
+        UnfinishedError: they cannot be put back.
+    """
+    mark = members[0].path / MARK
+    moved, late = False, None
     try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:  # of another user
-        return True
-    return True
+        write_synced(mark, b"")
+        sync_folder(mark.parent)
+        for member in members:
+            member.move()
+        moved = True
+        mark.unlink()
+    except BaseException as error:
+        if not moved or os.path.lexists(mark):
+            if problems := put_back(members):
+                raise unfinished(members, [_why(error, members), *problems]) from error
+            raise
+        late = None if isinstance(error, OSError) else error
+    note_written(member.folder / c.name for member in members for c in member.changes)
+    with suppress(OSError):
+        sync_folder(mark.parent)
+    if late is not None:
+        raise late
+
+
+def _why(error: BaseException, members: Sequence[Beside]) -> Problem:
+    """Return the problem that stopped the moves."""
+    if isinstance(error, OSError):
+        where = str(error.filename or members[0].folder)
+        return Problem(f"cannot be written: {system_reason(error)}", where)
+    return Problem(f"writing was stopped: {type(error).__name__}", str(members[0].folder))

@@ -26,7 +26,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, NoReturn
 
 from ..errors import InputError, Problem, system_reason
-from ..files import refuse_special
+from ..files import note_read, refuse_replacing, refuse_special
 
 if sys.platform != "win32":
     import fcntl
@@ -83,6 +83,7 @@ class Journal:
                 cannot stand in JSON. What was there is left as it was.
         """
         path = Path(path)
+        refuse_replacing([path])
         line, link = _line({"journal": VERSION, **header}, path, BEFORE)
         existed = path.exists()
         descriptor = _open(path, os.O_CREAT)
@@ -273,6 +274,7 @@ def _open(path: Path, flags: int = 0) -> int:
     except InputError:
         os.close(descriptor)
         raise
+    note_read(path)
     return descriptor
 
 

@@ -37,6 +37,7 @@ from .read_readings import read_readings
 from .read_unknowns import Dimension, UnknownsReader
 from .tables import Row, Table, read_table
 from .toml_places import read_toml
+from .unfinished import recover
 
 
 def tables() -> tuple[str, ...]:
@@ -130,6 +131,7 @@ def load_project(
     path = Path(path)
     if path.is_dir():
         path = path / "project.toml"
+    recover(path.parent)
     problems: list[Problem] = []
     document, places = read_toml(path)
     top = Row(document, path.name, problems)

@@ -41,6 +41,7 @@ from .survey.mmvii import is_mmvii, read_mmvii
 from .survey.sdr33 import read_sdr33
 from .survey.star_net import read_star_net
 from .text import beginning
+from .unfinished import recover
 
 LOOKED_AT = 200
 """Largest number of entries of a folder that are looked at for what it may have."""
@@ -165,6 +166,8 @@ class Readers:
                 are listed).
         """
         source = Path(path)
+        for folder in (source.parent, source):
+            recover(folder)
         if not source.exists():
             raise InputError(Problem("no such file or folder", str(path)))
         given = dict(options or {})

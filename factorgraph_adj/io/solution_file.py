@@ -32,6 +32,7 @@ from ..solve.solution import Solution
 from ..types import Array
 from .atomic import write_files
 from .json_records import network_files, network_of
+from .unfinished import recover
 
 FORMAT = 1
 """Version of the format; other versions are refused."""
@@ -119,6 +120,7 @@ def load_solution(path: str | Path, *, allow_outside: bool = False) -> Solution:
         InputError: the file cannot be read, is none of a solution, is damaged, or is of another
             version.
     """
+    recover(Path(path).parent)
     try:
         entries = read_arrays(Path(path))
         header = json.loads(entries.pop("header").tobytes().decode("utf-8"))

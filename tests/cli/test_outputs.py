@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import socket
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.io.atomic import PREFIX, one_transaction, write_files
+from factorgraph_adj.files import keeping_inputs, read_bytes
+from factorgraph_adj.io.atomic import one_transaction, write_files
+from factorgraph_adj.io.journal import Journal
+from factorgraph_adj.io.unfinished import LIST, MARK, OLD, PREFIX, UnfinishedError
 from tests.networks.epochs import epoch
 
 LONG = pytest.mark.slow(
@@ -28,6 +35,47 @@ def project(tmp_path):
     fga.write_project(epoch(1, datum="given"), tmp_path / "p" / "project.toml")
     fga.write_project(epoch(2, datum="given"), tmp_path / "q" / "project.toml")
     return tmp_path / "p"
+
+
+WISHES = """[[target]]
+kind = "semi_axis"
+at_most_mm = 1000
+[[candidate]]
+name = "a tape"
+observations = [{kind = "slope_distance", station = "A", target = "C", sigma_mm = 1}]
+"""
+MODEL = {
+    "cameras.txt": "1 SIMPLE_PINHOLE 100 80 100 50 40\n",
+    "images.txt": """7 1 0 0 0 0 0 0 1 a.jpg
+50 40 3 60.5 40 4 10 10 -1
+2 0 1 0 0 0 0 10 1 c.jpg
+50 40 3 40 40.5 4
+""",
+    "points3D.txt": "3 0 0 5 255 0 0 0.1 7 0 2 0\n4 0.5 0 5 0 0 0 0.2 7 1 2 1\n",
+}
+
+
+@pytest.fixture
+def others(project):
+    """More inputs: a project with a table elsewhere, wishes, and a COLMAP model with a database."""
+    folder = project.parent
+    for name in ("wide", "wishes", "block"):
+        (folder / name).mkdir()
+    for name in ("project.toml", "observations.csv"):
+        text = (project / name).read_text()
+        (folder / "wide" / name).write_text(text.replace('"points.csv"', '"../p/points.csv"'))
+    (folder / "wishes" / "project.toml").write_text(WISHES)
+    for name, text in MODEL.items():
+        (folder / "block" / name).write_text(text)
+    with closing(sqlite3.connect(folder / "block.db")) as database, database:
+        database.execute("CREATE TABLE images (image_id, name)")
+        database.execute("CREATE TABLE keypoints (image_id, rows, cols, data)")
+        for number, name, rows in ((7, "a.jpg", 3), (2, "c.jpg", 2)):
+            data = np.ones((rows, 4), dtype="<f4").tobytes()
+            database.execute("INSERT INTO images VALUES (?, ?)", (number, name))
+            database.execute("INSERT INTO keypoints VALUES (?, ?, 4, ?)", (number, rows, data))
+    (folder / "block.db-wal").touch()  # empty, as a program leaves it that has the database open
+    return folder
 
 
 def content(folder):
@@ -56,6 +104,67 @@ def test_no_command_writes_over_what_it_read(project, command, monkeypatch, caps
     assert main(command) == 2
     assert content(project.parent) == before
     assert "was read, and would be written over" in capsys.readouterr().err
+
+
+SCALES = ("adjust", "block", "--set", "sigma_by_scale=block.db")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["propose", "p", "wishes/project.toml", "--out", "wishes"],
+        ["propose", "wide", "wishes/project.toml", "--out", "p/new.toml", "--allow-outside"],
+        ["adjust", "wide", "--out", "p", "--allow-outside"],
+        [*SCALES, "--export", "ply:block.db"],
+        [*SCALES, "--export", "ply:block.db-wal"],
+        [*SCALES, "--out", "block", "--export", "ply:block/points3D.txt"],
+    ],
+)
+def test_no_command_writes_over_other_inputs(others, command, monkeypatch, capsys):
+    monkeypatch.chdir(others)
+    before = content(others)
+    assert main(command) == 2
+    assert content(others) == before
+    said = capsys.readouterr()
+    assert "was read, and would be written over" in said.err
+    assert said.out == ""  # before anything is computed
+
+
+def streamed(monkeypatch, *command, lines):
+    """Run the stream with lines on standard input; return the exit code."""
+    given = io.TextIOWrapper(io.BytesIO("".join(f"{json.dumps(x)}\n" for x in lines).encode()))
+    monkeypatch.setattr(sys, "stdin", given)
+    return main(["stream", *command])
+
+
+@pytest.mark.parametrize("resume", [[], ["--resume"]], ids=["begun", "resumed"])
+def test_a_stream_writes_over_neither_its_journal_nor_its_project(
+    project, resume, monkeypatch, capfd
+):
+    """The journal has a name that a table of the project that is written has."""
+    monkeypatch.chdir(project.parent)
+    journal = ["p", "--journal", "points.csv"]
+    if resume:
+        assert streamed(monkeypatch, *journal, lines=[]) == 0
+    before = content(project)
+    lines = [{"do": "write", "project": name, "overwrite": True} for name in (".", "p", "new")]
+    assert streamed(monkeypatch, *journal, *resume, lines=lines) == 0
+    assert content(project) == before
+    assert Path("points.csv").read_text().startswith('{"journal"')
+    answers = [json.loads(line) for line in capfd.readouterr().out.splitlines()][-3:]
+    for answer in answers[:2]:
+        assert "was read, and would be written over" in answer["error"][0]["what"]
+    assert answers[2]["ok"]
+
+
+def test_a_journal_does_not_begin_in_a_file_that_was_read(tmp_path):
+    path = tmp_path / "empty.csv"
+    path.touch()
+    with keeping_inputs():
+        read_bytes(path)
+        with pytest.raises(InputError, match="was read, and would be written over"):
+            Journal.create(path, {})
+    assert path.read_bytes() == b""
 
 
 @pytest.mark.parametrize(
@@ -176,7 +285,7 @@ def state(folder, name):
 def test_a_process_killed_at_any_step_leaves_all_old_or_all_new_files_to_the_next(
     tmp_path, fail, monkeypatch
 ):
-    """The next one that writes into any folder finishes the transaction in all of them."""
+    """The next one that writes into any folder puts the old files back in all of them."""
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)  # slow, and no matter of a kill
     old, new = {"x.txt": "old", "gone.txt": "old"}, {"x.txt": "new", "more.txt": "new"}
     found, step, code = [], 0, 9
@@ -202,14 +311,20 @@ def test_a_list_of_moves_from_elsewhere_moves_nothing_outside_its_folder(tmp_pat
     write_files(tmp_path / "home", {"key.txt": "mine"})
     done = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], **OUTPUT)
     sent = tmp_path / "sent" / f"{PREFIX}{socket.gethostname()}-{done.stdout.strip()}-x"
-    for first, names in (
-        (sent, {"../../home/key.txt": False}),
-        (tmp_path / "home", {"key.txt": False}),
+    for first, name in (
+        (sent, "../../home/key.txt"),
+        (sent, ".."),
+        (sent, "key.txt"),
+        (tmp_path / "home", "key.txt"),
     ):
+        change = {"name": name, "new": None, "existed": True}
         sent.mkdir(parents=True, exist_ok=True)
-        (sent / ".forward").touch()
-        listed = {"first": str(first), "all": [str(sent), str(tmp_path / "home")], "existed": []}
-        (sent / ".moves.json").write_text(json.dumps(listed | {"names": names}))
-        write_files(tmp_path / "sent", {"y.txt": "next"})
+        (sent / MARK).touch()
+        (sent / OLD).mkdir(exist_ok=True)
+        (sent / OLD / "key.txt").write_text("theirs")
+        listed = {"first": str(first), "all": [str(sent), str(tmp_path / "home")]}
+        (sent / LIST).write_text(json.dumps(listed | {"changes": [change]}))
+        with pytest.raises(UnfinishedError):
+            write_files(tmp_path / "sent", {"y.txt": "next"})
         assert content(tmp_path / "home") == {Path("key.txt"): b"mine"}
-        assert not sent.exists()
+        assert not (tmp_path / "sent" / "y.txt").exists()

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from ...errors import InputError, LeftOut, Problem, known
-from ...files import opened
+from ...files import note_read, opened
 from ...network.entities import Point
 from ...network.network import Network
 from ...types import Array
@@ -32,6 +32,8 @@ PRIOR_COLUMNS = ("photo", "x", "y", "z")
 _SIGMAS = tuple(f"sigma{axis}_{unit}" for axis in ("", "_x", "_y", "_z") for unit in LENGTH)
 _ARM = tuple(f"arm_{axis}_{unit}" for axis in "xyz" for unit in LENGTH)
 
+BESIDE_DATABASE = ("-wal", "-shm", "-journal")
+"""Endings of names of the files that belong to a database of SQLite."""
 MAX_BLOB_BYTES = 500_000_000
 """Largest size of the keypoints of one image in a database, bytes."""
 COMPUTED = """SELECT 1 FROM sqlite_master WHERE type = 'view' OR upper(sql) LIKE '%GENERATED%'
@@ -165,6 +167,8 @@ def scales(path: Path, wanted: Mapping[str, int]) -> dict[str, Array]:
     out: dict[str, Array] = {}
     with opened(path):
         pass
+    for ending in BESIDE_DATABASE:
+        note_read(path.with_name(path.name + ending))
     try:
         with sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True) as database:
             database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOB_BYTES)
