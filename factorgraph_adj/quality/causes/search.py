@@ -30,6 +30,7 @@ from .matches import Match
 from .readings import Readings
 from .rivals import alike, readings_alike, rivals
 from .separable import FARTHEST, separability_tolerance
+from .whole_observations import NO_OBSERVATION, WholeObservation, best_whole_observation
 
 MOST = 50
 """Largest number of places at which a cause is looked at: those with the largest T²."""
@@ -76,6 +77,8 @@ class Causes(Shown):
     """Causes that cannot be told from it."""
     freedom: float = np.inf
     """Degrees of freedom of the σ0 of `single`; infinite where it is known."""
+    whole: WholeObservation = NO_OBSERVATION
+    """The observation of several components that explains most, by evidence and likelihood."""
     below: tuple[Cause, ...] = field(default=(), repr=False)
     """Causes that were tested and are not beyond their critical values."""
 
@@ -96,11 +99,14 @@ class Causes(Shown):
         probability below `CHANCE`; and of a size that such an error has.
         """
         least = float(np.log(max(self.tested, 1) / CHANCE))
-        single = evidence(self.single, 1, self.freedom)
+        single = max(evidence(self.single, 1, self.freedom), self.whole.evidence)
         single += separability_tolerance(single)
-        return tuple(
-            c for c in self.found if not c.sizes or (c.evidence > max(least, single) and c.possible)
-        )
+        whole = self.whole.likelihood + separability_tolerance(self.whole.likelihood)
+
+        def likelier(c: Cause) -> bool:
+            return c.evidence > max(least, single) and c.likelihood > whole
+
+        return tuple(c for c in self.found if not c.sizes or (likelier(c) and c.possible))
 
     @property
     def likeliest(self) -> Cause | None:
@@ -222,6 +228,7 @@ def causes(
         rel.alpha,
         given,
         freedom=freedom,
+        whole=best_whole_observation(rel, w, estimated=estimated),
         below=tuple(c for c in tested if not c.t2 > c.critical),
     )
     here = evidence(single, 1, freedom)
