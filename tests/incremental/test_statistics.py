@@ -358,8 +358,7 @@ def assert_verdict_is_exact(network: str, item: AnyObservation) -> None:
         return
     inc = fresh(network)
     found = inc.add(Correlated(near, item.covariance) if isinstance(item, Correlated) else near[0])
-    inc.settle()
-    after = inc.solution()
+    after = fga.adjust(inc.network(), start=inc.solution(), tolerance=1e-8)
     rel = fga.reliability(after)
     for v in found.verdicts:
         rows = after.equations.find([v.id])[0]
