@@ -8,7 +8,7 @@ import signal
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from factorgraph_adj.blas import VARIABLES, use_one_blas_thread
 
@@ -22,10 +22,11 @@ pytest.register_assert_rewrite("tests.networks", "tests.support")
 # A shell that runs the tests in the background has them ignore Ctrl-C, which some tests send.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# The same examples everywhere, and no deadline: machines differ.
-settings.register_profile("tests", deadline=None, derandomize=True)
+# The same examples everywhere, and no time within which they must be drawn: machines differ.
+untimed = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("tests", untimed, derandomize=True)
 # New examples at every run, for hours where they are asked for: see tests/incremental/test_soak.py.
-settings.register_profile("soak", deadline=None, max_examples=500, stateful_step_count=100)
+settings.register_profile("soak", untimed, max_examples=500, stateful_step_count=100)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "tests"))
 
 

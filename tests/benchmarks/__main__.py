@@ -35,6 +35,8 @@ components is a command of its own, python -m tests.benchmarks.components: facto
           blocks against their truth and their law (about 15 minutes)
 starts    is a command of its own, python -m tests.benchmarks.starts: poor starts against scipy's
           trf and GTSAM's Levenberg-Marquardt
+coverage  is a command of its own, python -m tests.benchmarks.coverage: which lines of functions the
+          short tests run, in the package and in each module
 reading   is a command of its own, python -m tests.benchmarks.reading: large files of each format
 record    fixed works beside a fixed work of numpy and pycolmap; a row for each is appended to
           tests/benchmarks/record.csv. It runs only where it is named.

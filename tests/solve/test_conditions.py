@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -156,9 +157,10 @@ def test_relations_and_edges_arrive():
     "short tests take single ones"
 )
 @pytest.mark.parametrize(
-    "network", [*(on_shapes.plan(s) for s in SHAPES), on_shapes.room(), on_shapes.edges()]
+    "make", [*(partial(on_shapes.plan, s) for s in SHAPES), on_shapes.room, on_shapes.edges]
 )
-def test_protocols_and_plots_take_shapes_and_relations(network, tmp_path):
+def test_protocols_and_plots_take_shapes_and_relations(make, tmp_path):
+    network = make()
     solution = fga.adjust(network)
     text = fga.protocol(solution)
     assert "Shapes" in text

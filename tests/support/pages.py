@@ -137,7 +137,9 @@ def chromium() -> Iterator[Any]:
         pytest.skip("no chromium in the path: the report is not looked at in a browser")
     sync_api = pytest.importorskip("playwright.sync_api")
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        browser = playwright.chromium.launch(
+            executable_path=path, args=ARGUMENTS, timeout=1000 * HANGS
+        )
         yield browser
         browser.close()
 
