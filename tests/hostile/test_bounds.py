@@ -144,7 +144,7 @@ BOMBS: dict[str, Write] = {
 
 LARGE = {
     *("a small archive of elements", "packed numbers, bz2", "packed numbers, gz"),
-    "elements in a large file",
+    *("elements in a large file", "attributes"),
 }
 LONG = pytest.mark.slow(
     "files that take seconds to be packed or read; short tests refuse smaller ones"

@@ -70,8 +70,15 @@ def held_y0() -> Network:
     return network
 
 
+LONG = pytest.mark.slow(
+    "a wrong held value, which takes data snooping many rounds; short tests have a weighted one"
+)
+
+
 @pytest.fixture(
-    scope="module", params=[blundered, weighted_y0, held_y0], ids=lambda make: make.__name__
+    scope="module",
+    params=[blundered, weighted_y0, pytest.param(held_y0, marks=LONG)],
+    ids=lambda make: make.__name__,
 )
 def both(request, tmp_path_factory) -> tuple[Files, Files]:
     """Return the files of a report with y up, and with y down."""
