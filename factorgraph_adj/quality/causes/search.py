@@ -28,6 +28,7 @@ from .held_axes import AxisScale, axis_scales
 from .hypotheses import Hypotheses, Size, hypotheses
 from .matches import Match
 from .readings import Readings
+from .refocused import refocused
 from .rivals import alike, readings_alike, rivals
 from .separable import FARTHEST, separability_tolerance
 from .whole_observations import NO_OBSERVATION, WholeObservation, best_whole_observation
@@ -270,10 +271,11 @@ def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) 
         solution: the adjustment of everything.
         given: tests of given values; none: they are made.
     """
-    readings = Readings.of(solution.equations, solution.state)
+    equations, state = solution.equations, solution.state
+    shared = [*hypotheses(Readings.of(equations, state)), *refocused(equations, state)]
     held = given_values(solution) if given is None else given
     return [
-        *_tested(solution, hypotheses(readings)),
+        *_tested(solution, shared),
         *(_of_given(v) for v in held if v.possible),
         *map(_of_axis, axis_scales(solution)),
     ]
