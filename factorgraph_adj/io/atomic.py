@@ -117,7 +117,7 @@ def _write(outputs: Sequence[tuple[Path, Files]]) -> None:
                     path.rmdir()
             if isinstance(error, OSError):
                 why = f"cannot be written: {system_reason(error)}"
-                problems = [Problem(why, str(error.filename or where))]
+                problems = [Problem(why, _place(error, where))]
                 what = "is left of it, and not needed: the next run that writes there removes it"
                 raise InputError([*problems, *(Problem(what, str(p)) for p in left)]) from None
             raise
@@ -185,9 +185,14 @@ def _move(members: Sequence[Beside]) -> None:
         raise late
 
 
+def _place(error: OSError, where: Path) -> str:
+    """Return the file that an error is about: the one that was to be replaced, if it names it."""
+    return str(error.filename2 or error.filename or where)
+
+
 def _why(error: BaseException, members: Sequence[Beside]) -> Problem:
     """Return the problem that stopped the moves."""
     if isinstance(error, OSError):
-        where = str(error.filename or members[0].folder)
+        where = _place(error, members[0].folder)
         return Problem(f"cannot be written: {system_reason(error)}", where)
     return Problem(f"writing was stopped: {type(error).__name__}", str(members[0].folder))

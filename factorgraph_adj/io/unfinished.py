@@ -204,9 +204,10 @@ def unfinished(members: Sequence[Beside], problems: Sequence[Problem]) -> Unfini
         problems: why files could not be put back.
     """
     advice = (
-        "some of these files may be new and some old. The next command that reads or writes in one "
-        "of the folders puts the old files back, when what hinders it is mended; or put the copies "
-        f"back yourself, and then remove the folders {PREFIX}… there. Nothing has been removed"
+        "some of these files may be new and some old. The next command on the computer that wrote "
+        "them which reads or writes in one of the folders puts the old files back, when what "
+        "hinders it is mended; or put the copies back yourself, and then remove the folders "
+        f"{PREFIX}… there. Nothing has been removed"
     )
     return UnfinishedError([*problems, *(m.state() for m in members), Problem(advice)])
 
@@ -224,14 +225,14 @@ def remove(paths: Sequence[Path]) -> list[Path]:
 
 
 def recover(folder: str | Path) -> None:
-    """Put back, in a folder, what ended processes of this machine left half-way.
+    """Put back, in a folder, what ended processes of this computer left half-way.
 
     What they left in other folders in the same transaction is put back with it. A folder that does
     not exist, or cannot be listed, holds nothing.
 
     Raises:
-        UnfinishedError: files cannot be put back; it says which are new and which old, and where
-            the old copies are.
+        UnfinishedError: files cannot be put back, or another computer moves files there and may
+            have been stopped; it says which are new and which old, and where the old copies are.
     """
     try:
         with os.scandir(folder) as entries:
@@ -243,6 +244,8 @@ def recover(folder: str | Path) -> None:
             path = Path(folder).resolve() / name
             if _is_stale(path):
                 _recover(path)
+            else:
+                _refuse_moves_of_other_computer(path)
 
 
 def _recover(path: Path) -> None:
@@ -271,6 +274,18 @@ def _recover(path: Path) -> None:
     remove([m.path for m in members])
 
 
+def _refuse_moves_of_other_computer(path: Path) -> None:
+    """Refuse a folder of another computer, whose processes cannot be asked for from here."""
+    host, process = _owner(path)
+    if host in ("", socket.gethostname()) or (found := _read(path)) is None:
+        return
+    if os.path.lexists(found.first / MARK) or os.path.lexists(path / MARK):
+        why = (
+            f"process {process} of the computer {host!r} is writing here, or was stopped meanwhile"
+        )
+        raise unfinished([found], [Problem(why, str(found.folder))])
+
+
 @contextmanager
 def _locked(mark: Path) -> Iterator[bool]:
     """Keep other processes that recover out, where the system can; yield whether there is work."""
@@ -293,13 +308,20 @@ def _locked(mark: Path) -> Iterator[bool]:
 
 def _is_stale(path: Path) -> bool:
     """Return whether a folder is one that a process of this machine left that has ended."""
-    own = f"{PREFIX}{socket.gethostname()}-"
-    number = path.name.removeprefix(own).partition("-")[0]
-    if not path.name.startswith(own) or not number.isdecimal():
+    host, process = _owner(path)
+    if host != socket.gethostname() or not process.isdecimal():
         return False
-    if int(number) == os.getpid():
+    if int(process) == os.getpid():
         return path.name not in _LIVING
-    return not _runs(int(number))
+    return not _runs(int(process))
+
+
+def _owner(path: Path) -> tuple[str, str]:
+    """Return the computer and the number of the process that made a folder, see `new_path`."""
+    if not path.name.startswith(PREFIX):
+        return "", ""
+    host, _, process = path.name.removeprefix(PREFIX).rpartition("-")[0].rpartition("-")
+    return host, process
 
 
 def _other(path: Path, first: Beside) -> Beside | None:
@@ -328,7 +350,12 @@ def _listed(path: Path) -> Beside | None:
     Raises:
         UnfinishedError: there is a list, but it cannot be read.
     """
-    if not _is_stale(path) or path.is_symlink() or (path / OLD).is_symlink():
+    return _read(path) if _is_stale(path) else None
+
+
+def _read(path: Path) -> Beside | None:
+    """Return the list of a folder; None if there is none that can be followed. See `_listed`."""
+    if path.is_symlink() or (path / OLD).is_symlink():
         return None
     try:
         given = json.loads(read_bytes(path / LIST))

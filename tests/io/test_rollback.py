@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import signal
+import socket
 from contextlib import contextmanager
 from functools import partial
 from itertools import count
@@ -160,15 +161,24 @@ def test_one_failure_at_any_step_leaves_all_old_or_all_new_files(place, error):
     assert raised is None
 
 
+LONG = pytest.mark.slow("every pair of two steps; the short tests have the pairs that are named")
+
+
 @ERRORS
-@pytest.mark.parametrize("lasting", [False, True], ids=["once more", "from then on"])
+@pytest.mark.parametrize("begin", [1, 2], ids=["odd", "even"])
+@pytest.mark.parametrize(
+    "lasting", [pytest.param(False, marks=LONG), True], ids=["once more", "from then on"]
+)
 def test_a_second_failure_at_any_step_is_overcome_or_the_error_names_every_file(
-    place, error, lasting
+    place, error, begin, lasting
 ):
-    """What the error names is put back by the next one, when calls do not fail any more."""
+    """What the error names is put back by the next one, when calls do not fail any more.
+
+    The first failures are those of odd or of even number.
+    """
     folders = tree(place, TWO)
     named = 0
-    for first in count(1):
+    for first in count(begin, 2):
         for second in count(first + 1):
 
             def fails(n, first=first, second=second):
@@ -257,6 +267,21 @@ def test_a_folder_whose_transaction_has_gone_is_named(place):
         recover(place / "b")
     recover(place / "elsewhere")
     assert texts(place / "elsewhere") == old(TWO["a"])
+
+
+@pytest.mark.parametrize("other", ["other-host", f"{socket.gethostname()}-{2**22 + 1}"])
+@pytest.mark.parametrize("folder", ["a", "b"])
+def test_what_another_computer_has_begun_is_named_and_left(place, folder, other):
+    folders = tree(place, TWO)
+    with patch("socket.gethostname", lambda: other):
+        stopped(folders, moves=2)
+    process = f"process {os.getpid()} of the computer '{other}'"
+    with pytest.raises(UnfinishedError, match=process):
+        write_files(place / folder, {"next.txt": "next"})
+    with patch("socket.gethostname", lambda: other):
+        recover(place / folder)
+    assert all_are(folders, old)
+    write_files(place / folder, {"next.txt": "next"})
 
 
 def test_reading_a_project_puts_back_what_writing_it_has_left_half_way(place, capsys):

@@ -1,0 +1,89 @@
+"""Every function that writes files writes all of them or none."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from pathlib import Path
+from unittest.mock import patch
+
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.tables import write_tables
+from tests.networks.epochs import epoch
+
+PACKAGE = Path(fga.__file__).parent
+OWN_WAYS = {
+    "cli/main.py": "nothing, to nothing, when nobody reads the output any more",
+    "io/unfinished.py": "files beside their places",
+    "io/journal.py": "a journal, of which every line is whole or taken back",
+    "io/json_records.py": "a temporary folder that is read again",
+    "parts/folder.py": "states of a run, each moved into place by itself",
+}
+"""Modules that write without `write_files`, and what."""
+WRITING = re.compile(
+    r"open\([^)\n]*[\"'](?:[wax]b?|r\+b?)[\"']|O_WRONLY|O_RDWR|O_CREAT|\.write_(?:text|bytes)\("
+    r"|np\.save\w*\((?!buffer)|savefig\((?!stream|buffer)|os\.(?:replace|rename)\("
+    r"|shutil\.(?:copy|move)"
+)
+"""What writes a file."""
+
+
+def test_no_module_writes_files_in_a_way_of_its_own():
+    writing = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        if any(
+            WRITING.search(line) and "``" not in line  # code in a docstring
+            for line in path.read_text(encoding="utf-8").splitlines()
+        )
+    }
+    assert writing == set(OWN_WAYS)
+
+
+@pytest.fixture(scope="module")
+def solutions():
+    return [fga.adjust(epoch(n, datum="given")) for n in (1, 2)]
+
+
+WRITERS = {
+    "tables": lambda s, folder: write_tables(Report(s), folder),
+    "project": lambda s, folder: fga.write_project(s.network, folder / "project.toml"),
+    "project by its suffix": lambda s, folder: fga.write(s, folder / "project.toml"),
+    "results": lambda s, folder: fga.write(s, folder / "results.json"),
+    "points": lambda s, folder: fga.write(s, folder / "points.ply"),
+    "solution": lambda s, folder: s.save(folder / "solution.npz"),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_function_that_cannot_write_its_last_file_leaves_all_old_ones(name, solutions, tmp_path):
+    """Moving the last file into place fails, when all others are in place."""
+    first, second = solutions
+    write, folder = WRITERS[name], tmp_path / "out"
+    write(first, folder)
+    before = {p.name: p.read_bytes() for p in folder.iterdir()}
+    place, moved = os.replace, []
+
+    def counted(source, target):
+        moved.append(target)
+        if len(moved) == fails:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
+        place(source, target)
+
+    fails = 0
+    with patch("os.replace", counted):
+        write(first, folder)
+        fails = len(moved)
+        assert fails == len(before)
+        moved.clear()
+        with pytest.raises(InputError, match="no space left on device"):
+            write(second, folder)
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+    write(second, folder)
+    after = {p.name: p.read_bytes() for p in folder.iterdir()}
+    assert after != before
