@@ -280,9 +280,7 @@ def _refuse_moves_of_other_computer(path: Path) -> None:
     if host in ("", socket.gethostname()) or (found := _read(path)) is None:
         return
     if os.path.lexists(found.first / MARK) or os.path.lexists(path / MARK):
-        why = (
-            f"process {process} of the computer {host!r} is writing here, or was stopped meanwhile"
-        )
+        why = f"process {process} of the computer {host!r} is writing here, or was stopped"
         raise unfinished([found], [Problem(why, str(found.folder))])
 
 
