@@ -32,6 +32,8 @@ def epoch_causes(
         known: whether held points that moved between the epochs have been found, so that a given
             value that is wrong in one of them says nothing new.
     """
+    if len(solutions) == 1:
+        return  # a point that moved between its epochs misfits as a mistake does
     for which, solution in zip(ADJUSTMENTS[len(solutions)], solutions, strict=True):
         found = _causes(solution, estimated)
         if found is None:

@@ -22,6 +22,16 @@ def student_quantile(p: float, freedom: float) -> float:
     return float(special.stdtrit(freedom, p))
 
 
+def normal_above(x: float) -> float:
+    """Return the probability that a standard normal variable exceeds x."""
+    return float(special.ndtr(-x))
+
+
+def student_above(x: float, freedom: float) -> float:
+    """Return the probability that a variable with Student's t distribution exceeds x."""
+    return float(special.stdtr(freedom, -x))
+
+
 def chi2_quantile(p: float, freedom: float) -> float:
     """Return the quantile p of χ² with ``freedom`` > 0 degrees of freedom."""
     return float(2.0 * special.gammaincinv(freedom / 2.0, p))

@@ -35,11 +35,9 @@ def likely_causes(
     matches = _matches(solution, alpha, estimated)
     if rel is None or not solution.converged:
         return exchanges_alone(solution, matches, alpha) if matches else None
-    if (
-        not estimated
-        and not np.nanmax(np.abs(rel.w), initial=0.0) > rel.critical_w
-        and global_test(solution).accepted
-    ):
+    test = global_test(solution)
+    fits = test.accepted or test.too_good
+    if not estimated and fits and not np.nanmax(np.abs(rel.w), initial=0.0) > rel.critical_w:
         return None
     return causes(rel, matches, estimated=estimated)
 

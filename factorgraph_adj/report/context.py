@@ -169,6 +169,11 @@ class Report:
             return np.zeros(0), nan
         return (rel.tau, rel.critical_tau) if self.pope else (rel.w, rel.critical_w)
 
+    @property
+    def redundancy_of_tau(self) -> int | None:
+        """Redundancy, if the test values are τ; none: they are w."""
+        return self.solution.redundancy if self.pope else None
+
     @cached_property
     def doubts(self) -> list[str]:
         """Why the result may be wrong; empty if nothing speaks against it."""
@@ -178,7 +183,7 @@ class Report:
             *doubts_about(self.solution),
             *self.of_sigmas,
             *of_network(self.network),
-            *above_critical(values, critical, name, self.options.alpha),
+            *above_critical(values, critical, name, self.options.alpha, self.redundancy_of_tau),
             *self.in_common,
             *self.at_check_points,
         ]

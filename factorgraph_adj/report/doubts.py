@@ -11,7 +11,7 @@ from ..errors import UnknownLeftOut
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
 from ..quality.check_points import CheckPoints
-from ..quality.distributions import normal_quantile, poisson_from
+from ..quality.distributions import normal_above, poisson_from, student_above
 from ..quality.losses import Loss
 from ..quality.unit_weight import Adjusted, global_test
 from ..types import Array
@@ -22,6 +22,8 @@ from ..validate.preliminary.returned import copied_returns
 
 NAMED = 6
 """Largest number of names or ids that a doubt lists."""
+SAME_DIGITS = 6
+"""Decimal digits to which test values of readings agree that cannot be told apart."""
 CHANCE = 0.01
 """Probability with which the number, or the largest, of good test values raises a doubt."""
 FAR = 10.0
@@ -171,7 +173,9 @@ def lost(found: Sequence[Loss]) -> list[str]:
     return out
 
 
-def above_critical(values: Array, critical: float, name: str, alpha: float) -> list[str]:
+def above_critical(
+    values: Array, critical: float, name: str, alpha: float, redundancy: int | None = None
+) -> list[str]:
     """Return how many test values are above the critical value; nothing if chance makes as many.
 
     Args:
@@ -179,34 +183,50 @@ def above_critical(values: Array, critical: float, name: str, alpha: float) -> l
         critical: the critical value.
         name: symbol of the test value, w or τ.
         alpha: probability of a test value above it without an error.
+        redundancy: r of the adjustment, if the values are τ; none: they are w.
     """
     n = int(np.sum(np.abs(values) > critical))
-    if not n or by_chance(values, critical, alpha):
+    if not n or by_chance(values, critical, alpha, redundancy):
         return []
     expected = alpha * np.isfinite(values).sum()
     chance = f" (chance makes about {expected:.0f})" if expected >= 1 else ""
     return [f"{n} test value{'s' * (n != 1)} above the critical |{name}| {critical:.2f}{chance}"]
 
 
-def by_chance(values: Array, critical: float, alpha: float) -> bool:
+def by_chance(values: Array, critical: float, alpha: float, redundancy: int | None = None) -> bool:
     """Return whether test values above the critical value are what chance makes of good ones.
 
     Of n test values without an error α n are above it. They are taken for chance if as many are
-    expected in one of `CHANCE` such networks (Poisson), and if the largest does not exceed what
-    the largest of n does with that probability (Šidák).
+    expected in one of `CHANCE` such networks (Poisson), and if the largest is not less probable
+    than the largest of n is with that probability (Šidák). Readings that cannot be told apart, such
+    as the lines of one levelled section, have one test value and count once. Pope's τ is bounded by
+    √r: its probability is that of Student's t = τ √((r − 1)/(r − τ²)), r − 1 degrees of freedom.
 
     Args:
         values: test values, NaN for observations that nothing controls.
         critical: the critical value.
         alpha: probability of a test value above it without an error.
+        redundancy: r of the adjustment, if the values are τ; none: they are w.
     """
-    tested = int(np.isfinite(values).sum())
-    n = int(np.sum(np.abs(values) > critical))
+    size = np.abs(values[np.isfinite(values)])
+    size = np.unique(np.round(size, SAME_DIGITS))
+    tested, n = len(size), int(np.sum(size > critical))
     if not n:
         return False
     each = -np.expm1(np.log1p(-CHANCE) / tested)
-    largest = float(np.nanmax(np.abs(values)))
-    return poisson_from(n, alpha * tested) >= CHANCE and largest <= -normal_quantile(0.5 * each)
+    return (
+        poisson_from(n, alpha * tested) >= CHANCE and _beyond(float(size[-1]), redundancy) >= each
+    )
+
+
+def _beyond(value: float, redundancy: int | None) -> float:
+    """Return the probability that |w|, or |τ| with a redundancy, is larger than a value."""
+    if redundancy is None:
+        return 2.0 * normal_above(value)
+    left = redundancy - value**2
+    if redundancy < 2 or left <= 0.0:
+        return 0.0
+    return 2.0 * student_above(float(value * np.sqrt((redundancy - 1) / left)), redundancy - 1)
 
 
 def at_check_points(found: CheckPoints, *, free: bool = False) -> list[str]:

@@ -26,7 +26,7 @@ def test_good_test_values_seldom_raise_a_doubt():
     assert 3 <= doubted <= 30
 
 
-@pytest.mark.parametrize("wrong", [[6.0], [3.4] * 15], ids=["one large", "many"])
+@pytest.mark.parametrize("wrong", [[6.0], np.linspace(3.35, 3.45, 15)], ids=["one large", "many"])
 def test_one_gross_error_and_many_small_ones_raise_a_doubt(wrong):
     values = np.random.default_rng(1).uniform(-2.0, 2.0, 4000)
     values[: len(wrong)] = wrong
@@ -45,17 +45,36 @@ def test_a_good_small_network_seldom_raises_a_doubt():
 
 
 def test_what_chance_does_not_make_is_a_doubt_in_a_small_network_too():
-    values = np.full(150, 0.5)
+    values = np.linspace(0.1, 1.9, 150)
     values[3] = 3.4
     assert by_chance(values, CRITICAL, ALPHA)
     assert not above_critical(values, CRITICAL, "w", ALPHA)
     values[3] = 4.2
     assert above_critical(values, CRITICAL, "w", ALPHA)
-    values[:5] = 3.4
+    values[:5] = np.linspace(3.3, 3.4, 5)
     assert above_critical(values, CRITICAL, "w", ALPHA)
     values[:] = np.nan
     assert not by_chance(values, CRITICAL, ALPHA)
     assert not above_critical(values, CRITICAL, "w", ALPHA)
+
+
+def test_a_gross_error_is_a_doubt_where_sigma0_is_estimated():
+    """Pope's τ cannot exceed √r = 3: 2.99 is t = 34, and no chance; 2.62 is t = 5.07."""
+    values = np.linspace(0.1, 1.5, 16)
+    for tau, doubted in ((2.62, False), (2.99, True), (3.0, True)):
+        values[3] = tau
+        assert bool(above_critical(values, 2.61, "τ", ALPHA, 9)) is doubted
+
+
+def test_readings_that_nothing_tells_apart_count_once():
+    """Each of 50 sections has three lines, whose test values are equal."""
+    rng = np.random.default_rng(9)
+    values = np.repeat(rng.normal(size=(2000, 50)), 3, axis=1)
+    doubted = sum(bool(above_critical(row, CRITICAL, "w", ALPHA)) for row in values)
+    assert 10 <= doubted <= 45
+    wrong = np.linspace(0.1, 1.9, 150)
+    wrong[:3] = 4.2
+    assert above_critical(wrong, CRITICAL, "w", ALPHA)
 
 
 def test_a_report_with_chance_values_is_not_doubtful():

@@ -15,7 +15,7 @@ from scipy.sparse import coo_array, csc_array
 from ...types import Array, Index
 from .readings import Readings
 
-Size: TypeAlias = Literal["length", "angle", "turn", "ppm", "ratio", "image", "number"]
+Size: TypeAlias = Literal["length", "angle", "turn", "ppm", "ratio", "image", "curvature"]
 """Quantity of an error; a turn is an angle of any size, such as that between two norths."""
 
 DISTANCES = ("slope_distance", "horizontal_distance")
@@ -170,7 +170,7 @@ def _curvature(r: Readings) -> Iterator[Hypotheses]:
     cause = "the curvature of the Earth or refraction"
     share = ("factor of d²/2R",)
     values = -r.by_unknown("refraction")[:, None]
-    yield from _at_stations_and_everywhere(r, cause, "number", values, share)
+    yield from _at_stations_and_everywhere(r, cause, "curvature", values, share)
 
 
 def _distances(r: Readings) -> Iterator[Hypotheses]:
@@ -303,11 +303,12 @@ def _azimuths(r: Readings) -> Iterator[Hypotheses]:
 def _levelled(r: Readings) -> Iterator[Hypotheses]:
     """Height differences from a staff whose divisions are not metres.
 
-    Recorded = true / (1 − s), with s = 1 − true / recorded, whatever its size. So the column is the
-    recorded difference, which no other misfit bends.
+    Recorded = true (1 + s). The column is the computed difference: what of it other readings
+    control is that of the held heights alone, without any error of a reading, whatever s is. With
+    one held height nothing is left of it.
     """
     nothing = np.zeros(len(r.row))
-    values = r.observed[:, None]
+    values = r.computed[:, None]
     cause = "the scale of levelled height differences (staff or line of sight)"
     yield grouped(r, cause, ("ratio",), (nothing,), values, lambda _: "everywhere", rank=2)
 

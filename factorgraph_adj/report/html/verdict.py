@@ -137,7 +137,7 @@ def _tests(report: Report, t: Texts) -> Light:
         return Light("green", title, t("light.tests.fine", **figures), link=link)
     text = t.number("light.tests.above", above, **figures)
     expected = report.options.alpha * tested
-    chance = by_chance(values, critical, report.options.alpha)
+    chance = by_chance(values, critical, report.options.alpha, report.redundancy_of_tau)
     if expected >= 1 or chance:
         n = f"{expected:.0f}" if expected >= 1 else f"{expected:.1g}"
         text += " " + t("light.tests.chance", n=n)
@@ -205,7 +205,9 @@ def _of_network(report: Report, t: Texts) -> list[Light]:
     values, critical = report.tests
     told = {
         *doubts_about(report.solution),
-        *above_critical(values, critical, test_name(report), report.options.alpha),
+        *above_critical(
+            values, critical, test_name(report), report.options.alpha, report.redundancy_of_tau
+        ),
         *report.likelier,
         *report.at_check_points,
     }

@@ -18,6 +18,8 @@ from factorgraph_adj.report.options import Provenance, ReportOptions
 from tests.networks.facade import CONTROL, FOCAL, facade
 from tests.support.shifted import shift_image
 
+pytest.importorskip("poselib", reason="blocks are looked at from images alone, by PoseLib")
+
 
 def exchanged_images(network: Network) -> Network:
     pair = ExchangedInPhoto("F3", ("N2", "N3"), ("", ""), 0.0, 0.0)
