@@ -170,7 +170,8 @@ class Congruence(Shown):
         fine = all(s.converged for s in self.solutions) and not self.held_apart
         fine &= not self.alternatives
         fine &= self.ratio is None or self.ratio.accepted
-        return fine and (not self.steps or self.steps[-1].test.accepted)
+        # Points that all moved against one another leave no reference: another mistake may be why.
+        return fine and (not self.steps or (bool(self.stable) and self.steps[-1].test.accepted))
 
     def ellipses(self, *, confidence: float | None = None) -> tuple[ErrorEllipse, ...]:
         """Return the ellipses of the displacements in plan, at the ends of their vectors.

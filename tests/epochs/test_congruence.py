@@ -354,3 +354,25 @@ def test_displacements_do_not_depend_on_how_far_another_point_moved(far):
     assert noise[1] == pytest.approx(noise[0], abs=1e-4)  # directions to P are others
     vectors = [c.displacement("Q").vector for c in found]
     assert vectors[1] == pytest.approx(vectors[0], abs=1e-4)
+
+
+def vectors(turn: float, seed: int) -> fga.Solution:
+    """Return vectors from a held point to five others, all turned about the vertical."""
+    rng, network = np.random.default_rng(seed), fga.Network("vectors")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    c, s = np.cos(turn), np.sin(turn)
+    for i, (x, y) in enumerate(((40, 5), (-30, 22), (11, -50), (35, 31), (-20, -25))):
+        network.add_point(f"P{i}", (x, y, 1.0))
+        at = np.array([c * x - s * y, s * x + c * y, 1.0])
+        for k in range(2):
+            value = tuple((at + 0.001 * rng.normal(size=3)).tolist())
+            network.add(fga.GnssVector("A", f"P{i}", value, sigma=(0.001,) * 3, id=f"{i}.{k}"))
+    return fga.adjust(network)
+
+
+def test_a_comparison_in_which_no_reference_point_is_stable_is_doubtful():
+    """All azimuths of the second epoch are turned: every point moved against the held one."""
+    found = fga.congruence(vectors(0.0, 1), vectors(2e-3, 2))
+    assert not found.stable
+    assert not found.fine
+    assert fga.congruence(vectors(0.0, 1), vectors(0.0, 2)).fine
