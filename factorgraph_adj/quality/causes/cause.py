@@ -21,6 +21,7 @@ PLAUSIBLE: dict[Size, float] = {
     "ppm": 1e4,
     "ratio": np.inf,
     "image": np.inf,
+    "number": np.inf,
     "curvature": 3.0,
 }
 """Largest error, SI, that heights, constants and centring have in the field: 2.5 m (the height of a
@@ -41,6 +42,7 @@ _UNIT: dict[Size, tuple[float, str]] = {
     "ppm": (1.0, "ppm"),
     "ratio": (0.01, "%"),
     "image": (1.0, ""),
+    "number": (1.0, ""),
     "curvature": (1.0, ""),
 }
 

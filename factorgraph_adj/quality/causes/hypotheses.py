@@ -15,7 +15,7 @@ from scipy.sparse import coo_array, csc_array
 from ...types import Array, Index
 from .readings import Readings
 
-Size: TypeAlias = Literal["length", "angle", "turn", "ppm", "ratio", "image", "curvature"]
+Size: TypeAlias = Literal["length", "angle", "turn", "ppm", "ratio", "image", "number", "curvature"]
 """Quantity of an error; a turn is an angle of any size, such as that between two norths."""
 
 DISTANCES = ("slope_distance", "horizontal_distance")
