@@ -155,6 +155,9 @@ def test_a_worker_that_does_not_find_the_trial_says_so(one_worker_here):
     assert ours.recv().startswith("UnpicklingError: ")
 
 
+@pytest.mark.slow(
+    "that processes of a cluster have the table of one process; short tests compare threads"
+)
 def test_a_dask_cluster_gives_the_same_table(alone, client, tmp_path):
     out = tmp_path / "study.jsonl"
     half = run(EVERY, SEVERAL // 2, out=out, client=client)

@@ -30,7 +30,11 @@ def refocused(seed: int, change: float) -> tuple[fga.Network, str]:
     return network, photos[first]
 
 
-@pytest.mark.parametrize("seeds", [range(10), range(10, 20)])
+MORE = pytest.mark.slow("ten more seeds of each block; short tests take the first ten of each")
+SEEDS = [range(10), pytest.param(range(10, 20), marks=MORE)]
+
+
+@pytest.mark.parametrize("seeds", SEEDS)
 def test_the_photo_from_which_the_principal_distance_is_another_is_named(seeds: range) -> None:
     """Alone, or with the photos beside it between which nothing tells."""
     alone = 0
@@ -47,7 +51,7 @@ def test_the_photo_from_which_the_principal_distance_is_another_is_named(seeds: 
     assert alone >= 5
 
 
-@pytest.mark.parametrize("seeds", [range(10), range(10, 20)])
+@pytest.mark.parametrize("seeds", SEEDS)
 def test_without_a_change_nothing_is_named(seeds: range) -> None:
     for seed in seeds:
         network, _ = refocused(seed, 0.0)

@@ -11,7 +11,8 @@ from factorgraph_adj.quality.causes.readings import Readings
 from factorgraph_adj.quality.causes.search import Causes
 from tests.networks.mistaken import MISTAKES, levelling, long_sights
 
-SEEDS = (range(10), range(10, 20))
+MORE = pytest.mark.slow("ten more seeds of each mistake; short tests take the first ten of each")
+SEEDS = (range(10), pytest.param(range(10, 20), marks=MORE))
 
 
 def causes_of(network: fga.Network) -> Causes:
@@ -99,7 +100,7 @@ def levelled_loops(seed: int, held: int, relief: float) -> fga.Network:
 @pytest.mark.parametrize(("held", "relief"), [(1, 0.02), (1, 5.0), (2, 0.01), (3, 0.002)])
 def test_errors_of_readings_are_no_scale(held: int, relief: float, *, estimated: bool) -> None:
     """With one held height nothing tells a scale; errors of readings are not in its column."""
-    for seed in range(12):
+    for seed in range(5):
         rel = fga.reliability(fga.adjust(levelled_loops(seed, held, relief)))
         found = fga.causes(rel, estimated=estimated)
         assert not [c for c in found.likelier if "levelled height" in c.cause], seed

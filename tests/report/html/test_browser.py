@@ -31,7 +31,7 @@ LONG = pytest.mark.slow(
     "pages of every kind of result in a browser; short tests read the pages as text"
 )
 TOOLS = pytest.mark.slow(
-    "every tool of a page in a browser; short tests click, zoom, sort and filter there"
+    "every tool of a page in a browser; short tests look at the text of one page there"
 )
 
 PLACE = """(div, [meta, number]) => {
@@ -134,6 +134,7 @@ def test_a_page_says_nothing_and_asks_for_its_own_file_only(browser, folder, nam
         assert found.page.locator("#failed").is_hidden()
 
 
+@TOOLS
 def test_a_click_on_an_ellipse_shows_its_row(browser, folder, block):
     names = list(block.network.points)
     number = names.index("P52")  # on the third page of the table
@@ -168,6 +169,7 @@ def test_a_click_on_a_marked_observation_shows_its_row(browser, folder, block):
     assert row[1] in {r.what for r in block.rows.all() if abs(rel.w[r.number]) > rel.critical_w}
 
 
+@TOOLS
 def test_a_table_sorts_and_filters(browser, folder, block):
     sigma = 1e3 * np.array([block.solution.standard_deviations(n)[0] for n in block.network.points])
     with opened(browser, folder / "block.html") as found:
@@ -186,6 +188,7 @@ def test_a_table_sorts_and_filters(browser, folder, block):
         assert f"of {int(np.sum(sigma.round(2) > limit))}, filtered from {len(sigma)}" in status
 
 
+@TOOLS
 def test_a_filtered_table_goes_into_a_file(browser, folder):
     with opened(browser, folder / "nasty.html", accept_downloads=True) as found:
         found.ready()
@@ -213,6 +216,7 @@ def test_names_stay_text_in_plans_and_tables(browser, folder):
         assert found.said == []
 
 
+@TOOLS
 def test_the_plan_zooms_by_buttons_and_finds_points(browser, folder):
     with opened(browser, folder / "block.html") as found:
         found.ready()
@@ -355,6 +359,7 @@ def test_without_a_script_the_page_still_has_its_words(browser, folder):
         assert rows.count() == 25
 
 
+@TOOLS
 def test_a_browser_that_cannot_unpack_says_so(browser, folder, tmp_path):
     text = (folder / "three.html").read_text(encoding="utf-8")
     broken = tmp_path / "broken.html"
