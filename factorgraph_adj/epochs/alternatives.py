@@ -46,13 +46,11 @@ def alternatives(found: Congruence, compare: Compare, *, estimated: bool) -> tup
         compare: the same comparison of other solutions, or with other names.
         estimated: whether σ0 is estimated; otherwise it is 1.
     """
-    between: list[str] = []
-    held: list[str] = []
-    if len(found.solutions) == 2:
-        between += [*_exchanged(found, compare), *_of_other_names(found), *_scaled(found)]
-        held += _held(found, compare)
+    if len(found.solutions) != 2:
+        return ()
+    held = tuple(_held(found, compare))
     own = epoch_causes(found.solutions, estimated=estimated, known=bool(held))
-    return (*held, *own, *between)
+    return (*held, *own, *_exchanged(found, compare), *_of_other_names(found), *_scaled(found))
 
 
 # -- names ----------------------------------------------------------------------------------------

@@ -24,7 +24,10 @@ BELIEVED = "put it right before any displacement is believed"
 def epoch_causes(
     solutions: Sequence[Solution], *, estimated: bool, known: bool = False
 ) -> Iterator[str]:
-    """Yield a sentence on what has bent each adjustment; nothing of one whose readings fit.
+    """Yield a sentence on what has bent each epoch; nothing of one whose readings fit.
+
+    Nothing is said of a common adjustment: a point that moved between its epochs misfits in it as
+    a mistake does.
 
     Args:
         solutions: the adjustments.
@@ -33,7 +36,7 @@ def epoch_causes(
             value that is wrong in one of them says nothing new.
     """
     if len(solutions) == 1:
-        return  # a point that moved between its epochs misfits as a mistake does
+        return
     for which, solution in zip(ADJUSTMENTS[len(solutions)], solutions, strict=True):
         found = _causes(solution, estimated)
         if found is None:

@@ -170,6 +170,13 @@ class Report:
         return (rel.tau, rel.critical_tau) if self.pope else (rel.w, rel.critical_w)
 
     @property
+    def above_critical(self) -> list[str]:
+        """How many test values are above the critical one, if chance does not make as many."""
+        values, critical = self.tests
+        name, alpha = "τ" if self.pope else "w", self.options.alpha
+        return above_critical(values, critical, name, alpha, self.redundancy_of_tau)
+
+    @property
     def redundancy_of_tau(self) -> int | None:
         """Redundancy, if the test values are τ; none: they are w."""
         return self.solution.redundancy if self.pope else None
@@ -177,13 +184,11 @@ class Report:
     @cached_property
     def doubts(self) -> list[str]:
         """Why the result may be wrong; empty if nothing speaks against it."""
-        values, critical = self.tests
-        name = "τ" if self.pope else "w"
         return [
             *doubts_about(self.solution),
             *self.of_sigmas,
             *of_network(self.network),
-            *above_critical(values, critical, name, self.options.alpha, self.redundancy_of_tau),
+            *self.above_critical,
             *self.in_common,
             *self.at_check_points,
         ]

@@ -12,7 +12,6 @@ from ...quality.check_points import check_points
 from ...quality.unit_weight import global_test
 from ..context import Report
 from ..doubts import (
-    above_critical,
     by_chance,
     doubts_about,
     of_network,
@@ -202,12 +201,9 @@ def _controlled(report: Report, t: Texts) -> Light:
 
 def _of_network(report: Report, t: Texts) -> list[Light]:
     """Return doubts for which no other light stands, as the adjustment words them."""
-    values, critical = report.tests
     told = {
         *doubts_about(report.solution),
-        *above_critical(
-            values, critical, test_name(report), report.options.alpha, report.redundancy_of_tau
-        ),
+        *report.above_critical,
         *report.likelier,
         *report.at_check_points,
     }
