@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from .export.kml import write_kml
     from .export.ply import write_ply
     from .export.results import results_schema, write_results
+    from .factor_graph.build import build_graph
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
-    from .graph.build import build_graph
     from .incremental.adjustment import IncrementalAdjustment
     from .io.bal import read_bal
     from .io.gama import read_gama
@@ -382,7 +382,7 @@ _MODULES = {
     "adjust_parts": "parts.adjust",
     "adjusted_lines": "quality.lines",
     "as_models": "triangulation.models",
-    "build_graph": "graph.build",
+    "build_graph": "factor_graph.build",
     "block_motion": "epochs.blocks",
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",

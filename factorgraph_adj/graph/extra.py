@@ -33,10 +33,10 @@ def linearise_extra(
     """Linearise factors, by their names, at ``state``.
 
     The factors take the values that `factorgraph_adj.graph.keys.values_of` gives: poses as
-    Pose3, everything else as vectors. A robust noise model enters with the weights that its
-    residuals have at ``state``. A factor without a Jacobian (HessianFactor: smart factors,
-    marginalised priors) enters by a square root of its information, whose rows serve as
-    residuals.
+    Pose3, everything else as vectors, calibrations divided by their scales. A robust noise model
+    enters with the weights that its residuals have at ``state``. A factor without a Jacobian
+    (HessianFactor: smart factors, marginalised priors) enters by a square root of its information,
+    whose rows serve as residuals.
 
     Keys number the unknowns of one network. In another network, with fewer points for instance,
     the same key may belong to another unknown: ``keyed`` are the unknowns that the keys of the
@@ -210,7 +210,8 @@ def _columns(
     first = 0
     for (kind, number), size in zip(variables, sizes, strict=True):
         part = a[:, first : first + size]
-        parts.append(from_gtsam(kind, part, state[kind][number]))
+        scale = unknowns.graph_scale(kind, number)
+        parts.append(from_gtsam(kind, part, state[kind][number], scale))
         columns.append(unknowns.columns(kind, number))
         first += size
     index = np.concatenate(columns)

@@ -19,7 +19,7 @@ from ..errors import AdjustmentError
 from ..frames import Frame
 from ..models.variables import UNKNOWNS, VariableKind
 from ..rotation import right_jacobian_inverse
-from ..types import Array, Index
+from ..types import Array, Index, Mask
 from .blocks import Block
 from .keys import KeyMap, stored_row, to_gtsam
 from .variables import State, Unknowns
@@ -107,7 +107,10 @@ class _Observations:
     The arrays are made at the first evaluation, so that a large graph is built quickly.
     """
 
-    __slots__ = ("_frame", "_given", "_local", "_parts", "_variables", "keys", "sizes")
+    __slots__ = (
+        *("_frame", "_given", "_held", "_local", "_parts", "_scales", "_variables"),
+        *("keys", "sizes"),
+    )
 
     def __init__(
         self, frame: Frame, unknowns: Unknowns, state: State, parts: Sequence[Part]
@@ -117,6 +120,8 @@ class _Observations:
         self._parts = parts
         self._local: _Local | None = None
         self._variables: list[tuple[VariableKind, int]] = []
+        self._scales: list[Array | None] = []
+        self._held: list[Mask | None] = []
         self.keys: list[int] = []
         self.sizes: list[int] = []
         for part in parts:
@@ -128,13 +133,21 @@ class _Observations:
                         self.keys.append(key)
                         self.sizes.append(int(table.size[number]))
                         self._variables.append((kind, number))
+                        self._scales.append(unknowns.graph_scale(kind, number))
+                        free = table.free[number, : table.size[number]]
+                        self._held.append(None if free.all() else ~free)
+        if not self.keys:
+            # An observation between constants: GTSAM's Dogleg takes no factor without a key.
+            any_kind, first = next(unknowns.active())
+            self.keys.append(KeyMap.of(any_kind, first))
+            self.sizes.append(int(unknowns[any_kind].size[first]))
 
     def __call__(self, values: gtsam.Values, jacobians: bool) -> Evaluation:
         local = self._local
         if local is None:
             local = self._local = _Local.of(self._given, self._parts, self._variables)
-        for (kind, here), key in zip(local.variables, self.keys, strict=True):
-            row = stored_row(values, kind, key)
+        for slot, (kind, here) in enumerate(local.variables):
+            row = stored_row(values, kind, self.keys[slot], self._scales[slot])
             local.state[kind][here, : len(row)] = row
         total = sum(part.rows.size for part in self._parts)
         residual = np.empty(total)
@@ -151,7 +164,10 @@ class _Observations:
                         partials[slot][part.rows[i]] += by[i][:, : self.sizes[slot]]
         if jacobians:
             for slot, (kind, here) in enumerate(local.variables):
-                partials[slot] = to_gtsam(kind, partials[slot], local.state[kind][here])
+                held, row = self._held[slot], local.state[kind][here]
+                if held is not None:
+                    partials[slot][:, held] = 0.0
+                partials[slot] = to_gtsam(kind, partials[slot], row, self._scales[slot])
         return residual, partials
 
     def label(self) -> str:
@@ -196,25 +212,37 @@ class _Local(NamedTuple):
 
 
 def held_factor(
-    unknowns: Unknowns, state: State, kind: VariableKind, number: int
+    unknowns: Unknowns, state: State, kind: VariableKind, number: int, sigma: float
 ) -> gtsam.CustomFactor:
-    """Return the hard constraint that keeps the held components of a partly held variable."""
-    table = unknowns[kind]
+    """Return the factor that keeps the held components of a partly held variable.
+
+    Partials of observations by held components are zero, so that nothing pulls at them: the factor
+    is no hard constraint, with which GTSAM's marginal covariances are wrong.
+
+    Args:
+        unknowns: the variables.
+        state: the held values.
+        kind: kind of the variable.
+        number: its number.
+        sigma: standard deviation of the held components in the graph.
+    """
+    table, scale = unknowns[kind], unknowns.graph_scale(kind, number)
     size = int(table.size[number])
     which = np.flatnonzero(~table.free[number, :size])
     key = KeyMap.of(kind, number)
     held = state[kind][number].copy()
+    by = np.ones(len(which)) if scale is None else 1.0 / scale[which]
 
     def evaluate(values: gtsam.Values, jacobians: bool) -> Evaluation:
-        row = stored_row(values, kind, key)
+        row = stored_row(values, kind, key, scale)
         residual = UNKNOWNS[kind].local(held[None, : len(row)], row[None])[0]
         partials = np.eye(size)
         if UNKNOWNS[kind].rotates:
             partials[:3, :3] = right_jacobian_inverse(residual[None, :3])[0]
-        return residual[which], [to_gtsam(kind, partials, row)[which]]
+        return residual[which] * by, [to_gtsam(kind, partials, row, scale)[which] * by[:, None]]
 
     return guarded(
-        gtsam.noiseModel.Constrained.All(len(which)),
+        gtsam.noiseModel.Isotropic.Sigma(len(which), sigma),
         [key],
         [size],
         evaluate,

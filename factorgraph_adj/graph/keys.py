@@ -5,7 +5,8 @@ variables of that kind in the order in which the network got them. Completely he
 constants of the factors and have no key.
 
 A rotation with a shift is a ``gtsam.Pose3``, every other unknown is a vector of its given values;
-the vector of an unknown with a rotation begins with the rotation vector. The tangents of this
+the vector of an unknown with a rotation begins with the rotation vector. Values of calibrations are
+divided by scales, see `scales`. The tangents of this
 library and of GTSAM differ for two types. For a pose, this library has [ω, δ]: R ← R Exp(ω),
 X₀ ← X₀ + δ in object axes; GTSAM has [ω, v] with v = Rᵀ δ to first order. For a rotation vector r,
 this library has ω = J_r(r) dr; GTSAM has dr.
@@ -61,6 +62,52 @@ class KeyMap:
                 Problem("is held altogether: a constant without a key", f"{kind} {name!r}")
             )
         return self.of(kind, number)
+
+    def __call__(self, kind: VariableKind, name: str) -> int:
+        """Return the key of a variable, as `key`."""
+        return self.key(kind, name)
+
+    def scale(self, kind: VariableKind, name: str) -> Array:
+        """Return what a value in the graph is multiplied by to be the given one, (size,).
+
+        It is 1 but for calibrations, whose raw values GTSAM's solvers cannot take, see `scales`:
+
+            given = scale * values.atVector(key),    covariance of given = S Σ S,  S = diag(scale)
+
+        Raises:
+            InputError: as `key`.
+        """
+        self.key(kind, name)
+        number = self.unknowns[kind].number[name]
+        scale = self.unknowns.graph_scale(kind, number)
+        return np.ones(int(self.unknowns[kind].size[number])) if scale is None else scale
+
+    def covariance(
+        self, kind: VariableKind, name: str, marginal: Array, values: gtsam.Values
+    ) -> Array:
+        """Return the covariance of a variable by the tangent of this library, (size, size).
+
+            Σ = D Σ_GTSAM Dᵀ,    D = ∂(our tangent) / ∂(GTSAM's)
+
+        It is in the units and axes of `Solution.covariance`: poses have [ω, δ] with the shift in
+        object axes, calibrations the given units. Held components have zeros.
+
+        Args:
+            kind: kind of the variable.
+            name: its name.
+            marginal: GTSAM's marginal covariance, (size, size).
+            values: where it was computed.
+
+        Raises:
+            InputError: as `key`.
+        """
+        key = self.key(kind, name)
+        number = self.unknowns[kind].number[name]
+        scale = self.unknowns.graph_scale(kind, number)
+        row = stored_row(values, kind, key, scale)
+        by = to_gtsam(kind, np.eye(len(marginal)), row, scale)
+        free = self.unknowns.free[self.unknowns.columns(kind, number)]
+        return np.where(np.outer(free, free), by @ marginal @ by.T, 0.0)
 
     def name(self, key: int) -> str:
         """Return the name of the variable with this key; InputError for an unknown key."""
@@ -129,7 +176,8 @@ def insert(
         if is_pose(kind):
             values.insert(key, pose_of(state[kind][number]))
         else:
-            values.insert(key, unknowns.given(state, kind, number))
+            given, scale = unknowns.given(state, kind, number), unknowns.graph_scale(kind, number)
+            values.insert(key, given if scale is None else given / scale)
 
 
 def pose_of(row: Array) -> gtsam.Pose3:
@@ -137,11 +185,15 @@ def pose_of(row: Array) -> gtsam.Pose3:
     return gtsam.Pose3(gtsam.Rot3(row[:9].reshape(3, 3)), row[9:])
 
 
-def stored_row(values: gtsam.Values, kind: VariableKind, key: int) -> Array:
-    """Return the stored form of one variable of ``values``."""
+def stored_row(
+    values: gtsam.Values, kind: VariableKind, key: int, scale: Array | None = None
+) -> Array:
+    """Return the stored form of one variable of ``values``; scale as of `Unknowns.graph_scale`."""
     if is_pose(kind):
         return np.asarray(pose_rows([values.atPose3(key)])[0])
     given = values.atVector(key)
+    if scale is not None:
+        given = given * scale
     if UNKNOWNS[kind].rotates and float(np.linalg.norm(given[:3])) > np.pi:
         raise AdjustmentError(
             f"{gtsam.DefaultKeyFormatter(key)}: its rotation vector {given[:3]} is longer than π; "
@@ -178,7 +230,7 @@ def state_of(equations: Equations, values: gtsam.Values) -> State:
     state = unknowns.start()
     for kind, table in unknowns.tables.items():
         for i in np.flatnonzero(table.offset >= 0).tolist():
-            row = stored_row(values, kind, KeyMap.of(kind, i))
+            row = stored_row(values, kind, KeyMap.of(kind, i), unknowns.graph_scale(kind, i))
             state[kind][i, : len(row)] = row
     return state
 
@@ -192,8 +244,12 @@ def pose_rows(poses: Sequence[gtsam.Pose3]) -> Array:
     return out
 
 
-def from_gtsam(kind: VariableKind, jacobian: Array, row: Array) -> Array:
+def from_gtsam(
+    kind: VariableKind, jacobian: Array, row: Array, scale: Array | None = None
+) -> Array:
     """Convert partials (m, k) by GTSAM's tangent to ours, at the stored value ``row``."""
+    if scale is not None:
+        return jacobian / scale
     if is_pose(kind):
         return np.hstack([jacobian[:, :3], jacobian[:, 3:] @ row[:9].reshape(3, 3).T])
     if UNKNOWNS[kind].rotates:
@@ -201,8 +257,10 @@ def from_gtsam(kind: VariableKind, jacobian: Array, row: Array) -> Array:
     return jacobian
 
 
-def to_gtsam(kind: VariableKind, jacobian: Array, row: Array) -> Array:
+def to_gtsam(kind: VariableKind, jacobian: Array, row: Array, scale: Array | None = None) -> Array:
     """Convert partials (m, k) by our tangent to GTSAM's, at the stored value ``row``."""
+    if scale is not None:
+        return jacobian * scale
     if is_pose(kind):
         return np.hstack([jacobian[:, :3], jacobian[:, 3:] @ row[:9].reshape(3, 3)])
     if UNKNOWNS[kind].rotates:

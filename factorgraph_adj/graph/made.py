@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import gtsam
 import numpy as np
@@ -24,8 +24,19 @@ from .extra import linear_rows
 from .keys import KeyMap, from_gtsam, is_pose, pose_of
 from .variables import Unknowns
 
-KeyOf: TypeAlias = Callable[[VariableKind, str], int]
-"""Function that returns the key of an unknown by its kind and name, as `KeyMap.key`."""
+
+class KeyOf(Protocol):
+    """Function that returns the key of an unknown by its kind and name, as `KeyMap.key`."""
+
+    def __call__(self, kind: VariableKind, name: str) -> int:
+        """Return the key."""
+        ...
+
+    def scale(self, kind: VariableKind, name: str) -> Array:
+        """Return what values in the graph are multiplied by to be given ones, `KeyMap.scale`."""
+        ...
+
+
 MakesFactor: TypeAlias = Callable[[KeyOf], gtsam.NonlinearFactor]
 """A user's function: it is given a `KeyOf`, and returns a factor over keys that it asked for."""
 
@@ -38,7 +49,7 @@ def made(name: str, make: MakesFactor, keys: KeyMap) -> gtsam.NonlinearFactor:
             function returns is no factor.
     """
     try:
-        factor = make(keys.key)
+        factor = make(keys)
     except InputError as error:
         where = f"factor {name!r}"
         raise InputError([Problem(str(p), where) for p in error.problems]) from None
@@ -101,7 +112,9 @@ def observation_of(name: str, make: MakesFactor, network: Network) -> OwnFactor:
         raise InputError(Problem(what, where))
     unknowns = tuple((kind, _key_in(network, kind, n)) for kind, n in (asked[k] for k in own))
     kinds = tuple(kind for kind, _ in unknowns)
-    model = FactorModel(factor, tuple(own), kinds, where)
+    numbers = [keys.unknowns[kind].number[n] for kind, n in (asked[k] for k in own)]
+    scales = tuple(map(keys.unknowns.graph_scale, kinds, numbers))
+    model = FactorModel(factor, tuple(own), kinds, scales, where)
     return OwnFactor(unknowns, model, factor.dim(), id=name, source=type(factor).__name__)
 
 
@@ -126,6 +139,8 @@ class FactorModel:
     """Its keys."""
     kinds: tuple[VariableKind, ...]
     """Kind of the unknown of each."""
+    scales: tuple[Array | None, ...]
+    """Scale of each, see `Unknowns.graph_scale`."""
     where: str
     """Name of the factor, for messages."""
 
@@ -141,11 +156,12 @@ class FactorModel:
             what = "was left behind when its network was pickled: add it again"
             raise InputError(Problem(what, self.where))
         given = gtsam.Values()
-        for key, kind, row in zip(self.keys, self.kinds, values, strict=True):
+        for key, kind, scale, row in zip(self.keys, self.kinds, self.scales, values, strict=True):
             if is_pose(kind):
                 given.insert(key, pose_of(row[0]))
             else:
-                given.insert(key, UNKNOWNS[kind].given(row)[0])
+                stated = UNKNOWNS[kind].given(row)[0]
+                given.insert(key, stated if scale is None else stated / scale)
         found = linear_rows(self.factor, given, self.where)
         if found is None:
             raise DegenerateError(np.zeros(1, dtype=np.intp), "the factor is inactive here")
@@ -155,8 +171,10 @@ class FactorModel:
             raise InputError(Problem(what, self.where))
         by_key = dict(zip(order, np.split(a, self._ends(order, values), axis=1), strict=True))
         partials = tuple(
-            from_gtsam(kind, by_key[key], row[0])[None]
-            for key, kind, row in zip(self.keys, self.kinds, values, strict=True)
+            from_gtsam(kind, by_key[key], row[0], scale)[None]
+            for key, kind, scale, row in zip(
+                self.keys, self.kinds, self.scales, values, strict=True
+            )
         )
         return Linearised(r[None], partials)
 

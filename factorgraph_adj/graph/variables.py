@@ -19,6 +19,7 @@ from ..models.variables import ROTATION, UNKNOWNS, UnknownKind, VariableKind
 from ..network.entities import Camera, Parameter, parameter_name
 from ..network.network import Network
 from ..types import Array, Index, Mask
+from .scales import calibration_scales
 
 State: TypeAlias = dict[VariableKind, Array]
 """Values of all variables, (n, width) for each kind; a pose has 9 of rotation and 3 of centre."""
@@ -210,6 +211,22 @@ class Unknowns:
             camera = camera_of_calibration(self.network, name)
             return camera.lens.names
         return UNKNOWNS[kind].names(int(self.tables[kind].size[number]))
+
+    def graph_scale(self, kind: VariableKind, number: int) -> Array | None:
+        """Return what a value in a GTSAM graph is multiplied by to be a given one, (size,).
+
+        None: the values are the given ones; those of calibrations are not, see `scales`.
+        """
+        if kind != "calibration":
+            return None
+        camera = camera_of_calibration(self.network, self.tables[kind].names[number])
+        if camera not in self._scales:
+            self._scales[camera] = calibration_scales(camera)
+        return self._scales[camera]
+
+    @cached_property
+    def _scales(self) -> dict[Camera, Array]:
+        return {}
 
     def given(self, state: State, kind: VariableKind, number: int) -> Array:
         """Return the values of one variable in the form of a network's input, (size,)."""

@@ -20,7 +20,7 @@ from typing import Literal, TypeAlias
 import gtsam
 import numpy as np
 
-from factorgraph_adj.graph.build import build_graph
+from factorgraph_adj.factor_graph.build import build_graph
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint, Observation

@@ -188,13 +188,13 @@ def test_poses_calibrations_and_orientations_take_part() -> None:
         return gtsam.PriorFactorPose3(key("pose", photo), pose, noise)
 
     def lens(key: KeyOf) -> gtsam.NonlinearFactor:
-        own = key("calibration", camera)
+        own, scale = key("calibration", camera), key.scale("calibration", camera)
 
         def error(this: object, values: gtsam.Values, jacobians: list[np.ndarray] | None) -> object:
             v = values.atVector(own)
             if jacobians is not None:
-                jacobians[0] = np.eye(2, len(v))
-            return v[:2] - (100.01, 0.005)
+                jacobians[0] = np.eye(2, len(v)) * scale
+            return (v * scale)[:2] - (100.01, 0.005)
 
         return gtsam.CustomFactor(gtsam.noiseModel.Isotropic.Sigma(2, 0.01), [own], error)
 
@@ -228,7 +228,7 @@ def test_poses_calibrations_and_orientations_take_part() -> None:
 
 def test_what_cannot_arrive_is_refused_by_name(tmp_path: Path) -> None:
     inc = fga.IncrementalAdjustment(whole())
-    ready = tape()(fga.build_graph(whole()).keys.key)
+    ready = tape()(fga.build_graph(whole()).keys)
     unit = gtsam.noiseModel.Unit.Create(3)
     wrong: dict[str, object] = {
         "factor 'x': give a function of key": ready,

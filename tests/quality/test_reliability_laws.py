@@ -25,7 +25,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 import factorgraph_adj as fga
-from factorgraph_adj.graph.build import build_graph
+from factorgraph_adj.factor_graph.build import build_graph
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.observations import AnyObservation, Correlated
 from factorgraph_adj.solve.datum import Defect, minimal_datum

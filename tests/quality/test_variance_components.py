@@ -19,7 +19,7 @@ import pytest
 from scipy import linalg, optimize, stats
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.graph.build import build_graph
+from factorgraph_adj.factor_graph.build import build_graph
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.network.network import Network

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.graph.build import build_graph
+from factorgraph_adj.factor_graph.build import build_graph
 from factorgraph_adj.solve import elimination
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.factor import Plan

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.graph.build import build_graph
+from factorgraph_adj.factor_graph.build import build_graph
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.observations import HeightDifference, SlopeDistance
 from factorgraph_adj.solve.extra import Extra

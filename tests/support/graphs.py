@@ -5,20 +5,22 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from factorgraph_adj.graph.build import Graph
+from factorgraph_adj.factor_graph.build import Graph
 from factorgraph_adj.graph.keys import from_gtsam, state_of
 from factorgraph_adj.types import Array
 
 
 def normal_equations(built: Graph) -> tuple[Array, Array]:
-    """Return N and AᵀPv of the graph by our tangents; hard constraints left out."""
+    """Return N and AᵀPv of the graph by our tangents, without what keeps held components."""
     unknowns, keys = built.equations.unknowns, built.keys
     state = state_of(built.equations, built.values)
     n, g = np.zeros((unknowns.n_columns,) * 2), np.zeros(unknowns.n_columns)
-    for i in range(built.graph.size()):
+    partly_held = sum(
+        not unknowns.free[unknowns.columns(kind, number)].all()
+        for kind, number in unknowns.active()
+    )
+    for i in range(built.graph.size() - partly_held):
         linear = gtsam.JacobianFactor(built.graph.at(i).linearize(built.values))
-        if linear.isConstrained():
-            continue
         a, b = linear.jacobian()
         first = 0
         full = np.zeros((len(b), unknowns.n_columns))
@@ -26,7 +28,8 @@ def normal_equations(built: Graph) -> tuple[Array, Array]:
             kind, number = keys.variable(key)
             size = int(unknowns[kind].size[number])
             part = a[:, first : first + size]
-            part = from_gtsam(kind, part, state[kind][number])
+            scale = unknowns.graph_scale(kind, number)
+            part = from_gtsam(kind, part, state[kind][number], scale)
             full[:, unknowns.columns(kind, number)] = part
             first += size
         n += full.T @ full

@@ -1,0 +1,185 @@
+"""A network as a GTSAM factor graph, for its optimisers and for a user's own factors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from ..block_orientation.begin import start_of
+from ..graph.blocks import Block
+from ..graph.equations import Equations, compile_network
+from ..graph.factors import Part, held_factor, observation_factor
+from ..graph.keys import KeyMap, values_of
+from ..graph.variables import State
+from ..graph.weights import Cluster
+from ..models.variables import VariableKind
+from ..network.network import DatumChoice, Network
+from ..solve.linear import LinearSystem
+from ..solve.stiff import eased
+from ..types import Array
+from .inner_constraints import inner_constraints
+
+STIFFEST = 2.0**16
+"""Largest weight of a tie to a carrier, relative to all that holds the best held member otherwise.
+GTSAM's Cholesky refuses pivots below 2⁻²⁴ of what was there; estimates and covariances change by
+the inverse, relative to σ, at most."""
+
+
+@dataclass(frozen=True)
+class Graph:
+    """The factor graph of a network at its start values."""
+
+    graph: gtsam.NonlinearFactorGraph
+    """A factor written in Python for each observation and weighted unknown, in the order of the
+    equations; one for each correlated group; then a factor for each variable of which only some
+    components are held, which keeps these, and one with the inner constraints of a free network.
+    Unwhitened residuals are computed − observed, in SI or image units. The graph is a copy:
+    changing it changes no adjustment."""
+    values: gtsam.Values
+    """Start values of the variables."""
+    keys: KeyMap
+    """Names ↔ keys."""
+    equations: Equations
+    """The observation equations of the factors in arrays, with the weights of the start values."""
+
+    @property
+    def error(self) -> float:
+        """Half of vᵀPv at the start values."""
+        return float(self.graph.error(self.values))
+
+
+def build_graph(
+    network: Network | Equations, *, state: State | None = None, datum: DatumChoice | None = None
+) -> Graph:
+    """Return the factor graph of a network.
+
+    The error of the graph is ½ vᵀPv, with the weights of the start values and without robust
+    weights. GTSAM's optimisers, its ``Marginals`` and ``ISAM2`` take it as it comes: calibrations
+    are divided by their scales (`KeyMap.scale`), held components are not pulled at, and rigid ties
+    weigh no more than GTSAM's Cholesky can take (`STIFFEST`). Each factor is a callback of the
+    models of this library, for which GTSAM's optimisers copy all values: up to some thousand
+    variables they are of use; beyond that iterate with ``graph.linearize(values)``, or take
+    `adjust`, which uses the same models on whole arrays.
+
+    Args:
+        network: the network, or its observation equations.
+        state: start values; by default those of the network, completed as for `adjust`.
+        datum: given, or free: with inner constraints over the datum points; by default that of the
+            network.
+
+    Raises:
+        InputError: the network has nothing to adjust, or the geometry of a sight is degenerate.
+        ApproximationError: start values are missing and cannot be found.
+        DatumError: the datum points of a free network cannot carry its datum.
+    """
+    equations = network if isinstance(network, Equations) else compile_network(network)
+    chosen = equations.network.datum if datum is None else datum
+    origin = state
+    if state is None:
+        start = start_of(equations, chosen, None)
+        state, origin = start.state, start.origin
+    assert origin is not None
+    state = {kind: values.copy() for kind, values in state.items()}  # the factors keep the state
+    equations = equations.weighted_at(state)
+    system = LinearSystem(equations, state)
+    diagonal = system.diagonal()
+    eased_equations = _with_eased_ties(equations, system, diagonal)
+    unknowns = equations.unknowns
+    graph = gtsam.NonlinearFactorGraph()
+    for part, noise in (*_single(eased_equations), *_clustered(eased_equations)):
+        graph.push_back(observation_factor(equations.network.frame, unknowns, state, part, noise))
+    for (kind, number), sigma in _held_sigmas(equations, diagonal).items():
+        graph.push_back(held_factor(unknowns, state, kind, number, sigma))
+    if chosen == "free":
+        constraints = inner_constraints(system, diagonal, origin)
+        if constraints is not None:
+            graph.push_back(constraints)
+    return Graph(graph, values_of(equations, state), KeyMap(unknowns), equations)
+
+
+def _with_eased_ties(equations: Equations, system: LinearSystem, diagonal: Array) -> Equations:
+    """Return equations whose ties weigh no more than `STIFFEST` says."""
+    _, shares = eased(system, diagonal)
+    factors = np.minimum(shares[: equations.n_rows] ** 2 * STIFFEST, 1.0)
+    return equations if (factors == 1.0).all() else equations.reweighted(factors)
+
+
+def _held_sigmas(equations: Equations, diagonal: Array) -> dict[tuple[VariableKind, int], float]:
+    """Return standard deviations that keep held components, for each partly held variable.
+
+    They are those that its best observed free component has by its own observations: much smaller
+    ones would spoil the pivots of GTSAM's Cholesky, and nothing pulls at held components.
+    """
+    unknowns = equations.unknowns
+    out = {}
+    for kind, number in unknowns.active():
+        columns = unknowns.columns(kind, number)
+        free = unknowns.free[columns]
+        if not free.all():
+            scale = unknowns.graph_scale(kind, number)
+            by = diagonal[columns] * (1.0 if scale is None else scale**2)
+            most = float(np.where(free, by, 0.0).max())
+            out[kind, number] = most**-0.5 if most > 0.0 else 1.0
+    return out
+
+
+def _single(equations: Equations) -> Iterator[tuple[list[Part], gtsam.noiseModel.Base]]:
+    """Yield the observations without correlations to others."""
+    for place, block in enumerate(equations.blocks):
+        alone = np.ones(block.n, dtype=bool)
+        alone[equations.in_cluster.get(place, slice(0))] = False
+        rows = np.arange(block.dimension)[None]
+        noise = _noise_models(block)
+        for i in np.flatnonzero(alone).tolist():
+            yield [Part(block, np.array([i]), rows)], noise(i)
+
+
+def _clustered(equations: Equations) -> Iterator[tuple[list[Part], gtsam.noiseModel.Base]]:
+    """Yield the clusters of observations with a joint covariance, one factor each."""
+    for cluster in equations.clusters:
+        yield _parts(equations.blocks, cluster), _gaussian(cluster.whitener)
+
+
+def _parts(blocks: tuple[Block, ...], cluster: Cluster) -> list[Part]:
+    """Return the observations of a cluster, block by block."""
+    parts = []
+    for block in blocks:
+        inside = np.flatnonzero(
+            (cluster.rows >= block.rows.start) & (cluster.rows < block.rows.stop)
+        )
+        if not len(inside):
+            continue
+        number, component = np.divmod(cluster.rows[inside] - block.first_row, block.dimension)
+        chosen, where = np.unique(number, return_inverse=True)
+        rows = np.empty((len(chosen), block.dimension), dtype=np.intp)
+        rows[where, component] = inside
+        parts.append(Part(block, chosen, rows))
+    return parts
+
+
+def _noise_models(block: Block) -> Callable[[int], gtsam.noiseModel.Base]:
+    """Return a function from observation number to noise model; equal models are shared."""
+    whitener = block.whitener
+    if whitener is not None:
+        return lambda i: _gaussian(whitener[i])
+    models: dict[bytes, gtsam.noiseModel.Base] = {}
+
+    def diagonal(i: int) -> gtsam.noiseModel.Base:
+        key = block.sigma[i].tobytes()
+        if key not in models:
+            models[key] = gtsam.noiseModel.Diagonal.Sigmas(block.sigma[i])
+        return models[key]
+
+    return diagonal
+
+
+def _gaussian(whitener: Array) -> gtsam.noiseModel.Base:
+    """Return the noise model of covariance (WᵀW)⁻¹.
+
+    GTSAM silently reads only the upper triangle of a square root, but W is lower triangular. The
+    factor R of W = QR is upper triangular and RᵀR = WᵀW.
+    """
+    return gtsam.noiseModel.Gaussian.SqrtInformation(np.linalg.qr(whitener, mode="r"))
