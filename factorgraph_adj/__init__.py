@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .export.ply import write_ply
     from .export.results import results_schema, write_results
     from .factor_graph.build import build_graph
+    from .factor_graph.isam import FactorTests, Isam
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
@@ -166,6 +167,7 @@ __all__ = [
     "DatumError",
     "Direction",
     "FaceReading",
+    "FactorTests",
     "Finding",
     "FrameCoordinate",
     "FrameDirection",
@@ -184,6 +186,7 @@ __all__ = [
     "ImagePoint",
     "IncrementalAdjustment",
     "InputError",
+    "Isam",
     "LevelHeight",
     "LocalFrame",
     "NavigationAttitude",
@@ -383,6 +386,8 @@ _MODULES = {
     "adjusted_lines": "quality.lines",
     "as_models": "triangulation.models",
     "build_graph": "factor_graph.build",
+    "FactorTests": "factor_graph.isam",
+    "Isam": "factor_graph.isam",
     "block_motion": "epochs.blocks",
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",

@@ -55,11 +55,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("solve",),
     # Poses and points from image points alone; the start of every adjustment.
     ("block_orientation",),
-    # The whole as a factor graph for GTSAM's optimisers.
-    ("factor_graph",),
     ("solve.determined_part",),
     ("solve.batch",),
     ("quality",),
+    # The whole as a factor graph for GTSAM's optimisers, and in its iSAM2.
+    ("factor_graph",),
     ("validate",),
     ("triangulation",),
     # Two epochs: what moved.

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
 
 import gtsam
 import numpy as np
@@ -13,7 +15,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
 from ..graph.factors import Part, held_factor, observation_factor
 from ..graph.keys import KeyMap, values_of
-from ..graph.variables import State
+from ..graph.variables import State, Unknowns
 from ..graph.weights import Cluster
 from ..models.variables import VariableKind
 from ..network.network import DatumChoice, Network
@@ -21,6 +23,9 @@ from ..solve.linear import LinearSystem
 from ..solve.stiff import eased
 from ..types import Array
 from .inner_constraints import inner_constraints
+
+NamedParts: TypeAlias = tuple[str, list[Part], Callable[[], gtsam.noiseModel.Base]]
+"""Name and observations of a factor, and a function that makes its noise model."""
 
 STIFFEST = 2.0**16
 """Largest weight of a tie to a carrier, relative to all that holds the best held member otherwise.
@@ -86,34 +91,35 @@ def build_graph(
     equations = equations.weighted_at(state)
     system = LinearSystem(equations, state)
     diagonal = system.diagonal()
-    eased_equations = _with_eased_ties(equations, system, diagonal)
+    eased_equations = with_eased_ties(equations, system, diagonal)
     unknowns = equations.unknowns
+    keys = KeyMap(unknowns)
     graph = gtsam.NonlinearFactorGraph()
-    for part, noise in (*_single(eased_equations), *_clustered(eased_equations)):
-        graph.push_back(observation_factor(equations.network.frame, unknowns, state, part, noise))
-    for (kind, number), sigma in _held_sigmas(equations, diagonal).items():
-        graph.push_back(held_factor(unknowns, state, kind, number, sigma))
+    for _, part, noise in observation_parts(eased_equations):
+        factor = observation_factor(equations.network.frame, unknowns, state, part, noise(), keys)
+        graph.push_back(factor)
+    for (kind, number), sigma in held_sigmas(unknowns, diagonal).items():
+        graph.push_back(held_factor(unknowns, state, kind, number, sigma, keys))
     if chosen == "free":
-        constraints = inner_constraints(system, diagonal, origin)
+        constraints = inner_constraints(system, diagonal, origin, keys)
         if constraints is not None:
             graph.push_back(constraints)
-    return Graph(graph, values_of(equations, state), KeyMap(unknowns), equations)
+    return Graph(graph, values_of(equations, state), keys, equations)
 
 
-def _with_eased_ties(equations: Equations, system: LinearSystem, diagonal: Array) -> Equations:
+def with_eased_ties(equations: Equations, system: LinearSystem, diagonal: Array) -> Equations:
     """Return equations whose ties weigh no more than `STIFFEST` says."""
     _, shares = eased(system, diagonal)
     factors = np.minimum(shares[: equations.n_rows] ** 2 * STIFFEST, 1.0)
     return equations if (factors == 1.0).all() else equations.reweighted(factors)
 
 
-def _held_sigmas(equations: Equations, diagonal: Array) -> dict[tuple[VariableKind, int], float]:
+def held_sigmas(unknowns: Unknowns, diagonal: Array) -> dict[tuple[VariableKind, int], float]:
     """Return standard deviations that keep held components, for each partly held variable.
 
     They are those that its best observed free component has by its own observations: much smaller
     ones would spoil the pivots of GTSAM's Cholesky, and nothing pulls at held components.
     """
-    unknowns = equations.unknowns
     out = {}
     for kind, number in unknowns.active():
         columns = unknowns.columns(kind, number)
@@ -126,7 +132,18 @@ def _held_sigmas(equations: Equations, diagonal: Array) -> dict[tuple[VariableKi
     return out
 
 
-def _single(equations: Equations) -> Iterator[tuple[list[Part], gtsam.noiseModel.Base]]:
+def observation_parts(equations: Equations) -> Iterator[NamedParts]:
+    """Yield the observations of each factor, with its name and a function of its noise model.
+
+    The name is the id of the observation, or of the first one of a correlated group.
+    """
+    yield from _single(equations)
+    for cluster in equations.clusters:
+        name = equations.id(int(cluster.rows[0]))
+        yield name, _parts(equations.blocks, cluster), partial(_gaussian, cluster.whitener)
+
+
+def _single(equations: Equations) -> Iterator[NamedParts]:
     """Yield the observations without correlations to others."""
     for place, block in enumerate(equations.blocks):
         alone = np.ones(block.n, dtype=bool)
@@ -134,13 +151,8 @@ def _single(equations: Equations) -> Iterator[tuple[list[Part], gtsam.noiseModel
         rows = np.arange(block.dimension)[None]
         noise = _noise_models(block)
         for i in np.flatnonzero(alone).tolist():
-            yield [Part(block, np.array([i]), rows)], noise(i)
-
-
-def _clustered(equations: Equations) -> Iterator[tuple[list[Part], gtsam.noiseModel.Base]]:
-    """Yield the clusters of observations with a joint covariance, one factor each."""
-    for cluster in equations.clusters:
-        yield _parts(equations.blocks, cluster), _gaussian(cluster.whitener)
+            name = equations.id(block.first_row + i * block.dimension)
+            yield name, [Part(block, np.array([i]), rows)], partial(noise, i)
 
 
 def _parts(blocks: tuple[Block, ...], cluster: Cluster) -> list[Part]:

@@ -18,7 +18,7 @@ STIFFEST = 2.0**20
 
 
 def inner_constraints(
-    system: LinearSystem, diagonal: Array, origin: State
+    system: LinearSystem, diagonal: Array, origin: State, keys: KeyMap
 ) -> gtsam.LinearContainerFactor | None:
     """Return the inner constraints of a free network over its datum points.
 
@@ -33,6 +33,7 @@ def inner_constraints(
         system: the network, linearised at its start.
         diagonal: diagonal of N there, (n_columns,).
         origin: x₀.
+        keys: keys of the variables.
 
     Returns:
         The factor; none where the observations notice every motion.
@@ -61,9 +62,9 @@ def inner_constraints(
         own = rows[:, unknowns.columns(kind, number)] * weight
         if own.any():
             scale = unknowns.graph_scale(kind, number)
-            insert(values, unknowns, origin, [(kind, number)])
+            insert(values, unknowns, origin, [(kind, number)], [keys.at(kind, number)])
             part = to_gtsam(kind, own, state[kind][number], scale)
-            terms.append((KeyMap.of(kind, number), np.asfortranarray(part)))
+            terms.append((keys.at(kind, number), np.asfortranarray(part)))
     unit = gtsam.noiseModel.Unit.Create(len(rows))
     # A JacobianFactor takes three keys at most in Python; a conditional takes any number.
     conditional = gtsam.GaussianConditional(terms, 1, np.zeros(len(rows)), unit)

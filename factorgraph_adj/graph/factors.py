@@ -85,6 +85,7 @@ def observation_factor(
     state: State,
     parts: Sequence[Part],
     noise: gtsam.noiseModel.Base,
+    keys: KeyMap,
 ) -> gtsam.CustomFactor:
     """Return the factor of one observation, or of observations with a joint covariance.
 
@@ -96,8 +97,9 @@ def observation_factor(
         state: values of the constants.
         parts: the observations.
         noise: noise model of all rows.
+        keys: keys of the variables.
     """
-    evaluate = _Observations(frame, unknowns, state, parts)
+    evaluate = _Observations(frame, unknowns, state, parts, keys)
     return guarded(noise, evaluate.keys, evaluate.sizes, evaluate, evaluate.label)
 
 
@@ -113,7 +115,12 @@ class _Observations:
     )
 
     def __init__(
-        self, frame: Frame, unknowns: Unknowns, state: State, parts: Sequence[Part]
+        self,
+        frame: Frame,
+        unknowns: Unknowns,
+        state: State,
+        parts: Sequence[Part],
+        keys: KeyMap,
     ) -> None:
         self._frame = frame
         self._given = state
@@ -128,7 +135,7 @@ class _Observations:
             for kind, index in part.block.variables:
                 table = unknowns[kind]
                 for number in index[part.chosen].tolist():
-                    key = KeyMap.of(kind, number)
+                    key = keys.at(kind, number)
                     if table.offset[number] >= 0 and key not in self.keys:
                         self.keys.append(key)
                         self.sizes.append(int(table.size[number]))
@@ -139,7 +146,7 @@ class _Observations:
         if not self.keys:
             # An observation between constants: GTSAM's Dogleg takes no factor without a key.
             any_kind, first = next(unknowns.active())
-            self.keys.append(KeyMap.of(any_kind, first))
+            self.keys.append(keys.at(any_kind, first))
             self.sizes.append(int(unknowns[any_kind].size[first]))
 
     def __call__(self, values: gtsam.Values, jacobians: bool) -> Evaluation:
@@ -159,9 +166,9 @@ class _Observations:
                 continue
             for (kind, index), by in zip(block.variables, by_variable, strict=True):
                 for i, here in enumerate(index.tolist()):
-                    slot = local.slots.get((kind, here))
-                    if slot is not None:
-                        partials[slot][part.rows[i]] += by[i][:, : self.sizes[slot]]
+                    place = local.slots.get((kind, here))
+                    if place is not None:
+                        partials[place][part.rows[i]] += by[i][:, : self.sizes[place]]
         if jacobians:
             for slot, (kind, here) in enumerate(local.variables):
                 held, row = self._held[slot], local.state[kind][here]
@@ -212,7 +219,12 @@ class _Local(NamedTuple):
 
 
 def held_factor(
-    unknowns: Unknowns, state: State, kind: VariableKind, number: int, sigma: float
+    unknowns: Unknowns,
+    state: State,
+    kind: VariableKind,
+    number: int,
+    sigma: float,
+    keys: KeyMap,
 ) -> gtsam.CustomFactor:
     """Return the factor that keeps the held components of a partly held variable.
 
@@ -225,11 +237,12 @@ def held_factor(
         kind: kind of the variable.
         number: its number.
         sigma: standard deviation of the held components in the graph.
+        keys: keys of the variables.
     """
     table, scale = unknowns[kind], unknowns.graph_scale(kind, number)
     size = int(table.size[number])
     which = np.flatnonzero(~table.free[number, :size])
-    key = KeyMap.of(kind, number)
+    key = keys.at(kind, number)
     held = state[kind][number].copy()
     by = np.ones(len(which)) if scale is None else 1.0 / scale[which]
 

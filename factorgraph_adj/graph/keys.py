@@ -14,7 +14,7 @@ this library has ω = J_r(r) dr; GTSAM has dr.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import gtsam
 import numpy as np
@@ -34,9 +34,21 @@ _NUMBER = (1 << _SHIFT) - 1
 class KeyMap:
     """Names of variables ↔ keys of the graph."""
 
-    def __init__(self, unknowns: Unknowns) -> None:
-        """Map the variables of ``unknowns`` that have a free component."""
+    def __init__(
+        self, unknowns: Unknowns, numbers: Mapping[VariableKind, Mapping[str, int]] | None = None
+    ) -> None:
+        """Map the variables of ``unknowns`` that have a free component.
+
+        Args:
+            unknowns: the variables.
+            numbers: number of each variable in its key, by kind and name; none: that which it has
+                among the unknowns.
+        """
         self.unknowns = unknowns
+        self._numbers = numbers
+        self._names: dict[VariableKind, dict[int, str]] = {
+            kind: {n: name for name, n in own.items()} for kind, own in (numbers or {}).items()
+        }
 
     def key(self, kind: VariableKind, name: str) -> int:
         """Return the key of a variable.
@@ -61,6 +73,12 @@ class KeyMap:
             raise InputError(
                 Problem("is held altogether: a constant without a key", f"{kind} {name!r}")
             )
+        return self.at(kind, number)
+
+    def at(self, kind: VariableKind, number: int) -> int:
+        """Return the key of a variable by its number among the unknowns, without a check."""
+        if self._numbers is not None:
+            number = self._numbers[kind][self.unknowns[kind].names[number]]
         return self.of(kind, number)
 
     def __call__(self, kind: VariableKind, name: str) -> int:
@@ -126,6 +144,9 @@ class KeyMap:
         """
         kind = next((k.name for k in UNKNOWNS.values() if ord(k.letter) == key >> _SHIFT), None)
         number = key & _NUMBER
+        if kind is not None and self._names:
+            name = self._names.get(kind, {}).get(number, "")
+            number = self.unknowns[kind].number.get(name, _NUMBER)
         shown = gtsam.DefaultKeyFormatter(key)
         if kind is None or number >= len(self.unknowns[kind].names):
             names = sorted(UNKNOWNS, key=lambda name: name not in ENTITIES)
@@ -213,24 +234,30 @@ def values_of(equations: Equations, state: State) -> gtsam.Values:
     return values
 
 
-def state_of(equations: Equations, values: gtsam.Values) -> State:
+def state_of(equations: Equations, values: gtsam.Values, keys: KeyMap | None = None) -> State:
     """Return the state that ``values`` describe; held variables keep their given values.
+
+    Args:
+        equations: the network.
+        values: values of its variables.
+        keys: their keys; none: as `values_of` gives them.
 
     Raises:
         InputError: ``values`` lack variables; the message names all of them.
     """
     unknowns = equations.unknowns
+    keys = KeyMap(unknowns) if keys is None else keys
     missing = [
         Problem("has no value", f"{kind} {unknowns[kind].names[number]!r}")
         for kind, number in unknowns.active()
-        if not values.exists(KeyMap.of(kind, number))
+        if not values.exists(keys.at(kind, number))
     ]
     if missing:
         raise InputError(missing)
     state = unknowns.start()
     for kind, table in unknowns.tables.items():
         for i in np.flatnonzero(table.offset >= 0).tolist():
-            row = stored_row(values, kind, KeyMap.of(kind, i), unknowns.graph_scale(kind, i))
+            row = stored_row(values, kind, keys.at(kind, i), unknowns.graph_scale(kind, i))
             state[kind][i, : len(row)] = row
     return state
 
