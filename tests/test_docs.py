@@ -319,7 +319,7 @@ def commands() -> dict[str, argparse.ArgumentParser]:
     """Return the commands with their parsers."""
     subparsers = [a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction)]
     (found,) = subparsers
-    return dict(found.choices)
+    return {name: command.filled() for name, command in found.choices.items()}
 
 
 def test_every_option_of_every_command_is_in_the_reference() -> None:

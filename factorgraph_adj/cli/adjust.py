@@ -38,9 +38,8 @@ from .run import lines_of, run_of
 from .undetermined import adjust_determined
 
 
-def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the commands."""
-    run = commands.add_parser("adjust", help="adjust a project and print the protocol")
+def add_adjust(run: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``adjust``."""
     run.add_argument("project", metavar="PROJECT", nargs="+", help=PROJECT_HELP)
     add_reading(run)
     run.add_argument("--out", metavar="DIR", help="write protocol, results.json and CSV tables")
@@ -87,7 +86,10 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     add_adjustment(run)
     add_parts(run)
     run.set_defaults(run=_adjust, files=RESULT_FILES)
-    plot = commands.add_parser("plot", help="adjust a project and draw it")
+
+
+def add_plot(plot: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``plot``."""
     add_project(plot)
     plot.add_argument("--out", metavar="DIR", required=True, help="where the figures go")
     plot.add_argument("--format", choices=("png", "svg", "pdf"), default="png", help="(png)")

@@ -20,9 +20,8 @@ from .input import add_project, read_input
 from .messages import complain, listed
 
 
-def add_check(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command."""
-    parser = commands.add_parser("check", help="find every problem of the input")
+def add_check(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
     add_project(parser)
     parser.add_argument(
         "--all", action="store_true", help="list problems that repeat one by one, without limit"

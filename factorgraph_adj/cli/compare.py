@@ -35,9 +35,8 @@ from .run import run_of
 from .undetermined import add_leave_out, adjust_determined
 
 
-def add_compare(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command."""
-    parser = commands.add_parser("compare", help="adjust two epochs and tell what moved")
+def add_compare(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
     parser.add_argument("first", metavar="FIRST", help=f"first epoch; {PROJECT_HELP}")
     parser.add_argument("second", metavar="SECOND", help="second epoch")
     parser.add_argument(

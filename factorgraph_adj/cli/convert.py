@@ -11,9 +11,8 @@ from .input import add_project, read_input, settings
 from .messages import warn
 
 
-def add_convert(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command."""
-    parser = commands.add_parser("convert", help="read a network in one format, write another")
+def add_convert(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
     add_project(parser)
     add_writing(parser)
     parser.set_defaults(run=_convert)

@@ -22,13 +22,11 @@ from .input import PROJECT_HELP, add_reading, read_input, settings
 from .messages import warn
 
 
-def add_join(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command."""
-    parser = commands.add_parser(
-        "join",
-        help="read several files of one object, write one network",
-        epilog="--set FILE:KEY=VALUE is an option of the reader of one file, --set KEY=VALUE of "
-        "every reader that has it; --frame is geocentric unless stated",
+def add_join(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.epilog = (
+        "--set FILE:KEY=VALUE is an option of the reader of one file, --set KEY=VALUE of "
+        "every reader that has it; --frame is geocentric unless stated"
     )
     parser.add_argument("files", metavar="FILE", nargs="+", help=PROJECT_HELP)
     add_writing(parser)

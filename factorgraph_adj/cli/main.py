@@ -1,7 +1,7 @@
 """The command ``factorgraph-adj``: check, convert, compare, adjust, plot, stream, plan, propose.
 
-Each command adds its own parser and returns one of the `factorgraph_adj.cli.exit_codes`. Errors
-go to stderr as a list with one problem in each line.
+Each command adds its arguments when it is called, and returns one of the
+`factorgraph_adj.cli.exit_codes`. Errors go to stderr as a list with one problem in each line.
 """
 
 from __future__ import annotations
@@ -17,18 +17,28 @@ from ..control_characters import escaped
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known
 from ..files import FilesOfRun, keeping_inputs
 from ..version import __version__
-from .adjust import add_adjust
-from .check import add_check
-from .compare import add_compare
-from .convert import add_convert
 from .exit_codes import BAD_INPUT, FAULT, FINE, INTERRUPTED
-from .join import add_join
 from .messages import complain
-from .parser import Parser
-from .plan import add_plan
-from .stream import add_stream
+from .parser import Command, Parser
 
 _TEXT = io.TextIOWrapper
+
+COMMANDS = {
+    "adjust": ("adjust", "add_adjust", "adjust a project and print the protocol"),
+    "plot": ("adjust", "add_plot", "adjust a project and draw it"),
+    "stream": (
+        "stream",
+        "add_stream",
+        "adjust observations as they arrive on standard input, one JSON line each",
+    ),
+    "plan": ("plan", "add_plan", "what a design will give; it needs no readings"),
+    "propose": ("plan", "add_propose", "the cheapest additions that meet the targets"),
+    "check": ("check", "add_check", "find every problem of the input"),
+    "convert": ("convert", "add_convert", "read a network in one format, write another"),
+    "join": ("join", "add_join", "read several files of one object, write one network"),
+    "compare": ("compare", "add_compare", "adjust two epochs and tell what moved"),
+}
+"""Module, function that adds the arguments, and what each command does."""
 
 
 class UntilClosed:
@@ -129,14 +139,9 @@ def _parser() -> argparse.ArgumentParser:
     version = f"factorgraph-adj {__version__}".strip()
     parser.add_argument("--version", action="version", version=version)
     parser.set_defaults(ends_with_reader=False)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    add_adjust(commands)
-    add_stream(commands)
-    add_plan(commands)
-    add_check(commands)
-    add_convert(commands)
-    add_join(commands)
-    add_compare(commands)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Command)
+    for name, (module, function, what) in COMMANDS.items():
+        commands.add_parser(name, help=what, arguments=(module, function))
     return parser
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import re
-from typing import NoReturn
+from importlib import import_module
+from typing import Any, NoReturn
 
 from ..errors import similar
 
@@ -20,7 +21,7 @@ class Parser(argparse.ArgumentParser):
         if found := _CHOICE.search(message):
             message += similar(found[1], re.findall(r"'(.*?)'", found[2]))
         elif found := _OPTION.search(message):
-            options = self._options()
+            options = self.options()
             message += (
                 f"; other commands have {found[1]}"
                 if found[1] in options
@@ -28,11 +29,43 @@ class Parser(argparse.ArgumentParser):
             )
         super().error(message)
 
-    def _options(self) -> list[str]:
+    def options(self) -> list[str]:
         """Return the options of the parser and of all its commands."""
         out = [name for name in self._option_string_actions if name.startswith("--")]
         for action in self._actions:
             if isinstance(action, argparse._SubParsersAction):
                 for command in action.choices.values():
-                    out += command._options()
+                    out += command.options()
         return list(dict.fromkeys(out))
+
+
+class Command(Parser):
+    """Parser of one command: its module is imported when its arguments are asked for.
+
+    The list of commands and a wrong word need none of them.
+    """
+
+    def __init__(self, *, arguments: tuple[str, str] = ("", ""), **options: Any) -> None:
+        """Take over where the arguments are added.
+
+        Args:
+            arguments: module beside this one, and its function of a parser.
+            options: those of a parser.
+        """
+        super().__init__(**options)
+        self._left: tuple[str, str] | None = arguments
+
+    def filled(self) -> Command:
+        """Return the parser with its arguments."""
+        if self._left is not None:
+            (module, function), self._left = self._left, None
+            getattr(import_module(f".{module}", __package__), function)(self)
+        return self
+
+    def options(self) -> list[str]:
+        """Return the options of the command."""
+        return super(Command, self.filled()).options()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """Parse the arguments of the command."""
+        return super(Command, self.filled()).parse_known_args(args, namespace)

@@ -46,28 +46,30 @@ LISTED = 20
 NO_READINGS = "No readings are needed: observations.csv may go without its column value."
 
 
-def add_plan(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the commands."""
-    look = commands.add_parser(
-        "plan",
-        help="what a design will give; it needs no readings",
-        description="Tell what a design will give, and whether it meets its targets. "
-        + NO_READINGS,
-        epilog="exit codes: 0 all targets are met, or there are none; 1 a target is not met; "
-        "2 bad input, or the design is not determined",
+def add_plan(look: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``plan``."""
+    look.description = (
+        f"Tell what a design will give, and whether it meets its targets. {NO_READINGS}"
+    )
+    look.epilog = (
+        "exit codes: 0 all targets are met, or there are none; 1 a target is not met; "
+        "2 bad input, or the design is not determined"
     )
     add_project(look)
     look.add_argument("--targets", metavar="FILE", help="TOML with [[target]] tables to check")
     _add_common(look)
     add_leave_out(look)
     look.set_defaults(run=_plan)
-    wish = commands.add_parser(
-        "propose",
-        help="the cheapest additions that meet the targets",
-        description="Propose the cheapest additions with which a design meets its targets. "
-        + NO_READINGS,
-        epilog="exit codes: 0 a proposal was found, or nothing has to be added; 1 the targets "
-        "cannot be met; 2 bad input, or the design is not determined",
+
+
+def add_propose(wish: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``propose``."""
+    wish.description = (
+        f"Propose the cheapest additions with which a design meets its targets. {NO_READINGS}"
+    )
+    wish.epilog = (
+        "exit codes: 0 a proposal was found, or nothing has to be added; 1 the targets "
+        "cannot be met; 2 bad input, or the design is not determined"
     )
     add_project(wish)
     wish.add_argument(

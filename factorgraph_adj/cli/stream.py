@@ -35,14 +35,9 @@ ALPHA = 0.001
 """Default probability of a false alarm of one test."""
 
 
-def add_stream(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command."""
-    parser = commands.add_parser(
-        "stream",
-        help="adjust observations as they arrive on standard input, one JSON line each",
-        epilog=protocol,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_stream(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.epilog, parser.formatter_class = protocol, argparse.RawDescriptionHelpFormatter
     add_project(parser)
     parser.add_argument(
         "--journal", metavar="FILE", help="record every arrival here before it counts"
