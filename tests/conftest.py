@@ -10,11 +10,11 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
-from factorgraph_adj.blas import VARIABLES, use_one_blas_thread
+from factorgraph_adj.blas_threads import VARIABLES, use_one_thread
 
 # One thread for each process, and for those that tests start: the blocks are small, and the tests
 # share the machine.
-use_one_blas_thread()
+use_one_thread()
 os.environ.update(dict.fromkeys(VARIABLES, "1"))
 
 pytest.register_assert_rewrite("tests.networks", "tests.support")

@@ -23,7 +23,7 @@ SOURCE = ROOT / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "types", "version", "shown"),
-    ("units", "rotation", "ellipsoid", "blas", "columns", "files", "control_characters"),
+    ("units", "rotation", "ellipsoid", "blas_threads", "columns", "files", "control_characters"),
     ("frames", "stochastic", "atmosphere"),
     # Grid coordinates and heights of reference systems, and geoids.
     ("crs",),
@@ -83,7 +83,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 """From the bottom up; the longest entry that a module's name starts with is its place. Modules
 of one entry may import one another, those of two entries of a line may not."""
 
-DECLARED = {"gtsam", "numpy", "scipy"}
+DECLARED = {"gtsam", "numpy", "scipy", "threadpoolctl"}
 EXTRAS = {
     "rich": ("cli",),
     "matplotlib": ("report", "papers"),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import ApproximationError, Problem
 from ..graph.equations import Equations
 from ..graph.variables import State
@@ -49,6 +50,7 @@ ROUGH = 0.05
 """Misfit of a length (relative) or an angle (radians) above which a coordinate must be rough."""
 
 
+@with_one_thread
 def approximate(equations: Equations, *, datum: DatumChoice | None = None) -> State:
     """Return start values of all unknowns; given values are kept.
 

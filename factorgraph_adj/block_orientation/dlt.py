@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import InputError, Problem
 from ..rotation import omega_phi_kappa
 from ..shown import Shown
@@ -67,6 +68,7 @@ class DirectTransformation(Shown):
         return _image(self.coefficients, np.asarray(points, dtype=float))
 
 
+@with_one_thread
 def dlt(
     points: Sequence[Sequence[float]] | Array, xy: Sequence[Sequence[float]] | Array
 ) -> DirectTransformation:

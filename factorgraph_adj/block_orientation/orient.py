@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import ApproximationError, InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..network.network import DatumChoice, Network
@@ -24,6 +25,7 @@ from .robust_poses import solvers
 from .views import Views
 
 
+@with_one_thread
 def orient(
     network: Network, *, principal_distances: Mapping[str, Sequence[float]] | None = None
 ) -> BlockStart:

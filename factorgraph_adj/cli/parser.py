@@ -66,6 +66,6 @@ class Command(Parser):
         """Return the options of the command."""
         return super(Command, self.filled()).options()
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # type: ignore[override]
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse the arguments of the command."""
         return super(Command, self.filled()).parse_known_args(args, namespace)

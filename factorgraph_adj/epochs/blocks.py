@@ -21,6 +21,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import DatumError, InputError, Problem, known
 from ..types import Array
 from .comparison import Congruence
@@ -85,6 +86,7 @@ class BlockMotion:
         return values[::-1], vectors[:, ::-1].T
 
 
+@with_one_thread
 def block_motion(
     found: Congruence, points: Sequence[str], *, model: Model = "rigid"
 ) -> BlockMotion:

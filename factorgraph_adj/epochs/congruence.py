@@ -21,6 +21,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import AdjustmentError, DatumError, InputError
 from ..quality.distributions import fisher_quantile
 from ..quality.levels import ALPHA_OF_MODEL, POWER
@@ -41,6 +42,7 @@ MOST_SEARCHES = 3
 that were stable before."""
 
 
+@with_one_thread
 def congruence(
     first: Solution,
     second: Solution | None = None,

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..blas import use_one_blas_thread
+from ..blas_threads import use_one_thread
 from ..errors import InputError
 from .repetition import Outcome, Task, died, failed, repeat
 from .study import Levels, Trial
@@ -123,5 +123,5 @@ def _ready(trial: Trial) -> bool:
 
 
 def _repeat(trial: Trial, seed: int, levels: bytes) -> Outcome:
-    use_one_blas_thread()
+    use_one_thread()
     return repeat(trial, seed, pickle.loads(levels))

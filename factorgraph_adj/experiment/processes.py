@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
-from ..blas import one_thread_for_children, use_one_blas_thread
+from ..blas_threads import one_thread_for_children, use_one_thread
 from ..errors import InputError, Problem
 from .repetition import Outcome, Task, died, failed, not_sent, repeat
 from .study import Levels, Trial
@@ -137,7 +137,7 @@ def _serve(connection: Connection, payload: bytes) -> None:
     """Run a worker: report whether the trial can be loaded, then run tasks until the pipe ends."""
     # Ctrl-C reaches every process of a terminal; the parent process decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    use_one_blas_thread()
+    use_one_thread()
     with contextlib.suppress(EOFError, OSError):  # the parent process has ended
         try:
             trial, cells = pickle.loads(payload)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..blas import one_blas_thread
+from ..blas_threads import one_thread
 from ..errors import InputError, Problem
 from .cluster import is_client, on_cluster
 from .finished import Done, open_file, record
@@ -131,7 +131,7 @@ def _outcomes(
         yield from in_processes(trial, cells, tasks, processes=processes)
     else:
         for task in tasks:
-            with one_blas_thread():  # only for the trial, not for the caller between two outcomes
+            with one_thread:  # only for the trial, not for the caller between two outcomes
                 outcome = repeat(trial, task.seed, cells[task.cell])
             yield task, outcome
 

@@ -10,6 +10,7 @@ from typing import TypeAlias
 import gtsam
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..block_orientation.begin import start_of
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
@@ -56,6 +57,7 @@ class Graph:
         return float(self.graph.error(self.values))
 
 
+@with_one_thread
 def build_graph(
     network: Network | Equations, *, state: State | None = None, datum: DatumChoice | None = None
 ) -> Graph:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import InputError
 from ..graph.made import MakesFactor
 from ..io.journal import Journal
@@ -59,6 +60,7 @@ class IncrementalAdjustment:
         suspect 6.0
     """
 
+    @with_one_thread
     def __init__(
         self,
         network: Network,
@@ -108,6 +110,7 @@ class IncrementalAdjustment:
             self._journal = Journal.create(journal, head, durable=False)
 
     @classmethod
+    @with_one_thread
     def resume(
         cls,
         journal: str | Path,

@@ -7,6 +7,8 @@ from functools import wraps
 from threading import RLock
 from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
+from ..blas_threads import one_thread
+
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
 
@@ -27,7 +29,7 @@ def one_at_a_time(
 
     @wraps(method)
     def alone(self: Own, /, *args: Given.args, **kwargs: Given.kwargs) -> Found:
-        with self._lock:
+        with self._lock, one_thread:
             return method(self, *args, **kwargs)
 
     return alone

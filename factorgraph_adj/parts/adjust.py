@@ -12,6 +12,7 @@ from uuid import uuid4
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known
 from ..solve.ambiguous_points import BETWEEN, TIMES
 from ..solve.batch import VARIANCES
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
+@with_one_thread
 def adjust_parts(
     parts: Sequence[Source],
     *,

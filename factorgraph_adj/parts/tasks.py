@@ -15,7 +15,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
-from ..blas import one_blas_thread
+from ..blas_threads import one_thread
 from ..errors import AdjustmentError, ApproximationError, DatumError, InputError
 from ..graph.variables import State
 from ..quality.reliability import reliability
@@ -75,7 +75,7 @@ def _task(
     """Let a task have its part in memory, and return its errors instead of raising them."""
 
     def run(job: Job, /, *args: P.args, **kwargs: P.kwargs) -> R | Refused:
-        with _lock, one_blas_thread():  # a part is changed by one task at a time
+        with _lock, one_thread:  # a part is changed by one task at a time
             try:
                 return function(_part(job), *args, **kwargs)
             except AdjustmentError as error:

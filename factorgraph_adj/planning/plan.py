@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import AdjustmentError, InputError, Problem
 from ..network.network import Network
 from ..quality.effects import shifts
@@ -133,6 +134,7 @@ class Plan(Shown):
         )
 
 
+@with_one_thread
 def plan(
     network: Network,
     targets: Sequence[Target] | Target = (),

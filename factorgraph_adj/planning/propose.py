@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import DatumError, InputError, Problem
 from ..graph.equations import compile_network
 from ..network.network import Network
@@ -125,6 +126,7 @@ class Proposal(Shown):
         return "\n".join(lines)
 
 
+@with_one_thread
 def propose(
     network: Network,
     candidates: Iterable[Candidate],

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..blas_threads import with_one_thread
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from ..network.selection import without
@@ -86,6 +87,7 @@ class Spared(Shown):
         return "\n".join([*lines, *(f"  {i}" for i in self.ids)])
 
 
+@with_one_thread
 def find_sparable(
     network: Network,
     targets: Sequence[Target] | Target,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..shown import Rows, Shown
 from ..solve.solution import Solution
 from ..types import Array
@@ -68,6 +69,7 @@ class CheckPoints(Shown):
         return _by_axis(np.where(np.isfinite(self.differences), self.sigmas, np.nan) ** 2) ** 0.5
 
 
+@with_one_thread
 def check_points(solution: Solution) -> CheckPoints:
     """Compare adjusted coordinates with those given as ``check`` of a point.
 

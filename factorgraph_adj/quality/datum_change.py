@@ -24,6 +24,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import DatumError, InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns
@@ -57,6 +58,7 @@ AT_REST = 1e-5
 """Step relative to σ below which a solution is at rest; the same value as in `adjust`."""
 
 
+@with_one_thread
 def s_transform(
     solution: Solution,
     points: Sequence[str] | None = None,

@@ -8,6 +8,7 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import InputError, known
 from ..models.variables import UNKNOWNS
 from ..network.entities import parameter_name
@@ -91,6 +92,7 @@ class Exclusion(Shown):
         return self.solution.vtpv - self.first.vtpv
 
 
+@with_one_thread
 def exclude_insignificant(
     network: Network,
     *,

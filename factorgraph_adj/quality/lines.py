@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..models.base import within
 from ..network.network import Network
 from ..solve.solution import Solution
@@ -60,6 +61,7 @@ def observed_pairs(network: Network) -> list[tuple[Place, Place]]:
     return list(found.values())
 
 
+@with_one_thread
 def adjusted_lines(
     solution: Solution,
     pairs: Sequence[tuple[Place, Place]] | None = None,

@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import MOST_COMPARED, InputError, Problem, similar
 from ..graph.equations import Equations, compile_network
 from ..network.network import Network
@@ -96,6 +97,7 @@ class Prediction(Shown):
         return slice(start, start + int(self.size[number]))
 
 
+@with_one_thread
 def predict(
     solution: Solution,
     what: Network | AnyObservation | Sequence[AnyObservation],

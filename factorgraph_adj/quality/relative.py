@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import InputError, Problem
 from ..solve.solution import Solution
 from ..types import Array
@@ -119,6 +120,7 @@ class DistancePrecision:
         return 1e6 * self.sigma / self.distance
 
 
+@with_one_thread
 def distance_precision(solution: Solution, a: Place, b: Place) -> DistancePrecision:
     """Return the precision of the slope distance between two points or projection centres.
 

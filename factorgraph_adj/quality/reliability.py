@@ -21,6 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..columns import Columns
 from ..errors import AdjustmentError, InputError, known
 from ..shown import FIRST, Rows, Shown
@@ -303,6 +304,7 @@ class Suspect:
     be in any of these observations."""
 
 
+@with_one_thread
 def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWER) -> Reliability:
     """Compute the reliability of every observation of an adjustment.
 

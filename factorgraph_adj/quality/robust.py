@@ -35,6 +35,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..block_orientation.begin import begun, begun_anew, is_lost, leaving_out, start_of
 from ..errors import DatumError, InputError, known
 from ..graph.equations import compile_network
@@ -107,6 +108,7 @@ class Robust(Shown):
         )
 
 
+@with_one_thread
 def robust_adjust(
     network: Network,
     *,

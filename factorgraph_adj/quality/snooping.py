@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from ..blas_threads import with_one_thread
 from ..block_orientation.begin import begun, begun_anew, is_lost, leaving_out, with_note
 from ..errors import AdjustmentError, DatumError, InputError, Problem, known
 from ..network.network import DatumChoice, Network
@@ -34,6 +35,7 @@ from .robust import ESTIMATORS, Estimator, robust_adjust
 from .snooping_search import CannotSettle, SnoopingSearch
 
 
+@with_one_thread
 def snoop(
     network: Network,
     *,

@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.sparse import block_diag
 
+from ..blas_threads import with_one_thread
 from ..errors import AdjustmentError, InputError, known
 from ..models.variables import UNKNOWNS, VariableKind
 from ..shown import Rows, Shown
@@ -229,6 +230,7 @@ def correlation_text(value: float) -> str:
     return text if "1.000" not in text else f"{value:+.6f}"
 
 
+@with_one_thread
 def significance(
     solution: Solution,
     *,

@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import InputError, known
 from ..network.network import DatumChoice, Network
 from ..shown import Rows, Shown
@@ -153,6 +154,7 @@ class VarianceComponents(Shown):
         return np.append([c.factor for c in self.components], 1.0)[self.groups.of_row]
 
 
+@with_one_thread
 def estimate_variance_components(
     network: Network,
     *,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
+from ..blas_threads import with_one_thread
 from ..block_orientation.begin import leaving_out, start_of
 from ..errors import ApproximationError, DatumError, InputError, known
 from ..graph.equations import compile_network
@@ -23,6 +24,7 @@ VARIANCES = ("a-priori", "a-posteriori")
 """Valid scales of covariances: 1, or σ̂0²."""
 
 
+@with_one_thread
 def adjust(
     network: Network,
     *,
@@ -144,6 +146,7 @@ def adjust(
     return solution
 
 
+@with_one_thread
 def determined_part(
     network: Network,
     *,

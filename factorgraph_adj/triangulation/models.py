@@ -26,6 +26,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..errors import InputError, Problem
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS
@@ -94,6 +95,7 @@ def photos_of_strips(network: Network) -> list[list[str]]:
     return strips
 
 
+@with_one_thread
 def as_models(
     network: Network,
     units: Sequence[Sequence[str]] | None = None,

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..approximate.rounds import reach
+from ..blas_threads import with_one_thread
 from ..errors import InputError, Problem, known
 from ..graph.equations import compile_network
 from ..graph.variables import State
@@ -113,6 +114,7 @@ class RelativeModel(Shown):
         return Correlated(every[:keep], self.covariance[: 3 * keep, : 3 * keep])
 
 
+@with_one_thread
 def relative_model(
     network: Network,
     photos: Sequence[str],

@@ -20,7 +20,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from factorgraph_adj import adjust
-from factorgraph_adj.blas import VARIABLES
+from factorgraph_adj.blas_threads import VARIABLES
 from factorgraph_adj.experiment.runs import Experiment, run
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from tests.support.places import ROOT

@@ -19,8 +19,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy import stats
+from threadpoolctl import threadpool_limits
 
-from factorgraph_adj.blas import _libraries
+from factorgraph_adj.blas_threads import numbers_of_threads
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.experiment.cluster import on_cluster
 from factorgraph_adj.experiment.processes import AHEAD
@@ -121,11 +122,10 @@ def test_what_is_finished_first_is_written_first_and_stands_in_its_place(tmp_pat
 def one_worker_here():
     """Leave signals and threads of this process as they are, which a worker changes."""
     interrupt = signal.getsignal(signal.SIGINT)
-    threads = [getter() for getter, _ in _libraries()]
+    threads = threadpool_limits(limits=None)
     yield
     signal.signal(signal.SIGINT, interrupt)
-    for (_, setter), count in zip(_libraries(), threads, strict=True):
-        setter(count)
+    threads.restore_original_limits()
 
 
 def test_a_worker_serves_what_arrives_until_nothing_does(one_worker_here):
@@ -167,16 +167,11 @@ def test_a_dask_cluster_gives_the_same_table(alone, client, tmp_path):
 
 
 def test_blas_has_one_thread_here_too():
-    before = [getter() for getter, _ in _libraries()]
-    try:
-        for _, setter in _libraries():
-            setter(2)
+    with threadpool_limits(limits=2):
+        before = numbers_of_threads()
         (row,) = run(Experiment("threads", trials.threads), 1).rows
         assert list(row.figures.values()) == [1.0] * len(before)
-        assert [getter() for getter, _ in _libraries()] == [2] * len(before)
-    finally:
-        for (_, setter), count in zip(_libraries(), before, strict=True):
-            setter(count)
+        assert numbers_of_threads() == before
 
 
 @pytest.mark.slow(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from factorgraph_adj import adjust
-from factorgraph_adj.blas import _libraries
+from factorgraph_adj.blas_threads import numbers_of_threads
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
 
 NORMAL = {"bias": 0.3, "sigma": 2.0}
@@ -43,7 +43,7 @@ def every_case(seed: int, kind: str, size: tuple[int, float]) -> dict[str, float
 
 def threads(seed: int) -> dict[str, int]:
     """Report how many threads BLAS has."""
-    return {str(i): getter() for i, (getter, _) in enumerate(_libraries())}
+    return {str(i): n for i, n in enumerate(numbers_of_threads())}
 
 
 def sometimes_ends(seed: int, ends: int) -> dict[str, float]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.sparse import csc_array, hstack
 
+from ...blas_threads import with_one_thread
 from ...models.variables import UNKNOWNS
 from ...shown import FIRST, Rows, Shown
 from ...solve.solution import Solution
@@ -197,6 +198,7 @@ def _said(found: Iterable[Cause]) -> tuple[str, ...]:
     return tuple(f"{c.cause} {c.where}" for c in found)
 
 
+@with_one_thread
 def causes(
     rel: Reliability, found: Iterable[Match] = (), *, estimated: bool | None = None
 ) -> Causes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ...blas_threads import with_one_thread
 from ...errors import InputError
 from ...graph.equations import compile_rows
 from ...network.network import Network
@@ -49,6 +50,7 @@ def mistaken(network: Network, *, length: str = "m", angle: str = "gon") -> tupl
     return tuple({f.cause: f for f in reversed(single) if f.cause}.values())
 
 
+@with_one_thread
 def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> tuple[Finding, ...]:
     """Check the readings of a network without adjusting it.
 
