@@ -63,7 +63,8 @@ for name in NEW:
     ours = 1e3 * solution.standard_deviations(name)
     for axis, g, f in zip("xyz", 1e3 * sigma, ours, strict=True):
         print(f"{f'{name} σ{axis}, mm':12}{g:14.6f}{f:14.6f}{g - f:14.1e}")
-g = values.atVector(built.keys.key("calibration", "camera"))[0]
+scale = built.keys.scale("calibration", "camera")[0]
+g = scale * values.atVector(built.keys.key("calibration", "camera"))[0]
 f = solution.calibration("camera")["c"]
 print(f"{'c, mm':12}{g:14.6f}{f:14.6f}{g - f:14.1e}")
 
