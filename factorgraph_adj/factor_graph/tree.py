@@ -1,31 +1,32 @@
 """Observations in iSAM2 as linear factors, evaluated anew where what they miss counts.
 
-iSAM2 eliminates, this library linearises: all rows of some observations are evaluated at once, and
-enter as linear containers. An unknown of the tree is the movement δ of a variable from its point
-of linearisation θ, with x = θ ⊞ δ and rows v(θ) + A(θ) δ. Where a variable gets a new θ, all rows
-that touch it are replaced in the same update, so that δ counts from the new θ everywhere.
+iSAM2 eliminates, this library linearises: rows of one sort are evaluated at once, whenever they
+have arrived, and enter as linear containers. An unknown of the tree is the movement δ of a variable
+from its point of linearisation θ, with x = θ ⊞ δ and rows v(θ) + A(θ) δ. Where a variable gets a
+new θ, all rows that touch it are replaced in the same update, so that δ counts from the new θ.
 
-What linear rows miss is measured and not supposed: the gap v(x) − (v(θ) + A(θ) δ) of whitened rows
-moves no estimate by more than its norm times the σ of the estimate, as |Q^½ Aᵀ g| ≤ |g|.
+What linear rows miss is measured and not supposed: the gap g = v(x) − (v(θ) + A(θ) δ) of whitened
+rows moves no estimate by more than |g| times its standard deviation, as |Q^½ Aᵀ g| ≤ |g|.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..frames import Frame
 from ..graph.dependence import Variable
 from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..quality.leave_out import Tested
-from ..solve.linear import LinearSystem
-from ..types import NO_ROWS, Array, Index, Mask
+from ..types import NO_ROWS, Array, Index
+from .rows import Grown, Rows, Sort, sort_of
 
 MOST_TURNS = 10
 """Largest number of times that rows are evaluated anew after an arrival."""
@@ -34,94 +35,56 @@ MOVED = 0.1
 of a variable are looked at: below it they miss less than any accuracy that is asked for."""
 KEPT = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
-CAPACITY = 64
-"""First number of places of arrays that grow."""
 AT_REST = 1e-7
 """Norm of all gaps at which `Tree.settle` ends."""
-_UNITS = tuple(gtsam.noiseModel.Unit.Create(d) if d else None for d in range(64))
 
 
-class Indeterminate(AdjustmentError):
+class IndeterminateError(AdjustmentError):
     """Rows do not determine all of their unknowns; the tree is as it was before."""
 
 
-class Grown:
-    """An array whose first axis grows."""
+class Arriving(NamedTuple):
+    """Observations that arrive, compiled together."""
 
-    def __init__(self, *shape: int, dtype: type = float, fill: float = 0.0) -> None:
-        self._fill = fill
-        self._all = np.full((CAPACITY, *shape), fill, dtype=dtype)
-        self.n = 0
-
-    @property
-    def values(self) -> Array:
-        """The array, (n, …); a view."""
-        return self._all[: self.n]
-
-    def extend(self, more: Array) -> Index:
-        """Append rows, and return their numbers."""
-        end = self.n + len(more)
-        if end > len(self._all):
-            size = (max(end, 2 * len(self._all)), *self._all.shape[1:])
-            bigger = np.full(size, self._fill, dtype=self._all.dtype)
-            bigger[: self.n] = self.values
-            self._all = bigger
-        self._all[self.n : end] = more
-        numbers = np.arange(self.n, end)
-        self.n = end
-        return numbers
-
-
-class Table:
-    """The variables of one kind in a tree."""
-
-    def __init__(self, like: Variables) -> None:
-        """Begin a table with the widths of another one."""
-        self.kind = like.kind
-        self.number: dict[str, int] = {}
-        self.theta = Grown(like.values.shape[1])
-        """Points of linearisation θ, as in a state."""
-        self.column = Grown(like.free.shape[1], dtype=np.intp, fill=-1)
-        """Column of each component; −1 for held ones."""
-        self.key = Grown(dtype=np.intp)
-
-    def names(self) -> list[str]:
-        """Return all names, in order."""
-        return list(self.number)
+    equations: Equations
+    """The observations, and what they touch."""
+    state: State
+    """Values of variables that are new; those that are known stay where they are."""
+    units: Sequence[Sequence[str]]
+    """Ids of the observations that leave together; all others leave alone."""
 
 
 @dataclass(eq=False)
-class Chunk:
-    """Observations that were compiled together."""
+class Table:
+    """The variables of one kind."""
 
-    equations: Equations
-    """The observations and what they touch."""
-    rows: tuple[Index, ...]
-    """Rows of each unit: of observations that leave together."""
-    places: dict[VariableKind, Index]
-    """Numbers of its variables among those of the tree; −1 for constants."""
-    columns: Index
-    """Columns of the tree of its own columns, (m,); −1 for held components."""
-    first: int
-    """Number of the first of its units among all units of the tree."""
-    a: Array
-    """Partials by its free columns at θ, (k, f)."""
-    v: Array
-    """Residuals at θ, (k,)."""
+    number: dict[str, int]
+    """Number by name."""
+    theta: Grown
+    """Points of linearisation θ, as in a state."""
+    column: Grown
+    """Column of each component; −1 for held ones."""
+    key: Grown
+    """Key of each variable; −1 for constants."""
 
-    @property
-    def free(self) -> Index:
-        """Columns of the tree that it touches, (f,)."""
-        return np.asarray(self.columns[self.columns >= 0])
+
+class Member(NamedTuple):
+    """An observation of a unit."""
+
+    sort: Sort
+    """Where it stands."""
+    row: int
+    """Its number there."""
 
 
 class Tree:
     """Observations in iSAM2."""
 
-    def __init__(self, *, accuracy: float = 1e-2) -> None:
+    def __init__(self, frame: Frame, *, accuracy: float = 1e-2) -> None:
         """Begin with nothing.
 
         Args:
+            frame: frame of the coordinates.
             accuracy: largest deviation of an estimate from the minimum, in its σ.
         """
         params = gtsam.ISAM2Params()
@@ -130,187 +93,243 @@ class Tree:
         params.findUnusedFactorSlots = True
         params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.0))
         self.isam = gtsam.ISAM2(params)
-        self.accuracy = accuracy
+        self.frame, self.accuracy = frame, accuracy
         self.tables: dict[VariableKind, Table] = {}
-        self.chunks: list[Chunk] = []
+        self.sorts: dict[Sort, Rows] = {}
+        self.units: list[tuple[Member, ...]] = []
+        """Observations of each unit."""
+        self._whitener: dict[int, Array] = {}
+        """What whitens a correlated unit."""
+        self._slot, self._gap = Grown(dtype=np.intp, fill=-1), Grown()
+        """Slot of each unit in iSAM2, −1 without one, and the square of its gap."""
         self._first, self._size = Grown(dtype=np.intp), Grown(dtype=np.intp)
         """First column and number of columns of each key."""
+        self._alive = Grown(dtype=bool)
+        """Which keys have rows."""
         self._key = Grown(dtype=np.intp)
         """Key of each column."""
         self._delta, self._looked, self._diagonal = Grown(), Grown(), Grown()
         """δ, δ at the last look, and the diagonal of N, of each column."""
-        self._alive = Grown(dtype=bool)
-        """Which keys have rows."""
-        self._chunk, self._own = Grown(dtype=np.intp), Grown(dtype=np.intp)
-        """Chunk of each unit, and its number there."""
-        self._slot, self._gap = Grown(dtype=np.intp, fill=-1), Grown()
-        """Slot of each unit in iSAM2, −1 without one, and the square of its gap."""
-        self._touch_unit, self._touch_key = Grown(dtype=np.intp), Grown(dtype=np.intp)
-        """Which units touch which keys."""
         self.relinearised = 0
         """Number of units that were evaluated anew."""
 
     # -- what enters and leaves ---------------------------------------------------------------
 
-    def enter(self, equations: Equations, state: State, units: Sequence[Index]) -> Index:
+    def enter(self, arrivals: Iterable[Arriving]) -> Index:
         """Put observations in, with the variables that they are the first to touch.
-
-        Args:
-            equations: the observations, and what they touch.
-            state: values of variables that are new; those that are known stay where they are.
-            units: rows of each unit, all rows once.
 
         Returns:
             Numbers of the units.
 
         Raises:
             InputError: names observations whose geometry has no answer.
-            Indeterminate: not all of the new variables are determined.
+            IndeterminateError: not all of the new variables are determined.
         """
         undo = gtsam.ISAM2(self.isam)
-        places, columns, new = self._placed(equations, state)
-        chunk = Chunk(
-            equations, tuple(units), places, columns, self._chunk.n, np.zeros((0, 0)), NO_ROWS
-        )
-        numbers = self._chunk.extend(np.full(len(units), len(self.chunks)))
-        self._own.extend(np.arange(len(units)))
+        begin, first_key = len(self.units), self._first.n
+        new: dict[Sort, list[Index]] = {}
+        for arriving in arrivals:
+            self._place(arriving, new)
+        units = np.arange(begin, len(self.units))
         self._slot.extend(np.full(len(units), -1))
         self._gap.extend(np.zeros(len(units)))
-        self.chunks.append(chunk)
-        self._linearise(chunk)
-        graph, with_factor = self._factors(numbers)
+        theta = self._theta()
+        for sort, rows in new.items():
+            self.sorts[sort].linearise(np.concatenate(rows), self.frame, theta)
+            self._weigh(sort, np.concatenate(rows), 1.0)
+        graph, having = self._factors(units)
         values = gtsam.Values()
-        for key in new:
+        for key in range(first_key, self._first.n):
             if self._alive.values[key]:
                 values.insert(key, np.zeros(int(self._size.values[key])))
         try:
-            self._update(graph, with_factor, values, [])
+            self._update(graph, having, values, [])
         except RuntimeError as error:
             self.isam = undo
-            raise Indeterminate(str(error).strip().splitlines()[0]) from error
-        return numbers
+            raise IndeterminateError(str(error).strip().splitlines()[0]) from error
+        return units
 
     def leave(self, units: Index) -> None:
         """Take units out; what they alone determine must have left before."""
         slots = self._slot.values[units]
         gone = slots[slots >= 0].tolist()
+        for unit in units[slots >= 0].tolist():
+            for sort, row in self.units[unit]:
+                self._weigh(sort, np.array([row]), -1.0)
         self._slot.values[units] = -1
         self._gap.values[units] = 0.0
         self._update(gtsam.NonlinearFactorGraph(), NO_ROWS, gtsam.Values(), gone)
 
-    def _placed(
-        self, equations: Equations, state: State
-    ) -> tuple[dict[VariableKind, Index], Index, list[int]]:
-        """Return the places of variables in the tree, of columns, and the keys that are new."""
+    def _place(self, arriving: Arriving, new: dict[Sort, list[Index]]) -> None:
+        """Give observations their places, and note their rows by sort."""
+        equations, state, joined = arriving
         unknowns = equations.unknowns
-        places: dict[VariableKind, Index] = {}
-        columns = np.full(unknowns.n_columns, -1)
-        new: list[int] = []
-        for kind, table in unknowns.tables.items():
-            on = np.flatnonzero(table.offset >= 0)
-            place = np.full(len(table.names), -1)
-            places[kind] = place
-            if not len(on):
+        places = {
+            kind: self._numbers(kind, table, state[kind])
+            for kind, table in unknowns.tables.items()
+        }
+        together = {i: own for own in joined for i in own}
+        of_unit: dict[Sequence[str] | str, int] = {}
+        for place, block in enumerate(equations.blocks):
+            if not block.n:
                 continue
-            mine = self.tables.setdefault(kind, Table(table))
-            for i in on.tolist():
-                number = mine.number.get(table.names[i])
-                if number is None:
-                    number = self._new(mine, table, i, state[kind][i])
-                    new.append(int(mine.key.values[number]))
-                place[i] = number
-                size = int(table.size[i])
-                at = mine.column.values[number, :size]
-                columns[table.offset[i] : table.offset[i] + size] = np.where(
-                    table.free[i, :size], at, -1
-                )
-        return places, columns, new
+            sort = sort_of(block)
+            rows = self.sorts.setdefault(sort, Rows(block))
+            joint = np.zeros(block.n, dtype=bool)
+            joint[equations.in_cluster.get(place, NO_ROWS)] = True
+            units = []
+            for i in range(block.n):
+                ident = block.ids[i]
+                own = together.get(ident)
+                name = tuple(own) if own is not None else f"{sort[0]} {ident} {i}"
+                if own is None or name not in of_unit:
+                    of_unit[name] = len(self.units)
+                    self.units.append(())
+                units.append(of_unit[name])
+            numbers = [places[kind][index] for kind, index in block.variables]
+            at = rows.extend(block, numbers, np.array(units), joint)
+            for unit, row in zip(units, at.tolist(), strict=True):
+                self.units[unit] += (Member(sort, row),)
+            new.setdefault(sort, []).append(at)
+        for cluster in equations.clusters:
+            ids = {equations.id(int(r)) for r in cluster.rows}
+            name = next(tuple(own) for own in joined if ids <= set(own))
+            self._whitener[of_unit[name]] = cluster.whitener
+
+    def _numbers(self, kind: VariableKind, table: Variables, values: Array) -> Index:
+        """Return the numbers of variables; those that are new get one."""
+        mine = self.tables.get(kind)
+        if mine is None:
+            theta = Grown(values.shape[1])
+            column = Grown(table.free.shape[1], dtype=np.intp, fill=-1)
+            mine = self.tables[kind] = Table({}, theta, column, Grown(dtype=np.intp))
+        mine.theta.widen(values.shape[1])
+        mine.column.widen(table.free.shape[1])
+        out = np.empty(len(table.names), dtype=np.intp)
+        for i, name in enumerate(table.names):
+            number = mine.number.get(name)
+            if number is None:
+                number = mine.number[name] = self._new(mine, table, i, values[i])
+            out[i] = number
+        return out
 
     def _new(self, mine: Table, table: Variables, i: int, value: Array) -> int:
         """Return the number of a variable that is added to a table."""
-        key = len(self._first.values)
         free = np.flatnonzero(table.free[i, : table.size[i]])
-        self._first.extend(np.array([self._key.n]))
-        self._size.extend(np.array([len(free)]))
-        self._alive.extend(np.array([False]))
+        key = self._first.n if len(free) else -1
         column = np.full(mine.column.values.shape[1], -1)
-        column[free] = self._key.extend(np.full(len(free), key))
-        for each in (self._delta, self._looked, self._diagonal):
-            each.extend(np.zeros(len(free)))
-        number = len(mine.number)
-        mine.number[table.names[i]] = number
-        mine.theta.extend(value[None])
+        if len(free):
+            self._first.extend(np.array([self._key.n]))
+            self._size.extend(np.array([len(free)]))
+            self._alive.extend(np.array([False]))
+            column[free] = self._key.extend(np.full(len(free), key))
+            for each in (self._delta, self._looked, self._diagonal):
+                each.extend(np.zeros(len(free)))
+        stored = np.zeros(mine.theta.values.shape[1])
+        stored[: len(value)] = value
+        mine.theta.extend(stored[None])
         mine.column.extend(column[None])
-        mine.key.extend(np.array([key]))
-        return number
+        return int(mine.key.extend(np.array([key]))[0])
 
     # -- linear forms -------------------------------------------------------------------------
 
-    def _state(self, chunk: Chunk, *, moved: bool) -> State:
-        """Return the values of the variables of a chunk: x, or θ."""
-        state = chunk.equations.unknowns.start()
-        for kind, place in chunk.places.items():
-            known = place >= 0
-            if known.any():
-                numbers = place[known]
-                values = self.tables[kind].theta.values[numbers]
-                state[kind][known] = self._retracted(kind, numbers, values) if moved else values
-        return state
+    def _theta(self) -> State:
+        return {kind: table.theta.values for kind, table in self.tables.items()}
 
-    def _retracted(self, kind: VariableKind, numbers: Index, theta: Array) -> Array:
-        columns = self.tables[kind].column.values[numbers]
+    def state(self) -> State:
+        """Return the values of all variables, by kind and number."""
+        return {
+            kind: self._moved(kind, np.arange(table.theta.n)) for kind, table in self.tables.items()
+        }
+
+    def _moved(self, kind: VariableKind, numbers: Index) -> Array:
+        table = self.tables[kind]
+        theta, columns = table.theta.values[numbers], table.column.values[numbers]
+        if not (columns >= 0).any():
+            return theta
         step = np.where(columns >= 0, self._delta.values[columns], 0.0)
         return UNKNOWNS[kind].retract(theta, step)
 
-    def _linearise(self, chunk: Chunk) -> None:
-        """Evaluate the rows of a chunk and their partials at θ."""
-        state = self._state(chunk, moved=False)
-        system = LinearSystem(chunk.equations.weighted_at(state), state)
-        every = np.arange(chunk.equations.n_rows)
-        a = system.sparse(every).toarray()[:, chunk.columns >= 0]
-        free = chunk.free
-        if len(chunk.v):
-            np.subtract.at(self._diagonal.values, free, (chunk.a**2).sum(axis=0))
-        np.add.at(self._diagonal.values, free, (a**2).sum(axis=0))
-        chunk.a, chunk.v, chunk.equations = a, system.residual, system.equations
+    def _forms(self, sort: Sort, rows: Index) -> Iterable[tuple[Array, Index]]:
+        """Iterate over the partials (k, d, s) and columns (k, s), −1 held, of each variable."""
+        own = self.sorts[sort]
+        for j, kind in enumerate(own.kinds):
+            a = own.a[j].values[rows] if own.a else np.zeros((len(rows), 1, 0))
+            columns = self.tables[kind].column.values[own.index.values[rows, j]]
+            yield a, columns[:, : a.shape[2]]
+
+    def _weigh(self, sort: Sort, rows: Index, sign: float) -> None:
+        """Add rows to the diagonal of N, or take them from it."""
+        for a, columns in self._forms(sort, rows):
+            on = columns >= 0
+            np.add.at(self._diagonal.values, columns[on], sign * (a**2).sum(axis=1)[on])
 
     def _factors(self, units: Index) -> tuple[gtsam.NonlinearFactorGraph, Index]:
         """Return the factors of units, and which units have one: the others touch constants."""
         graph, having = gtsam.NonlinearFactorGraph(), []
-        first, size = self._first.values, self._size.values
-        touched: dict[int, list[int]] = defaultdict(list)
+        parts = self._parts(units)
         for unit in units.tolist():
-            chunk = self.chunks[self._chunk.values[unit]]
-            rows = chunk.rows[self._own.values[unit]]
-            a, free = chunk.a[rows], chunk.free
-            on = np.flatnonzero(a.any(axis=0))
-            if not len(on):
+            terms, v = parts[unit]
+            if not terms:
                 continue
-            keys = np.unique(self._key.values[free[on]])
-            terms, at = [], gtsam.Values()
-            for key in keys.tolist():
-                wide = np.zeros((len(rows), int(size[key])), order="F")
-                own = on[self._key.values[free[on]] == key]
-                wide[:, free[own] - first[key]] = a[:, own]
-                terms.append((key, wide))
-                at.insert(key, np.zeros(int(size[key])))
-            unit_noise = _unit(len(rows))
-            linear = gtsam.GaussianConditional(terms, 1, -chunk.v[rows], unit_noise)
+            keys = list(terms)
+            at = gtsam.Values()
+            for key in keys:
+                at.insert(key, np.zeros(terms[key].shape[1]))
+            unit_noise = gtsam.noiseModel.Unit.Create(len(v))
+            # A JacobianFactor takes three keys at most in Python; a conditional takes any number.
+            linear = gtsam.GaussianConditional(list(terms.items()), 1, -v, unit_noise)
             graph.add(gtsam.LinearContainerFactor(linear, at))
             having.append(unit)
-            touched[unit] = keys.tolist()
-        self._touch(touched)
+            self._alive.values[keys] = True
         return graph, np.array(having, dtype=np.intp)
 
-    def _touch(self, touched: dict[int, list[int]]) -> None:
-        """Note which keys units touch; those of a unit that was there before stay noted."""
-        new = [u for u in touched if self._slot.values[u] < 0]
-        pairs = [(u, k) for u in new for k in touched[u]]
-        if pairs:
-            units, keys = np.array(pairs).T
-            self._touch_unit.extend(units)
-            self._touch_key.extend(keys)
-            self._alive.values[keys] = True
+    def _parts(self, units: Index) -> dict[int, tuple[dict[int, Array], Array]]:
+        """Return partials by key, and residuals at θ, of units."""
+        rows: dict[Sort, list[int]] = {}
+        for unit in units.tolist():
+            for sort, row in self.units[unit]:
+                rows.setdefault(sort, []).append(row)
+        found: dict[Member, tuple[list[tuple[int, Array]], Array]] = {}
+        first, key_of = self._first.values, self._key.values
+        for sort, own in rows.items():
+            at = np.array(own)
+            v = self.sorts[sort].v.values[at]
+            terms: list[list[tuple[int, Array]]] = [[] for _ in own]
+            for a, columns in self._forms(sort, at):
+                free = columns >= 0
+                some, every = free.any(axis=1), free.all(axis=1)
+                keys = np.where(some, key_of[columns.max(axis=1, initial=0)], -1).tolist()
+                for i, key in enumerate(keys):
+                    if key < 0:
+                        continue
+                    wide = a[i]
+                    if not every[i] or wide.shape[1] != self._size.values[key]:
+                        wide = np.zeros((a.shape[1], int(self._size.values[key])))
+                        wide[:, columns[i][free[i]] - first[key]] = a[i][:, free[i]]
+                    terms[i].append((key, wide))
+            for i, row in enumerate(own):
+                found[Member(sort, row)] = terms[i], v[i]
+        return {u: self._joined(u, [found[m] for m in self.units[u]]) for u in units.tolist()}
+
+    def _joined(
+        self, unit: int, members: Sequence[tuple[list[tuple[int, Array]], Array]]
+    ) -> tuple[dict[int, Array], Array]:
+        """Return partials by key, and residuals, of one unit of some observations."""
+        if len(members) == 1 and unit not in self._whitener:
+            terms, v = members[0]
+            return dict(terms), v
+        v = np.concatenate([m[1] for m in members])
+        joined: dict[int, Array] = {}
+        at = 0
+        for terms, own in members:
+            for key, a in terms:
+                joined.setdefault(key, np.zeros((len(v), a.shape[1])))[at : at + len(own)] += a
+            at += len(own)
+        w = self._whitener.get(unit)
+        if w is None:
+            return joined, v
+        return {key: w @ a for key, a in joined.items()}, w @ v
 
     def _update(
         self,
@@ -321,21 +340,16 @@ class Tree:
     ) -> None:
         result = self.isam.update(graph, values, gone)
         self._slot.values[units] = list(result.getNewFactorsIndices())
-        found = self.isam.getDelta().vector()
-        self._delta.values[self._present()] = found
-
-    def _present(self) -> Index:
-        """Return the columns of the keys in the tree, in their order."""
-        alive: Mask = self._alive.values[self._key.values]
-        return np.flatnonzero(alive)
+        present = np.flatnonzero(self._alive.values[self._key.values])
+        self._delta.values[present] = self.isam.getDelta().vector()
 
     # -- what they miss -----------------------------------------------------------------------
 
     def follow(self, accuracy: float | None = None, most: int = MOST_TURNS) -> int:
         """Evaluate rows anew until their gaps are small; return the number of updates."""
         allowed = self.accuracy if accuracy is None else accuracy
+        moved = MOVED if accuracy is None else 0.0
         for turn in range(most):
-            moved = MOVED if accuracy is None else 0.0
             self._look(moved)
             gap = self._gap.values
             if float(gap.sum()) <= allowed**2:
@@ -349,88 +363,106 @@ class Tree:
 
     def _look(self, moved: float) -> None:
         """Measure the gaps of rows whose variables have moved since the last look."""
-        far = np.abs(self._delta.values - self._looked.values)
-        columns = far * np.sqrt(np.maximum(self._diagonal.values, 0.0)) > moved
+        weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
+        columns = np.abs(self._delta.values - self._looked.values) * weight > moved
+        if not columns.any():
+            return
         self._looked.values[columns] = self._delta.values[columns]
-        for number, own in self._by_chunk(self._touching(self._key.values[columns])):
-            chunk = self.chunks[number]
-            there = chunk.equations.residuals(self._state(chunk, moved=True))
-            gap = there - (chunk.v + chunk.a @ self._delta.values[chunk.free])
-            for i in own.tolist():
-                self._gap.values[chunk.first + i] = float(np.sum(gap[chunk.rows[i]] ** 2))
+        state = self.state()
+        gaps: dict[int, list[Array]] = {}
+        for sort, rows in self._touching(columns):
+            own = self.sorts[sort]
+            linear = own.v.values[rows].copy()
+            for a, at in self._forms(sort, rows):
+                step = np.where(at >= 0, self._delta.values[at], 0.0)
+                linear += np.einsum("nij,nj->ni", a, step)
+            gap = own.residuals(rows, self.frame, state) - linear
+            units = own.unit.values[rows]
+            alone = ~own.joint.values[rows]
+            self._gap.values[units[alone]] = (gap[alone] ** 2).sum(axis=1)
+            for unit, g in zip(units[~alone].tolist(), gap[~alone], strict=True):
+                gaps.setdefault(unit, []).append(g)
+        for unit, parts in gaps.items():  # all of a group are looked at together
+            whole = np.concatenate(parts)
+            w = self._whitener[unit]
+            if len(whole) == len(w):
+                self._gap.values[unit] = float(np.sum((w @ whole) ** 2))
 
     def _anew(self, units: Index, moved: float) -> None:
         """Give variables of units that have moved new points of linearisation.
 
         All rows that touch them are replaced.
         """
-        inside = np.zeros(self._slot.n, dtype=bool)
-        inside[units] = True
-        keys = np.unique(self._touch_key.values[inside[self._touch_unit.values]])
-        far = np.abs(self._delta.values) * np.sqrt(np.maximum(self._diagonal.values, 0.0)) > moved
-        keys = np.intersect1d(keys, self._key.values[far])
-        columns = np.isin(self._key.values, keys)
+        weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
+        far = np.abs(self._delta.values) * weight > moved
+        keys = np.zeros(self._first.n, dtype=bool)
+        for unit in units.tolist():
+            for sort, row in self.units[unit]:
+                for _, columns in self._forms(sort, np.array([row])):
+                    own = columns[columns >= 0]
+                    keys[self._key.values[own[far[own]]]] = True
+        columns = keys[self._key.values]
         for kind, table in self.tables.items():
-            numbers = np.flatnonzero(np.isin(table.key.values, keys))
+            own_keys = table.key.values
+            numbers = np.flatnonzero((own_keys >= 0) & keys[own_keys])
             if len(numbers):
-                theta = table.theta.values
-                theta[numbers] = self._retracted(kind, numbers, theta[numbers])
+                table.theta.values[numbers] = self._moved(kind, numbers)
         self._delta.values[columns] = 0.0
         self._looked.values[columns] = 0.0
-        touching = self._touching(keys)
-        for number, _ in self._by_chunk(touching):
-            self._linearise(self.chunks[number])
-        graph, with_factor = self._factors(touching)
-        gone = self._slot.values[with_factor].tolist()
-        self.relinearised += len(with_factor)
-        self._update(graph, with_factor, gtsam.Values(), gone)
+        theta = self._theta()
+        touched: list[Index] = []
+        for sort, rows in list(self._touching(columns)):
+            self._weigh(sort, rows, -1.0)
+            self.sorts[sort].linearise(rows, self.frame, theta)
+            self._weigh(sort, rows, 1.0)
+            touched.append(self.sorts[sort].unit.values[rows])
+        touching = np.unique(np.concatenate([NO_ROWS, *touched]))
+        graph, having = self._factors(touching)
+        gone = self._slot.values[having].tolist()
+        self.relinearised += len(having)
+        self._update(graph, having, gtsam.Values(), gone)
         self._gap.values[touching] = 0.0
 
-    def _touching(self, keys: Index) -> Index:
-        """Return the units in the tree that touch some keys."""
-        marked = np.zeros(self._first.n, dtype=bool)
-        marked[keys] = True
-        units = np.unique(self._touch_unit.values[marked[self._touch_key.values]])
-        return units[self._slot.values[units] >= 0]
-
-    def _by_chunk(self, units: Index) -> Iterable[tuple[int, Index]]:
-        """Iterate over chunks with the numbers of their units among some."""
-        chunks = self._chunk.values[units]
-        for number in np.unique(chunks).tolist():
-            yield number, self._own.values[units[chunks == number]]
+    def _touching(self, columns: Array) -> Iterable[tuple[Sort, Index]]:
+        """Iterate over the rows in the tree that touch flagged columns, by sort."""
+        for sort, own in self.sorts.items():
+            on = self._slot.values[own.unit.values] >= 0
+            hit = np.zeros(own.index.n, dtype=bool)
+            for j, kind in enumerate(own.kinds):
+                at = self.tables[kind].column.values
+                touched = ((at >= 0) & columns[at]).any(axis=1)
+                hit |= touched[own.index.values[:, j]]
+            rows = np.flatnonzero(hit & on)
+            if len(rows):
+                yield sort, rows
 
     # -- figures ------------------------------------------------------------------------------
 
     def tested(self, units: Index) -> Tested:
         """Return units, to be tested against everything else: M = I − A Q Aᵀ after the update."""
-        keys = np.unique(
-            self._touch_key.values[np.isin(self._touch_unit.values, units)]
-        )
-        columns = np.concatenate([NO_ROWS, *(self._columns_of(k) for k in keys.tolist())])
-        place = np.full(self._key.n, -1)
-        place[columns] = np.arange(len(columns))
-        a, v, rows, at = [], [], [], 0
-        for unit in units.tolist():
-            chunk = self.chunks[self._chunk.values[unit]]
-            own = chunk.rows[self._own.values[unit]]
-            wide = np.zeros((len(own), len(columns)))
-            inside = place[chunk.free] >= 0
-            wide[:, place[chunk.free[inside]]] = chunk.a[np.ix_(own, np.flatnonzero(inside))]
-            a.append(wide)
-            v.append(chunk.v[own])
-            rows.append(np.arange(at, at + len(own)))
+        parts = self._parts(units)
+        keys = sorted({key for terms, _ in parts.values() for key in terms})
+        sizes = self._size.values[keys]
+        place = dict(zip(keys, (np.cumsum(sizes) - sizes).tolist(), strict=True))
+        n = sum(len(v) for _, v in parts.values())
+        every, v, rows, at = np.zeros((n, int(sizes.sum()))), np.zeros(n), [], 0
+        for terms, own in parts.values():
+            inside = np.arange(at, at + len(own))
+            for key, a in terms.items():
+                every[inside, place[key] : place[key] + a.shape[1]] += a
+            v[inside] = own
+            rows.append(inside)
             at += len(own)
+        columns = np.concatenate([NO_ROWS, *(self._columns_of(k) for k in keys)])
         q = self.covariance_of(keys)
-        every = np.vstack(a)
-        m = np.eye(at) - every @ q @ every.T
-        residual = np.concatenate(v) + every @ self._delta.values[columns]
-        return Tested(rows, residual, lambda u: m[:, u])
+        m = np.eye(n) - every @ q @ every.T
+        return Tested(rows, v + every @ self._delta.values[columns], lambda u: m[:, u])
 
-    def covariance_of(self, keys: Index) -> Array:
+    def covariance_of(self, keys: Sequence[int]) -> Array:
         """Return the joint covariance of keys, in their order."""
         if not len(keys):
             return np.zeros((0, 0))
-        return np.asarray(self.isam.jointMarginalCovariance(keys.tolist()).fullMatrix())
+        return np.asarray(self.isam.jointMarginalCovariance(list(keys)).fullMatrix())
 
     def _columns_of(self, key: int) -> Index:
         first = int(self._first.values[key])
@@ -443,9 +475,7 @@ class Tree:
 
     def value(self, kind: VariableKind, name: str) -> Array:
         """Return the estimate of a variable, as in a state."""
-        table = self.tables[kind]
-        numbers = np.array([table.number[name]])
-        return self._retracted(kind, numbers, table.theta.values[numbers])[0]
+        return np.asarray(self._moved(kind, np.array([self.tables[kind].number[name]]))[0])
 
     def covariance(self, variable: Variable) -> Array:
         """Return the covariance of the free components of a variable."""
@@ -454,19 +484,12 @@ class Tree:
     @property
     def vtpv(self) -> float:
         """VᵀPv of the linear rows."""
+        units = np.flatnonzero(self._slot.values >= 0)
         total = 0.0
-        for chunk in self.chunks:
-            v = chunk.v + chunk.a @ self._delta.values[chunk.free]
-            for i, rows in enumerate(chunk.rows):
-                unit = chunk.first + i
-                if self._slot.values[unit] >= 0:
-                    total += float(v[rows] @ v[rows])
+        for terms, v in self._parts(units).values():
+            r = v + sum(a @ self._delta.values[self._columns_of(k)] for k, a in terms.items())
+            total += float(r @ r)
         return total
-
-
-def _unit(d: int) -> gtsam.noiseModel.Base:
-    found = _UNITS[d] if d < len(_UNITS) else None
-    return gtsam.noiseModel.Unit.Create(d) if found is None else found
 
 
 def _largest(gap: Array, left: float) -> Index:

@@ -1,0 +1,184 @@
+"""Observations of one sort in arrays that grow: evaluated together, whenever they have arrived."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+
+from ..frames import Frame
+from ..graph.blocks import Block
+from ..graph.variables import State
+from ..models.variables import VariableKind
+from ..types import Array, Index
+
+CAPACITY = 64
+"""First number of places of arrays that grow."""
+Sort: TypeAlias = tuple[object, ...]
+"""What blocks have in common whose rows can be evaluated together."""
+
+
+class Grown:
+    """An array whose first axis grows."""
+
+    def __init__(self, *shape: int, dtype: type = float, fill: float = 0.0) -> None:
+        """Begin without rows.
+
+        Args:
+            shape: shape of one row.
+            dtype: type of the numbers.
+            fill: value of columns that are added.
+        """
+        self._fill = fill
+        self._all = np.full((CAPACITY, *shape), fill, dtype=dtype)
+        self.n = 0
+
+    @property
+    def values(self) -> Array:
+        """The array, (n, …); a view."""
+        return self._all[: self.n]
+
+    def extend(self, more: Array) -> Index:
+        """Append rows, and return their numbers."""
+        end = self.n + len(more)
+        if end > len(self._all):
+            bigger = np.full(
+                (max(end, 2 * len(self._all)), *self._all.shape[1:]), self._fill, self._all.dtype
+            )
+            bigger[: self.n] = self.values
+            self._all = bigger
+        self._all[self.n : end] = more
+        numbers = np.arange(self.n, end)
+        self.n = end
+        return numbers
+
+    def widen(self, width: int) -> None:
+        """Append columns to arrays of rows, (n, width)."""
+        if (more := width - self._all.shape[1]) > 0:
+            new = np.full((len(self._all), more), self._fill, self._all.dtype)
+            self._all = np.concatenate([self._all, new], axis=1)
+
+
+def sort_of(block: Block) -> Sort:
+    """Return what tells which blocks can be evaluated together."""
+    kinds = tuple(kind for kind, _ in block.variables)
+    widths = tuple(sorted(block.widths.items()))
+    return (
+        block.kind,
+        kinds,
+        block.roles,
+        widths,
+        block.dimension,
+        block.prior,
+        block.whitener is None,
+        None if block.lens is None else block.lens.names,
+        type(block.lens),
+        block.model if block.prior else None,
+        tuple((k, v.shape[1:]) for k, v in sorted(block.constants.items())),
+    )
+
+
+class Rows:
+    """Observations of one sort, with their linear forms v + A δ."""
+
+    def __init__(self, block: Block) -> None:
+        """Begin without rows, like a block."""
+        self._like = block
+        self.kinds: tuple[VariableKind, ...] = tuple(kind for kind, _ in block.variables)
+        d, slots = block.dimension, len(self.kinds)
+        self.index = Grown(slots, dtype=np.intp)
+        """Numbers of the variables of each observation, (n, slots)."""
+        self.unit = Grown(dtype=np.intp)
+        """Unit of each observation."""
+        self.v = Grown(d)
+        """Residuals at θ, whitened unless the observation is one of a correlated group, (n, d)."""
+        self.a: list[Grown] = []
+        """Partials by the variable of each slot, (n, d, size)."""
+        self._observed, self._sigma = Grown(d), Grown(d)
+        self._whitener = None if block.whitener is None else Grown(d, d)
+        self._constants = {k: Grown(*v.shape[1:], dtype=v.dtype) for k, v in block.constants.items()}
+        self.joint = Grown(dtype=bool)
+        """Whether an observation is one of a correlated group, which is whitened as a whole."""
+        self._ids: list[str] = []
+        self._labels: list[str] = []
+
+    def extend(
+        self, block: Block, numbers: Sequence[Index], units: Index, joint: Array
+    ) -> Index:
+        """Append observations, and return their numbers.
+
+        Args:
+            block: the observations.
+            numbers: numbers of their variables in the tables of values, for each slot, (n,).
+            units: unit of each observation.
+            joint: whether each is one of a correlated group.
+        """
+        rows = self.index.extend(np.stack(numbers, axis=1))
+        self.unit.extend(units)
+        self.joint.extend(joint)
+        self.v.extend(np.zeros(block.observed.shape))
+        for a in self.a:
+            a.extend(np.zeros((block.n, *a.values.shape[1:])))
+        self._observed.extend(block.observed)
+        self._sigma.extend(block.sigma)
+        if self._whitener is not None:
+            assert block.whitener is not None
+            self._whitener.extend(block.whitener)
+        for k, v in self._constants.items():
+            v.extend(block.constants[k])
+        self._ids += block.ids
+        self._labels += [block.labels(i) for i in range(block.n)]
+        return rows
+
+    def block(self, rows: Index) -> Block:
+        """Return some observations, whose variables are numbered as in the tables of values."""
+        own = rows.tolist()
+        index = self.index.values[rows]
+        return replace(
+            self._like,
+            variables=tuple((kind, index[:, j]) for j, kind in enumerate(self.kinds)),
+            observed=self._observed.values[rows],
+            sigma=self._sigma.values[rows],
+            ids=[self._ids[i] for i in own],
+            labels=lambda i: self._labels[own[i]],
+            whitener=None if self._whitener is None else self._whitener.values[rows],
+            constants={k: v.values[rows] for k, v in self._constants.items()},
+            axes=None,
+            first_row=0,
+        )
+
+    def linearise(self, rows: Index, frame: Frame, theta: State) -> None:
+        """Evaluate some observations and their partials at θ.
+
+        Raises:
+            InputError: names observations whose geometry has no answer.
+        """
+        block = self.block(rows)
+        found = block.evaluate(frame, theta)
+        alone = ~self.joint.values[rows]
+        if not self.a:
+            self.a = [Grown(*j.shape[1:]) for j in found.jacobians]
+            for a in self.a:
+                a.extend(np.zeros((self.v.n, *a.values.shape[1:])))
+        self.v.values[rows] = _whitened(block, found.residual, alone)
+        for a, j in zip(self.a, found.jacobians, strict=True):
+            a.values[rows] = _whitened(block, j, alone)
+
+    def residuals(self, rows: Index, frame: Frame, state: State) -> Array:
+        """Return the residuals of some observations, whitened as `v`, (k, d).
+
+        Raises:
+            InputError: names observations whose geometry has no answer.
+        """
+        block = self.block(rows)
+        found = block.evaluate(frame, state, jacobians=False)
+        return _whitened(block, found.residual, ~self.joint.values[rows])
+
+
+def _whitened(block: Block, a: Array, alone: Array) -> Array:
+    whitened = block.whiten(a)
+    if alone.all():
+        return whitened
+    return np.where(alone.reshape(-1, *(1,) * (a.ndim - 1)), whitened, a)
