@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from ..frames import Frame
 from ..graph.blocks import Block
 from ..graph.variables import State
 from ..models.variables import VariableKind
-from ..types import Array, Index
+from ..types import Array, Index, Mask
 
 CAPACITY = 64
 """First number of places of arrays that grow."""
@@ -23,7 +24,7 @@ Sort: TypeAlias = tuple[object, ...]
 class Grown:
     """An array whose first axis grows."""
 
-    def __init__(self, *shape: int, dtype: type = float, fill: float = 0.0) -> None:
+    def __init__(self, *shape: int, dtype: DTypeLike = float, fill: float = 0.0) -> None:
         """Begin without rows.
 
         Args:
@@ -32,15 +33,15 @@ class Grown:
             fill: value of columns that are added.
         """
         self._fill = fill
-        self._all = np.full((CAPACITY, *shape), fill, dtype=dtype)
+        self._all: NDArray[Any] = np.full((CAPACITY, *shape), fill, dtype=dtype)
         self.n = 0
 
     @property
-    def values(self) -> Array:
+    def values(self) -> NDArray[Any]:
         """The array, (n, …); a view."""
         return self._all[: self.n]
 
-    def extend(self, more: Array) -> Index:
+    def extend(self, more: NDArray[Any]) -> Index:
         """Append rows, and return their numbers."""
         end = self.n + len(more)
         if end > len(self._all):
@@ -53,6 +54,11 @@ class Grown:
         numbers = np.arange(self.n, end)
         self.n = end
         return numbers
+
+    def cut(self, n: int) -> None:
+        """Drop all rows but the first n."""
+        self._all[n : self.n] = self._fill
+        self.n = min(n, self.n)
 
     def widen(self, width: int) -> None:
         """Append columns to arrays of rows, (n, width)."""
@@ -98,15 +104,15 @@ class Rows:
         """Partials by the variable of each slot, (n, d, size)."""
         self._observed, self._sigma = Grown(d), Grown(d)
         self._whitener = None if block.whitener is None else Grown(d, d)
-        self._constants = {k: Grown(*v.shape[1:], dtype=v.dtype) for k, v in block.constants.items()}
+        self._constants = {
+            k: Grown(*v.shape[1:], dtype=v.dtype) for k, v in block.constants.items()
+        }
         self.joint = Grown(dtype=bool)
         """Whether an observation is one of a correlated group, which is whitened as a whole."""
         self._ids: list[str] = []
         self._labels: list[str] = []
 
-    def extend(
-        self, block: Block, numbers: Sequence[Index], units: Index, joint: Array
-    ) -> Index:
+    def extend(self, block: Block, numbers: Sequence[Index], units: Index, joint: Mask) -> Index:
         """Append observations, and return their numbers.
 
         Args:
@@ -131,6 +137,14 @@ class Rows:
         self._ids += block.ids
         self._labels += [block.labels(i) for i in range(block.n)]
         return rows
+
+    def cut(self, n: int) -> None:
+        """Drop all observations but the first n."""
+        numeric = (self.index, self.unit, self.v, self._observed, self._sigma, self.joint)
+        own = () if self._whitener is None else (self._whitener,)
+        for each in (*numeric, *own, *self.a, *self._constants.values()):
+            each.cut(n)
+        del self._ids[n:], self._labels[n:]
 
     def block(self, rows: Index) -> Block:
         """Return some observations, whose variables are numbered as in the tables of values."""
@@ -177,7 +191,7 @@ class Rows:
         return _whitened(block, found.residual, ~self.joint.values[rows])
 
 
-def _whitened(block: Block, a: Array, alone: Array) -> Array:
+def _whitened(block: Block, a: Array, alone: Mask) -> Array:
     whitened = block.whiten(a)
     if alone.all():
         return whitened

@@ -25,7 +25,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..quality.leave_out import Tested
-from ..types import NO_ROWS, Array, Index
+from ..types import NO_ROWS, Array, Index, Mask
 from .rows import Grown, Rows, Sort, sort_of
 
 MOST_TURNS = 10
@@ -35,6 +35,8 @@ MOVED = 0.1
 of a variable are looked at: below it they miss less than any accuracy that is asked for."""
 KEPT = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
+NEAR, SHRINKING = 1e-6, 0.9
+"""Norm of all gaps, and ratio of it to the last one, from which on it is rounding."""
 AT_REST = 1e-7
 """Norm of all gaps at which `Tree.settle` ends."""
 
@@ -50,8 +52,6 @@ class Arriving(NamedTuple):
     """The observations, and what they touch."""
     state: State
     """Values of variables that are new; those that are known stay where they are."""
-    units: Sequence[Sequence[str]]
-    """Ids of the observations that leave together; all others leave alone."""
 
 
 @dataclass(eq=False)
@@ -75,6 +75,25 @@ class Member(NamedTuple):
     """Where it stands."""
     row: int
     """Its number there."""
+
+
+class Mark(NamedTuple):
+    """A tree before an arrival."""
+
+    isam: gtsam.ISAM2
+    """A copy."""
+    rows: dict[Sort, int]
+    """Number of observations of each sort."""
+    variables: dict[VariableKind, int]
+    """Number of variables of each kind."""
+    units: int
+    """Number of units."""
+    keys: tuple[int, int]
+    """Number of keys and of columns."""
+    delta: Array
+    """δ of each column."""
+    diagonal: Array
+    """Diagonal of N."""
 
 
 class Tree:
@@ -102,6 +121,8 @@ class Tree:
         """What whitens a correlated unit."""
         self._slot, self._gap = Grown(dtype=np.intp, fill=-1), Grown()
         """Slot of each unit in iSAM2, −1 without one, and the square of its gap."""
+        self._inside = Grown(dtype=bool)
+        """Whether each unit is in; those that touch constants alone have no slot."""
         self._first, self._size = Grown(dtype=np.intp), Grown(dtype=np.intp)
         """First column and number of columns of each key."""
         self._alive = Grown(dtype=bool)
@@ -125,29 +146,67 @@ class Tree:
             InputError: names observations whose geometry has no answer.
             IndeterminateError: not all of the new variables are determined.
         """
-        undo = gtsam.ISAM2(self.isam)
+        before = self._mark()
         begin, first_key = len(self.units), self._first.n
         new: dict[Sort, list[Index]] = {}
-        for arriving in arrivals:
-            self._place(arriving, new)
-        units = np.arange(begin, len(self.units))
-        self._slot.extend(np.full(len(units), -1))
-        self._gap.extend(np.zeros(len(units)))
-        theta = self._theta()
-        for sort, rows in new.items():
-            self.sorts[sort].linearise(np.concatenate(rows), self.frame, theta)
-            self._weigh(sort, np.concatenate(rows), 1.0)
-        graph, having = self._factors(units)
-        values = gtsam.Values()
-        for key in range(first_key, self._first.n):
-            if self._alive.values[key]:
-                values.insert(key, np.zeros(int(self._size.values[key])))
         try:
+            for arriving in arrivals:
+                self._place(arriving, new)
+            units = np.arange(begin, len(self.units))
+            self._slot.extend(np.full(len(units), -1))
+            self._gap.extend(np.zeros(len(units)))
+            self._inside.extend(np.ones(len(units), dtype=bool))
+            theta = self._theta()
+            for sort, rows in new.items():
+                self.sorts[sort].linearise(np.concatenate(rows), self.frame, theta)
+                self._weigh(sort, np.concatenate(rows), 1.0)
+            graph, having = self._factors(units)
+            values = gtsam.Values()
+            for key in range(first_key, self._first.n):
+                if self._alive.values[key]:
+                    values.insert(key, np.zeros(int(self._size.values[key])))
             self._update(graph, having, values, [])
         except RuntimeError as error:
-            self.isam = undo
+            self._restore(before)
             raise IndeterminateError(str(error).strip().splitlines()[0]) from error
+        except AdjustmentError:
+            self._restore(before)
+            raise
         return units
+
+    def _mark(self) -> Mark:
+        """Return what `_restore` needs to undo an arrival: iSAM2 is lost where an update fails."""
+        return Mark(
+            gtsam.ISAM2(self.isam),
+            {sort: rows.index.n for sort, rows in self.sorts.items()},
+            {kind: len(table.number) for kind, table in self.tables.items()},
+            len(self.units),
+            (self._first.n, self._key.n),
+            self._delta.values.copy(),
+            self._diagonal.values.copy(),
+        )
+
+    def _restore(self, mark: Mark) -> None:
+        self.isam = mark.isam
+        for sort, rows in self.sorts.items():
+            rows.cut(mark.rows.get(sort, 0))
+        for kind, table in self.tables.items():
+            n = mark.variables.get(kind, 0)
+            for name in list(table.number)[n:]:
+                del table.number[name]
+            for each in (table.theta, table.column, table.key):
+                each.cut(n)
+        del self.units[mark.units :]
+        self._whitener = {u: w for u, w in self._whitener.items() if u < mark.units}
+        for each in (self._slot, self._gap, self._inside):
+            each.cut(mark.units)
+        n_keys, n_columns = mark.keys
+        for each in (self._first, self._size, self._alive):
+            each.cut(n_keys)
+        for each in (self._key, self._delta, self._looked, self._diagonal):
+            each.cut(n_columns)
+        self._delta.values[:] = mark.delta
+        self._diagonal.values[:] = mark.diagonal
 
     def leave(self, units: Index) -> None:
         """Take units out; what they alone determine must have left before."""
@@ -157,44 +216,42 @@ class Tree:
             for sort, row in self.units[unit]:
                 self._weigh(sort, np.array([row]), -1.0)
         self._slot.values[units] = -1
+        self._inside.values[units] = False
         self._gap.values[units] = 0.0
         self._update(gtsam.NonlinearFactorGraph(), NO_ROWS, gtsam.Values(), gone)
 
     def _place(self, arriving: Arriving, new: dict[Sort, list[Index]]) -> None:
         """Give observations their places, and note their rows by sort."""
-        equations, state, joined = arriving
+        equations, state = arriving
         unknowns = equations.unknowns
         places = {
-            kind: self._numbers(kind, table, state[kind])
-            for kind, table in unknowns.tables.items()
+            kind: self._numbers(kind, table, state[kind]) for kind, table in unknowns.tables.items()
         }
-        together = {i: own for own in joined for i in own}
-        of_unit: dict[Sequence[str] | str, int] = {}
-        for place, block in enumerate(equations.blocks):
+        group = np.full(equations.n_rows, -1)
+        for number, cluster in enumerate(equations.clusters):
+            group[cluster.rows] = number
+        of_unit: dict[str | int, int] = {}
+        for block in equations.blocks:
             if not block.n:
                 continue
             sort = sort_of(block)
             rows = self.sorts.setdefault(sort, Rows(block))
-            joint = np.zeros(block.n, dtype=bool)
-            joint[equations.in_cluster.get(place, NO_ROWS)] = True
+            joint = group[block.rows].reshape(block.n, -1)[:, 0]
             units = []
-            for i in range(block.n):
-                ident = block.ids[i]
-                own = together.get(ident)
-                name = tuple(own) if own is not None else f"{sort[0]} {ident} {i}"
-                if own is None or name not in of_unit:
+            for ident, number in zip(block.ids, joint.tolist(), strict=True):
+                # Several axes of an observation of coordinates are one unit, and so is a group.
+                name = f"{block.kind} {ident}" if number < 0 else number
+                if name not in of_unit:
                     of_unit[name] = len(self.units)
                     self.units.append(())
                 units.append(of_unit[name])
             numbers = [places[kind][index] for kind, index in block.variables]
-            at = rows.extend(block, numbers, np.array(units), joint)
+            at = rows.extend(block, numbers, np.array(units), joint >= 0)
             for unit, row in zip(units, at.tolist(), strict=True):
                 self.units[unit] += (Member(sort, row),)
             new.setdefault(sort, []).append(at)
-        for cluster in equations.clusters:
-            ids = {equations.id(int(r)) for r in cluster.rows}
-            name = next(tuple(own) for own in joined if ids <= set(own))
-            self._whitener[of_unit[name]] = cluster.whitener
+        for number, cluster in enumerate(equations.clusters):
+            self._whitener[of_unit[number]] = cluster.whitener[:, np.argsort(cluster.rows)]
 
     def _numbers(self, kind: VariableKind, table: Variables, values: Array) -> Index:
         """Return the numbers of variables; those that are new get one."""
@@ -297,7 +354,7 @@ class Tree:
             v = self.sorts[sort].v.values[at]
             terms: list[list[tuple[int, Array]]] = [[] for _ in own]
             for a, columns in self._forms(sort, at):
-                free = columns >= 0
+                free: Mask = columns >= 0
                 some, every = free.any(axis=1), free.all(axis=1)
                 keys = np.where(some, key_of[columns.max(axis=1, initial=0)], -1).tolist()
                 for i, key in enumerate(keys):
@@ -349,11 +406,14 @@ class Tree:
         """Evaluate rows anew until their gaps are small; return the number of updates."""
         allowed = self.accuracy if accuracy is None else accuracy
         moved = MOVED if accuracy is None else 0.0
+        last = np.inf
         for turn in range(most):
             self._look(moved)
             gap = self._gap.values
-            if float(gap.sum()) <= allowed**2:
+            whole = float(np.sqrt(gap.sum()))
+            if whole <= allowed or (whole <= NEAR and whole > SHRINKING * last):
                 return turn
+            last = whole
             self._anew(_largest(gap, (KEPT * allowed) ** 2), moved)
         return most
 
@@ -423,7 +483,7 @@ class Tree:
         self._update(graph, having, gtsam.Values(), gone)
         self._gap.values[touching] = 0.0
 
-    def _touching(self, columns: Array) -> Iterable[tuple[Sort, Index]]:
+    def _touching(self, columns: Mask) -> Iterable[tuple[Sort, Index]]:
         """Iterate over the rows in the tree that touch flagged columns, by sort."""
         for sort, own in self.sorts.items():
             on = self._slot.values[own.unit.values] >= 0
@@ -484,7 +544,7 @@ class Tree:
     @property
     def vtpv(self) -> float:
         """VᵀPv of the linear rows."""
-        units = np.flatnonzero(self._slot.values >= 0)
+        units = np.flatnonzero(self._inside.values)
         total = 0.0
         for terms, v in self._parts(units).values():
             r = v + sum(a @ self._delta.values[self._columns_of(k)] for k, a in terms.items())

@@ -1,0 +1,164 @@
+"""Observations in iSAM2: at any time, and at rest, they are those of the batch adjustment."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.factor_graph.tree import Arriving, IndeterminateError, Tree
+from factorgraph_adj.graph.equations import compile_rows
+from factorgraph_adj.observations import AnyObservation, HeightDifference, SlopeDistance
+from factorgraph_adj.quality.leave_out import critical_t2
+from tests.networks.random_small import random_network
+from tests.networks.small_block import small_block
+
+SEEDS = (1, 2, 3, 6, 21, 29, 52, 54, 56, 76, 87)
+"""Random networks that are determined: of all kinds, with groups, photos, frames and drifts."""
+
+
+@cache
+def adjusted(seed: int) -> fga.Solution:
+    drawn = random_network(seed, more=seed % 3 == 0)
+    network = drawn.bare.copy()
+    network.add(*drawn.items)
+    return fga.adjust(network, datum="given", tolerance=1e-8)
+
+
+def whole(solution: fga.Solution) -> Tree:
+    tree = Tree(solution.network.frame)
+    tree.enter([Arriving(solution.equations, solution.state)])
+    return tree
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_tree_has_the_covariances_and_the_sum_of_squares_of_the_batch(seed: int) -> None:
+    solution = adjusted(seed)
+    tree = whole(solution)
+    assert tree.follow() == 0
+    assert tree.vtpv == pytest.approx(solution.vtpv, rel=1e-9, abs=1e-9)
+    unknowns = solution.equations.unknowns
+    for kind, number in unknowns.active():
+        table = unknowns[kind]
+        free = table.free[number, : table.size[number]]
+        variable = (kind, table.names[number])
+        batch = solution.variable_covariance(variable)[np.ix_(free, free)]
+        sigma = np.sqrt(np.diag(batch))
+        difference = (tree.covariance(variable) - batch) / np.outer(sigma, sigma)
+        assert np.abs(difference).max() < 1e-8, variable
+
+
+@pytest.mark.parametrize("seed", SEEDS[:4])
+def test_moved_values_come_back_to_the_minimum(seed: int) -> None:
+    solution = adjusted(seed)
+    unknowns = solution.equations.unknowns
+    rng = np.random.default_rng(seed)
+    weight = np.sqrt(np.maximum(solution.normal().diagonal, 1e-300))
+    step = np.where(unknowns.free, 3.0 * rng.normal(size=unknowns.n_columns) / weight, 0.0)
+    tree = Tree(solution.network.frame)
+    tree.enter([Arriving(solution.equations, unknowns.retract(solution.state, step))])
+    tree.settle()
+    for name in solution.network.points:
+        sigma = solution.standard_deviations(name)
+        moved = np.abs(tree.value("point", name) - solution.point(name))
+        # Weights that depend on lengths are at rest to 10⁻⁷ in the batch.
+        assert (moved <= 1e-5 * sigma + 1e-9).all(), name
+
+
+def levels(n: int) -> fga.Network:
+    """Return a line of held and free bench marks without observations."""
+    network = fga.Network("levels")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    for i in range(n):
+        network.add_point(f"P{i}", (10.0 * i, 0.0, 0.1), fixed="xy")
+    return network
+
+
+def arriving(network: fga.Network, *observations: AnyObservation) -> Arriving:
+    """Return observations with what a network says of their points."""
+    part = fga.Network(network.name, frame=network.frame)
+    for o in observations:
+        for name in o.names():
+            if name not in part.points:
+                point = network.points[name]
+                fixed = "".join(c for c, f in zip("xyz", point.fixed, strict=True) if f)
+                part.add_point(name, point.coordinates, fixed=fixed)
+    part.add(*observations)
+    equations = compile_rows(part)
+    return Arriving(equations, equations.unknowns.start())
+
+
+def test_an_arrival_is_tested_as_in_the_batch_and_leaves_again() -> None:
+    network = levels(2)
+    first = [HeightDifference("A", "P0", 1.0, sigma=0.001, id="a")]
+    first += [HeightDifference("P0", "P1", 0.5, sigma=0.001, id="b")]
+    tree = Tree(network.frame)
+    tree.enter([arriving(network, *first)])
+    before = float(tree.value("point", "P1")[2])
+    wrong = HeightDifference("A", "P1", 1.510, sigma=0.001, id="wrong")
+    units = tree.enter([arriving(network, wrong)])
+    t2, dof = tree.tested(units).statistics()
+    network.add(*first, wrong)
+    batch = fga.reliability(fga.adjust(network))
+    assert t2[0] == pytest.approx(batch.w[2] ** 2, rel=1e-9)
+    assert t2[0] > critical_t2(0.001, int(dof[0]))
+    tree.leave(units)
+    assert float(tree.value("point", "P1")[2]) == pytest.approx(before, abs=1e-12)
+    sigma = np.sqrt(tree.covariance(("point", "P1"))[0, 0])
+    assert sigma == pytest.approx(0.001 * np.sqrt(2), rel=1e-9)
+
+
+def test_what_is_not_determined_leaves_the_tree_as_it_was() -> None:
+    network = levels(3)
+    tree = Tree(network.frame)
+    tree.enter([arriving(network, HeightDifference("A", "P0", 1.0, sigma=0.001))])
+    loose = HeightDifference("P1", "P2", 0.3, sigma=0.001)
+    with pytest.raises(IndeterminateError):
+        tree.enter([arriving(network, loose)])
+    assert set(tree.tables["point"].number) == {"A", "P0"}
+    tie = HeightDifference("P0", "P1", 0.2, sigma=0.001)
+    tree.enter([arriving(network, loose, tie)])
+    assert float(tree.value("point", "P2")[2]) == pytest.approx(1.5, abs=1e-9)
+
+
+def test_a_survey_that_grows_is_the_batch_at_every_arrival() -> None:
+    """Distances to new points whose start values are decimetres off."""
+    rng = np.random.default_rng(4)
+    network = fga.Network("growing")
+    truth = {f"K{i}": at for i, at in enumerate(rng.uniform(0, 80, (4, 3)))}
+    for name, at in truth.items():
+        network.add_point(name, at, fixed="xyz")
+    tree, everything = Tree(network.frame), []
+    for step in range(6):
+        name, at = f"P{step}", rng.uniform(0, 80, 3)
+        network.add_point(name, at + rng.normal(0, 0.2, 3))
+        near = list(truth)[-5:]
+        truth[name] = at
+        new = [
+            SlopeDistance(n, name, float(np.linalg.norm(at - truth[n])) + e, sigma=0.002)
+            for n, e in zip(near, rng.normal(0, 0.002, len(near)), strict=True)
+        ]
+        everything += new
+        tree.enter([arriving(network, *new)])
+        tree.follow()
+        part = network.copy()
+        part.add(*everything)
+        batch = fga.adjust(part, tolerance=1e-9)
+        for p in [p for p in truth if p[0] == "P"]:
+            sigma = batch.standard_deviations(p)
+            moved = np.abs(tree.value("point", p) - batch.point(p))
+            assert (moved < 1e-2 * sigma).all()
+            own = np.sqrt(np.diag(tree.covariance(("point", p))))
+            assert np.abs(own / sigma - 1.0).max() < 1e-2
+    tree.settle()
+    moved = np.abs(tree.value("point", "P5") - batch.point("P5"))
+    assert (moved < 1e-6 * batch.standard_deviations("P5")).all()
+
+
+def test_rows_are_evaluated_anew_only_where_something_moved() -> None:
+    solution = fga.adjust(small_block())
+    tree = whole(solution)
+    tree.follow()
+    assert tree.relinearised == 0
