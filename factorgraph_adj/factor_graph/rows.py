@@ -55,6 +55,11 @@ class Grown:
         self.n = end
         return numbers
 
+    def put_back(self, before: NDArray[Any]) -> None:
+        """Take the values of a copy, and drop what came since."""
+        self.cut(len(before))
+        self.values[:] = before
+
     def cut(self, n: int) -> None:
         """Drop all rows but the first n."""
         self._all[n : self.n] = self._fill
@@ -137,6 +142,16 @@ class Rows:
         self._ids += block.ids
         self._labels += [block.labels(i) for i in range(block.n)]
         return rows
+
+    def forms(self) -> tuple[NDArray[Any], ...]:
+        """Return copies of the linear forms."""
+        return tuple(each.values.copy() for each in (self.v, *self.a))
+
+    def put_back(self, before: Sequence[NDArray[Any]]) -> None:
+        """Take copies of linear forms, and drop the observations that came since."""
+        self.cut(len(before[0]))
+        for each, copied in zip((self.v, *self.a), before, strict=False):
+            each.put_back(copied)
 
     def cut(self, n: int) -> None:
         """Drop all observations but the first n."""

@@ -78,22 +78,20 @@ class Member(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """A tree before an arrival."""
+    """A tree before an arrival; iSAM2 is lost where an update fails."""
 
+    version: int
+    """Its version."""
     isam: gtsam.ISAM2
     """A copy."""
-    rows: dict[Sort, int]
-    """Number of observations of each sort."""
-    variables: dict[VariableKind, int]
-    """Number of variables of each kind."""
-    units: int
+    forms: dict[Sort, tuple[Array, ...]]
+    """Linear forms of each sort."""
+    theta: dict[VariableKind, Array]
+    """Points of linearisation."""
+    n_units: int
     """Number of units."""
-    keys: tuple[int, int]
-    """Number of keys and of columns."""
-    delta: Array
-    """δ of each column."""
-    diagonal: Array
-    """Diagonal of N."""
+    of_units: tuple[Array, ...]
+    """What there is of each unit, key and column; copies."""
 
 
 class Tree:
@@ -117,6 +115,12 @@ class Tree:
         self.sorts: dict[Sort, Rows] = {}
         self.units: list[tuple[Member, ...]] = []
         """Observations of each unit."""
+        self.unit: dict[str, int] = {}
+        """Unit of the observation with an id; of weighted unknowns, by their names."""
+        self._ids: list[str] = []
+        """Id of the first observation of each unit."""
+        self.version = 0
+        """Number of changes."""
         self._whitener: dict[int, Array] = {}
         """What whitens a correlated unit."""
         self._slot, self._gap = Grown(dtype=np.intp, fill=-1), Grown()
@@ -146,7 +150,7 @@ class Tree:
             InputError: names observations whose geometry has no answer.
             IndeterminateError: not all of the new variables are determined.
         """
-        before = self._mark()
+        before = self.mark()
         begin, first_key = len(self.units), self._first.n
         new: dict[Sort, list[Index]] = {}
         try:
@@ -167,46 +171,52 @@ class Tree:
                     values.insert(key, np.zeros(int(self._size.values[key])))
             self._update(graph, having, values, [])
         except RuntimeError as error:
-            self._restore(before)
+            self.restore(before)
             raise IndeterminateError(str(error).strip().splitlines()[0]) from error
         except AdjustmentError:
-            self._restore(before)
+            self.restore(before)
             raise
         return units
 
-    def _mark(self) -> Mark:
-        """Return what `_restore` needs to undo an arrival: iSAM2 is lost where an update fails."""
+    @property
+    def _numbered(self) -> tuple[Grown, ...]:
+        of_keys = self._first, self._size, self._alive
+        of_columns = self._key, self._delta, self._looked, self._diagonal
+        return self._slot, self._gap, self._inside, *of_keys, *of_columns
+
+    def mark(self) -> Mark:
+        """Return what `restore` needs to undo what is done from now on."""
         return Mark(
+            self.version,
             gtsam.ISAM2(self.isam),
-            {sort: rows.index.n for sort, rows in self.sorts.items()},
-            {kind: len(table.number) for kind, table in self.tables.items()},
+            {sort: rows.forms() for sort, rows in self.sorts.items()},
+            {kind: table.theta.values.copy() for kind, table in self.tables.items()},
             len(self.units),
-            (self._first.n, self._key.n),
-            self._delta.values.copy(),
-            self._diagonal.values.copy(),
+            tuple(each.values.copy() for each in self._numbered),
         )
 
-    def _restore(self, mark: Mark) -> None:
-        self.isam = mark.isam
-        for sort, rows in self.sorts.items():
-            rows.cut(mark.rows.get(sort, 0))
+    def restore(self, mark: Mark) -> None:
+        """Undo what was done since a mark was made; the mark serves once."""
+        self.isam, self.version = mark.isam, mark.version
+        for sort in [s for s in self.sorts if s not in mark.forms]:
+            del self.sorts[sort]
+        for sort, forms in mark.forms.items():
+            self.sorts[sort].put_back(forms)
         for kind, table in self.tables.items():
-            n = mark.variables.get(kind, 0)
+            before = mark.theta.get(kind)
+            n = 0 if before is None else len(before)
             for name in list(table.number)[n:]:
                 del table.number[name]
             for each in (table.theta, table.column, table.key):
                 each.cut(n)
-        del self.units[mark.units :]
-        self._whitener = {u: w for u, w in self._whitener.items() if u < mark.units}
-        for each in (self._slot, self._gap, self._inside):
-            each.cut(mark.units)
-        n_keys, n_columns = mark.keys
-        for each in (self._first, self._size, self._alive):
-            each.cut(n_keys)
-        for each in (self._key, self._delta, self._looked, self._diagonal):
-            each.cut(n_columns)
-        self._delta.values[:] = mark.delta
-        self._diagonal.values[:] = mark.diagonal
+            if before is not None:
+                table.theta.values[:, : before.shape[1]] = before
+        for unit in range(mark.n_units, len(self.units)):
+            self._whitener.pop(unit, None)
+            self.unit.pop(self._ids[unit], None)
+        del self.units[mark.n_units :], self._ids[mark.n_units :]
+        for each, copied in zip(self._numbered, mark.of_units, strict=True):
+            each.put_back(copied)
 
     def leave(self, units: Index) -> None:
         """Take units out; what they alone determine must have left before."""
@@ -244,6 +254,8 @@ class Tree:
                 if name not in of_unit:
                     of_unit[name] = len(self.units)
                     self.units.append(())
+                    self._ids.append(ident)
+                self.unit[ident] = of_unit[name]
                 units.append(of_unit[name])
             numbers = [places[kind][index] for kind, index in block.variables]
             at = rows.extend(block, numbers, np.array(units), joint >= 0)
@@ -395,6 +407,7 @@ class Tree:
         values: gtsam.Values,
         gone: list[int],
     ) -> None:
+        self.version += 1
         result = self.isam.update(graph, values, gone)
         self._slot.values[units] = list(result.getNewFactorsIndices())
         present = np.flatnonzero(self._alive.values[self._key.values])
