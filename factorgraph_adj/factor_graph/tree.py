@@ -541,6 +541,47 @@ class Tree:
         first = int(self._first.values[key])
         return np.arange(first, first + int(self._size.values[key]))
 
+    def columns(self, kind: VariableKind, name: str) -> Index:
+        """Return the columns of the components of a variable, −1 for held ones."""
+        table = self.tables[kind]
+        return np.asarray(table.column.values[table.number[name]])
+
+    def weight(self, columns: Index) -> Array:
+        """Return √N_jj of columns."""
+        return np.sqrt(np.maximum(self._diagonal.values[columns], 0.0))
+
+    def spread(self, unit: int, columns: Index) -> Array:
+        """Return Q Aᵀ of columns (−1: held, 0) with the rows of a unit, (m, d)."""
+        terms, v = self._parts(np.array([unit]))[unit]
+        keys = sorted({*terms, *self._key.values[columns[columns >= 0]].tolist()})
+        of_keys = np.concatenate([NO_ROWS, *(self._columns_of(k) for k in keys)])
+        place = np.full(self._key.n, -1)
+        place[of_keys] = np.arange(len(of_keys))
+        a = np.zeros((len(v), len(of_keys)))
+        for key, own in terms.items():
+            a[:, place[self._columns_of(key)]] += own
+        out = np.zeros((len(columns), len(v)))
+        found = self.covariance_of(keys) @ a.T
+        out[columns >= 0] = found[place[columns[columns >= 0]]]
+        return out
+
+    @property
+    def n_rows(self) -> int:
+        """Number of scalar rows."""
+        return sum(
+            int(self._inside.values[rows.unit.values].sum()) * rows.v.values.shape[1]
+            for rows in self.sorts.values()
+        )
+
+    @property
+    def n_unknowns(self) -> int:
+        """Number of unknowns that rows determine."""
+        return int(self._size.values[self._alive.values].sum())
+
+    def follow_to_rest(self) -> bool:
+        """Evaluate rows anew until their gaps are small; return whether they are."""
+        return self.follow() < MOST_TURNS
+
     def key(self, variable: Variable) -> int:
         """Return the key of a variable."""
         kind, name = variable

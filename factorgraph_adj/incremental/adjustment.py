@@ -31,7 +31,7 @@ from .given import Given, listed
 from .ledger import Ledger
 from .one_at_a_time import one_at_a_time
 from .rebasing import known_network, solution_of
-from .rules import Rules
+from .rules import Engine, Rules
 from .verdicts import Policy, Verdict
 
 
@@ -69,6 +69,7 @@ class IncrementalAdjustment:
         alpha: float = 0.001,
         accuracy: float = 0.01,
         datum: DatumChoice | None = None,
+        engine: Engine = "auto",
         start: Solution | None = None,
         journal: str | Path | None = None,
     ) -> None:
@@ -84,6 +85,8 @@ class IncrementalAdjustment:
             accuracy: largest deviation from the batch adjustment, relative to each standard
                 deviation, until `settle` removes it.
             datum: as in `adjust`.
+            engine: what carries the arrivals: ``isam2``, ``fronts``, or ``auto``: iSAM2 where the
+                network has few image points and a given datum. Results do not depend on it.
             start: a solution of the network, which saves adjusting it.
             journal: a new file to which every change is appended before it counts.
 
@@ -95,7 +98,7 @@ class IncrementalAdjustment:
         self.resumed = ""
         """What `resume` found torn at the end of its journal; empty if nothing."""
         self._lock = RLock()
-        self._rules = Rules(policy, alpha, accuracy, chosen)
+        self._rules = Rules(policy, alpha, accuracy, chosen, engine)
         self._journal: Journal | None = None
         self._solution: tuple[State, Solution] | None = None
         self.latest = Arrival()

@@ -45,7 +45,7 @@ def in_pieces(ledger: Ledger, system: System | None, rows: Index) -> list[Index]
         The pieces, in the order in which the photos came; one of everything in small networks.
     """
     rays = ledger.rows.images(rows)
-    there = 0 if system is None else system.whole.base.equations.n_rays
+    there = 0 if system is None else system.n_rays
     if there < LEAST or len(rays) <= MOST_AT_ONCE or SMALLEST * len(rays) > there:
         return [rows]
     photos, first, counts = np.unique(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from .beside import Beside
 from .candidates import Candidates, Nothing, known_in
 from .finding import LIMITS, Found
 from .holding import with_rest
+from .in_tree import InTree
 from .inside import Inside
 from .judging import Joint, accepted, decide, left_out, untested
 from .ledger import Ledger
@@ -45,7 +46,7 @@ class Entered:
 
     ledger: Ledger
     """The ledger with them."""
-    system: System | None
+    system: System | InTree | None
     """The system with them; none: nothing is determined."""
     verdicts: tuple[Verdict, ...]
     """Verdicts on those that were tested."""
@@ -69,7 +70,7 @@ class Entering:
 
     ledger: Ledger
     """Where they wait."""
-    system: System | None
+    system: System | InTree | None
     """Where everything is; none: nothing is known."""
     ready: Index
     """Observations between known variables."""
@@ -102,6 +103,10 @@ class Entering:
         self._fill()
         self.stay = np.unique(np.concatenate([self.ready, *(e.rows for e in self.found)]))
         self.ledger = self.ledger.moved(self.stay, "accepted", "arrival")
+        if isinstance(base, InTree):
+            if (entered := self._in_tree(base)) is not None:
+                return entered
+            self.system = base = base.fronts
         doubted = base is not None and bool(base.doubt)
         if base is not None and not self.found and (entered := self._beside(base)):
             return entered
@@ -122,6 +127,27 @@ class Entering:
             if len(self.stay):
                 draft, ahead = self._draft(base), None
         return self._refused(before, Failure(DISAGREE))
+
+    def _in_tree(self, base: InTree) -> Entered | None:
+        """Put everything into the tree; none where fronts have to take it, as it was before."""
+        before = replace(self, new=set(self.new), dropped=set(self.dropped), verdicts=[])
+        solutions = [e.solution for e in self.found if e.solution is not None]
+        with suppress(AdjustmentError):
+            for _ in range(MOST_JUDGED):
+                if not len(self.stay):
+                    return Entered(self.ledger, base, tuple(self.verdicts))
+                joint = base.entered(self.ledger, self.stay, solutions)
+                if joint is None:
+                    break
+                if self._tests() and self._leave_out(joint):
+                    continue  # the others enter without it
+                after = base.after(joint, self.ledger)
+                if after is None:
+                    break
+                return self._entered(after, joint)
+        self.ledger, self.stay, self.verdicts = before.ledger, before.stay, []
+        self.new, self.dropped = before.new, before.dropped
+        return None
 
     def _prepared(self, base: System | None, doubted: bool) -> tuple[Draft, System | None]:
         """Return what is to be adjusted, judged before it moves, and its base if there is one."""
@@ -145,7 +171,7 @@ class Entering:
             or any(np.abs(v).max() > LIMITS.gross for v in residuals)
         )
 
-    def _entered(self, system: System, joint: Joint) -> Entered:
+    def _entered(self, system: System | InTree, joint: Joint) -> Entered:
         gains = self.rules.datum == "given"
         told = accepted(joint, self.rules.alpha, self.given, gains=gains)
         return Entered(self.ledger, system, (*self.verdicts, *told), frozenset(self.new))

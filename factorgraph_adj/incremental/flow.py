@@ -24,6 +24,7 @@ from .candidates import Candidates, known_in
 from .cutting import due
 from .entering import Entered, Entering
 from .finding import Found, Search, firm
+from .in_tree import InTree
 from .ledger import Ledger
 from .nonlinearity import MAX_UNITS_TESTED, tested_by_readjustment
 from .rebasing import EFFORT, Draft
@@ -47,7 +48,7 @@ class State:
 
     ledger: Ledger
     """What has arrived."""
-    system: System | None = None
+    system: System | InTree | None = None
     """Where everything is; none: nothing is determined."""
     settled: bool = True
     """Whether nothing has changed since it was at rest."""
@@ -136,6 +137,7 @@ class _Loop:
     def run(self) -> tuple[State, Told]:
         """Work the list off; where a new base was made, test again what had been left out."""
         before = self.state
+        self._plant()
         self._work()
         self._test_by_adjusting(self.told)
         told = before.ledger.rows.verdicts
@@ -154,6 +156,13 @@ class _Loop:
         ledger = examined(self.state.ledger, self.state.system, self.rules)
         self.state = replace(self.state, ledger=ledger)
         return self.state, self.told
+
+    def _plant(self) -> None:
+        """Put the network into iSAM2, where that is the engine."""
+        system, engine = self.state.system, self.rules.engine
+        if isinstance(system, System) and engine != "fronts":
+            if (tree := InTree.of(system, self.state.ledger, self.rules)) is not None:
+                self.state = replace(self.state, system=tree)
 
     def _work(self) -> None:
         while self.tasks or self.over:
@@ -204,7 +213,7 @@ class _Loop:
             found = replace(found, drift=system.section.looked.drift.anew())
         self.state = replace(self.state, system=found)
 
-    def _fitting_by_now(self, before: System | None) -> Index:
+    def _fitting_by_now(self, before: System | InTree | None) -> Index:
         """Return suspects that may fit now that a base is new.
 
         Beside a new section only those are looked at of which it has everything.
@@ -213,7 +222,9 @@ class _Loop:
         if self.rules.policy != "flag" or (system is not None and system.doubt):
             return NO_ROWS
         suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(self.told))
-        if system is None or before is None or system.base is before.base:
+        if system is None or before is None or isinstance(system, InTree):
+            return NO_ROWS
+        if isinstance(before, InTree) or system.base is before.base:
             return NO_ROWS
         return Candidates(ledger, known_in(replace(system, section=None)), suspects).ready
 

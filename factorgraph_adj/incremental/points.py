@@ -31,7 +31,7 @@ def estimate(state: State, name: str, solution: Callable[[], Solution]) -> Array
     value = None if system is None else system.value("point", name)
     if value is None:
         return np.array(state.ledger.network.points[name].coordinates)
-    free = system is not None and system.base.datum is not None
+    free = system is not None and system.is_free
     return solution().point(name) if free else value
 
 
@@ -52,7 +52,7 @@ def covariance(state: State, a: str, b: str, solution: Callable[[], Solution]) -
     system, out = state.system, np.zeros((3, 3))
     if system is None or not all(system.known("point", n) for n in (a, b)):
         return out
-    if system.base.datum is not None:
+    if system.is_free:
         return solution().covariance(a, b)
     found = system.cofactors(("point", a), ("point", b))
     out[: found.shape[0], : found.shape[1]] = found

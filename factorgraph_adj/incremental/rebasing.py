@@ -121,7 +121,7 @@ class Draft:
         network = known_network(ledger, system, new=new, dropped=dropped)
         equations = compile_network(network)
         start = _started(equations, datum, system, found)
-        looked = {} if system is None else system.base.looked
+        looked = {} if system is None else system.looked
         return cls(equations, start, ledger.having("accepted"), looked=looked)
 
     @classmethod
@@ -272,6 +272,8 @@ def _started(
     for there, values, given in sources:
         state = unknowns.carried(state, there, values, where=moving)
         origin = unknowns.carried(origin, there, given, where=moving)
+    if system is not None:
+        state, origin = system.carried(unknowns, state), system.carried(unknowns, origin)
     if any(np.isnan(x).any() for s in (state, origin) for x in s.values()):
         return start_of(equations, datum, Start(unknowns, state, origin))
     return Start(unknowns, state, origin)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Real
-from typing import get_args
+from typing import Literal, TypeAlias, get_args
 
 from ..errors import InputError, Problem, known
 from ..network.network import DatumChoice
@@ -12,6 +12,9 @@ from .verdicts import Outcome, Policy
 
 POLICIES = ("accept", "flag", "reject")
 DATUMS = get_args(DatumChoice)
+Engine: TypeAlias = Literal["auto", "isam2", "fronts"]
+"""What carries the arrivals."""
+ENGINES = get_args(Engine)
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,8 @@ class Rules:
     """Largest deviation from the batch adjustment, relative to σ."""
     datum: DatumChoice
     """Datum of the network."""
+    engine: Engine = "auto"
+    """What carries the arrivals: iSAM2, fronts, or what suits the network."""
 
     def __post_init__(self) -> None:
         """Refuse options that make no sense, all together."""
@@ -41,6 +46,9 @@ class Rules:
             problems.append(
                 Problem(f"unknown datum {self.datum!r}; valid: {known(DATUMS, meant=self.datum)}")
             )
+        if self.engine not in ENGINES:
+            valid = known(ENGINES, meant=self.engine)
+            problems.append(Problem(f"unknown engine {self.engine!r}; valid: {valid}"))
         if problems:
             raise InputError(problems)
 

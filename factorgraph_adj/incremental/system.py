@@ -20,6 +20,7 @@ from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..solve.drift import Drift
 from ..solve.lifted import Function, Lifted
+from ..solve.run import Looked
 from ..solve.solution import Solution
 from ..solve.update import Update
 from ..types import NO_ROWS, Array, Index, Mask
@@ -141,6 +142,11 @@ class System:
         rest = self.rest
         return [(rest.unknowns, rest.state, rest.base.start), own]
 
+    def carried(self, unknowns: Unknowns, state: State) -> State:
+        """Return a state as it is: what is known comes from `places`."""
+        del unknowns
+        return state
+
     @property
     def solution(self) -> Solution:
         """The whole network where everything is by now; a section's new unknowns are not in it."""
@@ -261,6 +267,21 @@ class System:
         if not self.changed:
             return self.base.state
         return self.base.equations.unknowns.retract(self.base.state, self.movement)
+
+    @property
+    def n_rays(self) -> int:
+        """Number of image points of the whole network as it was adjusted last."""
+        return self.whole.base.equations.n_rays
+
+    @property
+    def looked(self) -> Mapping[str, Looked]:
+        """Shapes that were fitted anew in vain, see `solve.shapes_anew`."""
+        return self.base.looked
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it is a free network."""
+        return self.base.datum is not None
 
     @property
     def changed(self) -> bool:

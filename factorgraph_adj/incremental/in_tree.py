@@ -1,0 +1,305 @@
+"""The network in iSAM2: what arrives costs what it touches.
+
+A system in a tree answers what an arrival asks. Whatever else is asked takes the network's fronts,
+see `system`: they are adjusted from where everything is, once, when something first asks for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..factor_graph.tree import Arriving, Mark, Tree
+from ..graph.dependence import Variable
+from ..graph.equations import Equations, compile_rows
+from ..graph.variables import State, Unknowns
+from ..models.variables import VariableKind
+from ..quality.leave_out import Tested
+from ..solve.run import Looked
+from ..solve.solution import Solution
+from ..types import NO_ROWS, Array, Index, Mask
+from .excerpt import excerpt
+from .forms import rows_of
+from .judging import MOVES, Place
+from .ledger import Ledger
+from .rebasing import EFFORT, Draft, Failure
+from .rules import Rules
+from .system import System
+from .units import Unit
+
+MOST_RAYS = 64
+"""Largest number of image points that arrive together in a tree; more of them are for fronts."""
+
+
+class InTree:
+    """A network at its minimum, in iSAM2."""
+
+    def __init__(self, tree: Tree, ledger: Ledger, rules: Rules) -> None:
+        """Take a tree over as it stands.
+
+        Args:
+            tree: the tree.
+            ledger: what is in.
+            rules: the options.
+        """
+        self._tree, self._ledger, self._rules = tree, ledger, rules
+        self._version = tree.version
+        self._mark: Mark | None = None
+        self.section: None = None
+        self.doubt = ""
+
+    @classmethod
+    def of(cls, system: System, ledger: Ledger, rules: Rules) -> InTree | None:
+        """Put a network into iSAM2; none where fronts are better, or where the tree is not."""
+        base = system.base
+        if (
+            system.section is not None
+            or system.doubt
+            or not base.converged
+            or base.datum is not None
+            or base.extra.rows
+            or base.equations.n_rays > MOST_RAYS
+        ):
+            return None
+        tree = Tree(base.equations.network.frame, accuracy=rules.accuracy)
+        draft = Draft.of(ledger, system, rules.datum)
+        try:
+            tree.enter([Arriving(draft.equations.weighted_at(system.state), draft.start.state)])
+            tree.follow()
+        except AdjustmentError:
+            return None
+        return cls(tree, ledger, rules)
+
+    # -- what is known ------------------------------------------------------------------------
+
+    @property
+    def tree(self) -> Tree:
+        """The tree as this system has it: what came since is undone."""
+        if self._tree.version != self._version:
+            assert self._mark is not None
+            self._tree.restore(self._mark)
+            self._mark = None
+        return self._tree
+
+    @cached_property
+    def fronts(self) -> System:
+        """The network's fronts, adjusted from where everything is.
+
+        Raises:
+            AdjustmentError: there is no minimum.
+        """
+        draft = Draft.of(self._ledger, self, self._rules.datum)
+        found = draft.adjusted(self._rules.datum, tolerances=(EFFORT.close,))
+        if isinstance(found, Failure):
+            raise AdjustmentError(found.reason)
+        return found
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what only the fronts have."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.fronts, name)
+
+    def known(self, kind: VariableKind, name: str) -> bool:
+        """Return whether a variable is determined, or a constant."""
+        table = self.tree.tables.get(kind)
+        return table is not None and name in table.number
+
+    def names(self, kind: VariableKind) -> set[str]:
+        """Return the names of the known variables of a kind."""
+        table = self.tree.tables.get(kind)
+        return set() if table is None else set(table.number)
+
+    def value(self, kind: VariableKind, name: str) -> Array | None:
+        """Return the value of a variable as in a state; none: it is not known."""
+        return self.tree.value(kind, name) if self.known(kind, name) else None
+
+    def places(self) -> list[tuple[Unknowns, State, State]]:
+        """Return unknowns, state and start values: nothing; see `carried`."""
+        return []
+
+    def carried(self, unknowns: Unknowns, state: State) -> State:
+        """Return a state with the values of all known variables."""
+        out, moving, own = dict(state), unknowns.moving(), self.tree.state()
+        for kind, table in unknowns.tables.items():
+            mine = self.tree.tables.get(kind)
+            if mine is None:
+                continue
+            pairs = [(i, mine.number[n]) for i, n in enumerate(table.names) if n in mine.number]
+            if not pairs:
+                continue
+            here, there = np.array(pairs).T
+            values = out[kind].copy()
+            width = min(values.shape[1], own[kind].shape[1])
+            values[here, :width] = np.where(
+                moving[kind][here, :width], own[kind][there, :width], values[here, :width]
+            )
+            out[kind] = values
+        return out
+
+    def cofactors(self, a: Variable, b: Variable) -> Array:
+        """Return the joint cofactors of the components of two variables, (i, j)."""
+        tree = self.tree
+        columns = [tree.columns(*v) for v in (a, b)]
+        out = np.zeros((len(columns[0]), len(columns[1])))
+        free = [c >= 0 for c in columns]
+        if not free[0].any() or not free[1].any():
+            return out
+        keys = [tree.key(v) for v in (a, b)]
+        if a == b:
+            found = tree.covariance(a)
+        else:
+            joint = tree.covariance_of(sorted(keys))
+            n = int(free[0].sum()) if keys[0] < keys[1] else int(free[1].sum())
+            found = joint[:n, n:] if keys[0] < keys[1] else joint[n:, :n]
+        out[np.ix_(free[0], free[1])] = found
+        return out
+
+    @property
+    def vtpv(self) -> float:
+        """VᵀPv of the linear forms."""
+        return self.tree.vtpv
+
+    @property
+    def n_rows(self) -> int:
+        """Number of scalar rows, weighted unknowns among them."""
+        return self.tree.n_rows
+
+    @property
+    def redundancy(self) -> int:
+        """Redundancy."""
+        return self.tree.n_rows - self.tree.n_unknowns
+
+    @property
+    def n_rays(self) -> int:
+        """Number of image points: few, see `MOST_RAYS`."""
+        return 0
+
+    @property
+    def looked(self) -> Mapping[str, Looked]:
+        """Shapes that were fitted anew in vain: none is known."""
+        return {}
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it is a free network: these are adjusted in fronts."""
+        return False
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything has changed since everything was adjusted at once: it may have."""
+        return True
+
+    def renumbered(self, new: Index) -> InTree:
+        """Return the system: it has no rows of the ledger."""
+        del new
+        return self
+
+    def prepared(self) -> InTree:
+        """Return the system: its first arrival waits for nothing."""
+        return self
+
+    # -- what arrives -------------------------------------------------------------------------
+
+    def entered(
+        self, ledger: Ledger, rows: Index, found: Sequence[Solution]
+    ) -> EnteredTree | None:
+        """Put observations into the tree; none where it cannot take them.
+
+        Args:
+            ledger: the ledger with them.
+            rows: the observations.
+            found: where the variables are that enter with them.
+
+        Raises:
+            InputError: names observations whose geometry has no answer.
+        """
+        if len(ledger.rows.images(rows)) > MOST_RAYS:
+            return None
+        units = ledger.units(rows)
+        if any(o.kind == "factor" for unit in units for o in unit.observations):
+            return None
+        equations = compile_rows(excerpt(ledger, self, rows, hold=False))
+        state = equations.unknowns.start()
+        moving = equations.unknowns.moving()
+        for solution in found:
+            state = equations.unknowns.carried(
+                state, solution.equations.unknowns, solution.state, where=moving
+            )
+        if any(np.isnan(x).any() for x in state.values()):
+            return None
+        tree, mark = self.tree, self._tree.mark()
+        equations = equations.weighted_at(self.carried(equations.unknowns, state))
+        try:
+            tree.enter([Arriving(equations, state)])
+        except AdjustmentError:
+            return None
+        self._mark = mark
+        return EnteredTree.of(tree, equations, tuple(units))
+
+    def after(self, entered: EnteredTree, ledger: Ledger) -> InTree | None:
+        """Return the system with what has entered; none where linear forms come to no rest."""
+        if not entered.tree.follow_to_rest():
+            _ = self.tree  # it goes back
+            return None
+        return InTree(entered.tree, ledger, self._rules)
+
+
+@dataclass(frozen=True, eq=False)
+class EnteredTree:
+    """Units that have entered a tree, as `judging.Joint`."""
+
+    tree: Tree
+    """The tree with them."""
+    units: tuple[Unit, ...]
+    """The units."""
+    raw: tuple[Array, ...]
+    """L of each unit with Σ = L Lᵀ, (d, d)."""
+    numbers: Index
+    """Their numbers in the tree."""
+
+    @classmethod
+    def of(cls, tree: Tree, equations: Equations, units: tuple[Unit, ...]) -> EnteredTree:
+        """Find units that have just entered."""
+        raw = rows_of(units, equations)[1]
+        numbers = np.array([tree.unit[u.ids[0]] for u in units], dtype=np.intp)
+        return cls(tree, units, raw, numbers)
+
+    def tested(self) -> Tested:
+        """Return the units, to be tested against everything else."""
+        return self.tree.tested(self.numbers)
+
+    def spread(self, i: int, columns: Index) -> Array:
+        """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""
+        return self.tree.spread(int(self.numbers[i]), columns)
+
+    def place(self, name: str) -> Place:
+        """Return a point with all units in."""
+        columns = self.tree.columns("point", name)
+        free: Mask = columns >= 0
+        if not free.any():
+            return Place(NO_ROWS, free, np.zeros(0))
+        variance = np.zeros(len(columns))
+        variance[free] = np.diag(self.tree.covariance(("point", name)))
+        return Place(columns, free, variance)
+
+    def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
+        """Return which of new variables combinations (d, n) of a unit's rows determine."""
+        out: set[Variable] = set()
+        mine = set(self.units[i].variables)
+        for kind, name in new:
+            columns = self.tree.columns(kind, name)
+            columns = columns[columns >= 0]
+            if (kind, name) not in mine or not len(columns):
+                continue
+            motion = self.spread(i, columns) @ combinations
+            far = np.abs(motion).max(axis=1) * self.tree.weight(columns)
+            if (far > MOVES).any():
+                out.add((kind, name))
+        return out
+
