@@ -149,6 +149,7 @@ def _restored(ledger: Ledger, begun: State, rules: Rules) -> State:
 
 def settled(state: State, rules: Rules) -> State:
     """Return a state at rest; where there is no minimum the system says why."""
+    state = state.on_fronts()
     if state.system is None:
         return state
     draft = replace(Draft.of(state.ledger, state.system, rules.datum), looked={})

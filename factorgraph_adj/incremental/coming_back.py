@@ -65,7 +65,7 @@ def looked_again(
     Returns:
         The state, and the verdicts of the command and on what came back.
     """
-    told = dict(told)
+    told, state = dict(told), state.on_fronts()
     state, bent = _bent(state, {*told, *but}, rules)
     told |= bent
     tested = {*told, *but}

@@ -64,7 +64,7 @@ def add(state: State, given: Given, rules: Rules) -> tuple[State, Arrival]:
     if placed := [("point", p.name) for p in points if p.name in state.ledger.network.points]:
         waiting = Candidates(ledger, known_in(state.system), state.ledger.having("waiting"))
         tasks.append(Task(waiting.touching(placed)))
-    after, told = absorb(replace(state, ledger=ledger), tasks, rules)
+    after, told = absorb(replace(state, ledger=ledger), tasks, rules, growing=True)
     if factors:
         _refuse_wrong_partials(after, made, Unknowns(described), rules)
     new: list[Variable] = [("point", p.name) for p in points]

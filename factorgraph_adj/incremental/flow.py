@@ -53,6 +53,15 @@ class State:
     settled: bool = True
     """Whether nothing has changed since it was at rest."""
 
+    def on_fronts(self) -> State:
+        """Return the state with its network in fronts.
+
+        Raises:
+            AdjustmentError: there is no minimum.
+        """
+        system = self.system
+        return replace(self, system=system.fronts) if isinstance(system, InTree) else self
+
     def recorded(self) -> State:
         """Return the state without what was noted for the journal."""
         ledger, new = self.ledger.recorded()
@@ -104,6 +113,7 @@ def absorb(
     rules: Rules,
     *,
     start: Solution | None = None,
+    growing: bool = False,
 ) -> tuple[State, Told]:
     """Look at observations until nothing changes.
 
@@ -112,11 +122,23 @@ def absorb(
         tasks: what is to be looked at first.
         rules: the options.
         start: where everything was, if that has been; approximate values are found otherwise.
+        growing: whether they arrive, so that the engine of the rules takes them; everything else
+            is done in fronts.
 
     Raises:
         InputError: names observations whose geometry has no answer.
     """
-    return _Loop(state, list(tasks), rules, start).run()
+    begun = planted(state, rules) if growing else state.on_fronts()
+    return _Loop(begun, list(tasks), rules, start).run()
+
+
+def planted(state: State, rules: Rules) -> State:
+    """Return a state with its network in iSAM2, where that is the engine and suits it."""
+    system = state.system
+    if not isinstance(system, System) or rules.engine == "fronts":
+        return state
+    tree = InTree.of(system, state.ledger, rules)
+    return state if tree is None else replace(state, system=tree)
 
 
 class _Loop:
@@ -137,7 +159,6 @@ class _Loop:
     def run(self) -> tuple[State, Told]:
         """Work the list off; where a new base was made, test again what had been left out."""
         before = self.state
-        self._plant()
         self._work()
         self._test_by_adjusting(self.told)
         told = before.ledger.rows.verdicts
@@ -153,16 +174,11 @@ class _Loop:
             first = {v.id: v for row in still.tolist() for v in told[row]}
             ledger = self.state.ledger.moved(still, "suspect", "tested again", first)
             self.state = replace(self.state, ledger=ledger)
+        if self.state.ledger.sides:
+            self.state = self.state.on_fronts()
         ledger = examined(self.state.ledger, self.state.system, self.rules)
         self.state = replace(self.state, ledger=ledger)
         return self.state, self.told
-
-    def _plant(self) -> None:
-        """Put the network into iSAM2, where that is the engine."""
-        system, engine = self.state.system, self.rules.engine
-        if isinstance(system, System) and engine != "fronts":
-            if (tree := InTree.of(system, self.state.ledger, self.rules)) is not None:
-                self.state = replace(self.state, system=tree)
 
     def _work(self) -> None:
         while self.tasks or self.over:
@@ -179,6 +195,7 @@ class _Loop:
         ledger, system = self.state.ledger, self.state.system
         if system is None or not failed:
             return
+        system = system.fronts if isinstance(system, InTree) else system
         ledger, found, entered = tested_by_readjustment(
             ledger, system, ledger.find(failed), self.rules, self.given
         )

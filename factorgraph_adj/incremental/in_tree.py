@@ -63,7 +63,7 @@ class InTree:
             or not base.converged
             or base.datum is not None
             or base.extra.rows
-            or base.equations.n_rays > MOST_RAYS
+            or base.equations.n_rays > _most_rays(rules)
         ):
             return None
         tree = Tree(base.equations.network.frame, accuracy=rules.accuracy)
@@ -206,9 +206,7 @@ class InTree:
 
     # -- what arrives -------------------------------------------------------------------------
 
-    def entered(
-        self, ledger: Ledger, rows: Index, found: Sequence[Solution]
-    ) -> EnteredTree | None:
+    def entered(self, ledger: Ledger, rows: Index, found: Sequence[Solution]) -> EnteredTree | None:
         """Put observations into the tree; none where it cannot take them.
 
         Args:
@@ -219,7 +217,7 @@ class InTree:
         Raises:
             InputError: names observations whose geometry has no answer.
         """
-        if len(ledger.rows.images(rows)) > MOST_RAYS:
+        if len(ledger.rows.images(rows)) > _most_rays(self._rules):
             return None
         units = ledger.units(rows)
         if any(o.kind == "factor" for unit in units for o in unit.observations):
@@ -248,6 +246,11 @@ class InTree:
             _ = self.tree  # it goes back
             return None
         return InTree(entered.tree, ledger, self._rules)
+
+
+def _most_rays(rules: Rules) -> int:
+    """Return the largest number of image points in a tree: fronts are made for photos."""
+    return MOST_RAYS if rules.engine == "isam2" else 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,4 +305,3 @@ class EnteredTree:
             if (far > MOVES).any():
                 out.add((kind, name))
         return out
-

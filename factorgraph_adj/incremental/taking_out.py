@@ -44,6 +44,7 @@ def take_out(state: State, ids: Sequence[str], rules: Rules, cause: str = "remov
         rules: the options.
         cause: why.
     """
+    state = state.on_fronts()
     ledger = state.ledger
     rows = ledger.find(ids)
     weights = ledger.missing(ids)
