@@ -367,7 +367,7 @@ class Tree:
             terms: list[list[tuple[int, Array]]] = [[] for _ in own]
             for a, columns in self._forms(sort, at):
                 free: Mask = columns >= 0
-                some, every = free.any(axis=1), free.all(axis=1)
+                some, every = np.asarray(free.any(axis=1)), np.asarray(free.all(axis=1))
                 keys = np.where(some, key_of[columns.max(axis=1, initial=0)], -1).tolist()
                 for i, key in enumerate(keys):
                     if key < 0:
@@ -548,7 +548,7 @@ class Tree:
 
     def weight(self, columns: Index) -> Array:
         """Return √N_jj of columns."""
-        return np.sqrt(np.maximum(self._diagonal.values[columns], 0.0))
+        return np.asarray(np.sqrt(np.maximum(self._diagonal.values[columns], 0.0)))
 
     def spread(self, unit: int, columns: Index) -> Array:
         """Return Q Aᵀ of columns (−1: held, 0) with the rows of a unit, (m, d)."""

@@ -152,7 +152,7 @@ def settled(state: State, rules: Rules) -> State:
     state = state.on_fronts()
     if state.system is None:
         return state
-    draft = replace(Draft.of(state.ledger, state.system, rules.datum), looked={})
+    draft = replace(Draft.of(state.ledger, state.fronts, rules.datum), looked={})
     found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
     if isinstance(found, Failure):
         return state

@@ -70,7 +70,7 @@ def looked_again(
     told |= bent
     tested = {*told, *but}
     for _ in range(MOST_LOOKS):
-        system, ledger = state.system, state.ledger
+        system, ledger = state.fronts, state.ledger
         rows = np.setdiff1d(_left_out(ledger), ledger.find(tested))
         if not len(rows) or (system is not None and system.doubt):
             break
@@ -94,7 +94,7 @@ def looked_again(
 
 def _bent(state: State, tested: Collection[str], rules: Rules) -> tuple[State, Told]:
     """Let suspects enter that fit when everything is adjusted with them, see `nonlinearity`."""
-    system, ledger = state.system, state.ledger
+    system, ledger = state.fronts, state.ledger
     suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(tested))
     if system is None or not len(suspects):
         return state, {}

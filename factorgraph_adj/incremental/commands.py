@@ -59,7 +59,8 @@ def add(state: State, given: Given, rules: Rules) -> tuple[State, Arrival]:
         made = [observation_of(name, make, described) for name, make in factors.items()]
         observations = [*observations, *made]
     ledger, rows = ledger.taken(observations)
-    pieces = in_pieces(ledger, state.system, rows)
+    there = 0 if state.system is None else state.system.n_rays
+    pieces = in_pieces(ledger, there, rows)
     tasks = [Task(piece, asked=True) for piece in pieces]
     if placed := [("point", p.name) for p in points if p.name in state.ledger.network.points]:
         waiting = Candidates(ledger, known_in(state.system), state.ledger.having("waiting"))

@@ -31,22 +31,21 @@ MOST_AT_ONCE = 1_000
 for gross errors among new rays takes more time than in proportion to their number."""
 
 
-def in_pieces(ledger: Ledger, system: System | None, rows: Index) -> list[Index]:
+def in_pieces(ledger: Ledger, n_rays: int, rows: Index) -> list[Index]:
     """Divide what arrives in a large network into pieces of one or a few photos.
 
     Other observations belong to the piece of the last photo that they name, or to the last piece.
 
     Args:
         ledger: where the observations stand.
-        system: what is known; none: nothing is known.
+        n_rays: number of image points in the graph.
         rows: what arrives.
 
     Returns:
         The pieces, in the order in which the photos came; one of everything in small networks.
     """
     rays = ledger.rows.images(rows)
-    there = 0 if system is None else system.n_rays
-    if there < LEAST or len(rays) <= MOST_AT_ONCE or SMALLEST * len(rays) > there:
+    if n_rays < LEAST or len(rays) <= MOST_AT_ONCE or SMALLEST * len(rays) > n_rays:
         return [rows]
     photos, first, counts = np.unique(
         ledger.rows.photo[rays], return_index=True, return_counts=True

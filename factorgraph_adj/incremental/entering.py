@@ -97,16 +97,15 @@ class Entering:
         Raises:
             InputError: names observations between known variables whose geometry has no answer.
         """
-        before, base = self.ledger, self.system
+        before = self.ledger
         for e in self.found:
-            self.new |= Candidates(before, known_in(base), e.rows).counts.keys()
+            self.new |= Candidates(before, known_in(self.system), e.rows).counts.keys()
         self._fill()
         self.stay = np.unique(np.concatenate([self.ready, *(e.rows for e in self.found)]))
         self.ledger = self.ledger.moved(self.stay, "accepted", "arrival")
-        if isinstance(base, InTree):
-            if (entered := self._in_tree(base)) is not None:
-                return entered
-            self.system = base = base.fronts
+        if isinstance(self.system, InTree) and (entered := self._in_tree(self.system)) is not None:
+            return entered
+        base = self._fronts()
         doubted = base is not None and bool(base.doubt)
         if base is not None and not self.found and (entered := self._beside(base)):
             return entered
@@ -127,6 +126,12 @@ class Entering:
             if len(self.stay):
                 draft, ahead = self._draft(base), None
         return self._refused(before, Failure(DISAGREE))
+
+    def _fronts(self) -> System | None:
+        """Return the network in fronts, from which everything goes on."""
+        if isinstance(self.system, InTree):
+            self.system = self.system.fronts
+        return self.system
 
     def _in_tree(self, base: InTree) -> Entered | None:
         """Put everything into the tree; none where fronts have to take it, as it was before."""
@@ -222,7 +227,7 @@ class Entering:
         sigmas = [e.solution.sigma0 for e in self.found if e.solution is not None]
         if self.system is None or all(s <= LIMITS.disturbed for s in sigmas):
             return None
-        found = self._adjusted(draft, self.system, False)
+        found = self._adjusted(draft, self._fronts(), False)
         if not isinstance(found, System):
             return None
         # What they add to vᵀPv: σ̂0 of a large network would hide it.
@@ -344,29 +349,30 @@ class Entering:
 
     def _refused(self, before: Ledger, failure: Failure) -> Entered | Refused:
         """Return what becomes of observations without a solution."""
-        free = self.system is not None and self.system.base.datum is not None
+        system = self._fronts()
+        free = system is not None and system.is_free
         loses_datum = free and failure.loose is not None
-        if self.found or self.system is None or loses_datum:
+        if self.found or system is None or loses_datum:
             return Refused(loses_datum, self._noticing() if loses_datum else NO_ROWS)
         self.stay = self.ready
         tested = self.ready[~self._untested()]
-        if self.system.doubt or not len(tested):
-            system = self.system if self.system.doubt else with_doubt(self.system, failure.reason)
+        if system.doubt or not len(tested):
+            system = system if system.doubt else with_doubt(system, failure.reason)
             kept = [v for u in before.units(self.ready) for v in untested(u, "accepted")]
             ledger = before.moved(self.ready, "accepted", "arrival")
             return Entered(ledger, system, tuple(kept))
         failed = self.rules.failed
         told = [v for u in before.units(tested) for v in untested(u, failed, NO_SOLUTION)]
         ledger = before.moved(tested, failed, "no solution", {v.id: v for v in told})
-        return Entered(ledger, self.system, tuple(told))
+        return Entered(ledger, system, tuple(told))
 
     def _noticing(self) -> Index:
         """Return what notices motions that the datum of a free network leaves open."""
-        if self.system is None:
+        system = self._fronts()
+        if system is None:
             return NO_ROWS
-        draft = self._draft(self.system)
         ids = [u.ids for u in self.ledger.units(self.stay)]
-        return self.stay[draft.noticing(self.system.base, ids)]
+        return self.stay[self._draft(system).noticing(system.base, ids)]
 
 
 def rays_alone(ledger: Ledger, variables: Iterable[Variable]) -> Index:

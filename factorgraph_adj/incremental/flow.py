@@ -53,14 +53,18 @@ class State:
     settled: bool = True
     """Whether nothing has changed since it was at rest."""
 
-    def on_fronts(self) -> State:
-        """Return the state with its network in fronts.
+    @property
+    def fronts(self) -> System | None:
+        """The network in fronts.
 
         Raises:
             AdjustmentError: there is no minimum.
         """
-        system = self.system
-        return replace(self, system=system.fronts) if isinstance(system, InTree) else self
+        return self.system.fronts if isinstance(self.system, InTree) else self.system
+
+    def on_fronts(self) -> State:
+        """Return the state with its network in fronts; errors as of `fronts`."""
+        return replace(self, system=self.fronts) if isinstance(self.system, InTree) else self
 
     def recorded(self) -> State:
         """Return the state without what was noted for the journal."""
@@ -176,8 +180,8 @@ class _Loop:
             self.state = replace(self.state, ledger=ledger)
         if self.state.ledger.sides:
             self.state = self.state.on_fronts()
-        ledger = examined(self.state.ledger, self.state.system, self.rules)
-        self.state = replace(self.state, ledger=ledger)
+            ledger = examined(self.state.ledger, self.state.fronts, self.rules)
+            self.state = replace(self.state, ledger=ledger)
         return self.state, self.told
 
     def _work(self) -> None:

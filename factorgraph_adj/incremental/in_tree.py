@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -99,11 +98,10 @@ class InTree:
             raise AdjustmentError(found.reason)
         return found
 
-    def __getattr__(self, name: str) -> Any:
-        """Return what only the fronts have."""
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return getattr(self.fronts, name)
+    @property
+    def base(self) -> Solution:
+        """The network, adjusted at once; see `fronts`."""
+        return self.fronts.base
 
     def known(self, kind: VariableKind, name: str) -> bool:
         """Return whether a variable is determined, or a constant."""

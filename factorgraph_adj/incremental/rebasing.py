@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -13,6 +14,7 @@ from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError, DatumError
 from ..graph.dependence import Variable, components
 from ..graph.equations import Equations, compile_network
+from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
 from ..network.selection import filtered
@@ -31,6 +33,7 @@ from ..solve.standing import standing
 from ..solve.start import Start
 from ..types import Array, Index
 from .cutting import section_of
+from .excerpt import Known
 from .ledger import Ledger
 from .other_minimum import describe_other_minimum
 from .rules import Rules
@@ -65,6 +68,52 @@ NOTICED = 1e-6
 """|A g| relative to Σ|A||g| from which on a row notices a motion g of a free network."""
 
 
+class Placed(Known, Protocol):
+    """A network whose variables have their places."""
+
+    @property
+    def base(self) -> Solution:
+        """It, adjusted at once."""
+        ...
+
+    @property
+    def section(self) -> Section | None:
+        """What that knows of the rest, if it is a section of the network."""
+        ...
+
+    @property
+    def doubt(self) -> str:
+        """Why this is not the minimum; empty if it is."""
+        ...
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything has changed since it was adjusted at once."""
+        ...
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it is a free network."""
+        ...
+
+    @property
+    def looked(self) -> Mapping[str, Looked]:
+        """Shapes that were fitted anew in vain, see `solve.shapes_anew`."""
+        ...
+
+    def names(self, kind: VariableKind) -> set[str]:
+        """Return the names of the known variables of a kind."""
+        ...
+
+    def places(self) -> list[tuple[Unknowns, State, State]]:
+        """Return unknowns, state and start values: what stands later has been adjusted later."""
+        ...
+
+    def carried(self, unknowns: Unknowns, state: State) -> State:
+        """Return a state with the values of what `places` does not have."""
+        ...
+
+
 @dataclass(frozen=True)
 class Failure:
     """No minimum was found."""
@@ -97,7 +146,7 @@ class Draft:
     def of(
         cls,
         ledger: Ledger,
-        system: System | None,
+        system: Placed | None,
         datum: DatumChoice,
         *,
         new: Collection[Variable] = (),
@@ -255,7 +304,7 @@ def _vague(solution: Solution) -> list[str]:
 def _started(
     equations: Equations,
     datum: DatumChoice,
-    system: System | None,
+    system: Placed | None,
     found: Sequence[Solution],
 ) -> Start:
     """Return values of the unknowns: those that are known, those that were found, or approximate.
@@ -281,7 +330,7 @@ def _started(
 
 def known_network(
     ledger: Ledger,
-    system: System | None,
+    system: Placed | None,
     *,
     new: Collection[Variable] = (),
     dropped: Collection[Variable] = (),
@@ -313,7 +362,7 @@ def known_network(
     return filtered(network, determined, inside=inside)
 
 
-def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
+def solution_of(ledger: Ledger, system: Placed, rules: Rules) -> Solution:
     """Return the solution as it stands; a free network's on its inner constraints.
 
     All observations are linearised there. Where the step that is left is more than was promised,
@@ -324,7 +373,7 @@ def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
     if system.section is None and not system.changed and not system.doubt:
         return system.base
     draft = Draft.of(ledger, system, rules.datum)
-    constraint = None if system.base.datum is None else draft.normal(system.base)[1]
+    constraint = None if not system.is_free else draft.normal(system.base)[1]
     found = standing(
         draft.equations,
         draft.start,

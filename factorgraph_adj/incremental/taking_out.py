@@ -63,7 +63,7 @@ def take_out(state: State, ids: Sequence[str], rules: Rules, cause: str = "remov
     ledger = ledger.moved(out, "rejected", REST, told)
     rest = np.setdiff1d(rest, out)
     ledger = ledger.without_weights(weights).without_lacks(rows)
-    start, again, system = None, NO_ROWS, state.system
+    start, again, system = None, NO_ROWS, state.fronts
     if system is not None and (len(inside) or weights):
         ledger, system, again, start = _without(ledger, system, [*firsts, *weights], rules)
     held = np.union1d(fixed, again)
