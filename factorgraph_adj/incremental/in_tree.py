@@ -21,12 +21,13 @@ from ..models.variables import VariableKind
 from ..quality.leave_out import Tested
 from ..solve.run import Looked
 from ..solve.solution import Solution
+from ..solve.standing import standing
 from ..types import NO_ROWS, Array, Index, Mask
 from .excerpt import excerpt
 from .forms import rows_of
 from .judging import MOVES, Place
 from .ledger import Ledger
-from .rebasing import EFFORT, Draft, Failure
+from .rebasing import EFFORT, Draft
 from .rules import Rules
 from .system import System
 from .units import Unit
@@ -87,16 +88,19 @@ class InTree:
 
     @cached_property
     def fronts(self) -> System:
-        """The network's fronts, adjusted from where everything is.
+        """The network's fronts, adjusted from where everything is; linearised there, if that fails.
 
         Raises:
-            AdjustmentError: there is no minimum.
+            AdjustmentError: the network is singular to working precision.
         """
         draft = Draft.of(self._ledger, self, self._rules.datum)
         found = draft.adjusted(self._rules.datum, tolerances=(EFFORT.close,))
-        if isinstance(found, Failure):
-            raise AdjustmentError(found.reason)
-        return found
+        if isinstance(found, System):
+            return found
+        within = self._rules.accuracy
+        reason = f"within {within:.0%} of each σ of the minimum"
+        there = standing(draft.equations, draft.start, None, reason=reason, within=within, doubt="")
+        return System.of(there, rows=draft.rows)
 
     @property
     def base(self) -> Solution:
