@@ -90,6 +90,8 @@ class Mark(NamedTuple):
     """Points of linearisation."""
     n_units: int
     """Number of units."""
+    unit: dict[str, int]
+    """Units by id."""
     of_units: tuple[Array, ...]
     """What there is of each unit, key and column; copies."""
 
@@ -117,8 +119,6 @@ class Tree:
         """Observations of each unit."""
         self.unit: dict[str, int] = {}
         """Unit of the observation with an id; of weighted unknowns, by their names."""
-        self._ids: list[str] = []
-        """Id of the first observation of each unit."""
         self.version = 0
         """Number of changes."""
         self._whitener: dict[int, Array] = {}
@@ -192,6 +192,7 @@ class Tree:
             {sort: rows.forms() for sort, rows in self.sorts.items()},
             {kind: table.theta.values.copy() for kind, table in self.tables.items()},
             len(self.units),
+            dict(self.unit),
             tuple(each.values.copy() for each in self._numbered),
         )
 
@@ -213,8 +214,8 @@ class Tree:
                 table.theta.values[:, : before.shape[1]] = before
         for unit in range(mark.n_units, len(self.units)):
             self._whitener.pop(unit, None)
-            self.unit.pop(self._ids[unit], None)
-        del self.units[mark.n_units :], self._ids[mark.n_units :]
+        del self.units[mark.n_units :]
+        self.unit = mark.unit
         for each, copied in zip(self._numbered, mark.of_units, strict=True):
             each.put_back(copied)
 
@@ -254,7 +255,6 @@ class Tree:
                 if name not in of_unit:
                     of_unit[name] = len(self.units)
                     self.units.append(())
-                    self._ids.append(ident)
                 self.unit[ident] = of_unit[name]
                 units.append(of_unit[name])
             numbers = [places[kind][index] for kind, index in block.variables]
@@ -513,6 +513,11 @@ class Tree:
 
     def tested(self, units: Index) -> Tested:
         """Return units, to be tested against everything else: M = I − A Q Aᵀ after the update."""
+        rows, m, v = self._joint(units)
+        return Tested(rows, v, lambda u: m[:, u])
+
+    def _joint(self, units: Index) -> tuple[list[Index], Array, Array]:
+        """Return the rows of units among those of all, their M, and their residuals."""
         parts = self._parts(units)
         keys = sorted({key for terms, _ in parts.values() for key in terms})
         sizes = self._size.values[keys]
@@ -529,7 +534,12 @@ class Tree:
         columns = np.concatenate([NO_ROWS, *(self._columns_of(k) for k in keys)])
         q = self.covariance_of(keys)
         m = np.eye(n) - every @ q @ every.T
-        return Tested(rows, v + every @ self._delta.values[columns], lambda u: m[:, u])
+        return rows, m, v + every @ self._delta.values[columns]
+
+    def least_redundancy(self, units: Index) -> float:
+        """Return the smallest eigenvalue of M of all rows of units: 0 where only they tell."""
+        m = self._joint(units)[1]
+        return float(np.linalg.eigvalsh(0.5 * (m + m.T))[0]) if len(m) else 1.0
 
     def covariance_of(self, keys: Sequence[int]) -> Array:
         """Return the joint covariance of keys, in their order."""

@@ -65,14 +65,18 @@ def looked_again(
     Returns:
         The state, and the verdicts of the command and on what came back.
     """
-    told, state = dict(told), state.on_fronts()
+    told = dict(told)
     state, bent = _bent(state, {*told, *but}, rules)
     told |= bent
     tested = {*told, *but}
     for _ in range(MOST_LOOKS):
-        system, ledger = state.fronts, state.ledger
+        ledger = state.ledger
         rows = np.setdiff1d(_left_out(ledger), ledger.find(tested))
-        if not len(rows) or (system is not None and system.doubt):
+        if not len(rows):
+            break
+        state = state.on_fronts()
+        system = state.fronts
+        if system is not None and system.doubt:
             break
         found = Candidates(ledger, known_in(system), rows)
         ready, late = found.ready, found.late
@@ -94,9 +98,9 @@ def looked_again(
 
 def _bent(state: State, tested: Collection[str], rules: Rules) -> tuple[State, Told]:
     """Let suspects enter that fit when everything is adjusted with them, see `nonlinearity`."""
-    system, ledger = state.fronts, state.ledger
+    ledger = state.ledger
     suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(tested))
-    if system is None or not len(suspects):
+    if not len(suspects) or (system := state.fronts) is None:
         return state, {}
     ledger, system, told = tested_by_readjustment(ledger, system, suspects, rules, ())
     if not told:

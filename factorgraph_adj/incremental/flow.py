@@ -126,13 +126,12 @@ def absorb(
         tasks: what is to be looked at first.
         rules: the options.
         start: where everything was, if that has been; approximate values are found otherwise.
-        growing: whether they arrive, so that the engine of the rules takes them; everything else
-            is done in fronts.
+        growing: whether they arrive, so that the engine of the rules takes them.
 
     Raises:
         InputError: names observations whose geometry has no answer.
     """
-    begun = planted(state, rules) if growing else state.on_fronts()
+    begun = planted(state, rules) if growing else state
     return _Loop(begun, list(tasks), rules, start).run()
 
 

@@ -25,7 +25,7 @@ from ..solve.standing import standing
 from ..types import NO_ROWS, Array, Index, Mask
 from .excerpt import excerpt
 from .forms import rows_of
-from .judging import MOVES, Place
+from .judging import MOVES, TIED, Place
 from .ledger import Ledger
 from .rebasing import EFFORT, Draft
 from .rules import Rules
@@ -241,6 +241,25 @@ class InTree:
             return None
         self._mark = mark
         return EnteredTree.of(tree, equations, tuple(units))
+
+    def without(self, ids: Sequence[str], ledger: Ledger) -> InTree | None:
+        """Return the system without units; none where they alone determine something.
+
+        Args:
+            ids: first ids of the units.
+            ledger: the ledger without them.
+        """
+        tree = self.tree
+        units = np.array([tree.unit[i] for i in ids], dtype=np.intp)
+        if tree.least_redundancy(units) <= TIED:
+            return None
+        mark = tree.mark()
+        tree.leave(units)
+        self._mark = mark
+        if not tree.follow_to_rest():
+            _ = self.tree  # it goes back
+            return None
+        return InTree(tree, ledger, self._rules)
 
     def after(self, entered: EnteredTree, ledger: Ledger) -> InTree | None:
         """Return the system with what has entered; none where linear forms come to no rest."""

@@ -14,6 +14,7 @@ from ..types import NO_ROWS, Index
 from .beginning import adjusted
 from .candidates import Candidates, Nothing
 from .flow import State, Task
+from .in_tree import InTree
 from .judging import untested
 from .leaving import loosened, without
 from .ledger import Ledger
@@ -44,7 +45,6 @@ def take_out(state: State, ids: Sequence[str], rules: Rules, cause: str = "remov
         rules: the options.
         cause: why.
     """
-    state = state.on_fronts()
     ledger = state.ledger
     rows = ledger.find(ids)
     weights = ledger.missing(ids)
@@ -63,9 +63,15 @@ def take_out(state: State, ids: Sequence[str], rules: Rules, cause: str = "remov
     ledger = ledger.moved(out, "rejected", REST, told)
     rest = np.setdiff1d(rest, out)
     ledger = ledger.without_weights(weights).without_lacks(rows)
-    start, again, system = None, NO_ROWS, state.fronts
+    start, again, system = None, NO_ROWS, state.system
     if system is not None and (len(inside) or weights):
-        ledger, system, again, start = _without(ledger, system, [*firsts, *weights], rules)
+        smaller: InTree | None = None
+        if isinstance(system, InTree) and not weights:
+            smaller = system.without(firsts, ledger)
+        if smaller is not None:
+            system = smaller
+        elif (fronts := state.fronts) is not None:
+            ledger, system, again, start = _without(ledger, fronts, [*firsts, *weights], rules)
     held = np.union1d(fixed, again)
     tasks = [Task(np.union1d(rest, again), held), Task(ledger.having("waiting"))]
     after = State(ledger, system, settled=False)

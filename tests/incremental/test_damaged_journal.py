@@ -67,7 +67,12 @@ OBSERVATION = {
     "id": "t",
 }
 CASES = {
-    "no options": (1, "options", None, "the options must be accuracy, alpha, datum, engine, policy"),
+    "no options": (
+        1,
+        "options",
+        None,
+        "the options must be accuracy, alpha, datum, engine, policy",
+    ),
     "another option": (1, "options", {"3ccuracy": 0.01}, "the options must be accuracy, alpha"),
     "no files": (1, "files", None, "the line has no files of a network"),
     "an unknown point": (
