@@ -65,8 +65,7 @@ for name in NEW:
         print(f"{f'{name} σ{axis}, mm':12}{g:14.6f}{f:14.6f}{g - f:14.1e}")
 scale = built.keys.scale("calibration", "camera")[0]
 g = scale * values.atVector(built.keys.key("calibration", "camera"))[0]
-f = solution.calibration("camera")["c"]
-print(f"{'c, mm':12}{g:14.6f}{f:14.6f}{g - f:14.1e}")
+print(f"{'c, mm':12}{g:14.6f}{(f := solution.calibration('camera')['c']):14.6f}{g - f:14.1e}")
 
 # %%
 # A factor of GTSAM among the observations: a taped distance, in a batch adjustment and on arrival.

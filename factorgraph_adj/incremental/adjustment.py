@@ -348,12 +348,8 @@ class IncrementalAdjustment:
 
         The solution tells of the places.
         """
-        ledger = self._state.ledger
-
-        def there(ident: str) -> bool:
-            return ledger.status(ident) == "accepted"
-
-        return (*self._places_in_doubt(), *self._copies.told(there, lambda ident, _: repr(ident)))
+        inside = self._state.ledger.is_accepted
+        return (*self._places_in_doubt(), *self._copies.told(inside, lambda ident, _: repr(ident)))
 
     def _places_in_doubt(self) -> tuple[str, ...]:
         ledger = self._state.ledger

@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import AdjustmentError
-from ..factor_graph.tree import Arriving, Mark, Tree
+from ..factor_graph.linear_rows import Arriving
+from ..factor_graph.tree import Mark, Tree
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State, Unknowns

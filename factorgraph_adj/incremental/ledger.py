@@ -340,6 +340,10 @@ class Ledger:
         rows = self.find([ident])
         return OUTCOMES[int(self.rows.status[rows[0]])] if len(rows) else "gone"
 
+    def is_accepted(self, ident: str) -> bool:
+        """Return whether the observation with an id is in the graph."""
+        return self.status(ident) == "accepted"
+
     def unit(self, row: int) -> Unit:
         """Return a row as a unit."""
         return self.rows.unit(self.network, self.names, row)

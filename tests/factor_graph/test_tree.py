@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.factor_graph.tree import Arriving, IndeterminateError, Tree
+from factorgraph_adj.factor_graph.linear_rows import Arriving
+from factorgraph_adj.factor_graph.tree import IndeterminateError, Tree
 from factorgraph_adj.graph.equations import compile_rows
 from factorgraph_adj.observations import AnyObservation, HeightDifference, SlopeDistance
 from factorgraph_adj.quality.leave_out import critical_t2

@@ -1,0 +1,319 @@
+"""Observations as linear rows: v(θ) + A(θ) δ, at points of linearisation that can be moved.
+
+Rows of one sort are evaluated at once, whenever they have arrived. An unknown is the movement δ of
+a variable from its point of linearisation θ, with x = θ ⊞ δ. What the linear rows miss is measured
+and not supposed: the gap g = v(x) − (v(θ) + A(θ) δ) of whitened rows moves no estimate by more than
+|g| times its standard deviation, as |Q^½ Aᵀ g| ≤ |g|.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..frames import Frame
+from ..graph.dependence import Variable
+from ..graph.equations import Equations
+from ..graph.variables import State, Variables
+from ..models.variables import UNKNOWNS, VariableKind
+from ..types import Array, Index, Mask
+from .rows import Grown, Rows, Sort, sort_of
+
+
+class Arriving(NamedTuple):
+    """Observations that arrive, compiled together."""
+
+    equations: Equations
+    """The observations, and what they touch."""
+    state: State
+    """Values of variables that are new; those that are known stay where they are."""
+
+
+@dataclass(eq=False)
+class Table:
+    """The variables of one kind."""
+
+    number: dict[str, int]
+    """Number by name."""
+    theta: Grown
+    """Points of linearisation θ, as in a state."""
+    column: Grown
+    """Column of each component; −1 for held ones."""
+    key: Grown
+    """Key of each variable; −1 for constants."""
+
+
+class Member(NamedTuple):
+    """An observation of a unit."""
+
+    sort: Sort
+    """Where it stands."""
+    row: int
+    """Its number there."""
+
+
+class LinearRows:
+    """Observations as linear rows."""
+
+    def __init__(self, frame: Frame) -> None:
+        """Begin with nothing.
+
+        Args:
+            frame: frame of the coordinates.
+        """
+        self.frame = frame
+        self.tables: dict[VariableKind, Table] = {}
+        self.sorts: dict[Sort, Rows] = {}
+        self.units: list[tuple[Member, ...]] = []
+        """Observations of each unit."""
+        self.unit: dict[str, int] = {}
+        """Unit of the observation with an id; of weighted unknowns, by their names."""
+        self._whitener: dict[int, Array] = {}
+        """What whitens a correlated unit."""
+        self._gap = Grown()
+        """Square of the gap of each unit."""
+        self._inside = Grown(dtype=bool)
+        """Whether each unit is in."""
+        self._first, self._size = Grown(dtype=np.intp), Grown(dtype=np.intp)
+        """First column and number of columns of each key."""
+        self._alive = Grown(dtype=bool)
+        """Which keys have rows."""
+        self._key = Grown(dtype=np.intp)
+        """Key of each column."""
+        self._delta, self._looked, self._diagonal = Grown(), Grown(), Grown()
+        """δ, δ at the last look, and the diagonal of N, of each column."""
+
+    def _place(self, arriving: Arriving, new: dict[Sort, list[Index]]) -> None:
+        """Give observations their places, and note their rows by sort."""
+        equations, state = arriving
+        unknowns = equations.unknowns
+        places = {
+            kind: self._numbers(kind, table, state[kind]) for kind, table in unknowns.tables.items()
+        }
+        group = np.full(equations.n_rows, -1)
+        for number, cluster in enumerate(equations.clusters):
+            group[cluster.rows] = number
+        of_unit: dict[str | int, int] = {}
+        for block in equations.blocks:
+            if not block.n:
+                continue
+            sort = sort_of(block)
+            rows = self.sorts.setdefault(sort, Rows(block))
+            joint = group[block.rows].reshape(block.n, -1)[:, 0]
+            units = []
+            for ident, number in zip(block.ids, joint.tolist(), strict=True):
+                # Several axes of an observation of coordinates are one unit, and so is a group.
+                name = f"{block.kind} {ident}" if number < 0 else number
+                if name not in of_unit:
+                    of_unit[name] = len(self.units)
+                    self.units.append(())
+                self.unit[ident] = of_unit[name]
+                units.append(of_unit[name])
+            numbers = [places[kind][index] for kind, index in block.variables]
+            at = rows.extend(block, numbers, np.array(units), joint >= 0)
+            for unit, row in zip(units, at.tolist(), strict=True):
+                self.units[unit] += (Member(sort, row),)
+            new.setdefault(sort, []).append(at)
+        for number, cluster in enumerate(equations.clusters):
+            self._whitener[of_unit[number]] = cluster.whitener[:, np.argsort(cluster.rows)]
+
+    def _numbers(self, kind: VariableKind, table: Variables, values: Array) -> Index:
+        """Return the numbers of variables; those that are new get one."""
+        mine = self.tables.get(kind)
+        if mine is None:
+            theta = Grown(values.shape[1])
+            column = Grown(table.free.shape[1], dtype=np.intp, fill=-1)
+            mine = self.tables[kind] = Table({}, theta, column, Grown(dtype=np.intp))
+        mine.theta.widen(values.shape[1])
+        mine.column.widen(table.free.shape[1])
+        out = np.empty(len(table.names), dtype=np.intp)
+        for i, name in enumerate(table.names):
+            number = mine.number.get(name)
+            if number is None:
+                number = mine.number[name] = self._new(mine, table, i, values[i])
+            out[i] = number
+        return out
+
+    def _new(self, mine: Table, table: Variables, i: int, value: Array) -> int:
+        """Return the number of a variable that is added to a table."""
+        free = np.flatnonzero(table.free[i, : table.size[i]])
+        key = self._first.n if len(free) else -1
+        column = np.full(mine.column.values.shape[1], -1)
+        if len(free):
+            self._first.extend(np.array([self._key.n]))
+            self._size.extend(np.array([len(free)]))
+            self._alive.extend(np.array([False]))
+            column[free] = self._key.extend(np.full(len(free), key))
+            for each in (self._delta, self._looked, self._diagonal):
+                each.extend(np.zeros(len(free)))
+        stored = np.zeros(mine.theta.values.shape[1])
+        stored[: len(value)] = value
+        mine.theta.extend(stored[None])
+        mine.column.extend(column[None])
+        return int(mine.key.extend(np.array([key]))[0])
+
+    def _theta(self) -> State:
+        return {kind: table.theta.values for kind, table in self.tables.items()}
+
+    def state(self) -> State:
+        """Return the values of all variables, by kind and number."""
+        return {
+            kind: self._moved(kind, np.arange(table.theta.n)) for kind, table in self.tables.items()
+        }
+
+    def _moved(self, kind: VariableKind, numbers: Index) -> Array:
+        table = self.tables[kind]
+        theta, columns = table.theta.values[numbers], table.column.values[numbers]
+        if not (columns >= 0).any():
+            return theta
+        step = np.where(columns >= 0, self._delta.values[columns], 0.0)
+        return UNKNOWNS[kind].retract(theta, step)
+
+    def _forms(self, sort: Sort, rows: Index) -> Iterable[tuple[Array, Index]]:
+        """Iterate over the partials (k, d, s) and columns (k, s), −1 held, of each variable."""
+        own = self.sorts[sort]
+        for j, kind in enumerate(own.kinds):
+            a = own.a[j].values[rows] if own.a else np.zeros((len(rows), 1, 0))
+            columns = self.tables[kind].column.values[own.index.values[rows, j]]
+            yield a, columns[:, : a.shape[2]]
+
+    def _weigh(self, sort: Sort, rows: Index, sign: float) -> None:
+        """Add rows to the diagonal of N, or take them from it."""
+        for a, columns in self._forms(sort, rows):
+            on = columns >= 0
+            np.add.at(self._diagonal.values, columns[on], sign * (a**2).sum(axis=1)[on])
+
+    def _parts(self, units: Index) -> dict[int, tuple[dict[int, Array], Array]]:
+        """Return partials by key, and residuals at θ, of units."""
+        rows: dict[Sort, list[int]] = {}
+        for unit in units.tolist():
+            for sort, row in self.units[unit]:
+                rows.setdefault(sort, []).append(row)
+        found: dict[Member, tuple[list[tuple[int, Array]], Array]] = {}
+        first, key_of = self._first.values, self._key.values
+        for sort, own in rows.items():
+            at = np.array(own)
+            v = self.sorts[sort].v.values[at]
+            terms: list[list[tuple[int, Array]]] = [[] for _ in own]
+            for a, columns in self._forms(sort, at):
+                free: Mask = columns >= 0
+                some, every = np.asarray(free.any(axis=1)), np.asarray(free.all(axis=1))
+                keys = np.where(some, key_of[columns.max(axis=1, initial=0)], -1).tolist()
+                for i, key in enumerate(keys):
+                    if key < 0:
+                        continue
+                    wide = a[i]
+                    if not every[i] or wide.shape[1] != self._size.values[key]:
+                        wide = np.zeros((a.shape[1], int(self._size.values[key])))
+                        wide[:, columns[i][free[i]] - first[key]] = a[i][:, free[i]]
+                    terms[i].append((key, wide))
+            for i, row in enumerate(own):
+                found[Member(sort, row)] = terms[i], v[i]
+        return {u: self._joined(u, [found[m] for m in self.units[u]]) for u in units.tolist()}
+
+    def _joined(
+        self, unit: int, members: Sequence[tuple[list[tuple[int, Array]], Array]]
+    ) -> tuple[dict[int, Array], Array]:
+        """Return partials by key, and residuals, of one unit of some observations."""
+        if len(members) == 1 and unit not in self._whitener:
+            terms, v = members[0]
+            return dict(terms), v
+        v = np.concatenate([m[1] for m in members])
+        joined: dict[int, Array] = {}
+        at = 0
+        for terms, own in members:
+            for key, a in terms:
+                joined.setdefault(key, np.zeros((len(v), a.shape[1])))[at : at + len(own)] += a
+            at += len(own)
+        w = self._whitener.get(unit)
+        if w is None:
+            return joined, v
+        return {key: w @ a for key, a in joined.items()}, w @ v
+
+    def _look(self, moved: float) -> None:
+        """Measure the gaps of rows whose variables have moved since the last look."""
+        weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
+        columns = np.abs(self._delta.values - self._looked.values) * weight > moved
+        if not columns.any():
+            return
+        self._looked.values[columns] = self._delta.values[columns]
+        state = self.state()
+        gaps: dict[int, list[Array]] = {}
+        for sort, rows in self._touching(columns):
+            own = self.sorts[sort]
+            linear = own.v.values[rows].copy()
+            for a, at in self._forms(sort, rows):
+                step = np.where(at >= 0, self._delta.values[at], 0.0)
+                linear += np.einsum("nij,nj->ni", a, step)
+            gap = own.residuals(rows, self.frame, state) - linear
+            units = own.unit.values[rows]
+            alone = ~own.joint.values[rows]
+            self._gap.values[units[alone]] = (gap[alone] ** 2).sum(axis=1)
+            for unit, g in zip(units[~alone].tolist(), gap[~alone], strict=True):
+                gaps.setdefault(unit, []).append(g)
+        for unit, parts in gaps.items():  # all of a group are looked at together
+            whole = np.concatenate(parts)
+            w = self._whitener[unit]
+            if len(whole) == len(w):
+                self._gap.values[unit] = float(np.sum((w @ whole) ** 2))
+
+    def _touching(self, columns: Mask) -> Iterable[tuple[Sort, Index]]:
+        """Iterate over the rows in the tree that touch flagged columns, by sort."""
+        for sort, own in self.sorts.items():
+            on = self._inside.values[own.unit.values]
+            hit = np.zeros(own.index.n, dtype=bool)
+            for j, kind in enumerate(own.kinds):
+                at = self.tables[kind].column.values
+                touched = ((at >= 0) & columns[at]).any(axis=1)
+                hit |= touched[own.index.values[:, j]]
+            rows = np.flatnonzero(hit & on)
+            if len(rows):
+                yield sort, rows
+
+    @property
+    def n_rows(self) -> int:
+        """Number of scalar rows."""
+        return sum(
+            int(self._inside.values[rows.unit.values].sum()) * rows.v.values.shape[1]
+            for rows in self.sorts.values()
+        )
+
+    @property
+    def n_unknowns(self) -> int:
+        """Number of unknowns that rows determine."""
+        return int(self._size.values[self._alive.values].sum())
+
+    @property
+    def vtpv(self) -> float:
+        """VᵀPv of the linear rows."""
+        units = np.flatnonzero(self._inside.values)
+        total = 0.0
+        for terms, v in self._parts(units).values():
+            r = v + sum(a @ self._delta.values[self._columns_of(k)] for k, a in terms.items())
+            total += float(r @ r)
+        return total
+
+    def key(self, variable: Variable) -> int:
+        """Return the key of a variable."""
+        kind, name = variable
+        return int(self.tables[kind].key.values[self.tables[kind].number[name]])
+
+    def value(self, kind: VariableKind, name: str) -> Array:
+        """Return the estimate of a variable, as in a state."""
+        return np.asarray(self._moved(kind, np.array([self.tables[kind].number[name]]))[0])
+
+    def columns(self, kind: VariableKind, name: str) -> Index:
+        """Return the columns of the components of a variable, −1 for held ones."""
+        table = self.tables[kind]
+        return np.asarray(table.column.values[table.number[name]])
+
+    def _columns_of(self, key: int) -> Index:
+        first = int(self._first.values[key])
+        return np.arange(first, first + int(self._size.values[key]))
+
+    def weight(self, columns: Index) -> Array:
+        """Return √N_jj of columns."""
+        return np.asarray(np.sqrt(np.maximum(self._diagonal.values[columns], 0.0)))
