@@ -1,4 +1,4 @@
-"""Arriving units between known variables, beside a system."""
+"""Arriving units beside a system: between known variables, or with new ones."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from ..graph.dependence import Variable
 from ..quality.leave_out import Tested
 from ..solve.update import Update
 from ..types import Array, Index
+from .border import Watched
 from .forms import Forms
-from .judging import Place
+from .judging import MOVES, Place
 from .system import MOST_BESIDE, System
 from .units import Unit
 
@@ -57,7 +58,11 @@ class Beside:
             unit.ids[0]: before + own for unit, own in zip(self.units, self.forms.rows, strict=True)
         }
         joined = {**self.system.joined, **new}
-        return replace(self.system, update=self.update, joined=joined, slots=self.slots)
+        system = replace(self.system, update=self.update, joined=joined, slots=self.slots)
+        if not (self.forms.columns >= system.unknowns.n_columns).any() or system.section:
+            return system
+        watched = (*system.border.watched, Watched(self.forms))
+        return replace(system, border=replace(system.border, watched=watched))
 
     @property
     def units(self) -> tuple[Unit, ...]:
@@ -80,7 +85,7 @@ class Beside:
         """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""
         rows: Index = len(self.system.update.signs) + self.forms.rows[i]
         f = self.after.expand(columns, np.eye(len(columns)))
-        return np.asarray(f.b @ self.update.spread[f.at] @ self.update.inverse[:, rows])
+        return self.update.gain(f.at, f.b)[:, rows]
 
     def place(self, name: str) -> Place:
         """Return a point with all units in."""
@@ -90,6 +95,18 @@ class Beside:
         return Place(columns, self.after.free(columns), variance)
 
     def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
-        """Return nothing: what is known stays known without them."""
-        del i, combinations, new
-        return set()
+        """Return which of new variables combinations (d, n) of a unit's rows determine.
+
+        What was known stays known without them.
+        """
+        system, rows = self.system, len(self.system.update.signs) + self.forms.rows[i]
+        out: set[Variable] = set()
+        for variable in set(new) & system.border.unknowns.keys():
+            columns = system.border.unknowns[variable].columns
+            place = system.border.place[columns]
+            place = place[place >= 0]
+            motion = self.update.parts.k[np.ix_(place, rows)] @ combinations
+            weight = np.linalg.norm(self.update.border[:, place], axis=0)
+            if (np.abs(motion).max(axis=1) * weight > MOVES).any():
+                out.add(variable)
+        return out

@@ -7,9 +7,10 @@ of its own, because two observations contradict each other, waits on.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -38,6 +39,9 @@ CONTRADICT = "its observations contradict each other, and nothing tells yet whic
 PARALLEL = "its rays are parallel by now: there is no minimum at a finite distance"
 DISAGREE = "what enters together does not agree"
 NO_SOLUTION = "no solution is reached with it: is it near to where its kind has no answer?"
+
+
+_J = TypeVar("_J", bound=Joint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +111,7 @@ class Entering:
             return entered
         base = self._fronts()
         doubted = base is not None and bool(base.doubt)
-        if base is not None and not self.found and (entered := self._beside(base)):
+        if base is not None and (entered := self._beside(base)):
             return entered
         draft, ahead = self._prepared(base, doubted)
         for _ in range(MOST_JUDGED):
@@ -135,21 +139,42 @@ class Entering:
 
     def _in_tree(self, base: InTree) -> Entered | None:
         """Put everything into the tree; none where fronts have to take it, as it was before."""
-        before = replace(self, new=set(self.new), dropped=set(self.dropped), verdicts=[])
         solutions = [e.solution for e in self.found if e.solution is not None]
+        return self._judged_inside(
+            base,
+            lambda: base.entered(self.ledger, self.stay, solutions),
+            lambda joint: base.after(joint, self.ledger),
+        )
+
+    def _judged_inside(
+        self,
+        base: System | InTree,
+        enter: Callable[[], _J | None],
+        after: Callable[[_J], System | InTree | None],
+    ) -> Entered | None:
+        """Put everything in and judge it there, until nothing is left out.
+
+        None: only a new base can take it in; everything is as it was before then.
+
+        Args:
+            base: the system without it.
+            enter: puts what is still in into the system; none: the system cannot take it.
+            after: returns the system with it at its minimum; none: it is not near enough.
+        """
+        before = replace(self, new=set(self.new), dropped=set(self.dropped), verdicts=[])
         with suppress(AdjustmentError):
             for _ in range(MOST_JUDGED):
                 if not len(self.stay):
                     return Entered(self.ledger, base, tuple(self.verdicts))
-                joint = base.entered(self.ledger, self.stay, solutions)
+                joint = enter()
                 if joint is None:
                     break
                 if self._tests() and self._leave_out(joint):
                     continue  # the others enter without it
-                after = base.after(joint, self.ledger)
-                if after is None:
+                found = after(joint)
+                if found is None:
                     break
-                return self._entered(after, joint)
+                return self._entered(found, joint)
         self.ledger, self.stay, self.verdicts = before.ledger, before.stay, []
         self.new, self.dropped = before.new, before.dropped
         return None
@@ -185,6 +210,8 @@ class Entering:
         """Put everything in beside the system; none where only a new base can take it in."""
         if self.ledger.n_scalars(self.stay) > MOST_BESIDE:
             return None
+        if self.found:
+            return self._bordering(system)
         if system.section is not None:
             variables = Candidates(self.ledger, Nothing(), self.stay).links.variables
             reaching = system.reaching(variables)
@@ -218,6 +245,25 @@ class Entering:
             found = self._adjusted(self._draft(after), after, doubted)
             held = found if isinstance(found, System) else system if doubted else None
         return None if held is None else self._entered(held, joint)
+
+    def _bordering(self, system: System) -> Entered | None:
+        """Put new unknowns in beside the system; none where only a new base can take them in."""
+        if system.section is not None or system.doubt or system.is_free:
+            return None
+
+        def enter() -> Beside | None:
+            places = [
+                (e.solution.equations.unknowns, e.solution.state)
+                for e in self.found
+                if e.solution is not None
+            ]
+            found = system.bordered(self.ledger, self.stay, places)
+            return None if found is None else Beside.of(*found)
+
+        def after(joint: Beside) -> System | None:
+            return near_minimum(self.ledger, joint.after, self.rules, joint.forms)
+
+        return self._judged_inside(system, enter, after)
 
     def _agreed(self, draft: Draft) -> System | None:
         """Return the base where what looked disturbed beside known variables agrees with them.

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -53,18 +54,25 @@ class State:
     settled: bool = True
     """Whether nothing has changed since it was at rest."""
 
-    @property
+    @cached_property
     def fronts(self) -> System | None:
-        """The network in fronts.
+        """The network in fronts, all of it in the base or a section.
 
         Raises:
             AdjustmentError: there is no minimum.
         """
-        return self.system.fronts if isinstance(self.system, InTree) else self.system
+        system = self.system
+        if isinstance(system, InTree):
+            return system.fronts
+        if system is None or not system.border.unknowns:
+            return system
+        draft = Draft.of(self.ledger, system, "given")
+        found = draft.adjusted("given", tolerances=(EFFORT.close,))
+        return found if isinstance(found, System) else system
 
     def on_fronts(self) -> State:
         """Return the state with its network in fronts; errors as of `fronts`."""
-        return replace(self, system=self.fronts) if isinstance(self.system, InTree) else self
+        return replace(self, system=self.fronts)
 
     def recorded(self) -> State:
         """Return the state without what was noted for the journal."""

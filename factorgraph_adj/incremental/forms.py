@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..graph.equations import Equations
+from ..graph.variables import State
 from ..models.variables import VariableKind
 from ..observations import ImagePoint
 from ..solve.linear import LinearSystem
@@ -48,19 +49,21 @@ class Forms:
         equations: Equations,
         columns_of: Callable[[VariableKind, str], Index],
         moved: Callable[[Index], Array],
+        state: State,
     ) -> Forms:
-        """Linearise the observations of an excerpt, whose unknowns stand at their values.
+        """Linearise the observations of an excerpt.
 
         Args:
             units: all of its observations.
-            equations: the excerpt; its free unknowns are unknowns of the base too.
+            equations: the excerpt; its free unknowns are unknowns of the system too.
             columns_of: returns the columns of a variable.
             moved: returns the movement of columns from the base.
+            state: values of its unknowns.
 
         Raises:
             InputError: names observations whose geometry has no answer.
         """
-        state = beside_lines(equations, equations.unknowns.start())
+        state = beside_lines(equations, state)
         system = LinearSystem(equations.weighted_at(state), state)
         unknowns = equations.unknowns
         a = np.zeros((len(system.residual), 0))
@@ -94,10 +97,8 @@ class Forms:
             chosen=self.chosen[every],
         )
 
-    def missed(self, movement: Array) -> tuple[float, float]:
-        """Return √Σ|Δv|² and √Σρ² of the forms where their unknowns are by now.
-
-        ρ is the change of the partials of a row relative to them.
+    def missed(self, movement: Array) -> tuple[float, Array]:
+        """Return √Σ|Δv|² and the change of the partials (k, m) where the unknowns are by now.
 
         Args:
             movement: movement of the columns from the base, (m,).
@@ -112,10 +113,14 @@ class Forms:
         there = LinearSystem(self.at.equations, unknowns.retract(self.at.state, whole))
         gap = there.residual[self.chosen] - (self.v + self.a @ step)
         if not len(whole):
-            return 0.0, 0.0
+            return 0.0, self.a
         change = there.times(np.eye(len(whole)))[np.ix_(self.chosen, self.own)] - self.a
+        return float(np.linalg.norm(gap)), change
+
+    def relative(self, change: Array) -> float:
+        """Return √Σρ² of a change of the partials; ρ is that of a row relative to its partials."""
         size = np.maximum(np.linalg.norm(self.a, axis=1), np.finfo(float).tiny)
-        return float(np.linalg.norm(gap)), float(np.linalg.norm(change / size[:, None]))
+        return float(np.linalg.norm(change / size[:, None]))
 
     def bend(self, name: str, step: Array) -> float:
         """Return √Σ|Δv|² of what the forms miss where a point is moved, and nothing else.

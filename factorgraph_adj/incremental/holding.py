@@ -99,10 +99,18 @@ def _within(system: System, accuracy: float, arrived: Forms | None) -> System | 
     # Without the rows that left, cofactors are at most this much larger: N' ≥ M_min N.
     larger = 1.0 / system.update.condition
     step, changed = 0.0, 0.0
-    if arrived is not None:
-        step, changed = arrived.missed(system.step_at(arrived.columns))
-        if not (step <= bound and changed <= TURNED * accuracy):
-            return None
+    if arrived is not None and all(w.forms is not arrived for w in system.border.watched):
+        step, change_of = arrived.missed(system.step_at(arrived.columns))
+        changed = arrived.relative(change_of)
+    if system.border.watched:
+        n = system.lifted.size + np.arange(system.border.n)
+        q = system.update.times(n, np.eye(len(n)))[n]
+        first = system.unknowns.n_columns
+        border, missed_too, changed_too = system.border.looked(first, system.step_at, q)
+        system = replace(system, border=border)
+        step, changed = float(np.hypot(step, missed_too)), float(np.hypot(changed, changed_too))
+    if not (step <= bound and changed <= TURNED * accuracy):
+        return None
     if system.drift is not None:
         ahead, inner = _since(system, system.drift.weights)
         left, change = system.drift.predicted(ahead, gained, inner)
@@ -180,7 +188,11 @@ def _by_section(system: System, g: Array) -> Array:
 
 
 def _gained(system: System) -> float:
-    """Return the largest factor by which rows that joined make a variance smaller: ‖D₊‖."""
+    """Return the largest factor by which rows that joined make a variance smaller.
+
+    It is ‖D₊‖ of what they say without new unknowns, whose rows are independent combinations of
+    them: with new unknowns it is no larger.
+    """
     joined = system.update.signs > 0
     if not joined.any():
         return 1.0

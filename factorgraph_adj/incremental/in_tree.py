@@ -70,7 +70,8 @@ class InTree:
         tree = Tree(base.equations.network.frame, accuracy=rules.accuracy)
         draft = Draft.of(ledger, system, rules.datum)
         try:
-            tree.enter([Arriving(draft.equations.weighted_at(system.state), draft.start.state)])
+            state = draft.start.state
+            tree.enter([Arriving(draft.equations.weighted_at(state), state)])
             tree.follow()
         except AdjustmentError:
             return None

@@ -24,6 +24,7 @@ from ..solve.run import Looked
 from ..solve.solution import Solution
 from ..solve.update import Update
 from ..types import NO_ROWS, Array, Index, Mask
+from .border import Border
 from .excerpt import excerpt
 from .forms import Forms
 from .ledger import Ledger
@@ -61,6 +62,8 @@ class System:
     """Rows of the ledger in the base."""
     section: Section | None = None
     """What the base knows of the rest, if it is a section of the network; none: it is the whole."""
+    border: Border = field(default_factory=Border)
+    """New unknowns that the update has beside those of the base, which then is the whole."""
 
     @classmethod
     def of(
@@ -126,13 +129,16 @@ class System:
 
     def known(self, kind: VariableKind, name: str) -> bool:
         """Return whether a variable is determined, or a constant."""
-        return name in self.unknowns[kind].number or (
-            self.section is not None and self.whole.known(kind, name)
+        return (
+            name in self.unknowns[kind].number
+            or (kind, name) in self.border.unknowns
+            or (self.section is not None and self.whole.known(kind, name))
         )
 
     def names(self, kind: VariableKind) -> set[str]:
         """Return the names of the known variables of a kind."""
-        return set(self.unknowns[kind].number) | set(self.whole.unknowns[kind].number)
+        own = set(self.unknowns[kind].number) | self.border.names(kind)
+        return own | set(self.whole.unknowns[kind].number)
 
     def places(self) -> list[tuple[Unknowns, State, State]]:
         """Return unknowns, state and start values: what stands later has been adjusted later."""
@@ -143,13 +149,12 @@ class System:
         return [(rest.unknowns, rest.state, rest.base.start), own]
 
     def carried(self, unknowns: Unknowns, state: State) -> State:
-        """Return a state as it is: what is known comes from `places`."""
-        del unknowns
-        return state
+        """Return a state with the values of the new unknowns beside the base."""
+        return self.border.carried(unknowns, state, self.value) if self.border.unknowns else state
 
     @property
     def solution(self) -> Solution:
-        """The whole network where everything is by now; a section's new unknowns are not in it."""
+        """The whole network where everything is by now, without new unknowns since it was made."""
         if self.section is None:
             return self.base.at(self.state)
         rest = self.rest
@@ -164,6 +169,8 @@ class System:
         """Return the value of a variable as in a state; none: it is not known."""
         table = self.base.equations.unknowns[kind]
         number = table.number.get(name)
+        if (kind, name) in self.border.unknowns:
+            return self.border.value((kind, name), self.step_at(self.columns(kind, name)))
         if number is None:
             return None if self.section is None else self.rest.value(kind, name)
         stored = self.base.state[kind][number]
@@ -197,10 +204,12 @@ class System:
         """Return the columns of a variable; none for constants.
 
         Those of a variable outside the section are its columns of the whole, after all columns of
-        the base.
+        the base, where those of new unknowns are too.
         """
         unknowns = self.unknowns
         number = unknowns[kind].number.get(name)
+        if (new := self.border.unknowns.get((kind, name))) is not None:
+            return np.asarray(unknowns.n_columns + new.columns)
         if number is None and self.section is not None:
             return unknowns.n_columns + self.whole.columns(kind, name)
         return NO_ROWS if number is None else unknowns.columns(kind, number)
@@ -208,8 +217,8 @@ class System:
     def free(self, columns: Index) -> Mask:
         """Return which columns are free, (m,)."""
         own = self.unknowns.free
-        every = own if self.section is None else np.append(own, self.whole.unknowns.free)
-        return np.asarray(every[columns])
+        more = self.border.place >= 0 if self.section is None else self.whole.unknowns.free
+        return np.asarray(np.append(own, more)[columns])
 
     def expand(self, columns: Index, a: Array) -> Function:
         """Return functions of unknowns (k, m) as functions of the coordinates.
@@ -222,7 +231,11 @@ class System:
         f = self.lifted.expand(columns[inner], a[:, inner], self.slots)
         if inner.all():
             return f
-        assert self.section is not None
+        if self.section is None:
+            place = self.border.place[columns[~inner] - n]
+            new = place >= 0
+            at = np.append(f.at, self.lifted.size + place[new])
+            return Function(at, np.hstack([f.b, a[:, ~inner][:, new]]), f.own)
         carried = a[:, ~inner] @ self.section.carried(columns[~inner] - n)
         at, which = np.unique(np.append(f.at, self.of_rest), return_inverse=True)
         out = np.zeros((len(a), len(at)))
@@ -233,7 +246,7 @@ class System:
 
     @cached_property
     def weights(self) -> Array:
-        """D⁻¹ v of the update, (k,)."""
+        """P v of the update, (k,)."""
         return np.asarray(self.update.inverse @ self.update.residuals)
 
     def moved(self, columns: Index) -> Array:
@@ -246,14 +259,14 @@ class System:
         if not len(self.update.signs):
             return np.zeros(len(columns))
         f = self.expand(columns, np.eye(len(columns)))
-        return np.asarray(-f.b @ (self.update.spread[f.at] @ self.weights))
+        return np.asarray(f.b @ self.update.step[f.at])
 
     @cached_property
     def movement(self) -> Array:
         """Movement of all unknowns from the base, (n_columns,)."""
         if not len(self.update.signs):
             return self.shift
-        step = self.lifted.unknowns(-(self.update.spread @ self.weights), self.slots)
+        step = self.lifted.unknowns(self.update.step[: self.lifted.size], self.slots)
         return np.asarray(self.shift + step)
 
     @property
@@ -298,7 +311,7 @@ class System:
     @property
     def redundancy(self) -> int:
         """Redundancy."""
-        rest = 0 if self.section is None else self.section.redundancy
+        rest = -self.border.n if self.section is None else self.section.redundancy
         return self.base.redundancy + int(self.update.signs.sum()) + rest
 
     @property
@@ -314,8 +327,8 @@ class System:
         if not self.covers((a, b)):
             return self._across(a, b)
         columns = [self.columns(*v) for v in (a, b)]
-        f, g = (self.lifted.expand(c, np.eye(len(c)), self.slots) for c in columns)
-        if a == b and not self.lifted.touched(columns[0]):
+        f, g = (self.expand(c, np.eye(len(c))) for c in columns)
+        if a == b and a not in self.border.unknowns and not self.lifted.touched(columns[0]):
             # The selected inverse has the blocks of all variables.
             size = len(columns[0])
             out = self.base.variable_covariance(a)[:size, :size]
@@ -324,8 +337,7 @@ class System:
             out = f.b @ self.update.times(g.at, g.b)[f.at]
             if a == b:
                 out = out + f.own
-        free = self.base.equations.unknowns.free
-        return np.where(np.outer(free[columns[0]], free[columns[1]]), out, 0.0)
+        return np.where(np.outer(*(self.free(c) for c in columns)), out, 0.0)
 
     def _across(self, a: Variable, b: Variable) -> Array:
         """Return the cofactors of two variables of which the section has one at most."""
@@ -362,7 +374,42 @@ class System:
             InputError: names observations whose geometry has no answer.
         """
         equations = compile_rows(excerpt(ledger, self, rows, hold=False))
-        return Forms.of(ledger.units(rows), equations, self.columns, self.step_at)
+        state = equations.unknowns.start()
+        return Forms.of(ledger.units(rows), equations, self.columns, self.step_at, state)
+
+    def bordered(
+        self, ledger: Ledger, rows: Index, places: Iterable[tuple[Unknowns, State]]
+    ) -> tuple[System, Forms] | None:
+        """Return the system with new unknowns of observations, and their linear forms.
+
+        None: something has no value. The rows have yet to determine the new unknowns.
+
+        Args:
+            ledger: where the observations stand.
+            rows: the observations.
+            places: where the new unknowns are.
+
+        Raises:
+            InputError: names observations whose geometry has no answer.
+        """
+        equations = compile_rows(excerpt(ledger, self, rows, hold=False))
+        unknowns = equations.unknowns
+        state, moving = unknowns.start(), unknowns.moving()
+        for there, values in places:
+            state = unknowns.carried(state, there, values, where=moving)
+        if any(np.isnan(x).any() for x in state.values()):
+            return None
+        border = self.border.with_unknowns(unknowns, state, self.known)
+        update = self.update.with_unknowns(border.n - self.border.n)
+        out = replace(self, border=border, update=update)
+        n_before = self.unknowns.n_columns + len(self.border.place)
+
+        def moved(columns: Index) -> Array:
+            movement = np.zeros(len(columns))
+            movement[columns < n_before] = self.step_at(columns[columns < n_before])
+            return movement
+
+        return out, Forms.of(ledger.units(rows), equations, out.columns, moved, state)
 
     @property
     def unknowns(self) -> Unknowns:

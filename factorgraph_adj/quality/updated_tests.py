@@ -95,7 +95,7 @@ class UpdatedTests:
         n = equations.n_rows
         residuals = system.residual + system.times(update.step[:, None])[:n, 0]
         precision = self.reliability.precision.copy()
-        z, sigma, _, _ = update.parts
+        z, sigma = update.parts[:2]
         for first in range(0, len(sigma), AT_ONCE):
             part = slice(first, first + AT_ONCE)
             spread = weighted(equations, system.times(update.spread @ z[:, part])[:n])

@@ -29,15 +29,28 @@ E = D₋ − Cᵀ D₊⁻¹ C, which is factorised by its eigenvalues. For rows 
 redundancy matrix after all others joined. By Haynsworth's inertia additivity N' is positive
 definite exactly if M is: an eigenvalue zero of M belongs to a combination of the unknowns that
 the leaving rows alone determine.
+
+New unknowns b, which the system does not have, border it: rows that join may touch them with the
+partials C (k, m), and nothing else is known of b. With λ the whitened residuals of the rows times
+their signs, dx = −G λ, D λ = v + C b and Cᵀ λ = 0, therefore
+
+    P  = D⁻¹ − D⁻¹ C N_b⁻¹ Cᵀ D⁻¹      with  N_b = Cᵀ D⁻¹ C,   which takes the place of D⁻¹
+    K  = N_b⁻¹ Cᵀ D⁻¹
+    λ  = P v,   db = −K v
+    Q'_xx = Q − G P Gᵀ,   Q'_xb = −G Kᵀ,   Q'_bb = N_b⁻¹ = K D Kᵀ
+
+With D₊ = L Lᵀ and the orthogonal factors L⁻¹ C = (Q₁ Q₂) (R 0)ᵀ, the rows Q₂ᵀ L⁻¹ say nothing of b
+and everything of x, and R⁻¹ Q₁ᵀ L⁻¹ is K of them alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from ..types import Array, Index, Mask
 from .step import Factorised
@@ -149,16 +162,20 @@ def whitener(d: Array) -> Array:
 
 
 class Inverse(NamedTuple):
-    """D⁻¹ = Z diag(σ) Zᵀ without the null directions of D."""
+    """P = Z diag(σ) Zᵀ, or D⁻¹ where there are no new unknowns, without null directions."""
 
     z: Array
-    """Z, (k, rank of D)."""
+    """Z, (k, rank of P)."""
     sigma: Array
-    """±1, (rank of D,)."""
+    """±1, (rank of P,)."""
+    k: Array
+    """K, (m, k)."""
     condition: float
     """As `Update.condition`."""
     gained: float
     """As `Update.gained`."""
+    determined: float
+    """As `Update.determined`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +183,8 @@ class Update:
     """A system with rows that joined, left or are constraints; an immutable value.
 
     `Update.of` makes an update without rows; `with_rows` returns an update with further rows.
-    Functions F (j, n) of the unknowns are given as F G (j, k).
+    Columns of new unknowns stand behind the n columns of the system. Functions F (j, n) of the
+    unknowns of the system are given as F G (j, k).
     """
 
     base: Cofactors
@@ -179,14 +197,21 @@ class Update:
     """S, (k,)."""
     residuals: Array
     """v, (k,); zero if only cofactors are needed."""
+    border: Array
+    """C, (k, m)."""
 
     @classmethod
     def of(cls, base: Cofactors | Array) -> Update:
         """Return a system without any change; a matrix is taken as Q."""
         if isinstance(base, np.ndarray):
             base = Dense(base)
-        nothing = np.zeros(0)
-        return cls(base, np.zeros((base.size, 0)), np.zeros((0, 0)), nothing, nothing)
+        nothing, square = np.zeros(0), np.zeros((0, 0))
+        return cls(base, np.zeros((base.size, 0)), square, nothing, nothing, square)
+
+    def with_unknowns(self, number: int) -> Update:
+        """Return the system with more new unknowns, which rows have to determine."""
+        more = np.zeros((len(self.signs), number))
+        return replace(self, border=np.concatenate([self.border, more], axis=1))
 
     def with_rows(
         self, at: Index, b: Array, v: Array | None = None, *, sign: float = 1.0
@@ -198,9 +223,15 @@ class Update:
         Args:
             at: columns that the rows touch, each once, (m,).
             b: whitened partials by these columns, (k, m).
-            v: whitened residuals at the minimum of the system given to `of`, (k,); none: zero.
-            sign: 1 joins, −1 leaves, 0 is a constraint without error.
+            v: whitened residuals at the minimum of the system given to `of`, and the values of the
+                new unknowns, (k,); none: zero.
+            sign: 1 joins, −1 leaves, 0 is a constraint without error; only rows that join may
+                touch new unknowns.
         """
+        inner = at < self.base.size
+        border = np.zeros((len(b), self.border.shape[1]))
+        border[:, at[~inner] - self.base.size] = b[:, ~inner]
+        at, b = at[inner], b[:, inner]
         g = self.base.times(at, b)
         cross = self.spread[at].T @ b.T
         own = sign * np.eye(len(b)) + b @ g[at]
@@ -210,21 +241,21 @@ class Update:
             np.block([[self.inner, cross], [cross.T, own]]),
             np.append(self.signs, np.full(len(b), sign)),
             np.append(self.residuals, np.zeros(len(b)) if v is None else v),
+            np.concatenate([self.border, border]),
         )
 
     def only(self, rows: Index) -> Update:
         """Return the system with some of the rows, as if the others had never been there."""
         inner = self.inner[np.ix_(rows, rows)]
-        return Update(
-            self.base, self.spread[:, rows], inner, self.signs[rows], self.residuals[rows]
-        )
+        signs, residuals, border = self.signs[rows], self.residuals[rows], self.border[rows]
+        return Update(self.base, self.spread[:, rows], inner, signs, residuals, border)
 
     # -- the change -----------------------------------------------------------------------------
 
     @cached_property
     def parts(self) -> Inverse:
-        """Factors of D⁻¹."""
-        return _inverse(self.inner, self.signs)
+        """Factors of P, and K."""
+        return _inverse(self.inner, self.signs, self.border)
 
     @property
     def condition(self) -> float:
@@ -242,31 +273,49 @@ class Update:
         return self.parts.gained
 
     @property
-    def trusted(self) -> bool:
-        """Whether figures of the update are as good as those of a new solution; see `Limits`."""
-        return self.condition > LIMITS.least_left and self.gained <= LIMITS.most_gained
+    def determined(self) -> float:
+        """Smallest eigenvalue of N_b where each new unknown has the weight 1 alone; ≤ 1.
+
+        It is 0 if rows do not determine a combination of new unknowns, and 1 without any.
+        """
+        return self.parts.determined
 
     @property
+    def trusted(self) -> bool:
+        """Whether figures of the update are as good as those of a new solution; see `Limits`."""
+        least = min(self.condition, self.determined)
+        return least > LIMITS.least_left and self.gained <= LIMITS.most_gained
+
+    @cached_property
     def inverse(self) -> Array:
-        """D⁻¹, (k, k); the pseudo-inverse if D has null directions."""
-        z, sigma, _, _ = self.parts
+        """P, or D⁻¹ without new unknowns, (k, k); the pseudo-inverse if D has null directions."""
+        z, sigma = self.parts[:2]
         return np.asarray((z * sigma) @ z.T)
 
+    def gain(self, at: Index, b: Array) -> Array:
+        """Return G P and K of functions that touch the columns ``at`` with ``b`` (j, m): (j, k).
+
+        The functions move by minus this times v; of rows that joined it is Q' Bᵀ.
+        """
+        inner = at < self.base.size
+        of_new = b[:, ~inner] @ self.parts.k[at[~inner] - self.base.size]
+        return np.asarray((b[:, inner] @ self.spread[at[inner]]) @ self.inverse + of_new)
+
     def loss(self, f: Array, g: Array | None = None) -> Array:
-        """Return the decrease F G D⁻¹ (F' G)ᵀ of cofactors between functions, (..., i, j).
+        """Return the decrease F G P (F' G)ᵀ of cofactors between functions, (..., i, j).
 
         Args:
             f: F G of functions F, (..., i, k).
             g: F' G of other functions F', (..., j, k); none: F' = F.
         """
-        z, sigma, _, _ = self.parts
+        z, sigma = self.parts[:2]
         half = f @ z
         other = half if g is None else g @ z
         return np.asarray((half * sigma) @ np.swapaxes(other, -1, -2))
 
     def losses(self, f: Array, g: Array | None = None) -> Array:
         """Return the diagonal of `loss`, (..., i)."""
-        z, sigma, _, _ = self.parts
+        z, sigma = self.parts[:2]
         half = f @ z
         other = half if g is None else g @ z
         return np.asarray((half * other) @ sigma)
@@ -278,17 +327,26 @@ class Update:
 
         This function lets an update be the base of another update.
         """
-        return self.base.times(at, b) - self._moved((b @ self.spread[at]).T)
+        inner = at < self.base.size
+        mine, k = b[:, ~inner], self.parts.k
+        b = b[:, inner]
+        along = self.spread[at[inner]].T @ b.T
+        weights = self._weights(along)
+        if not len(k):
+            return self.base.times(at, b) - self.spread @ weights
+        of_new = k[at[~inner] - self.base.size].T @ mine.T
+        of_base = self.base.times(at[inner], b) - self.spread @ (weights + of_new)
+        return np.concatenate([of_base, k @ (self.inner @ of_new - along)])
 
-    def _moved(self, y: Array) -> Array:
-        """Return G D⁻¹ y (n, j) for y (k, j)."""
-        z, sigma, _, _ = self.parts
-        return np.asarray(self.spread @ (z @ (sigma[:, None] * (z.T @ y))))
+    def _weights(self, y: Array) -> Array:
+        """Return P y (k, j) for y (k, j)."""
+        z, sigma = self.parts[:2]
+        return np.asarray(z @ (sigma[:, None] * (z.T @ y)))
 
     @property
     def size(self) -> int:
-        """Number of unknowns n."""
-        return self.base.size
+        """Number of unknowns n + m."""
+        return self.base.size + self.border.shape[1]
 
     def solve(self, y: Array) -> Array:
         """Return Q' y for y (n, j)."""
@@ -300,13 +358,14 @@ class Update:
 
     @cached_property
     def step(self) -> Array:
-        """Movement dx of the unknowns, (n,)."""
-        return -self._moved(self.residuals[:, None])[:, 0]
+        """Movement dx and db of the unknowns, (n + m,)."""
+        of_base = self.spread @ self._weights(self.residuals[:, None])[:, 0]
+        return -np.append(of_base, self.parts.k @ self.residuals)
 
     @property
     def vtpv(self) -> float:
         """Change of vᵀPv."""
-        z, sigma, _, _ = self.parts
+        z, sigma = self.parts[:2]
         return float(np.square(z.T @ self.residuals) @ sigma)
 
     def test(self, rows: Index | Mask | None = None) -> tuple[Statistics, int]:
@@ -323,7 +382,7 @@ class Update:
         sign = self.signs[u]
         if not len(u) or not sign[0] or np.any(sign != sign[0]):
             raise ValueError("rows that are tested together must all join, or all leave")
-        z, sigma, _, _ = self.parts
+        z, sigma = self.parts[:2]
         whole = (z[u] * sigma) @ z[u].T
         share = z[u] @ (sigma * (z.T @ self.residuals))
         values, vectors = np.linalg.eigh(sign[0] * whole)
@@ -335,30 +394,57 @@ class Update:
         return Statistics(t2, np.where(r > LIMITS.least_left, w, np.nan), r), int(on.sum())
 
 
-def _inverse(d: Array, signs: Array) -> Inverse:
-    """Factorise D⁻¹, the rows that join first."""
+def _inverse(d: Array, signs: Array, border: Array) -> Inverse:
+    """Factorise P, the rows that join first."""
     first, rest = np.flatnonzero(signs > 0), np.flatnonzero(signs <= 0)
-    z = np.zeros((len(d), len(first)))
-    own = np.zeros((0, 0))
-    gained = 1.0
+    own, of_new = np.zeros((0, 0)), np.zeros((border.shape[1], len(first)))
+    gained, determined = 1.0, 1.0
     if len(first):
         own = whitener(d[np.ix_(first, first)])
-        z[first] = own.T
         gained = float(np.diag(d)[first].max())
-    if not len(rest):
-        return Inverse(z, np.ones(len(first)), 1.0, gained)
-    c = own @ d[np.ix_(first, rest)]
-    e = d[np.ix_(rest, rest)] - c.T @ c
-    values, vectors = np.linalg.eigh(0.5 * (e + e.T))
-    leaving = int(np.sum(signs < 0))
-    before = float((np.diag(d) - signs)[rest].max())
-    scale = max(before, float(np.abs(values).max()), 1.0 if leaving else 0.0)
-    left = np.append(-values[:leaving], values[leaving:]).min()
-    on = np.abs(values) > LIMITS.least_left * scale
-    half = vectors[:, on] / np.sqrt(np.abs(values[on]))
-    more = np.zeros((len(d), half.shape[1]))
-    more[rest] = half
-    more[first] = -own.T @ (c @ half)
-    sigma = np.append(np.ones(len(first)), np.sign(values[on]))
-    condition = float(left / scale) if scale > 0 else 0.0
-    return Inverse(np.concatenate([z, more], axis=1), sigma, condition, gained)
+    if border.shape[1]:
+        own, of_new, determined = _bordered(own, border[first])
+    z = np.zeros((len(d), len(own)))
+    z[first] = own.T
+    sigma, condition = np.ones(len(own)), 1.0
+    if len(rest):
+        c = own @ d[np.ix_(first, rest)]
+        e = d[np.ix_(rest, rest)] - c.T @ c
+        values, vectors = np.linalg.eigh(0.5 * (e + e.T))
+        leaving = int(np.sum(signs < 0))
+        before = float((np.diag(d) - signs)[rest].max())
+        scale = max(before, float(np.abs(values).max()), 1.0 if leaving else 0.0)
+        left = np.append(-values[:leaving], values[leaving:]).min()
+        on = np.abs(values) > LIMITS.least_left * scale
+        half = vectors[:, on] / np.sqrt(np.abs(values[on]))
+        more = np.zeros((len(d), half.shape[1]))
+        more[rest] = half
+        more[first] = -own.T @ (c @ half)
+        z = np.concatenate([z, more], axis=1)
+        sigma = np.append(sigma, np.sign(values[on]))
+        condition = float(left / scale) if scale > 0 else 0.0
+    # D λ = v + C b of the rows that join, with λ = P v.
+    k = np.zeros((border.shape[1], len(d)))
+    k[:, first] = of_new
+    if len(rest) and len(k):
+        k -= ((of_new @ d[first]) @ z * sigma) @ z.T
+    return Inverse(z, sigma, k, condition, gained, determined)
+
+
+def _bordered(own: Array, border: Array) -> tuple[Array, Array, float]:
+    """Return what rows that join say without new unknowns, of these alone, and `determined`.
+
+    Args:
+        own: L⁻¹, (k, k).
+        border: C, (k, m).
+    """
+    m = border.shape[1]
+    weight = np.linalg.norm(border, axis=0)
+    if len(own) < m or not weight.all():
+        return own[:0], np.zeros((m, len(own))), 0.0
+    q, r = np.linalg.qr(own @ (border / weight), mode="complete")
+    least = float(np.linalg.svd(r[:m], compute_uv=False)[-1]) ** 2
+    if not least > 0.0:
+        return own[:0], np.zeros((m, len(own))), 0.0
+    of_new = solve_triangular(r[:m], q[:, :m].T @ own) / weight[:, None]
+    return np.asarray(q[:, m:].T @ own), np.asarray(of_new), least
