@@ -104,8 +104,7 @@ def _within(system: System, accuracy: float, arrived: Forms | None) -> System | 
         changed = arrived.relative(change_of)
     if system.border.watched:
         n = system.lifted.size + np.arange(system.border.n)
-        q = system.update.times(n, np.eye(len(n)))[n]
-        first = system.unknowns.n_columns
+        q, first = system.update.variance(n, np.eye(len(n))), system.unknowns.n_columns
         border, missed_too, changed_too = system.border.looked(first, system.step_at, q)
         system = replace(system, border=border)
         step, changed = float(np.hypot(step, missed_too)), float(np.hypot(changed, changed_too))

@@ -334,7 +334,7 @@ class System:
             out = self.base.variable_covariance(a)[:size, :size]
             out = out - self.update.loss(f.b @ self.update.spread[f.at])
         else:
-            out = f.b @ self.update.times(g.at, g.b)[f.at]
+            out = self.update.between(f.at, f.b, g.at, g.b)
             if a == b:
                 out = out + f.own
         return np.where(np.outer(*(self.free(c) for c in columns)), out, 0.0)

@@ -178,6 +178,21 @@ class Inverse(NamedTuple):
     """As `Update.determined`."""
 
 
+class _Split(NamedTuple):
+    """Functions of the system's unknowns and of new ones."""
+
+    at: Index
+    """Columns of the system that they touch, (m,)."""
+    b: Array
+    """The functions by these, (j, m)."""
+    along: Array
+    """F G, (j, k)."""
+    new: Index
+    """Numbers of the new unknowns that they touch, (n,)."""
+    of_new: Array
+    """The functions by these, (j, n)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Update:
     """A system with rows that joined, left or are constraints; an immutable value.
@@ -297,9 +312,8 @@ class Update:
 
         The functions move by minus this times v; of rows that joined it is Q' Bᵀ.
         """
-        inner = at < self.base.size
-        of_new = b[:, ~inner] @ self.parts.k[at[~inner] - self.base.size]
-        return np.asarray((b[:, inner] @ self.spread[at[inner]]) @ self.inverse + of_new)
+        f = self._split(at, b)
+        return np.asarray(f.along @ self.inverse + f.of_new @ self.parts.k[f.new])
 
     def loss(self, f: Array, g: Array | None = None) -> Array:
         """Return the decrease F G P (F' G)ᵀ of cofactors between functions, (..., i, j).
@@ -327,16 +341,38 @@ class Update:
 
         This function lets an update be the base of another update.
         """
+        f = self._split(at, b)
+        along = f.along.T
+        of_new = self.parts.k[f.new].T @ f.of_new.T
+        out = -self.spread @ (self._weights(along) + of_new)
+        if len(f.at):
+            out += self.base.times(f.at, f.b)
+        return np.concatenate([out, self.parts.k @ (self.inner @ of_new - along)])
+
+    def between(self, at: Index, b: Array, other: Index, c: Array) -> Array:
+        """Return the cofactors B Q' Cᵀ (i, j) of functions.
+
+        Args:
+            at: columns that B touches, each once, (m,).
+            b: B by these, (i, m).
+            other: columns that C touches, (n,).
+            c: C by these, (j, n).
+        """
+        f, g = self._split(at, b), self._split(other, c)
+        k = self.parts.k
+        of_f, of_g = f.of_new @ k[f.new], g.of_new @ k[g.new]
+        out = of_f @ self.inner @ of_g.T - self.loss(f.along, g.along)
+        out -= f.along @ of_g.T + of_f @ g.along.T
+        if len(f.at) and len(g.at):
+            out += f.b @ self.base.times(g.at, g.b)[f.at]
+        return np.asarray(out)
+
+    def _split(self, at: Index, b: Array) -> _Split:
+        """Divide functions into those of the system and those of new unknowns."""
         inner = at < self.base.size
-        mine, k = b[:, ~inner], self.parts.k
-        b = b[:, inner]
-        along = self.spread[at[inner]].T @ b.T
-        weights = self._weights(along)
-        if not len(k):
-            return self.base.times(at, b) - self.spread @ weights
-        of_new = k[at[~inner] - self.base.size].T @ mine.T
-        of_base = self.base.times(at[inner], b) - self.spread @ (weights + of_new)
-        return np.concatenate([of_base, k @ (self.inner @ of_new - along)])
+        of_base, mine = at[inner], b[:, inner]
+        new, of_new = at[~inner] - self.base.size, b[:, ~inner]
+        return _Split(of_base, mine, mine @ self.spread[of_base], new, of_new)
 
     def _weights(self, y: Array) -> Array:
         """Return P y (k, j) for y (k, j)."""
@@ -346,7 +382,7 @@ class Update:
     @property
     def size(self) -> int:
         """Number of unknowns n + m."""
-        return self.base.size + self.border.shape[1]
+        return self.base.size + int(self.border.shape[1])
 
     def solve(self, y: Array) -> Array:
         """Return Q' y for y (n, j)."""
@@ -354,7 +390,7 @@ class Update:
 
     def variance(self, at: Index, f: Array) -> Array:
         """Return F Q' Fᵀ (j, j) of functions F that touch the columns ``at`` with ``f`` (j, m)."""
-        return np.asarray(f @ self.times(at, f)[at])
+        return self.between(at, f, at, f)
 
     @cached_property
     def step(self) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import factorgraph_adj as fga
@@ -340,3 +340,47 @@ def test_observations_leave_a_factorised_network():
     unit, own = np.eye(len(touched)), np.outer(sigma[touched], sigma[touched])
     found = update.variance(touched, unit) / own
     assert found == pytest.approx(q[np.ix_(touched, touched)] / own, abs=1e-6)
+
+
+@given(seed=seeds, leaving=st.sets(st.integers(0, 13), max_size=3), new=st.integers(1, 4))
+def test_new_unknowns_are_those_of_the_whole(seed, leaving, new):
+    s = System(seed, rows=16, more=9)
+    rng = np.random.default_rng(seed + 1)
+    c = np.vstack([np.zeros((2, new)), rng.normal(size=(7, new))])
+    out, n = sorted(leaving), len(s.at)
+    at = np.arange(n + new)
+    rows = np.hstack([s.b, c])
+    update = (
+        Update.of(s.q)
+        .with_rows(s.at, s.b[:2], s.new[:2])
+        .with_unknowns(new)
+        .with_rows(at, rows[2:5], s.new[2:5])
+        .with_rows(s.at, s.a[out], s.v[out], sign=-1)
+        .with_rows(at, rows[5:], s.new[5:])
+    )
+    assume(update.trusted and update.condition > 1e-2 and update.determined > 1e-3)
+    a, v = s.changed(out)
+    a = np.hstack([a, np.zeros((len(a), new))])
+    a[-len(rows) :, n:] = c
+    dx, q, vtv = s.minimum(a, v)
+    scale = np.abs(q).max()
+    assert np.allclose(update.solve(np.eye(n + new)), q, rtol=0, atol=1e-9 * scale)
+    assert np.allclose(
+        update.between(at, np.eye(len(at)), at, np.eye(len(at))), q, atol=1e-9 * scale
+    )
+    assert np.allclose(update.step, dx, rtol=1e-8, atol=1e-8 * np.abs(dx).max())
+    assert float(np.sum(s.v**2)) + update.vtpv == pytest.approx(vtv, rel=1e-9, abs=1e-9)
+    joined = update.signs > 0
+    gain = update.gain(at, np.eye(len(at)))[:, joined]
+    assert np.allclose(gain, q @ rows.T, atol=1e-9 * scale * np.abs(rows).max())
+    m = np.eye(len(rows)) - rows @ q @ rows.T
+    assert np.allclose(update.inverse[np.ix_(joined, joined)], m, atol=1e-8)
+
+
+def test_new_unknowns_that_rows_do_not_determine_are_not_trusted():
+    s = System(3)
+    at = np.arange(len(s.at) + 2)
+    rows = np.hstack([s.b, np.array([[1.0, 2.0], [2.0, 4.0], [0.5, 1.0], [0.0, 0.0]])])
+    update = Update.of(s.q).with_unknowns(2).with_rows(at, rows, s.new)
+    assert update.determined < 1e-12 and not update.trusted
+    assert not Update.of(s.q).with_unknowns(1).trusted
