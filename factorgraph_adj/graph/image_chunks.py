@@ -44,12 +44,22 @@ class RayPartials:
 
     chunk: Chunk
     """The rays."""
-    v: Array
-    """Residuals, (2, m)."""
-    a: Array
-    """Partials by the pose's tangent [ω, δX₀] and the free parameters of the lens, (6 + k, 2, m).
-    Partials by the object point are those by X₀ with the opposite sign. Held components have
-    partials too."""
+    rows: Array
+    """[A v], (7 + k, 2, m)."""
+
+    @property
+    def a(self) -> Array:
+        """Partials by the pose's tangent [ω, δX₀] and the lens's free parameters, (6 + k, 2, m).
+
+        Partials by the object point are those by X₀ with the opposite sign. Held components have
+        partials too.
+        """
+        return self.rows[:-1]
+
+    @property
+    def v(self) -> Array:
+        """Residuals, (2, m)."""
+        return self.rows[-1]
 
 
 @dataclass(frozen=True)
@@ -181,8 +191,8 @@ class ImageChunks:
             InputError: rays in the focal plane of their photo; the message names all of them.
         """
         out = np.empty((self.block.n, 2))
-        for chunk, _, v in self._every(state, jacobians=False, whitened=whitened):
-            out[chunk.rows] = v.T
+        for rays in self._every(state, jacobians=False, whitened=whitened):
+            out[rays.chunk.rows] = rays.v.T
         return out
 
     def linearise(self, state: State) -> list[RayPartials]:
@@ -191,32 +201,29 @@ class ImageChunks:
         Raises:
             InputError: as `residuals`.
         """
-        return [
-            RayPartials(chunk, v, a)
-            for chunk, a, v in self._every(state, jacobians=True, whitened=True)
-        ]
+        return list(self._every(state, jacobians=True, whitened=True))
 
     def _every(
         self, state: State, *, jacobians: bool, whitened: bool
-    ) -> Iterator[tuple[Chunk, Array, Array]]:
+    ) -> Iterator[RayPartials]:
         points = np.ascontiguousarray(state["point"].T)
         problems: list[Problem] = []
         for chunk in self.chunks:
             try:
-                a, v = self._evaluate(chunk, state, points, jacobians, whitened)
+                found = self._evaluate(chunk, state, points, jacobians, whitened)
             except DegenerateError as error:
                 rows = error.rows + chunk.rows.start
                 problems += [Problem(error.why, self.block.labels(int(i))) for i in rows]
                 continue
             if not problems:
-                yield chunk, a, v
+                yield RayPartials(chunk, found)
         if problems:
             raise InputError(problems)
 
     def _evaluate(
         self, chunk: Chunk, state: State, points: Array, jacobians: bool, whitened: bool
-    ) -> tuple[Array, Array]:
-        """Return partials (6 + k, 2, m) and residuals (2, m) of a chunk."""
+    ) -> Array:
+        """Return [A v] (7 + k, 2, m) of a chunk; without partials v alone (1, 2, m)."""
         block, rows = self.block, chunk.rows
         assert block.lens is not None
         number = block.variables[2][1][rows]
@@ -240,20 +247,18 @@ class ImageChunks:
             calibration = np.asfortranarray(own)  # one contiguous array for each parameter
         x, y = self._observed[:, rows]
         found = block.lens.seen(ray, x, y, calibration, jacobians=jacobians)
-        v = np.empty((2, m))
-        v[0], v[1] = found.v
+        free = self.lens_free
+        a = np.empty((7 + len(free) if jacobians else 1, 2, m))
+        a[-1, 0], a[-1, 1] = found.v
         if not jacobians:
             if whitened:
-                self._whiten(v[None], rows)
-            return v[:0], v
-        free = self.lens_free
-        a = np.empty((6 + len(free), 2, m))
+                self._whiten(a, rows)
+            return a
         g = np.empty((3, 2, m))
         for j, pair in enumerate(found.by_p):
             g[j, 0], g[j, 1] = pair
         for j, parameter in enumerate(free.tolist()):
             a[6 + j, 0], a[6 + j, 1] = found.by_k[parameter]
-        self._whiten(v[None], rows)
         self._whiten(a[6:], rows)
         self._whiten(g, rows)
         for row in range(2):
@@ -262,7 +267,7 @@ class ImageChunks:
         for turn, (_, start, stop) in zip(rotations, chunk.parts, strict=True):
             for row in range(2):
                 np.matmul(-turn, g[:, row, start:stop], out=a[3:6, row, start:stop])
-        return a, v
+        return a
 
     def _whiten(self, a: Array, rows: slice) -> None:
         """Multiply arrays (k, 2, m) by the whitener, in place."""

@@ -7,7 +7,7 @@ constants of the observations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -48,6 +48,41 @@ class Variables:
     offset: Index
     """First column of each variable, −1 for variables without columns."""
 
+    @cached_property
+    def has_column(self) -> Mask:
+        """Which components have a column, (n, largest size)."""
+        inside = np.arange(self.free.shape[1]) < self.size[:, None]
+        return inside & (self.offset >= 0)[:, None]
+
+    @cached_property
+    def columns(self) -> slice:
+        """Columns of the kind, component by component of one variable after another."""
+        count = int(self.has_column.sum())
+        first = int(self.offset[self.offset >= 0][0]) if count else 0
+        return slice(first, first + count)
+
+    @cached_property
+    def _every(self) -> bool:
+        return bool(self.has_column.all())
+
+    def in_columns(self, values: Array) -> Array:
+        """Return values of all components (n, largest size, …) in column order, (columns, …)."""
+        if self._every:
+            return values.reshape(-1, *values.shape[2:])
+        return values[self.has_column]
+
+    def of_columns(self, values: Array) -> Array:
+        """Return values in column order (columns, …) by component, (n, largest size, …).
+
+        They are zero where there is no column.
+        """
+        shape = (*self.free.shape, *values.shape[1:])
+        if self._every:
+            return values.reshape(shape)
+        out = np.zeros(shape, dtype=values.dtype)
+        out[self.has_column] = values
+        return out
+
 
 class Unknowns:
     """All variables of a network and their columns."""
@@ -77,7 +112,7 @@ class Unknowns:
             self.tables[kind] = replace(table, offset=placed)
             first += int(columns.sum())
         self.n_columns = first
-        self.free = np.concatenate([_of_columns(table) for table in self.tables.values()])
+        self.free = np.concatenate([t.free[t.has_column] for t in self.tables.values()])
         self.n_unknowns = int(self.free.sum())
 
     def freed(self, held: Mapping[VariableKind, Mask]) -> Unknowns:
@@ -105,6 +140,10 @@ class Unknowns:
             for first, size in zip(table.offset.tolist(), table.size.tolist(), strict=True)
             if first >= 0
         }
+
+    def columns_of(self, first: Sequence[int]) -> Index:
+        """Return the columns of variables, one after another, from their first columns."""
+        return np.concatenate([np.arange(k, k + self.size_at[k]) for k in first])
 
     def __getitem__(self, kind: VariableKind) -> Variables:
         """Return the variables of one kind."""
@@ -166,17 +205,15 @@ class Unknowns:
         """Move a state by a step (n_columns,)."""
         moved = dict(state)
         for kind, table in self.tables.items():
-            rows = np.flatnonzero(table.offset >= 0)
-            if not len(rows):
+            on = table.offset >= 0
+            if not on.any():
                 continue
-            width = table.free.shape[1]
-            delta = np.zeros((len(rows), width))
-            for column in range(width):
-                has = column < table.size[rows]
-                delta[has, column] = step[table.offset[rows[has]] + column]
-            values = state[kind].copy()
-            values[rows] = UNKNOWNS[kind].retract(values[rows], delta)
-            moved[kind] = values
+            delta, retract = table.of_columns(step[table.columns]), UNKNOWNS[kind].retract
+            if on.all():
+                moved[kind] = retract(state[kind], delta)
+            else:
+                moved[kind] = state[kind].copy()
+                moved[kind][on] = retract(state[kind][on], delta[on])
         return moved
 
     def spacing(self, state: State) -> Array:
@@ -187,14 +224,14 @@ class Unknowns:
         """
         out = np.zeros(self.n_columns)
         for kind, table in self.tables.items():
-            on = np.flatnonzero(table.offset >= 0)
-            record = UNKNOWNS[kind]
-            more = ROTATION - 3 if record.rotates else 0
-            for j in range(table.free.shape[1]):
-                has = on[j < table.size[on]]
-                turns = record.rotates and j < 3
-                values = np.ones(len(has)) if turns else np.abs(state[kind][has, j + more])
-                out[table.offset[has] + j] = np.spacing(values)
+            if not (table.offset >= 0).any():
+                continue
+            record, width = UNKNOWNS[kind], table.free.shape[1]
+            values = state[kind][:, :width]
+            if record.rotates:
+                values = np.ones((len(values), width))
+                values[:, 3:] = state[kind][:, ROTATION : ROTATION - 3 + width]
+            out[table.columns] = np.spacing(np.abs(table.in_columns(values)))
         return out
 
     def columns(self, kind: VariableKind, number: int) -> Index:
@@ -290,12 +327,6 @@ class Unknowns:
 
 
 _Raw: TypeAlias = tuple[list[str], Array, Index, Mask, Array]
-
-
-def _of_columns(table: Variables) -> Mask:
-    """Return flags of the free columns of one kind, in column order."""
-    has_column = np.arange(table.free.shape[1]) < table.size[:, None]
-    return table.free[has_column & (table.offset >= 0)[:, None]]
 
 
 def calibration_name(network: Network, photo: str) -> str:

@@ -78,11 +78,6 @@ class Layers:
         return bool(self.cameras.any())
 
     @cached_property
-    def columns_at(self) -> dict[int, Index]:
-        """Columns of each variable, by its first column."""
-        return {k: np.arange(k, k + size) for k, size in self.unknowns.size_at.items()}
-
-    @cached_property
     def point_columns(self) -> Index:
         """Columns of the points of the first layer, (p, 3)."""
         first = self.unknowns["point"].offset[self.reduced]

@@ -7,7 +7,7 @@ and is applied where rows are used.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -113,17 +113,26 @@ class LinearSystem:
 
     def gradient(self) -> Array:
         """Return AᵀPv, (n_columns,)."""
-        return self.transposed(self.every_residual[:, None])[:, 0]
+        others = [lb for lb in self.blocks if not isinstance(lb, LinearRays)]
+        out = self._transposed(self.every_residual[:, None], others)[:, 0]
+        for lb in self.blocks:
+            if isinstance(lb, LinearRays):
+                lb.add_gradient(out)
+        return out
 
     def transposed(self, z: Array) -> Array:
         """Return Aᵀ Z (n_columns, k), A whitened, for Z (rows, k); extra rows at the end."""
+        return self._transposed(z, self.blocks)
+
+    def _transposed(self, z: Array, blocks: Iterable[LinearBlock | LinearRays]) -> Array:
+        """Return Aᵀ Z of some blocks and of the extra rows."""
         v = z
         if self.equations.clusters:
             v = z.copy()
             for c in self.equations.clusters:
                 v[c.rows] = c.whitener.T @ z[c.rows]
         out = np.zeros((self.unknowns.n_columns, z.shape[1]))
-        for lb in self.blocks:
+        for lb in blocks:
             lb.add_transposed(out, v[lb.block.rows].reshape(*lb.block.observed.shape, -1))
         first = self.equations.n_rows
         for e in self.extra:

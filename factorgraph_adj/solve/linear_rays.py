@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,6 +13,7 @@ from ..graph.image_chunks import ImageChunks, RayPartials
 from ..graph.variables import State
 from ..models.variables import VariableKind
 from ..types import Array, Index
+from .point_cholesky import DIAGONAL, ELEMENTS
 
 OF_POINT = slice(3, 6)
 """Partials by X₀ among those of a ray: partials by the object point have the opposite sign."""
@@ -96,6 +97,53 @@ class LinearRays:
             out[part.chunk.rows] = part.v.T
         return out
 
+    # -- sums of products -------------------------------------------------------------------------
+
+    @cached_property
+    def photos(self) -> tuple[list[Array], ...]:
+        """[A v]ᵀ[A v] of the rays of each photo of each chunk, (7 + k, 7 + k) each."""
+        return tuple(
+            photo_products(p.rows, [(start, stop) for _, start, stop in p.chunk.parts])
+            for p in self.parts
+        )
+
+    @cached_property
+    def points(self) -> Array:
+        """JᵀJ, see `point_cholesky.ELEMENTS`, and Jᵀv of each point of the network, (n, 9)."""
+        out = np.zeros((len(self.chunks.unknowns["point"].names), 9))
+        for part, of_points in zip(self.parts, self.chunks.sums, strict=True):
+            j = part.a[OF_POINT]
+            products = np.empty((9, j.shape[2]))
+            for place, (r, c) in enumerate(ELEMENTS):
+                add_components(j[r], j[c], products[place])
+            for axis in range(3):
+                add_components(j[axis], part.v, products[6 + axis])
+            of_points.add(out, np.ascontiguousarray(products.T))
+        np.negative(out[:, 6:], out=out[:, 6:])
+        return out
+
+    def add_gradient(self, out: Array) -> None:
+        """Add Aᵀv to out (n_columns,)."""
+        self._add_sums(out, lambda product: product[:-1, -1], self.points[:, 6:])
+
+    def add_diagonal(self, out: Array) -> None:
+        """Add the diagonal of AᵀA to out (n_columns,)."""
+        self._add_sums(out, lambda product: np.diag(product)[:-1], self.points[:, list(DIAGONAL)])
+
+    def _add_sums(self, out: Array, of_photo: Callable[[Array], Array], of_points: Array) -> None:
+        """Add what the products of photos give, (6 + k,), and values of points (n, 3)."""
+        sums = self._zeros(1)
+        calibration = self.block.variables[1][1]
+        free = self.chunks.lens_free
+        for part, products in zip(self.parts, self.photos, strict=True):
+            for (photo, start, _), product in zip(part.chunk.parts, products, strict=True):
+                value = of_photo(product)
+                number = calibration[part.chunk.rows.start + start]
+                sums["pose"][photo, :, 0] += value[:6]
+                sums["calibration"][number, free, 0] += value[6:]
+        sums["point"] = of_points[:, :, None]
+        self._add(out[:, None], sums)
+
     # -- products ---------------------------------------------------------------------------------
 
     def times(self, g: Array) -> Array:
@@ -144,32 +192,16 @@ class LinearRays:
             of_points.add(flat, products.reshape(len(products), -1))
         self._add(out, sums)
 
-    def add_diagonal(self, out: Array) -> None:
-        """Add the diagonal of AᵀA to out (n_columns,)."""
-        sums = self._zeros(1)
-        calibration = self.block.variables[1][1]
-        free = self.chunks.lens_free
-        for part, of_points in zip(self.parts, self.chunks.sums, strict=True):
-            square = np.einsum("krm,krm->km", part.a, part.a)
-            starts = [start for _, start, _ in part.chunk.parts]
-            values = np.add.reduceat(square, starts, axis=1)
-            for (photo, start, _), value in zip(part.chunk.parts, values.T, strict=True):
-                sums["pose"][photo, :, 0] += value[:6]
-                number = calibration[part.chunk.rows.start + start]
-                sums["calibration"][number, free, 0] += value[6:]
-            of_points.add(sums["point"][:, :, 0], np.ascontiguousarray(square[OF_POINT].T))
-        self._add(out[:, None], sums)
-
     def _values(self, kind: VariableKind, g: Array) -> Array:
         """Return G of every variable of a kind, (n, width, k); zero for held components."""
         table = self.chunks.unknowns[kind]
-        width = table.free.shape[1]
-        out = np.zeros((len(table.names), width, g.shape[1]))
-        if kind in self.kinds:
-            for j in range(width):
-                on = np.flatnonzero(table.free[:, j] & (table.offset >= 0))
-                out[on, j] = g[table.offset[on] + j]
-        return out
+        if kind not in self.kinds:
+            return np.zeros((*table.free.shape, g.shape[1]))
+        held = ~self.chunks.unknowns.free[table.columns]
+        if held.any():
+            g = g.copy()
+            g[table.columns][held] = 0.0
+        return table.of_columns(g[table.columns])
 
     def _zeros(self, k: int) -> dict[VariableKind, Array]:
         unknowns = self.chunks.unknowns
@@ -181,7 +213,23 @@ class LinearRays:
     def _add(self, out: Array, sums: dict[VariableKind, Array]) -> None:
         """Add sums (n, width, k) of each kind to out (n_columns, k), without held components."""
         for kind in self.kinds:
-            table = self.chunks.unknowns[kind]
-            for j in range(table.free.shape[1]):
-                on = np.flatnonzero(table.free[:, j] & (table.offset >= 0))
-                out[table.offset[on] + j] += sums[kind][on, j]
+            columns = self.chunks.unknowns[kind].columns
+            free = self.chunks.unknowns.free[columns, None]
+            out[columns] += self.chunks.unknowns[kind].in_columns(sums[kind]) * free
+
+
+def photo_products(rows: Array, runs: Iterable[tuple[int, int]]) -> list[Array]:
+    """Return [A v]ᵀ[A v] (7 + k, 7 + k) of runs of rays, given as [A v] (7 + k, 2, m)."""
+    out = []
+    for start, stop in runs:
+        x, y = rows[:, 0, start:stop], rows[:, 1, start:stop]
+        product = x @ x.T
+        product += y @ y.T
+        out.append(product)
+    return out
+
+
+def add_components(a: Array, b: Array, out: Array) -> None:
+    """Write the sum over both components of a and b (2, m) to out (m,)."""
+    np.multiply(a[0], b[0], out=out)
+    out += a[1] * b[1]

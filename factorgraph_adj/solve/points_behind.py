@@ -106,11 +106,10 @@ def _rays_of_points_behind(equations: Equations, state: State, may_move: Mask) -
     """Return the rays of all points that lie behind one of their cameras; none: there are none."""
     found, depths = [], []
     behind = np.zeros(len(state["point"]), dtype=bool)
-    for block in equations.blocks:
-        if block.lens is None:
-            continue
+    for place, chunks in equations.rays.items():
+        block = equations.blocks[place]
         photo, camera, point = (block.variables[k][1] for k in range(3))
-        z = in_front(state["pose"][photo], state["point"][point], block.lens)
+        z = chunks.depths(state)
         behind[point[z <= 0]] = True
         found.append((block, photo, camera, point))
         depths.append((photo, z))

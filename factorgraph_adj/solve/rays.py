@@ -6,17 +6,17 @@ follow the rays, see `factorgraph_adj.solve.spokes`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from ..graph.equations import Equations
-from ..graph.image_chunks import RAYS, PointSums, RayPartials
+from ..graph.image_chunks import RAYS, PointSums
 from ..types import Array, Index
 from .linear import LinearSystem
-from .linear_rays import LinearRays
+from .linear_rays import OF_POINT, LinearRays, add_components, photo_products
 from .nodes import Nodes
 from .spokes import SpokeRows, Spokes, find_spokes
 
@@ -44,12 +44,37 @@ class RayPart:
     camera: int
     """Place of the calibration that all rays share; −1: each photo has its own."""
 
-    def partials(self, system: LinearSystem) -> Array:
-        """Return the partials of the rays, (6 + k, 2, m), see `RayPartials`."""
+    def of(self, system: LinearSystem) -> LinearRays:
+        """Return the block of the rays."""
         block = system.blocks[self.place]
         assert isinstance(block, LinearRays)
-        found: RayPartials = block.parts[self.number]
-        return found.a if self.chosen is None else found.a[:, :, self.chosen]
+        return block
+
+    def partials(self, system: LinearSystem) -> Array:
+        """Return the partials of the rays, (6 + k, 2, m), see `RayPartials`."""
+        return self._rows(system)[:-1]
+
+    def _rows(self, system: LinearSystem) -> Array:
+        """Return [A v] of the rays, (7 + k, 2, m)."""
+        rows = self.of(system).parts[self.number].rows
+        return rows if self.chosen is None else rows[:, :, self.chosen]
+
+    def products(self, system: LinearSystem) -> Sequence[Array]:
+        """Return [A v]ᵀ[A v] (7 + k, 7 + k) of each run."""
+        if self.chosen is None:
+            return self.of(system).photos[self.number]
+        return photo_products(self._rows(system), [(start, stop) for _, start, stop in self.runs])
+
+    def cross(self, system: LinearSystem) -> Array:
+        """Return JᵀA of each point with the parameters of the lens, (u, 3, k)."""
+        a = self.partials(system)
+        k = len(a) - 6
+        products = np.empty((3 * k, a.shape[2]))
+        for i, j in enumerate(a[OF_POINT]):
+            for c in range(k):
+                add_components(j, a[6 + c], products[i * k + c])
+        found = self.sums.incidence @ np.ascontiguousarray(products.T)
+        return -found.reshape(-1, 3, k)  # partials by the point have the opposite sign
 
 
 class Rays:

@@ -18,7 +18,8 @@ from .fronts import BlockMatrix
 from .linear_rays import OF_POINT
 from .point_cholesky import DIAGONAL, ELEMENTS, PointCholesky, square
 from .ray_sums import RaySums
-from .spokes import add_to_spokes
+from .rays import RayPart
+from .spokes import Spokes, add_to_spokes
 
 POOR = 1e-6
 """Relative pivot below which a point is factorised twice; a point at a distance of 1000 bases has
@@ -42,16 +43,17 @@ class ReducedPoints:
         self.w = np.empty((rays.n_rays, 3, rays.width))
         """W of every ray, (n_rays, 3, width)."""
         self._own = np.zeros((rays.places.n, rays.width, rays.width + rays.side))
-        flat = self.shared.reshape(rays.n_points, -1)
         for photos in rays.photo_parts:
             a = photos.partials(self.system)
             half = self.cholesky.lower(a[OF_POINT], photos.points)
             width = 6 if photos.camera >= 0 else len(a)
             w = np.zeros((3, rays.width, a.shape[2]))
+            product = np.empty((width, 2, a.shape[2]))
             for axis in range(3):
-                product = half[axis] * a[:width]
+                np.multiply(half[axis], a[:width], out=product)
                 np.add(product[:, 0], product[:, 1], out=w[axis, :width])
             np.negative(w.transpose(2, 0, 1), out=self.w[photos.rows])
+            self._add_own(photos)
         if rays.spokes is not None:
             of_spokes = self.w[rays.spokes.rows]
             of_spokes[:] = 0.0
@@ -59,15 +61,18 @@ class ReducedPoints:
                 arrays = sights.arrays(self.system)
                 u = self.cholesky.lower(arrays[sights.target].transpose(2, 1, 0), sights.points)
                 add_to_spokes(sights, arrays, u, of_spokes)
-        for part in rays.parts:
-            rows = self.w[part.rows]
-            of_points = np.take(flat, part.points, axis=0).reshape(len(rows), 3, rays.side)
-            for node, start, stop in part.runs:
-                one = rows[start:stop].reshape(-1, rays.width)
-                own = self._own[node]
-                own[:, : rays.width] += one.T @ one
-                if rays.side:
-                    own[:, rays.width :] += one.T @ of_points[start:stop].reshape(-1, rays.side)
+            self._add_own(rays.spokes)
+
+    def _add_own(self, part: RayPart | Spokes) -> None:
+        """Add WᵀW and WᵀE of each node, E that of the shared calibrations, to those of its rays."""
+        rays = self.rays
+        w = self.w[part.rows]
+        shared = np.take(self.shared, part.points, axis=0)
+        for node, start, stop in part.runs:
+            one, own = w[start:stop].reshape(-1, rays.width), self._own[node]
+            own[:, : rays.width] += one.T @ one
+            if rays.side:
+                own[:, rays.width :] += one.T @ shared[start:stop].reshape(-1, rays.side)
 
     def matrix(self, pattern: Pattern) -> BlockMatrix:
         """Return S in the blocks of a pattern, without regard to held places."""
@@ -283,7 +288,7 @@ def factorise_points(sums: RaySums, extra: Array) -> tuple[PointCholesky, Array]
     h = sums.points.copy()
     h[list(DIAGONAL)] += added
     cholesky = PointCholesky(h, free)
-    cross = cholesky.lower(sums.cross.transpose(1, 2, 0)).transpose(2, 0, 1)
+    cross = cholesky.lower(np.ascontiguousarray(sums.cross.transpose(1, 2, 0))).transpose(2, 0, 1)
     poor = np.flatnonzero(cholesky.pivots.min(axis=0, initial=1.0) < POOR)
     if len(poor):
         again, products = _in_axes(sums, cholesky, poor, added[:, poor])

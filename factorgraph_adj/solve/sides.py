@@ -7,7 +7,6 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.image import in_front
 from ..types import Mask
 
 
@@ -49,12 +48,10 @@ def before_the_cameras(equations: Equations, state: State, moved: State) -> Stat
 def refuse_points_behind(equations: Equations, state: State) -> None:
     """Raise an error that names image points whose object point lies behind the camera."""
     problems = []
-    for block in equations.blocks:
-        if block.kind != "image":
-            continue
-        photo, point = block.variables[0][1], block.variables[2][1]
-        assert block.lens is not None
-        wrong = in_front(state["pose"][photo], state["point"][point], block.lens) <= 0
+    for place, chunks in equations.rays.items():
+        block = equations.blocks[place]
+        photo = block.variables[0][1]
+        wrong = chunks.depths(state) <= 0
         for number in np.unique(photo[wrong]).tolist():
             rows = np.flatnonzero(photo == number)
             name = equations.unknowns["pose"].names[number]

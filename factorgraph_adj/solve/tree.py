@@ -9,12 +9,13 @@ memory) and serve every right side and the selected inverse:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 
+from ..graph.variables import Unknowns
 from ..models.variables import UNKNOWNS
 from ..types import Array, Index
 from .elimination import Layers, outside
@@ -76,8 +77,6 @@ class TreeFactors:
         self.layers = layers
         self.system = system
         # A GTSAM key is the first column of its variable: keys sort, and give the place of a block.
-        self.size = layers.unknowns.size_at
-        self.columns = layers.columns_at
         self.graph = gtsam.GaussianFactorGraph()
         if layers.in_fronts:
             return
@@ -132,12 +131,13 @@ class TreeFactors:
     def _add_dense(self, graph: gtsam.GaussianFactorGraph, columns: Index, a: Array) -> None:
         """Add rows over any number of variables; missing columns of a variable are zero."""
         place = {int(c): i for i, c in enumerate(columns)}
-        starts = np.array(sorted(self.size), dtype=np.intp)
+        size = self.layers.unknowns.size_at
+        starts = np.array(sorted(size), dtype=np.intp)
         keys = np.unique(starts[np.searchsorted(starts, columns, side="right") - 1])
         terms = []
         for key in keys.tolist():
-            block = np.zeros((len(a), self.size[key]))
-            for j in range(self.size[key]):
+            block = np.zeros((len(a), size[key]))
+            for j in range(size[key]):
                 if key + j in place:
                     block[:, j] = a[:, place[key + j]]
             terms.append((key, block))
@@ -202,7 +202,7 @@ class TreeFactors:
                 )
         except RuntimeError as error:
             raise SingularError(str(error)) from None
-        return cliques_of(tree, self.columns), rest
+        return cliques_of(tree, layers.unknowns), rest
 
     def _ordering_of(self, graph: gtsam.GaussianFactorGraph, first: list[int]) -> gtsam.Ordering:
         """Return the ordering; it is computed once, as graphs of the same layers are alike."""
@@ -250,16 +250,16 @@ class TreeFactors:
             for key in keys:
                 ordering.push_back(key)
             normal = np.asarray(group.augmentedHessian(ordering))[:-1, :-1]
-            out.append(Remainder(np.concatenate([self.columns[k] for k in keys]), normal))
+            out.append(Remainder(self.layers.unknowns.columns_of(keys), normal))
         return out
 
 
-def cliques_of(tree: gtsam.GaussianBayesTree, columns: Mapping[int, Index]) -> list[Clique]:
+def cliques_of(tree: gtsam.GaussianBayesTree, unknowns: Unknowns) -> list[Clique]:
     """Copy the cliques out of a Bayes tree, parents first.
 
     Args:
         tree: the tree.
-        columns: columns of each key.
+        unknowns: the unknowns; a key is the first column of one.
 
     Raises:
         SingularError: a pivot vanished.
@@ -271,7 +271,7 @@ def cliques_of(tree: gtsam.GaussianBayesTree, columns: Mapping[int, Index]) -> l
         conditional = clique.conditional()
         r = np.array(conditional.R(), order="F")
         keys = list(conditional.keys())
-        own = np.concatenate([columns[k] for k in keys])
+        own = unknowns.columns_of(keys)
         f = r.shape[1]
         s = np.array(conditional.S()).reshape(f, len(own) - f)
         if not np.all(np.isfinite(r)) or np.any(np.diag(r) == 0):
