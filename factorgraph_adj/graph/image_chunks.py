@@ -59,7 +59,8 @@ class RayPartials:
     @property
     def v(self) -> Array:
         """Residuals, (2, m)."""
-        return self.rows[-1]
+        v: Array = self.rows[-1]
+        return v
 
 
 @dataclass(frozen=True)

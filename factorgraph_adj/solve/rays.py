@@ -74,7 +74,7 @@ class RayPart:
             for c in range(k):
                 add_components(j, a[6 + c], products[i * k + c])
         found = self.sums.incidence @ np.ascontiguousarray(products.T)
-        return -found.reshape(-1, 3, k)  # partials by the point have the opposite sign
+        return -found.reshape(len(found), 3, k)  # partials by the point have the opposite sign
 
 
 class Rays:
