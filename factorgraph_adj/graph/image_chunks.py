@@ -204,9 +204,7 @@ class ImageChunks:
         """
         return list(self._every(state, jacobians=True, whitened=True))
 
-    def _every(
-        self, state: State, *, jacobians: bool, whitened: bool
-    ) -> Iterator[RayPartials]:
+    def _every(self, state: State, *, jacobians: bool, whitened: bool) -> Iterator[RayPartials]:
         points = np.ascontiguousarray(state["point"].T)
         problems: list[Problem] = []
         for chunk in self.chunks:

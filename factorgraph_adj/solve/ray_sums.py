@@ -63,4 +63,3 @@ class RaySums:
             if len(lb.a[0]) and len(on):
                 out.append((place, local[number[on]], on, lb.a[0][on]))
         return out
-
