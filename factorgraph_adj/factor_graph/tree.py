@@ -8,6 +8,7 @@ so that δ counts from there.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import gtsam
@@ -115,9 +116,6 @@ class Tree(LinearRows):
                 if self._alive.values[key]:
                     values.insert(key, np.zeros(int(self._size.values[key])))
             self._update(graph, having, values, [])
-        except RuntimeError as error:
-            self.restore(before)
-            raise IndeterminateError(str(error).strip().splitlines()[0]) from error
         except AdjustmentError:
             self.restore(before)
             raise
@@ -165,7 +163,11 @@ class Tree(LinearRows):
             each.put_back(copied)
 
     def leave(self, units: Index) -> None:
-        """Take units out; what they alone determine must have left before."""
+        """Take units out; what they alone determine must have left before.
+
+        Raises:
+            IndeterminateError: the rest is too weak for Cholesky; `restore` brings the tree back.
+        """
         slots = self._slot.values[units]
         gone = slots[slots >= 0].tolist()
         for unit in units[slots >= 0].tolist():
@@ -204,7 +206,10 @@ class Tree(LinearRows):
         gone: list[int],
     ) -> None:
         self.version += 1
-        result = self.isam.update(graph, values, gone)
+        try:
+            result = self.isam.update(graph, values, gone)
+        except RuntimeError as error:  # the tree is lost
+            raise IndeterminateError(str(error).strip().splitlines()[0]) from error
         self._slot.values[units] = list(result.getNewFactorsIndices())
         present = np.flatnonzero(self._alive.values[self._key.values])
         self._delta.values[present] = self.isam.getDelta().vector()
@@ -231,8 +236,13 @@ class Tree(LinearRows):
         return self.follow(AT_REST, 3 * MOST_TURNS)
 
     def follow_to_rest(self) -> bool:
-        """Evaluate rows anew until their gaps are small; return whether they are."""
-        return self.follow() < MOST_TURNS
+        """Evaluate rows anew until their gaps are small; return whether they are.
+
+        Where they are not, the tree may be lost: `restore` brings it back.
+        """
+        with suppress(IndeterminateError):
+            return self.follow() < MOST_TURNS
+        return False
 
     def _anew(self, units: Index, moved: float) -> None:
         """Give variables of units that have moved new points of linearisation.

@@ -7,6 +7,7 @@ see `system`: they are adjusted from where everything is, once, when something f
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -255,13 +256,13 @@ class InTree:
         units = np.array([tree.unit[i] for i in ids], dtype=np.intp)
         if tree.least_redundancy(units) <= TIED:
             return None
-        mark = tree.mark()
-        tree.leave(units)
-        self._mark = mark
-        if not tree.follow_to_rest():
-            _ = self.tree  # it goes back
-            return None
-        return InTree(tree, ledger, self._rules)
+        self._mark = tree.mark()
+        with suppress(AdjustmentError):
+            tree.leave(units)
+            if tree.follow_to_rest():
+                return InTree(tree, ledger, self._rules)
+        _ = self.tree  # it goes back
+        return None
 
     def after(self, entered: EnteredTree, ledger: Ledger) -> InTree | None:
         """Return the system with what has entered; none where linear forms come to no rest."""

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import InputError, Problem, known
+from ..graph.dependence import Variable
 from ..network.entities import Photo, Point
 from ..solve.estimates import PoseEstimate
 from ..solve.solution import Solution
@@ -65,13 +66,19 @@ def pose(state: State, photo: str, solution: Callable[[], Solution]) -> PoseEsti
     Args:
         state: the state.
         photo: the photo.
-        solution: returns the whole solution.
+        solution: returns the whole solution, which a free network takes.
 
     Raises:
         InputError: no such photo, or it is not determined yet.
     """
     _require(state, photo, "pose")
-    return solution().pose(photo)
+    system = state.system
+    stored = None if system is None else system.value("pose", photo)
+    if system is None or stored is None or system.is_free:
+        return solution().pose(photo)
+    of_photo: Variable = ("pose", photo)
+    sigmas = np.sqrt(np.maximum(np.diag(system.cofactors(of_photo, of_photo)), 0.0))
+    return PoseEstimate(stored[9:].copy(), stored[:9].reshape(3, 3).copy(), sigmas)
 
 
 def _require(state: State, name: str, kind: Literal["point", "pose"] = "point") -> None:

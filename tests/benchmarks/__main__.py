@@ -15,8 +15,6 @@ tied      2 000 photos that 300 total stations tie together, against independent
           sparse normal equations (three minutes)
 soak      20 000 arrivals and removals, nonsense among them, on an incremental adjustment; any
           other number: python -m tests.support.soak EVENTS
-latency   one arriving observation in such networks, and in photos over them, against the batch
-          and naive iSAM2 (half an hour: iSAM2 takes minutes to load 10 000 points)
 thousand  [PHOTOS [RAYS]]: photos and single observations that arrive in an aerial block of 1 000
           photos with 1 000 rays each; aims: 3 GB, 5 s for a photo, 0.3 s for an observation
 hour      [SECONDS [cpu] [gross]]: the stream of a survey vehicle for an hour, a photo with 500 rays
@@ -31,6 +29,8 @@ orders    5 000 random small networks, each in several orders and groupings, and
 verdicts  test values, T², redundancy numbers and innovations of arriving observations against
           `predict` on the batch: at moments of 200 random networks (``verdicts 50``: of 50), and of
           every test network
+arrivals  is a command of its own, python -m tests.benchmarks.arrivals: CPU time of an arrival in
+          each engine, in an earlier version, and in GTSAM alone
 components is a command of its own, python -m tests.benchmarks.components: factors of simulated
           blocks against their truth and their law (about 15 minutes)
 starts    is a command of its own, python -m tests.benchmarks.starts: poor starts against scipy's
@@ -72,7 +72,6 @@ from . import record as records
 from . import runs as study
 from .blocks import OVERLAPS
 from .growth import GRIDS, GROWTH, exponent
-from .latency import Latency
 from .worker import LADYBUG, ROMA, Measured
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -229,39 +228,6 @@ def tied(cores: set[int]) -> None:
         f"  independent solutions: covariances differ by {found['covariances']:.1e} of their σσ, "
         f"redundancy numbers by {found['redundancy_numbers']:.1e}"
     )
-
-
-def latency(cores: set[int]) -> None:
-    """Print how long one arriving observation takes, and what the others take for it."""
-    print(
-        f"  {'':12}{'points':>7}{'rows':>8}{'start s':>9}"
-        f"{'arrival':>9}{'95 %':>8}{'max':>8}{'batch, warm':>18}{'from scratch':>18}"
-        f"{'naive iSAM2':>18}  medians, ms; times the arrival's; off the batch"
-    )
-    for case in ("terrestrial", "mixed"):
-        for size in GRIDS:
-            found = launch(cores, "latency", case, str(size))
-            if found is None:
-                continue
-            m = Latency(**found)
-            ms = {way: [1e3 * t for t in every] for way, every in m.seconds.items()}
-            own = sorted(ms["arrival"])
-            middle = statistics.median(own)
-            cells = ""
-            for way in ("warm", "scratch", "naive"):
-                text = "–"
-                if ms[way]:
-                    median = statistics.median(ms[way])
-                    text = f"{median:.0f} (n {len(ms[way])}) {median / middle:.1f}×"
-                elif way == "naive":
-                    text = "fails"
-                cells += f"{text:>18}"
-            print(
-                f"  {m.case:12}{m.points:7d}{m.observations:8d}{m.loaded:9.2f}"
-                f"{middle:9.2f}{own[int(0.95 * len(own))]:8.2f}{own[-1]:8.2f}{cells}"
-                f"  {m.off:.0e} σ, naive {m.naive_off:.0e} σ {m.naive_failed}",
-                flush=True,
-            )
 
 
 def equality(cores: set[int]) -> None:
@@ -500,7 +466,6 @@ def main() -> None:
         "thousand": lambda cores, _: arriving(cores, "thousand", given["thousand"]),
         "hour": lambda cores, _: arriving(cores, "hour", given["hour"]),
         "runs": lambda cores, _: study.benchmark(cores),
-        "latency": lambda cores, _: latency(cores),
         "proposals": proposals,
         "equality": lambda cores, _: equality(cores),
         "orders": lambda cores, _: orders(cores, *map(int, given["orders"])),

@@ -14,7 +14,9 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.network.selection import filtered
 from factorgraph_adj.observations import Direction, ImagePoint, PhotoPosition
 from tests.benchmarks.__main__ import with_arguments
+from tests.benchmarks.arrivals import Options, Played, aims, by_hundreds, play, table
 from tests.benchmarks.hour import Kept, Taken, together
+from tests.benchmarks.players import Alone, Incremental, stream
 from tests.benchmarks.roma import FIRST, order_of
 from tests.benchmarks.thousand import measure, scene
 from tests.benchmarks.timing import Spread
@@ -132,3 +134,50 @@ def test_a_photo_enters_with_position_and_attitude_before_its_camera():
     photo = Photo("f", "front", position=at, rotation=np.eye(3), sigma_attitude=1e-3)
     arrival = inc.add(PhotoPosition("f", at, sigma=(0.03,) * 3), photos=[photo])
     assert [v.verdict for v in arrival.verdicts] == ["accepted"]
+
+
+ARRIVING = ("single:25", "stations:16", "sphere2500:8", "victoria:6", "w10000:6", "plaza:2")
+
+
+@pytest.mark.parametrize("name", ARRIVING)
+def test_engines_and_gtsam_alone_take_the_same_stream(name: str):
+    playing = stream(name)
+    players = [Incremental("isam2"), Alone(0.01)]
+    for each in players:
+        each.begin(playing)
+    for step in playing.steps[:4]:
+        found, _ = [each.take(step) for each in players]
+        assert found["suspect"] == 0
+    off = players[0].compared(1)
+    assert max(off.estimates, off.sigmas) < 1e-2
+
+
+def test_edges_say_where_poses_are():
+    playing = stream("w10000:12")
+    inc, isam = Incremental("fronts"), Alone(0.01)
+    for each in (inc, isam):
+        each.begin(playing)
+    for step in playing.steps:
+        for each in (inc, isam):
+            each.take(step)
+    for number in (1, 6, 11):
+        there = isam.isam.calculateEstimatePose2(number)
+        assert inc.inc.pose(f"x{number}").position[:2] == pytest.approx(
+            there.translation(), abs=1e-3
+        )
+
+
+@pytest.mark.slow("players as processes that alternate; short tests let them play in this one")
+def test_players_alternate_in_processes_of_their_own():
+    options = Options(arrivals=2, promise=1, players=("isam2", "gtsam"))
+    played = play("single:25", options)
+    assert [len(p.seconds) for p in played.values()] == [2, 2]
+    lines = "\n".join(table("single:25", played))
+    assert "settled" in lines
+    assert "BROKEN" not in lines
+
+
+def test_aims_compare_the_arrivals_that_both_took():
+    played = {"before": Played(seconds=[8.0, 8.0]), "isam2": Played(seconds=[1.0, 1.0, 9.0, 9.0])}
+    assert aims("stations:100", played) == ["isam2   of before: 0.125, at most 0.125: met"]
+    assert by_hundreds([3.0] * 250, [1.0] * 199) == [3.0]
