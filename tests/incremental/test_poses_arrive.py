@@ -1,0 +1,55 @@
+"""Poses of photos that arrive with their odometry, asked for while they arrive."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from factorgraph_adj import IncrementalAdjustment, adjust
+from factorgraph_adj.factor_graph.tree import IndeterminateError, Tree
+from factorgraph_adj.incremental.in_tree import InTree
+from factorgraph_adj.incremental.rules import Engine
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.simulation.simulate import measure
+from tests.networks.odometry import odometry
+from tests.support.arrivals import bare, items
+
+
+def _chain() -> Network:
+    return measure(odometry(8, joint=False), seed=3)
+
+
+@pytest.mark.parametrize("engine", ["isam2", "fronts"])
+def test_the_pose_of_a_photo_is_that_of_the_batch_and_adjusts_nothing(engine: Engine):
+    network = _chain()
+    inc = IncrementalAdjustment(bare(network), engine=engine)
+    for item in items(network):
+        inc.add(item)
+    found = {name: inc.pose(name) for name in ("F1", "F4", "F7")}
+    system = inc._state.system
+    assert isinstance(system, InTree) is (engine == "isam2")
+    assert "fronts" not in vars(system)
+    batch = adjust(network)
+    for name, pose in found.items():
+        there = batch.pose(name)
+        assert np.all(np.abs(pose.position - there.position) < 1e-2 * there.sigmas[3:])
+        assert pose.sigmas == pytest.approx(there.sigmas, rel=1e-2)
+
+
+def test_fronts_take_what_breaks_the_tree_while_it_is_relinearised(monkeypatch: pytest.MonkeyPatch):
+    network = _chain()
+    inc = IncrementalAdjustment(bare(network), engine="isam2")
+    *first, last = items(network)
+    for item in first:
+        inc.add(item)
+    assert isinstance(inc._state.system, InTree)
+
+    def follow(tree: Tree, *_: object) -> int:
+        raise IndeterminateError("Indeterminate linear system")
+
+    monkeypatch.setattr(Tree, "follow", follow)
+    arrival = inc.add(last)
+    assert [v.verdict for v in arrival.verdicts] == ["accepted"]
+    batch = adjust(network)
+    off = inc.pose("F7").position - batch.pose("F7").position
+    assert np.all(np.abs(off) < 1e-2 * batch.pose("F7").sigmas[3:])
