@@ -42,6 +42,20 @@ class Doubt(Problem):
 
 
 @dataclass(frozen=True)
+class Unreached(Problem):
+    """Unknowns of one sort that have no approximate value for the same reason."""
+
+    noun: str = ""
+    """The sort."""
+    names: frozenset[str] = frozenset()
+    """Their names."""
+
+    def of(self, name: str) -> str:
+        """Say it of one of them."""
+        return str(Problem(self.what, f"{self.noun} {name}"))
+
+
+@dataclass(frozen=True)
 class LeftOut:
     """Rows of one sort that a reader left out."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import Problem, known
+from ..errors import Problem, Unreached, known
 from ..graph.equations import Equations
 from ..types import Array, Index, Mask
 from .in_frames import InFrames
@@ -64,7 +64,7 @@ def not_reached(
         why = "neither its station with a target, nor its orientation could be reached"
         reasons.setdefault(("set", why), []).append(equations.unknowns["orientation"].names[s])
     return [
-        Problem(why, f"{what}{'s' if len(who) > 1 else ''} {known(who)}")
+        Unreached(why, f"{what}{'s' if len(who) > 1 else ''} {known(who)}", what, frozenset(who))
         for (what, why), who in reasons.items()
     ]
 

@@ -78,8 +78,13 @@ def approximate(equations: Equations, *, datum: DatumChoice | None = None) -> St
     return state
 
 
-def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[State, list[Problem]]:
-    """Return start values as `approximate`, NaN if not found, and the problems of those."""
+def reach(
+    equations: Equations, *, datum: DatumChoice | None = None, apart: bool = False
+) -> tuple[State, list[Problem]]:
+    """Return start values as `approximate`, NaN if not found, and the problems of those.
+
+    With ``apart`` points that share no observation help each other to no value.
+    """
     state = equations.unknowns.start()
     relative = read_relative_poses(equations)
     looked_for = bool(relative.wanted.any())
@@ -90,8 +95,10 @@ def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[St
         progress, seen = _begin(equations, state, relative)
         free = (datum or equations.network.datum) == "free"
         forgetful = progress.copy()
-        _search(progress, seen, free=free)
-        progress = _without_contradiction(equations, progress, forgetful, seen, free=free)
+        _search(progress, seen, free=free, apart=apart)
+        progress = _without_contradiction(
+            equations, progress, forgetful, seen, free=free, apart=apart
+        )
         _take_over(progress, state)
         # The points of shapes and wires and the photos of lines come first.
         later = on_shapes(equations) | lines_in_images(equations) | set(aligned(equations))
@@ -155,7 +162,7 @@ def _begin(equations: Equations, state: State, relative: RelativePoses) -> tuple
     return progress, seen
 
 
-def _search(progress: Progress, seen: _Seen, *, free: bool) -> None:
+def _search(progress: Progress, seen: _Seen, *, free: bool, apart: bool) -> None:
     """Repeat the most certain step that finds a value, until no step finds any."""
     rays, frames, relative = seen.rays, seen.frames, seen.relative
     steps: tuple[Callable[[], bool], ...] = (
@@ -175,7 +182,7 @@ def _search(progress: Progress, seen: _Seen, *, free: bool) -> None:
         lambda: intersect_sights(progress, frames, parallax=LEAST_PARALLAX),
         lambda: intersect_rays(progress, rays, parallax=LEAST_PARALLAX, wanted=~progress.complete),
         lambda: ray_and_more(progress, rays),
-        lambda: far_points(progress, rays),
+        lambda: not apart and far_points(progress, rays),
         lambda: resolve_doubt(progress, mirror=False),
         lambda: free and start_frame(progress, frames),
         lambda: join_blocks(progress, free=free),
@@ -196,6 +203,7 @@ def _without_contradiction(
     seen: _Seen,
     *,
     free: bool,
+    apart: bool,
 ) -> Progress:
     """Search again without the approximate coordinates of free points if they contradict.
 
@@ -209,6 +217,7 @@ def _without_contradiction(
         second: the given values; is filled.
         seen: observations of which the steps make values.
         free: whether the datum is free.
+        apart: as in `reach`.
     """
     misfit = observed_misfits(first)
     table = equations.unknowns["point"]
@@ -218,11 +227,11 @@ def _without_contradiction(
     given = second.plan.copy()
     second.plan = second.horizon.to_plan(np.where(rough, np.nan, table.values))
     known_coordinates(equations, second)
-    _search(second, seen, free=False)
+    _search(second, seen, free=False, apart=apart)
     every = np.arange(len(given))
     second.set_plan(every, given[:, :2])
     second.set_height(every, given[:, 2])
-    _search(second, seen, free=free)
+    _search(second, seen, free=free, apart=apart)
     better = np.nansum(observed_misfits(second)) < np.nansum(misfit)
     return second if better and second.complete.sum() >= first.complete.sum() else first
 

@@ -13,10 +13,12 @@ from ..errors import AdjustmentError
 from ..graph.dependence import Variable
 from ..models.variables import VariableKind
 from ..network.network import Network
-from ..solve.anywhere import anywhere
+from ..solve.anywhere import anywhere, narrow
+from ..solve.elimination import layers_of
 from ..solve.minimum import adjust_from
 from ..solve.solution import Solution
-from ..types import Index
+from ..solve.start import Start
+from ..types import NO_ROWS, Index
 from .anew import better_of
 from .candidates import Candidates, Nothing
 from .entering import rays_alone
@@ -43,21 +45,52 @@ def begin(ledger: Ledger, rules: Rules, start: Solution | None) -> State:
     inside = ledger.having("accepted")
     if not len(inside):
         return State(ledger)
-    ledger, system = adjusted(ledger, rules, start)
+    every = Candidates(ledger, Nothing(), inside)
+    posed = all(f.rotation is not None for f in ledger.network.photos.values())
+    stay: Candidates | None = None
+    values: Solution | Start | None = start
+    if start is None and posed:
+        stay, values = _determined(every, rules)
+    ledger, system = adjusted(ledger, rules, values, stay)
+    if not isinstance(system, System) and stay is None:
+        stay, _ = _determined(every, rules)
+        ledger, system = adjusted(ledger, rules, start, stay)
     if not isinstance(system, System):
-        stay = Search(Candidates(ledger, Nothing(), inside), rules.datum, {}).determined()
-        ledger, system = adjusted(_without(ledger, inside, stay), rules, start)
-    if not isinstance(system, System):
-        ledger = _without(ledger, inside, stay)
-        found = Candidates(ledger, Nothing(), stay)
+        assert stay is not None
+        ledger = _without(ledger, inside, stay.rows)
+        found = Candidates(ledger, Nothing(), stay.rows)
         system = _at_its_start(ledger, found, rules, start, system)
         if system is None:
-            ledger = _without(ledger, inside, stay[:0])
+            ledger = _without(ledger, inside, NO_ROWS)
     return _entered(State(ledger, system, settled=False), inside, rules)
 
 
+def _determined(every: Candidates, rules: Rules) -> tuple[Candidates, Start | None]:
+    """Return observations that determine what they touch, and approximate values of that.
+
+    Those of points that only nearly parallel rays determine are not among them: an adjustment in
+    which photos move creeps along such rays for tens of iterations. Beside photos that are known
+    these points are found at once.
+    """
+    stay, reached = Search(every, rules.datum, {}).determined()
+    if reached is None:
+        return stay, None
+    equations, state = reached
+    points: list[Variable] = []
+    if equations.n_rays:
+        nothing = np.zeros(equations.unknowns.n_columns, dtype=bool)
+        layers = layers_of(equations, reduce_points=True, touched=nothing)
+        points = [("point", name) for name in narrow(equations, state, layers)]
+    rays = np.intersect1d(rays_alone(every.ledger, points), stay.rows)
+    stay = stay.only(np.setdiff1d(stay.rows, rays)) if len(rays) else stay
+    return stay, Start(equations.unknowns, state, state)
+
+
 def adjusted(
-    ledger: Ledger, rules: Rules, start: Solution | None
+    ledger: Ledger,
+    rules: Rules,
+    start: Solution | Start | None,
+    stay: Candidates | None = None,
 ) -> tuple[Ledger, System | Failure | None]:
     """Adjust what is in, without what is not determined: that waits.
 
@@ -65,12 +98,14 @@ def adjusted(
         ledger: what is in.
         rules: the options.
         start: where everything was, or may be; none: approximate values are found.
+        stay: what of it is determined at approximate values; none: that has not been looked at.
 
     Returns:
         The ledger, and the system; why there is none, if that can be said.
     """
     inside = ledger.having("accepted")
-    stay = Search(Candidates(ledger, Nothing(), inside), rules.datum, {}).counted()
+    if stay is None:
+        stay = Search(Candidates(ledger, Nothing(), inside), rules.datum, {}).counted(())
     system: System | Failure | None = None
     for _ in range(MOST_LET_GO):
         ledger = _without(ledger, inside, stay.rows)
@@ -160,13 +195,13 @@ def settled(state: State, rules: Rules) -> State:
     return State(state.ledger, found.prepared(), settled=True)
 
 
-def _draft(ledger: Ledger, stay: Candidates, rules: Rules, start: Solution | None) -> Draft:
+def _draft(ledger: Ledger, stay: Candidates, rules: Rules, start: Solution | Start | None) -> Draft:
     found = () if start is None else (start,)
     return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=found)
 
 
 def _adjusted(
-    ledger: Ledger, stay: Candidates, rules: Rules, start: Solution | None
+    ledger: Ledger, stay: Candidates, rules: Rules, start: Solution | Start | None
 ) -> System | Failure | None:
     """Return the system of a network's adjustment; none where it ends in an error."""
     with suppress(AdjustmentError):
@@ -179,7 +214,7 @@ def _at_its_start(
     ledger: Ledger,
     stay: Candidates,
     rules: Rules,
-    start: Solution | None,
+    start: Solution | Start | None,
     failure: Failure | None,
 ) -> System | None:
     """Return the system at the values with which it begins; none: it is not determined there."""

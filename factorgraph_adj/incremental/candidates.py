@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..graph.dependence import Variable
 from ..graph.variables import calibration_name
-from ..models.variables import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index, Mask
 from .excerpt import Known
 from .ledger import Ledger
@@ -107,18 +107,60 @@ class Candidates:
         return out
 
     @cached_property
-    def counts(self) -> Mapping[Variable, int]:
-        """Number of scalar rows of every open variable."""
+    def _n_scalars(self) -> Index:
+        """Number of scalar rows of every variable."""
         links = self.links
         weights = self.scalars[links.candidate]
         n = np.bincount(links.variable, weights=weights, minlength=len(links.variables))
-        return {links.variables[i]: int(n[i]) for i in np.flatnonzero(self.open).tolist()}
+        return n.astype(np.intp)
+
+    @cached_property
+    def counts(self) -> Mapping[Variable, int]:
+        """Number of scalar rows of every open variable."""
+        every, n = self.links.variables, self._n_scalars.tolist()
+        return {every[i]: n[i] for i in np.flatnonzero(self.open).tolist()}
 
     @cached_property
     def _by_variable(self) -> csr_array:
         links = self.links
         shape = len(links.variables), len(self.rows)
         return csr_array((np.ones(len(links.variable)), (links.variable, links.candidate)), shape)
+
+    def counted(self) -> tuple[Candidates, dict[Variable, int]]:
+        """Leave out the open variables that have fewer rows than components, with their rows.
+
+        Where a row is left out, other variables lose it.
+
+        Returns:
+            The candidates that are left, and how many rows each variable had when it was left out.
+        """
+        open_, every = self.open, self.links.variables
+        needs = [self.ledger.needs(v) for v in every]
+        missing = np.where(open_, [size - own for size, own in needs], 0)
+        n, few = self._n_scalars.copy(), np.zeros(len(every), dtype=bool)
+        there, rows_of = np.ones(len(self.rows), dtype=bool), self._by_variable
+        variables_of, lost = rows_of.T.tocsr(), dict[Variable, int]()
+        while len(found := np.flatnonzero(open_ & ~few & (n > 0) & (n < missing))):
+            few[found] = True
+            lost |= {every[i]: int(n[i]) for i in found.tolist()}
+            gone = np.unique(rows_of[found].indices)
+            gone = gone[there[gone]]
+            there[gone] = False
+            less = variables_of[gone].T @ self.scalars[gone]
+            n -= less.astype(np.intp)
+        return (self if there.all() else self._some(there)), lost
+
+    def _some(self, there: Mask) -> Candidates:
+        """Return some of the candidates, (n,), with their links."""
+        out, links = Candidates(self.ledger, self.known, self.rows[there]), self.links
+        on = there[links.candidate]
+        used, variable = np.unique(links.variable[on], return_inverse=True)
+        variables = tuple(links.variables[i] for i in used.tolist())
+        number = {v: i for i, v in enumerate(variables)}
+        candidate = (np.cumsum(there) - 1)[links.candidate[on]]
+        out.__dict__["links"] = Links(variables, number, candidate, variable)
+        out.__dict__["open"], out.__dict__["scalars"] = self.open[used], self.scalars[there]
+        return out
 
     def _of(self, variable: Variable) -> Index:
         """Return the rows of the candidates that depend on a variable."""
@@ -131,8 +173,9 @@ class Candidates:
     def describe(self, variable: Variable) -> str:
         """Say what observes a variable: ``2 image rays, 1 direction``."""
         rows, own = self.ledger.rows, self._of(variable)
-        counts = Counter(o.kind for _, unit in rows.units(own) for o in unit.observations)
         rays = len(rows.images(own))
+        units = rows.units(own) if rays < len(own) else ()
+        counts = Counter(o.kind for _, unit in units for o in unit.observations)
         if rays:
             counts["image ray" if variable[0] == "point" else "image point"] += rays
         return ", ".join(f"{n} {k.replace('_', ' ')}{'s' * (n > 1)}" for k, n in counts.items())
@@ -153,6 +196,14 @@ class Candidates:
     def late(self) -> Index:
         """The other candidates."""
         return np.asarray(self.rows[self.blocked])
+
+    @property
+    def beside_known(self) -> Index:
+        """The candidates that touch a known point or photo."""
+        links, known = self.links, self.known.known
+        every = (kind in ("point", "pose") and known(kind, n) for kind, n in links.variables)
+        there = np.fromiter(every, dtype=bool, count=len(links.variables))
+        return np.unique(self.rows[links.candidate[there[links.variable]]])
 
     def lacking(self) -> list[list[Variable]]:
         """Return the open variables of every candidate."""
@@ -178,14 +229,21 @@ class Candidates:
 
     def without(self, variables: Collection[Variable]) -> Candidates:
         """Return the candidates that touch none of some variables."""
-        return self.only(np.setdiff1d(self.rows, self.touching(variables)))
+        return self._some(~np.isin(self.rows, self.touching(variables)))
 
-    def parts(self) -> list[Index]:
-        """Return the candidates in parts that hang together by open variables."""
+    def parts(self, *, by_geometry: bool = False) -> list[Index]:
+        """Return the candidates in parts that hang together by open variables.
+
+        Args:
+            by_geometry: whether variables that carry no datum, such as calibrations, do not count.
+        """
         n, links = len(self.rows), self.links
         if not n:
             return []
         on = self.open[links.variable]
+        if by_geometry:
+            joins = [UNKNOWNS[kind].connects for kind, _ in links.variables]
+            on &= np.array(joins, dtype=bool)[links.variable]
         ends = links.candidate[on], n + links.variable[on]
         graph = csr_array((np.ones(len(ends[0])), ends), (n + len(links.variables),) * 2)
         label = connected_components(graph, directed=False)[1][:n]

@@ -85,7 +85,7 @@ class _Excerpt:
         for name in poses:
             self._photo(name)
         for unit in units:
-            out.add(unit.item)
+            unit.insert_into(out)
         out.images = rows.table(rays)
         for column, all_names, number_of in (
             (out.images.photo, names.photos, out.photo_number),

@@ -21,15 +21,17 @@ import numpy as np
 from ..approximate import reach
 from ..block_orientation.begin import start_of
 from ..block_orientation.block_start import BlockStart
-from ..errors import AdjustmentError, DatumError, InputError, Problem
+from ..errors import AdjustmentError, DatumError, InputError, Problem, Unreached
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_network, compile_rows
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, parameter_kinds
 from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
+from ..observations.own import OwnFactor
 from ..quality.snooping import snoop
 from ..solve.anywhere import anywhere
+from ..solve.datum import parts as parts_of
 from ..solve.linear import LinearSystem
 from ..solve.minimum import adjust_from
 from ..solve.rank import UNDETERMINED, loose
@@ -61,6 +63,9 @@ class Limits:
     """Part of the squared length of a null vector from which on a variable is moved by it."""
     at_rest: float = 1e-7
     """Bound of the last step of the local adjustment that begins a free network."""
+    small: int = 64
+    """Largest number of rows of a part that is looked at together with others: the cost of a small
+    local network is that of its arrays, whatever is in them."""
 
 
 LIMITS = Limits()
@@ -82,6 +87,8 @@ class Found:
     """What the waiting variables lack that do not enter, and observations, by first ids."""
     oriented: Mapping[str, str] = field(default_factory=dict)
     """How the photos without poses were oriented that enter, by name."""
+    parts: tuple[Index, ...] = ()
+    """The observations, in parts that do not hang together."""
 
 
 @dataclass
@@ -94,11 +101,17 @@ class Search:
     """``free`` for the beginning of a free network."""
     lacks: dict[Variable | str, str]
     """What variables lack that do not enter, and observations, by their first ids."""
+    several: bool = False
+    """Whether these are several parts, none of which hangs together with another."""
     block: BlockStart | None = None
     """Photos that were oriented from image points; none: there was no need, or no way."""
+    _reached: tuple[Equations, State] | None = None
+    """The local network and its approximate values; none: something has none."""
 
-    def find(self, *, blunders: bool, alpha: float, start: Solution | None) -> Found:
+    def find(self, *, blunders: bool, alpha: float, start: Solution | None) -> Found | None:
         """Find what may enter, and where it is.
+
+        None: one of several parts disagrees, or is disturbed, and they have to be looked at apart.
 
         Args:
             blunders: whether gross errors are to be expected: the adjustment then is one without
@@ -123,6 +136,8 @@ class Search:
                 if not lost:
                     solution = self._adjusted(local, start)
                     lost = self._anywhere(solution)
+                    if not lost and self.several and not (solution.converged and _calm(solution)):
+                        return None
                     # What disagrees may come to rest without its gross errors, what creeps where
                     # everything else moves too.
                     disturbed = solution.sigma0 > LIMITS.disturbed
@@ -143,31 +158,36 @@ class Search:
                 self.left = self.left.without(lost)
             elif len(bad):
                 self.left = self.left.only(np.setdiff1d(self.left.rows, bad))
+            elif self.several:
+                return None
             else:
                 self.lacks |= whys
                 self.left = self.left.only(firm(self.left))
         return Found(NO_ROWS, None, self.lacks)
 
-    def determined(self) -> Index:
+    def determined(self) -> tuple[Candidates, tuple[Equations, State] | None]:
         """Return observations whose variables have full rank together, at approximate values.
 
         Whether their adjustment comes to rest is not looked at. The others may still be determined
         among themselves: `find` looks at them more closely.
+
+        Returns:
+            The observations; their network with its approximate values, none where photos were
+            oriented.
         """
+        if self.datum == "given":
+            self._leave_out_unplaced()
         with suppress(AdjustmentError, OverflowError):  # `find` names the observations
-            while len((left := self.counted()).rows):
-                local = self._excerpt()
-                if local is None:
-                    break
-                equations = compile_rows(local)
+            while len((left := self.counted(())).rows):
+                equations = compile_rows(self._local())
                 lost = self._unreachable(equations)
                 if lost:
                     self.left = left.without(lost)
                 elif len(bad := self._mismatches()):
                     self.left = left.only(np.setdiff1d(left.rows, bad))
                 else:
-                    return left.rows
-        return NO_ROWS
+                    return left, self._reached
+        return self.left.only(NO_ROWS), None
 
     def counted(self, about: Collection[Variable] | None = None) -> Candidates:
         """Let those wait whose open variables have fewer rows than components; return the rest.
@@ -176,13 +196,7 @@ class Search:
             about: variables of which it is said what they lack; none: all.
         """
         first, needs = self.left, self.left.ledger.needs
-        few: dict[Variable, int] = {}
-        while len(self.left.rows):
-            lost = {v: n for v, n in self.left.counts.items() if n + needs(v)[1] < needs(v)[0]}
-            if not lost:
-                break
-            few |= lost
-            self.left = self.left.without(lost)
+        self.left, few = first.counted()
         for v, n in few.items():
             if about is None or v in about:
                 size, own = needs(v)
@@ -196,9 +210,21 @@ class Search:
 
     def _excerpt(self) -> Network | None:
         """Return the local network; none where nothing says where it is."""
-        left = self.left
-        local = excerpt(left.ledger, left.known, left.rows, datum=self.datum)
+        local = self._local()
         return local if self.datum == "free" or _placed(local) else None
+
+    def _local(self) -> Network:
+        return excerpt(self.left.ledger, self.left.known, self.left.rows, datum=self.datum)
+
+    def _leave_out_unplaced(self) -> None:
+        """Leave out the parts of which nothing says where they are: they need no search."""
+        left = self.counted(())
+        parts = left.parts(by_geometry=True)
+        if len(parts) < 2:
+            return
+        of_each = (excerpt(left.ledger, left.known, part) for part in parts)
+        stay = [p for p, n in zip(parts, of_each, strict=True) if _placed(n) or _may_be_placed(n)]
+        self.left = left.only(np.sort(np.concatenate([NO_ROWS, *stay])))
 
     def _adjusted(self, local: Network, start: Solution | None) -> Solution:
         """Adjust from where everything was; from approximate values where that leads nowhere."""
@@ -253,7 +279,8 @@ class Search:
         What the null space moves stays undetermined without the others, too. In a free network the
         largest part that it moves as a whole is the network.
         """
-        state, problems = reach(equations, datum=self.datum)
+        state, problems = reach(equations, datum=self.datum, apart=self.several)
+        self._reached = None if problems else (equations, state)
         lost: set[Variable]
         if problems:
             state, problems, lost = self._oriented(equations, state, problems)
@@ -317,6 +344,45 @@ class Search:
         return lost, np.array(bad, dtype=np.intp)
 
 
+def find_in_parts(
+    every: Candidates,
+    parts: Sequence[Index],
+    datum: DatumChoice,
+    lacks: dict[Variable | str, str],
+    *,
+    blunders: bool,
+    alpha: float,
+    start: Solution | None,
+) -> list[Found]:
+    """Find what may enter of parts that hang together by open variables; see `Search`.
+
+    Small ones beside known variables are looked at together, and in halves where that fails.
+    """
+    beside = every.beside_known
+    small = [
+        datum == "given" and len(p) <= LIMITS.small and bool(np.isin(p, beside).any())
+        for p in parts
+    ]
+    todo = [[p] for p, together in zip(parts, small, strict=True) if not together]
+    if any(small):
+        todo.append([p for p, together in zip(parts, small, strict=True) if together])
+    out = []
+    while todo:
+        some, own = todo.pop(0), dict[Variable | str, str]()
+        rows = every.only(np.sort(np.concatenate(some)))
+        search = Search(rows, datum, own, several=len(some) > 1)
+        found = search.find(blunders=blunders, alpha=alpha, start=start)
+        if found is None:
+            half = len(some) // 2
+            todo[:0] = [some[:half], some[half:]]
+            continue
+        lacks |= own
+        if found.solution is not None:
+            left = (p[np.isin(p, found.rows)] for p in some)
+            out.append(replace(found, parts=tuple(p for p in left if len(p))))
+    return out
+
+
 def firm(left: Candidates) -> Index:
     """Return candidates without those of points that have hardly more readings than they need.
 
@@ -333,6 +399,25 @@ def firm(left: Candidates) -> Index:
     return rest.rows if weak and rest.counts else NO_ROWS
 
 
+def _calm(solution: Solution) -> bool:
+    """Return whether no part of a network is disturbed: σ̂0 of each."""
+    equations = solution.equations
+    unknowns, label = equations.unknowns, parts_of(equations)
+    of_rows = [
+        np.repeat(
+            label[np.max([unknowns[kind].offset[at] for kind, at in b.variables], axis=0)],
+            b.dimension,
+        )
+        for b in equations.blocks
+    ]
+    rows = np.concatenate(of_rows)
+    v = equations.residuals(solution.state)
+    vtpv = np.bincount(rows, weights=v**2, minlength=len(label))
+    spare = np.bincount(rows, minlength=len(label))
+    spare -= np.bincount(label[unknowns.free], minlength=len(label))
+    return bool((vtpv <= LIMITS.disturbed**2 * np.maximum(spare, 1)).all())
+
+
 def _placed(local: Network) -> bool:
     """Return whether anything says where a local network is; its rank need not be looked at."""
     return (
@@ -341,6 +426,12 @@ def _placed(local: Network) -> bool:
         or any(isinstance(o, ControlPoint | PhotoPosition) for o in local.observations.values())
         or any(all(p.fixed) for kind in _FRAMES for p in local.of_kind(kind).values())
     )
+
+
+def _may_be_placed(local: Network) -> bool:
+    """Return whether an observation may say where a local network is; its rank tells."""
+    every = local.observations.values()
+    return any(isinstance(o, OwnFactor) or o.record.fixes != "nothing" for o in every)
 
 
 _FRAMES = tuple(k.name for k in parameter_kinds() if k.rotates and k.connects)
@@ -376,7 +467,14 @@ def _points_first(variables: Iterable[Variable]) -> set[Variable]:
 
 def _why(problems: Sequence[Problem], variable: Variable) -> str:
     """Return the reason that names a variable."""
-    return next((str(p) for p in problems if variable[1] in (p.where or "")), str(problems[0]))
+    kind, name = variable
+    for p in problems:
+        if isinstance(p, Unreached):
+            if name in p.names and p.noun in UNKNOWNS[kind].noun:
+                return p.of(name)
+        elif name in (p.where or ""):
+            return str(p)
+    return str(problems[0])
 
 
 def _labels(left: Candidates) -> dict[str, tuple[int, set[Variable]]]:

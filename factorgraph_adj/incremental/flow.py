@@ -24,7 +24,7 @@ from ..types import NO_ROWS, Index
 from .candidates import Candidates, known_in
 from .cutting import due
 from .entering import Entered, Entering
-from .finding import Found, Search, firm
+from .finding import Found, Search, find_in_parts, firm
 from .in_tree import InTree
 from .ledger import Ledger
 from .nonlinearity import MAX_UNITS_TESTED, tested_by_readjustment
@@ -292,15 +292,16 @@ class _Loop:
         lacks: dict[Variable | str, str] = {}
         touched = candidates.only(late).counts
         left = Search(candidates.only(several), datum, lacks).counted(touched)
-        found = []
-        for part in left.only(left.late).parts():
-            if not np.isin(part, late).any():
-                continue  # nothing of it has just come
-            blunders, alpha = self.rules.policy != "accept", self.rules.alpha
-            search = Search(left.only(part), datum, lacks)
-            entry = search.find(blunders=blunders, alpha=alpha, start=self.start)
-            if entry.solution is not None:
-                found.append(entry)
+        parts = [p for p in left.only(left.late).parts() if np.isin(p, late).any()]
+        found = find_in_parts(
+            left,
+            parts,  # of which something has just come
+            datum,
+            lacks,
+            blunders=self.rules.policy != "accept",
+            alpha=self.rules.alpha,
+            start=self.start,
+        )
         self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
         return found
 
@@ -381,9 +382,10 @@ class _Loop:
     @staticmethod
     def _fewer(candidates: Candidates, found: Sequence[Found]) -> list[Index]:
         """Split what reached no solution together: what is firm before the rest, or in halves."""
-        if len(found) > 1:
-            half = len(found) // 2
-            return [np.concatenate([e.rows for e in part]) for part in (found[:half], found[half:])]
+        parts = [p for e in found for p in e.parts]
+        if len(parts) > 1:
+            half = len(parts) // 2
+            return [np.concatenate(some) for some in (parts[:half], parts[half:])]
         inside = firm(candidates)
         return [inside, np.setdiff1d(candidates.rows, inside)] if len(inside) else []
 

@@ -402,10 +402,7 @@ class Ledger:
         """Everything that was described, with the observations in the graph."""
         out, inside = self.network.copy(), self.having("accepted")
         for _, unit in self.rows.units(inside):
-            for o in unit.observations:
-                out.insert(o)
-            if unit.covariance is not None:
-                out.clusters.append((unit.ids, unit.covariance))
+            unit.insert_into(out)
         out.images = self.rows.table(self.rows.images(inside))
         return out
 

@@ -151,7 +151,7 @@ class Draft:
         *,
         new: Collection[Variable] = (),
         dropped: Collection[Variable] = (),
-        found: Sequence[Solution] = (),
+        found: Sequence[Solution | Start] = (),
     ) -> Draft:
         """Compile what is in the graph.
 
@@ -285,7 +285,8 @@ class Draft:
             except (AdjustmentError, SingularError) as error:
                 return Failure(str(error))
             start = Start(solution.equations.unknowns, solution.state, solution.start)
-            if slow and (points := narrow(solution)):
+            layers = solution.solver.layers
+            if slow and (points := narrow(solution.equations, solution.state, layers)):
                 # Of rays that are nearly parallel, those of points that ran away are the reason.
                 away = [p for p in _vague(solution) if p in points]
                 return Failure(solution.reason, tuple(("point", n) for n in away or points))
@@ -305,7 +306,7 @@ def _started(
     equations: Equations,
     datum: DatumChoice,
     system: Placed | None,
-    found: Sequence[Solution],
+    found: Sequence[Solution | Start],
 ) -> Start:
     """Return values of the unknowns: those that are known, those that were found, or approximate.
 
@@ -315,7 +316,8 @@ def _started(
     unknowns = equations.unknowns
     state = origin = unknowns.start()
     moving = unknowns.moving()  # an excerpt need not know the constants of the network
-    sources = [(s.equations.unknowns, s.state, s.start) for s in found]
+    starts = (Start.of(s) for s in found)
+    sources = [(s.unknowns, s.state, s.origin) for s in starts]
     if system is not None:
         sources += system.places()
     for there, values, given in sources:

@@ -11,8 +11,10 @@ import numpy as np
 
 from ..graph.dependence import Variable, variables_of
 from ..graph.variables import calibration_name
+from ..models.variables import UNKNOWNS, VariableKind
+from ..network.entities import FREE_ORIENTATION, Key
 from ..network.network import Network
-from ..observations import AnyObservation, Correlated, Observation
+from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..observations.identity import identity
 from ..stochastic import StandardDeviation
 from ..types import Array
@@ -59,6 +61,24 @@ class Unit:
         if self.covariance is None:
             return self.observations[0]
         return Correlated(self.observations, self.covariance)
+
+    @cached_property
+    def _found(self) -> tuple[tuple[VariableKind, Key], ...]:
+        """Kind and key of the unknowns that nobody has to state, such as orientations."""
+        every = (p for o in self.observations for p in o.parameters())
+        return tuple((kind, key) for kind, key in every if UNKNOWNS[kind].absent == "found")
+
+    def insert_into(self, network: Network) -> None:
+        """Add the observation or group to a network; its names have been checked."""
+        for kind, key in self._found:
+            network.of_kind(kind).setdefault(key, FREE_ORIENTATION)
+        for ident, o in zip(self.ids, self.observations, strict=True):
+            if isinstance(o, ImagePoint):
+                network.insert(o)
+            else:
+                network.observations[ident] = o
+        if self.covariance is not None:
+            network.clusters.append((self.ids, self.covariance))
 
     def without(self, network: Network, gone: set[str]) -> Unit | None:
         """Return what remains of a group without some ids; none where nothing does."""

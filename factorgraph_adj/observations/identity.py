@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from copy import copy
 
 from .base import Observation
 from .image import ImagePoint
@@ -20,4 +20,8 @@ def named(o: Observation, ident: str) -> Observation:
     """Return the observation with its id; image points keep photo/point as theirs."""
     if isinstance(o, ImagePoint) and ident == f"{o.photo}/{o.point}":
         return o
-    return o if getattr(o, "id", None) == ident else replace(o, id=ident)  # type: ignore[call-arg]
+    if getattr(o, "id", None) == ident:
+        return o
+    other = copy(o)  # all else has been checked when it was made
+    object.__setattr__(other, "id", ident)
+    return other

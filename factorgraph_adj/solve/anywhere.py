@@ -12,8 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..graph.blocks import Block
+from ..graph.equations import Equations
+from ..graph.variables import State
 from ..observations import observation_kind
-from .elimination import first_point
+from .elimination import Layers, first_point
 from .solution import Solution
 
 WITHIN = 3.0
@@ -100,7 +102,7 @@ def anywhere(solution: Solution) -> list[Anywhere]:
     ]
 
 
-def narrow(solution: Solution) -> list[str]:
+def narrow(equations: Equations, state: State, layers: Layers) -> list[str]:
     """Return the points that only cameras see, with rays that are nearly parallel.
 
     The least eigenvalue of Σ(I − d dᵀ) over the directions d of the rays of a point, 1 − cos of
@@ -108,12 +110,13 @@ def narrow(solution: Solution) -> list[str]:
     iterations where photos move too.
 
     Args:
-        solution: a state of the network.
+        equations: the network.
+        state: where it is.
+        layers: layers of its elimination.
     """
-    layers, state = solution.solver.layers, solution.state
     own = np.zeros((len(state["point"]), 3, 3))
     by_cameras = layers.reduced.copy()
-    for block in solution.equations.blocks:
+    for block in equations.blocks:
         if block.lens is None:
             target = first_point(block)
             if target is not None and len(block.variables) > 1:
@@ -128,7 +131,7 @@ def narrow(solution: Solution) -> list[str]:
                 own[:, i, j] += np.bincount(point, weights=across, minlength=len(own))
     least = np.linalg.eigvalsh(own)[:, 0]
     found = np.flatnonzero(by_cameras & (least < NARROW))
-    names = solution.equations.unknowns["point"].names
+    names = equations.unknowns["point"].names
     return [names[i] for i in found.tolist()]
 
 

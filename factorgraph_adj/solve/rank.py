@@ -45,6 +45,8 @@ CONCERNED = 0.05
 """Share of an unknown in undetermined combinations above which the unknown is named."""
 REMEDY = 'give control (fixed or weighted coordinates), or ask for a free network (datum = "free")'
 """What a user can do about datum defects."""
+SOUND = 1e-6
+"""Pivot of N relative to its diagonal element above which nothing is undetermined."""
 DENSE = 400
 """Number of columns up to which the null space is found from dense singular values."""
 UNDETERMINED = "is not determined"
@@ -74,13 +76,8 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
     live = unknowns.free & ~empty
     scale = _scale(system, diagonal)
     large = len(diagonal) > LARGE
-    touched = np.zeros(len(diagonal), dtype=bool)
-    for e in system.extra:
-        touched[e.columns] = True
-    layers = layers_of(system.equations, reduce_points=large, touched=touched)
-    plan = Plan.of(system.equations, layers)
     extra = np.where(empty, 1.0, (REGULARISED_LARGE if large else REGULARISED) * diagonal)
-    factor = Factor(plan, plan.sums(system), TreeFactors(layers, system), extra, qr=True)
+    factor = _factor(system, extra, reduce_points=large, qr=True)
     found = np.zeros((len(diagonal), 0))
     for most in (FEW, MOST) if large else (MOST,):
         n = min(most, int(live.sum()))
@@ -101,6 +98,16 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
     units = np.zeros((len(diagonal), len(unobserved)))
     units[unobserved, np.arange(len(unobserved))] = 1.0
     return np.concatenate([units, found], axis=1)
+
+
+def _factor(system: LinearSystem, extra: Array, *, reduce_points: bool, qr: bool) -> Factor:
+    """Factorise N + diag(extra); the arguments are those of `layers_of` and `Factor`."""
+    touched = np.zeros(len(extra), dtype=bool)
+    for e in system.extra:
+        touched[e.columns] = True
+    layers = layers_of(system.equations, reduce_points=reduce_points, touched=touched)
+    plan = Plan.of(system.equations, layers)
+    return Factor(plan, plan.sums(system), TreeFactors(layers, system), extra, qr=qr)
 
 
 def unnoticed(
@@ -412,6 +419,11 @@ def loose(
         least: part of a null vector's length in a variable that counts as moved.
     """
     unknowns, diagonal = system.unknowns, system.diagonal()
+    empty = unknowns.free & (diagonal <= 0)
+    if empty.any() and not free:  # without them the rest is smaller
+        return _moved(unknowns, empty.astype(float), 0.0, UNDETERMINED)
+    if _is_determined(system, diagonal):
+        return {}
     z = _whole_null_space(system, diagonal)
     if free and z.shape[1]:
         scale = _scale(system, diagonal)
@@ -428,6 +440,20 @@ def loose(
     return _moved(unknowns, share, least, UNDETERMINED) or _moved(
         unknowns, share, 0.0, "has no datum yet"
     )
+
+
+def _is_determined(system: LinearSystem, diagonal: Array) -> bool:
+    """Return whether the pivots of N say that all is determined, which costs less than a search.
+
+    Rounding leaves pivots up to 10⁻¹⁰ in a singular N, see `iterate.Iteration.poor`.
+    """
+    if len(diagonal) <= DENSE:
+        return False
+    try:
+        factor = _factor(system, np.zeros(len(diagonal)), reduce_points=True, qr=False)
+    except SingularError:
+        return False
+    return factor.smallest_pivot(diagonal, tree=1.0, point=1.0) > SOUND
 
 
 def _moved(

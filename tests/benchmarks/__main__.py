@@ -33,6 +33,8 @@ arrivals  is a command of its own, python -m tests.benchmarks.arrivals: CPU time
           each engine, in an earlier version, and in GTSAM alone
 components is a command of its own, python -m tests.benchmarks.components: factors of simulated
           blocks against their truth and their law (about 15 minutes)
+beginning is a command of its own, python -m tests.benchmarks.beginning: incremental adjustments
+          that begin with networks of which much is not determined, against their determined part
 starts    is a command of its own, python -m tests.benchmarks.starts: poor starts against scipy's
           trf and GTSAM's Levenberg-Marquardt
 coverage  is a command of its own, python -m tests.benchmarks.coverage: which lines of functions the

@@ -45,6 +45,8 @@ class CopiedBlocks:
     """Readings in the order of their arrival, and the blocks of them that repeat earlier ones."""
 
     _readings: list[tuple[str, Observation]] = field(default_factory=list)
+    _compared: int = 0
+    """How many of them have been compared with earlier ones: not before somebody asks."""
     _numbers: dict[Key, list[int]] = field(default_factory=dict)
     _open: dict[int, _Block] = field(default_factory=dict)
     """Blocks that end at the latest reading, by the number of the earlier reading at their end."""
@@ -52,8 +54,13 @@ class CopiedBlocks:
 
     def add(self, readings: Iterable[tuple[str, Observation]]) -> CopiedBlocks:
         """Take further readings in, with their ids; return the same object."""
-        for ident, o in readings:
-            key, number = _key(o), len(self._readings)
+        self._readings += readings
+        return self
+
+    def _compare(self) -> None:
+        """Compare with earlier readings what has come since."""
+        for number in range(self._compared, len(self._readings)):
+            key = _key(self._readings[number][1])
             earlier = self._numbers.setdefault(key, [])
             going: dict[int, _Block] = {}
             for j in earlier:
@@ -69,8 +76,7 @@ class CopiedBlocks:
             self._open = going
             earlier.append(number)
             del earlier[:-MOST_EARLIER]
-            self._readings.append((ident, o))
-        return self
+        self._compared = len(self._readings)
 
     def told(
         self, there: Callable[[str], bool] = lambda _: True, place: Place | None = None
@@ -81,6 +87,7 @@ class CopiedBlocks:
             there: whether a reading is still in use, by its id.
             place: says where a reading is; none: its label says it.
         """
+        self._compare()
         out, seen = [], set[int]()
         for block in self._blocks:
             mine = [
