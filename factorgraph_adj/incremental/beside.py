@@ -59,10 +59,10 @@ class Beside:
         }
         joined = {**self.system.joined, **new}
         system = replace(self.system, update=self.update, joined=joined, slots=self.slots)
-        if not (self.forms.columns >= system.unknowns.n_columns).any() or system.section:
+        if not system.border.unknowns:
             return system
-        watched = (*system.border.watched, Watched(self.forms))
-        return replace(system, border=replace(system.border, watched=watched))
+        watched = Watched.of(self.forms, system.border, system.unknowns.n_columns)
+        return replace(system, border=system.border.watching(watched))
 
     @property
     def units(self) -> tuple[Unit, ...]:

@@ -20,9 +20,8 @@ from ..models.variables import UNKNOWNS, VariableKind
 from ..types import NO_ROWS, Array, Index
 from .forms import Forms
 
-MOST_MOVED = 0.02
-"""Movement, relative to σ, from which on rows are looked at again: what their forms miss grows with
-its square."""
+MARGIN = 4.0
+"""Factor by which what forms miss may grow faster with movement than where they were looked at."""
 
 
 class NewUnknown(NamedTuple):
@@ -38,17 +37,79 @@ class NewUnknown(NamedTuple):
     """Flags of the values that an adjustment may change, (width,)."""
 
 
-class Watched(NamedTuple):
-    """Rows that touch new unknowns, and how far their forms were found to hold."""
+class Look(NamedTuple):
+    """How far linear forms were found to hold."""
+
+    movement: Array
+    """Movement of new unknowns that they touch, (n,)."""
+    gap: float
+    """What they missed, |Δv|."""
+    change: float
+    """Bound of the relative change of variances by the change of their partials."""
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """Rows that touch new unknowns."""
 
     forms: Forms
-    """The rows."""
-    movement: Array | None = None
-    """Movement of their columns at the last look, (m,); none: there was no look."""
-    gap: float = 0.0
-    """What their forms missed then, |Δv|."""
-    change: float = 0.0
-    """Bound of the relative change of variances by the change of their partials."""
+    """Their linear forms."""
+    new: Index
+    """Which of their columns are free ones of new unknowns, (n,)."""
+    place: Index
+    """Numbers of these, (n,)."""
+    last: Look | None = None
+    """The last look at them; none: there was none."""
+    half: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """R⁻¹ with the cofactors R Rᵀ of the new unknowns at the first look, (n, n)."""
+    bend: float = 0.0
+    """What the forms miss after a movement of σ."""
+    turn: float = 0.0
+    """The change of variances after it."""
+
+    @classmethod
+    def of(cls, forms: Forms, border: Border, first: int) -> Watched:
+        """Watch forms.
+
+        Args:
+            forms: the forms.
+            border: the border with the new unknowns.
+            first: number of columns before its own.
+        """
+        mine = np.flatnonzero(forms.columns >= first)
+        place = border.place[forms.columns[mine] - first]
+        return cls(forms, mine[place >= 0], place[place >= 0])
+
+    def ahead(self, movement: Array) -> Look | None:
+        """Return what a look would tell after a movement (m,); none: that is not known yet."""
+        last, here = self.last, movement[self.new]
+        if last is None:
+            return None
+        since = float(np.linalg.norm(self.half @ (here - last.movement)))
+        gap = (np.sqrt(last.gap) + np.sqrt(MARGIN * self.bend) * since) ** 2
+        return Look(here, float(gap), last.change + MARGIN * self.turn * since)
+
+    def looked(self, movement: Array, cofactors: Array) -> Watched:
+        """Return the rows after a look at them; see `Border.looked`."""
+        values, vectors = np.linalg.eigh(cofactors[np.ix_(self.place, self.place)])
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        now = self._look(movement, root)
+        if self.last is not None:
+            return replace(self, last=now)
+        # Along every axis of their error ellipsoid by σ.
+        size = np.sqrt(len(values))
+        step = np.zeros(len(movement))
+        step[self.new] = root.sum(axis=1)
+        there = self._look(movement + step, root)
+        half = vectors.T / np.sqrt(np.maximum(values, np.finfo(float).tiny))[:, None]
+        bend, turn = max(there.gap, now.gap) / size**2, max(there.change, now.change) / size
+        return replace(self, last=now, half=half, bend=bend, turn=turn)
+
+    def _look(self, movement: Array, root: Array) -> Look:
+        gap, change = self.forms.missed(movement)
+        by_new = float(np.linalg.norm(change[:, self.new] @ root))
+        relative = float(np.hypot(self.forms.relative(change), 2.0 * by_new))
+        return Look(movement[self.new], gap, relative)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +157,10 @@ class Border:
                 found[kind, name] = new
         return replace(self, unknowns=found, place=place.astype(np.intp))
 
+    def watching(self, rows: Watched) -> Border:
+        """Return the border with more rows that are watched, if they touch it."""
+        return replace(self, watched=(*self.watched, rows)) if len(rows.new) else self
+
     def value(self, variable: Variable, movement: Array) -> Array:
         """Return the value of a new unknown after a movement of its columns."""
         new = self.unknowns[variable]
@@ -128,47 +193,37 @@ class Border:
         return out
 
     def looked(
-        self, first: int, moved: Callable[[Index], Array], cofactors: Array
+        self, moved: Callable[[Index], Array], cofactors: Array, gap: float, change: float
     ) -> tuple[Border, float, float]:
-        """Look at the rows; return the border that knows how far their forms hold.
-
-        The others are √Σ|Δv|², and a bound of the relative change of variances.
+        """Look at the rows, as long as it is not known that their forms hold.
 
         Args:
-            first: number of columns before those of the border.
             moved: returns the movement of columns.
             cofactors: Q_bb, (n, n).
+            gap: largest √Σ|Δv|² of the rows.
+            change: largest relative change of variances.
+
+        Returns:
+            The border that knows how far the forms hold, √Σ|Δv|², and a bound of the relative
+            change of variances.
 
         Raises:
             InputError: names observations whose geometry has no answer there.
         """
-        values, vectors = np.linalg.eigh(cofactors)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        sigma = np.sqrt(np.maximum(np.diag(cofactors), 0.0))
-        out = tuple(self._looked(w, first, moved, root, sigma) for w in self.watched)
-        gap, change = (float(np.linalg.norm(x)) for x in zip(*(w[2:] for w in out), strict=True))
-        return replace(self, watched=out), gap, change
-
-    def _looked(
-        self,
-        watched: Watched,
-        first: int,
-        moved: Callable[[Index], Array],
-        root: Array,
-        sigma: Array,
-    ) -> Watched:
-        forms = watched.forms
-        movement = moved(forms.columns)
-        place = np.full(len(forms.columns), -1, dtype=np.intp)
-        mine = forms.columns >= first
-        place[mine] = self.place[forms.columns[mine] - first]
-        new = place >= 0
-        before = watched.movement
-        if before is not None:
-            since = np.abs(movement - before)[new] / sigma[place[new]]
-            if np.max(since, initial=0.0) <= MOST_MOVED:
-                return watched
-        gap, change = forms.missed(movement)
-        by_new = change[:, new] @ root[place[new]]
-        relative = np.hypot(forms.relative(change), 2.0 * np.linalg.norm(by_new))
-        return Watched(forms, movement, gap, float(relative))
+        watched = list(self.watched)
+        movements = [moved(w.forms.columns) for w in watched]
+        told = [w.ahead(m) for w, m in zip(watched, movements, strict=True)]
+        looked: set[int] = set()
+        while len(looked) < len(watched):
+            sizes = [
+                np.inf if t is None else np.hypot(t.gap / gap, t.change / change) for t in told
+            ]
+            if np.linalg.norm(sizes) <= 1.0 or any(sizes[i] > 1.0 for i in looked):
+                break
+            i = max(set(range(len(watched))) - looked, key=sizes.__getitem__)
+            watched[i] = watched[i].looked(movements[i], cofactors)
+            told[i] = watched[i].last
+            looked.add(i)
+        gaps, changes = ([np.inf if t is None else t[k] for t in told] for k in (1, 2))
+        found = replace(self, watched=tuple(watched))
+        return found, float(np.linalg.norm(gaps)), float(np.linalg.norm(changes))

@@ -27,6 +27,8 @@ there it is this divided by σ̂0."""
 TURNED = 1.3
 """Part of the promised accuracy that the relative error of a variance may be. The error of a
 standard deviation is half of it; the rest is room for what the power iteration misses."""
+OF_BORDER = 0.3
+"""Part of the step that may be left which the rows of new unknowns may miss without a look."""
 LOOK = 0.1
 """Work of a look at the whole, relative to an adjustment of it."""
 
@@ -96,6 +98,7 @@ def largest_step(system: System, accuracy: float) -> float:
 def _within(system: System, accuracy: float, arrived: Forms | None) -> System | None:
     """Return a system, see `within`; what a section leaves out is not looked at."""
     bound, gained = largest_step(system, accuracy), _gained(system)
+    largest = TURNED * accuracy
     # Without the rows that left, cofactors are at most this much larger: N' ≥ M_min N.
     larger = 1.0 / system.update.condition
     step, changed = 0.0, 0.0
@@ -104,20 +107,20 @@ def _within(system: System, accuracy: float, arrived: Forms | None) -> System | 
         changed = arrived.relative(change_of)
     if system.border.watched:
         n = system.lifted.size + np.arange(system.border.n)
-        q, first = system.update.variance(n, np.eye(len(n))), system.unknowns.n_columns
-        border, missed_too, changed_too = system.border.looked(first, system.step_at, q)
+        q = system.update.variance(n, np.eye(len(n)))
+        border, gap, change = system.border.looked(system.step_at, q, OF_BORDER * bound, largest)
         system = replace(system, border=border)
-        step, changed = float(np.hypot(step, missed_too)), float(np.hypot(changed, changed_too))
-    if not (step <= bound and changed <= TURNED * accuracy):
+        step, changed = float(np.hypot(step, gap)), float(np.hypot(changed, change))
+    if not (step <= bound and changed <= largest):
         return None
     if system.drift is not None:
         ahead, inner = _since(system, system.drift.weights)
         left, change = system.drift.predicted(ahead, gained, inner)
-        if step + np.sqrt(larger) * left <= bound and larger * change <= TURNED * accuracy:
+        if step + np.sqrt(larger) * left <= bound and larger * change <= largest:
             return system
     looked, g = _look(system, gained)
     assert looked.drift is not None
-    if not larger * looked.drift.turned <= TURNED * accuracy:
+    if not larger * looked.drift.turned <= largest:
         return None
     if step + looked.drift.left <= bound:
         return looked

@@ -244,10 +244,10 @@ class System:
 
     # -- the movement from the base -----------------------------------------------------------
 
-    @cached_property
+    @property
     def weights(self) -> Array:
         """P v of the update, (k,)."""
-        return np.asarray(self.update.inverse @ self.update.residuals)
+        return self.update.weights
 
     def moved(self, columns: Index) -> Array:
         """Return the movement of some unknowns from the base, (m,)."""
@@ -259,7 +259,7 @@ class System:
         if not len(self.update.signs):
             return np.zeros(len(columns))
         f = self.expand(columns, np.eye(len(columns)))
-        return np.asarray(f.b @ self.update.step[f.at])
+        return self.update.moved(f.at, f.b)
 
     @cached_property
     def movement(self) -> Array:

@@ -73,6 +73,8 @@ class Limits:
     """
 
 
+ROOM = 32
+"""Number of columns of G for which there is room at first."""
 LIMITS = Limits()
 """The limits of `Update.trusted`."""
 
@@ -161,6 +163,37 @@ def whitener(d: Array) -> Array:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(d)))
 
 
+class Columns:
+    """A matrix (n, k) to which columns are added, as an immutable value.
+
+    Matrices to which columns are added one after the other share their room: it is copied when it
+    is full, or where something else has been added before.
+    """
+
+    def __init__(self, n: int, k: int = 0, room: Array | None = None) -> None:
+        """Take the first k columns of some room; none: there are no columns."""
+        self._room = np.zeros((n, ROOM), order="F") if room is None else room
+        self._k, self._taken = k, [k]
+
+    @property
+    def array(self) -> Array:
+        """The matrix, (n, k)."""
+        return self._room[:, : self._k]
+
+    def with_columns(self, more: Array) -> Columns:
+        """Return the matrix with more columns (n, j)."""
+        n, k = len(self._room), self._k + more.shape[1]
+        if self._taken[0] != self._k or k > self._room.shape[1]:
+            room = np.zeros((n, 2 * max(k, ROOM)), order="F")
+            room[:, : self._k] = self.array
+            return Columns(n, self._k, room).with_columns(more)
+        out = Columns(n, k, self._room)
+        out._taken = self._taken
+        out._room[:, self._k : k] = more
+        self._taken[0] = k
+        return out
+
+
 class Inverse(NamedTuple):
     """P = Z diag(σ) Zᵀ, or D⁻¹ where there are no new unknowns, without null directions."""
 
@@ -204,8 +237,8 @@ class Update:
 
     base: Cofactors
     """Q."""
-    spread: Array
-    """G = Q Bᵀ, (n, k)."""
+    columns: Columns
+    """G, see `spread`."""
     inner: Array
     """D = S + B Q Bᵀ, (k, k)."""
     signs: Array
@@ -221,7 +254,7 @@ class Update:
         if isinstance(base, np.ndarray):
             base = Dense(base)
         nothing, square = np.zeros(0), np.zeros((0, 0))
-        return cls(base, np.zeros((base.size, 0)), square, nothing, nothing, square)
+        return cls(base, Columns(base.size), square, nothing, nothing, square)
 
     def with_unknowns(self, number: int) -> Update:
         """Return the system with more new unknowns, which rows have to determine."""
@@ -252,7 +285,7 @@ class Update:
         own = sign * np.eye(len(b)) + b @ g[at]
         return Update(
             self.base,
-            np.concatenate([self.spread, g], axis=1),
+            self.columns.with_columns(g),
             np.block([[self.inner, cross], [cross.T, own]]),
             np.append(self.signs, np.full(len(b), sign)),
             np.append(self.residuals, np.zeros(len(b)) if v is None else v),
@@ -263,7 +296,13 @@ class Update:
         """Return the system with some of the rows, as if the others had never been there."""
         inner = self.inner[np.ix_(rows, rows)]
         signs, residuals, border = self.signs[rows], self.residuals[rows], self.border[rows]
-        return Update(self.base, self.spread[:, rows], inner, signs, residuals, border)
+        columns = Columns(self.base.size).with_columns(self.spread[:, rows])
+        return Update(self.base, columns, inner, signs, residuals, border)
+
+    @property
+    def spread(self) -> Array:
+        """G = Q Bᵀ, (n, k)."""
+        return self.columns.array
 
     # -- the change -----------------------------------------------------------------------------
 
@@ -306,6 +345,17 @@ class Update:
         """P, or D⁻¹ without new unknowns, (k, k); the pseudo-inverse if D has null directions."""
         z, sigma = self.parts[:2]
         return np.asarray((z * sigma) @ z.T)
+
+    @cached_property
+    def weights(self) -> Array:
+        """P v, (k,)."""
+        return self._weights(self.residuals[:, None])[:, 0]
+
+    def moved(self, at: Index, b: Array) -> Array:
+        """Return the movement (j,) of functions that touch the columns ``at`` with ``b`` (j, m)."""
+        f = self._split(at, b)
+        of_new = self.parts.k @ self.residuals
+        return -np.asarray(f.along @ self.weights + f.of_new @ of_new[f.new])
 
     def gain(self, at: Index, b: Array) -> Array:
         """Return G P and K of functions that touch the columns ``at`` with ``b`` (j, m): (j, k).
@@ -395,8 +445,7 @@ class Update:
     @cached_property
     def step(self) -> Array:
         """Movement dx and db of the unknowns, (n + m,)."""
-        of_base = self.spread @ self._weights(self.residuals[:, None])[:, 0]
-        return -np.append(of_base, self.parts.k @ self.residuals)
+        return -np.append(self.spread @ self.weights, self.parts.k @ self.residuals)
 
     @property
     def vtpv(self) -> float:
