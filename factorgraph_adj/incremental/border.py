@@ -224,6 +224,7 @@ class Border:
             watched[i] = watched[i].looked(movements[i], cofactors)
             told[i] = watched[i].last
             looked.add(i)
-        gaps, changes = ([np.inf if t is None else t[k] for t in told] for k in (1, 2))
+        gaps = [np.inf if t is None else t.gap for t in told]
+        changes = [np.inf if t is None else t.change for t in told]
         found = replace(self, watched=tuple(watched))
         return found, float(np.linalg.norm(gaps)), float(np.linalg.norm(changes))
