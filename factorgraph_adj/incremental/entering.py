@@ -16,6 +16,7 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
+from ..graph.variables import State, Unknowns
 from ..observations.base import is_condition
 from ..types import NO_ROWS, Index, Mask
 from .anew import better_of
@@ -251,13 +252,16 @@ class Entering:
         if system.section is not None or system.doubt or system.is_free:
             return None
 
+        def values(unknowns: Unknowns, state: State) -> State:
+            moving = unknowns.moving()
+            for e in self.found:
+                assert e.solution is not None
+                there = e.solution.equations.unknowns
+                state = unknowns.carried(state, there, e.solution.state, where=moving)
+            return state
+
         def enter() -> Beside | None:
-            places = [
-                (e.solution.equations.unknowns, e.solution.state)
-                for e in self.found
-                if e.solution is not None
-            ]
-            found = system.bordered(self.ledger, self.stay, places)
+            found = system.bordered(self.ledger, self.stay, values)
             return None if found is None else Beside.of(*found)
 
         def after(joint: Beside) -> System | None:

@@ -29,6 +29,7 @@ from .in_tree import InTree
 from .ledger import Ledger
 from .nonlinearity import MAX_UNITS_TESTED, tested_by_readjustment
 from .rebasing import EFFORT, Draft
+from .renewal import Renewal, advanced
 from .rules import Rules
 from .sides import contradicted, examined
 from .system import System
@@ -53,6 +54,8 @@ class State:
     """Where everything is; none: nothing is determined."""
     settled: bool = True
     """Whether nothing has changed since it was at rest."""
+    renewal: Renewal | None = None
+    """A new base in the making; none: there is none."""
 
     @cached_property
     def fronts(self) -> System | None:
@@ -77,10 +80,10 @@ class State:
     def recorded(self) -> State:
         """Return the state without what was noted for the journal."""
         ledger, new = self.ledger.recorded()
-        system = self.system
-        if system is not None and new is not None:
-            system = system.renumbered(new)
-        return replace(self, ledger=ledger, system=system)
+        if new is None:
+            return replace(self, ledger=ledger)
+        system = None if self.system is None else self.system.renumbered(new)
+        return replace(self, ledger=ledger, system=system, renewal=None)
 
 
 Told: TypeAlias = dict[str, Verdict]
@@ -140,7 +143,7 @@ def absorb(
         InputError: names observations whose geometry has no answer.
     """
     begun = planted(state, rules) if growing else state
-    return _Loop(begun, list(tasks), rules, start).run()
+    return _Loop(begun, list(tasks), rules, start, growing).run()
 
 
 def planted(state: State, rules: Rules) -> State:
@@ -156,9 +159,15 @@ class _Loop:
     """One run of the loop."""
 
     def __init__(
-        self, state: State, tasks: list[Task], rules: Rules, start: Solution | None
+        self,
+        state: State,
+        tasks: list[Task],
+        rules: Rules,
+        start: Solution | None,
+        growing: bool,
     ) -> None:
         self.state, self.tasks, self.rules, self.start = state, tasks, rules, start
+        self.growing = growing
         self.told: Told = {}
         self.given = {i for t in tasks for i in state.ledger.ids_of(t.rows)}
         self.fixed: Index = np.concatenate([NO_ROWS, *(t.fixed for t in tasks)])
@@ -172,6 +181,10 @@ class _Loop:
         before = self.state
         self._work()
         self._test_by_adjusting(self.told)
+        if self.growing and isinstance(system := self.state.system, System):
+            ledger = self.state.ledger
+            system, renewal = advanced(before.renewal, ledger, system, self.rules)
+            self.state = replace(self.state, system=system, renewal=renewal)
         told = before.ledger.rows.verdicts
         again = self._fitting_by_now(before.system)
         if len(again):

@@ -251,6 +251,7 @@ class Draft:
         tolerances: Sequence[float] = (EFFORT.close,),
         doubted: bool = False,
         other_sides: bool = True,
+        solver: Solver | None = None,
     ) -> System | Failure:
         """Adjust; a failure says why there is no minimum.
 
@@ -259,6 +260,7 @@ class Draft:
             tolerances: bounds of the last step, of which the first that is reached is enough.
             doubted: whether there was no minimum before, and nothing has left since.
             other_sides: whether points may go to their other sides where vᵀPv is smaller there.
+            solver: the network in the order of its elimination; none: it is put in order.
         """
         n = self.equations.unknowns.n_columns
         most = EFFORT.most
@@ -276,6 +278,7 @@ class Draft:
                     max_iterations=EFFORT.quick if slow else most,
                     looked=self.looked,
                     other_sides=other_sides,
+                    solver=solver,
                 )
                 # Where a free network lies changes no observation.
                 if solution.converged or solution.reason == OFF_DATUM:

@@ -8,7 +8,7 @@ holds. A system is a value: every change returns another one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -378,7 +378,7 @@ class System:
         return Forms.of(ledger.units(rows), equations, self.columns, self.step_at, state)
 
     def bordered(
-        self, ledger: Ledger, rows: Index, places: Iterable[tuple[Unknowns, State]]
+        self, ledger: Ledger, rows: Index, values: Callable[[Unknowns, State], State]
     ) -> tuple[System, Forms] | None:
         """Return the system with new unknowns of observations, and their linear forms.
 
@@ -387,16 +387,18 @@ class System:
         Args:
             ledger: where the observations stand.
             rows: the observations.
-            places: where the new unknowns are.
+            values: returns a state of given unknowns with values of the new ones.
 
         Raises:
             InputError: names observations whose geometry has no answer.
         """
         equations = compile_rows(excerpt(ledger, self, rows, hold=False))
         unknowns = equations.unknowns
-        state, moving = unknowns.start(), unknowns.moving()
-        for there, values in places:
-            state = unknowns.carried(state, there, values, where=moving)
+        state = unknowns.start()
+        for kind, given in values(unknowns, state).items():
+            names = unknowns[kind].names
+            new = [i for i, name in enumerate(names) if not self.known(kind, name)]
+            state[kind][new] = given[new]
         if any(np.isnan(x).any() for x in state.values()):
             return None
         border = self.border.with_unknowns(unknowns, state, self.known)
