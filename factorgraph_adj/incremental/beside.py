@@ -15,7 +15,7 @@ from ..types import Array, Index
 from .border import Watched
 from .forms import Forms
 from .judging import MOVES, Place
-from .system import MOST_BESIDE, System
+from .system import System
 from .units import Unit
 
 
@@ -37,7 +37,7 @@ class Beside:
         """Put forms beside a system; none where a new base has to take them in."""
         own = forms.columns[forms.columns < system.unknowns.n_columns]
         slots = system.lifted.with_slots(own, system.slots)
-        too_many = len(system.update.signs) + len(forms.v) > MOST_BESIDE
+        too_many = len(system.update.signs) + len(forms.v) > system.most_beside
         if too_many or not system.has_room(slots):
             return None
         f = replace(system, slots=slots).expand(forms.columns, forms.a)

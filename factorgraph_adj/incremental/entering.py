@@ -31,7 +31,7 @@ from .ledger import Ledger
 from .nearness import near_minimum
 from .rebasing import EFFORT, Draft, Failure, notices, with_doubt
 from .rules import Rules
-from .system import MOST_BESIDE, System
+from .system import System
 from .verdicts import Verdict
 
 MOST_JUDGED = 5
@@ -209,7 +209,7 @@ class Entering:
 
     def _beside(self, system: System) -> Entered | None:
         """Put everything in beside the system; none where only a new base can take it in."""
-        if self.ledger.n_scalars(self.stay) > MOST_BESIDE:
+        if self.ledger.n_scalars(self.stay) > system.most_beside:
             return None
         if self.found:
             return self._bordering(system)

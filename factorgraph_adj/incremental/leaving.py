@@ -10,7 +10,7 @@ import numpy as np
 from ..graph.dependence import Variable
 from ..types import NO_ROWS, Index
 from .judging import MOVES, TIED
-from .system import MOST_BESIDE, System
+from .system import System
 
 
 def without(system: System, ids: Sequence[str]) -> System | None:
@@ -78,7 +78,7 @@ def _reduced(system: System, ids: Sequence[str]) -> System | None:
             rows = np.union1d(rows, c.rows)
     slots = dict(system.slots)
     if len(rows):
-        if len(update.signs) + len(rows) > MOST_BESIDE:
+        if len(update.signs) + len(rows) > system.most_beside:
             return None
         a = system.base.normal().system.sparse(rows)
         columns: Index = np.unique(a.indices).astype(np.intp)

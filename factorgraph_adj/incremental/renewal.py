@@ -21,7 +21,7 @@ from .ledger import Ledger
 from .nearness import near_minimum
 from .rebasing import EFFORT, Draft
 from .rules import Rules
-from .system import MOST_BESIDE, System
+from .system import System
 
 BEGIN = 0.65
 """Part of the largest number of rows beside a base from which on a new one is made: there is room
@@ -53,8 +53,8 @@ def advanced(
         system: the system of that.
         rules: the options.
     """
-    beside = len(system.update.signs)
-    if system.section is not None or system.doubt or system.is_free or beside < BEGIN * MOST_BESIDE:
+    many = len(system.update.signs) >= BEGIN * system.most_beside
+    if not many or system.section is not None or system.doubt or system.is_free:
         return system, None
     with suppress(AdjustmentError):
         inside = ledger.having("accepted")

@@ -53,6 +53,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..types import Array, Index, Mask
+from .added_columns import Columns
 from .step import Factorised
 
 
@@ -73,8 +74,6 @@ class Limits:
     """
 
 
-ROOM = 32
-"""Number of columns of G for which there is room at first."""
 LIMITS = Limits()
 """The limits of `Update.trusted`."""
 
@@ -161,37 +160,6 @@ def _statistics(d: Array, m: Array, own: Array) -> Statistics:
 def whitener(d: Array) -> Array:
     """Return W (k, k), lower triangular, with W D Wᵀ = I, for a regular covariance matrix D."""
     return np.asarray(np.linalg.inv(np.linalg.cholesky(d)))
-
-
-class Columns:
-    """A matrix (n, k) to which columns are added, as an immutable value.
-
-    Matrices to which columns are added one after the other share their room: it is copied when it
-    is full, or where something else has been added before.
-    """
-
-    def __init__(self, n: int, k: int = 0, room: Array | None = None) -> None:
-        """Take the first k columns of some room; none: there are no columns."""
-        self._room = np.zeros((n, ROOM), order="F") if room is None else room
-        self._k, self._taken = k, [k]
-
-    @property
-    def array(self) -> Array:
-        """The matrix, (n, k)."""
-        return self._room[:, : self._k]
-
-    def with_columns(self, more: Array) -> Columns:
-        """Return the matrix with more columns (n, j)."""
-        n, k = len(self._room), self._k + more.shape[1]
-        if self._taken[0] != self._k or k > self._room.shape[1]:
-            room = np.zeros((n, 2 * max(k, ROOM)), order="F")
-            room[:, : self._k] = self.array
-            return Columns(n, self._k, room).with_columns(more)
-        out = Columns(n, k, self._room)
-        out._taken = self._taken
-        out._room[:, self._k : k] = more
-        self._taken[0] = k
-        return out
 
 
 class Inverse(NamedTuple):
@@ -328,10 +296,7 @@ class Update:
 
     @property
     def determined(self) -> float:
-        """Smallest eigenvalue of N_b where each new unknown has the weight 1 alone; ≤ 1.
-
-        It is 0 if rows do not determine a combination of new unknowns, and 1 without any.
-        """
+        """Smallest eigenvalue of N_b where each new unknown has the weight 1 alone; 1 without any."""
         return self.parts.determined
 
     @property
@@ -525,10 +490,10 @@ def _bordered(own: Array, border: Array) -> tuple[Array, Array, float]:
     """
     m = border.shape[1]
     weight = np.linalg.norm(border, axis=0)
-    if len(own) < m or not weight.all():
-        return own[:0], np.zeros((m, len(own))), 0.0
-    q, r = np.linalg.qr(own @ (border / weight), mode="complete")
-    least = float(np.linalg.svd(r[:m], compute_uv=False)[-1]) ** 2
+    least = 0.0
+    if len(own) >= m and weight.all():
+        q, r = np.linalg.qr(own @ (border / weight), mode="complete")
+        least = float(np.linalg.svd(r[:m], compute_uv=False)[-1]) ** 2
     if not least > 0.0:
         return own[:0], np.zeros((m, len(own))), 0.0
     of_new = solve_triangular(r[:m], q[:, :m].T @ own) / weight[:, None]

@@ -161,3 +161,33 @@ def test_a_journal_resumes_what_stood_beside_the_base(tmp_path) -> None:
     again = fga.IncrementalAdjustment.resume(path)
     assert (np.abs(again.estimate(name) - at) <= 1e-6 * sigma).all()
     assert again.standard_deviations(name) == pytest.approx(sigma, rel=1e-6)
+
+
+def test_a_base_is_renewed_in_stages_before_there_is_no_room_beside_it(large, monkeypatch) -> None:
+    monkeypatch.setattr(System, "most_beside", 60)
+    inc, own = growing("fronts")
+    bases, stages = [system(inc).base], []
+    for arriving in own:
+        inc.add(arriving)
+        stages.append(inc._state.renewal is not None)
+        if system(inc).base is not bases[-1]:
+            bases.append(system(inc).base)
+    assert len(bases) == 2 and sum(stages) == 3 and not stages[-1]
+    assert len(system(inc).update.signs)  # what came in between
+    found = compare(inc, "renewed", rng=np.random.default_rng(1))
+    assert found is not None and found.estimates < 1e-2 and found.sigmas < 1e-3, found
+
+
+def test_what_leaves_while_a_base_is_renewed_is_not_in_the_new_one(large, monkeypatch) -> None:
+    monkeypatch.setattr(System, "most_beside", 60)
+    inc, own = growing("fronts")
+    for arriving in own:
+        inc.add(arriving)
+        if inc._state.renewal is not None:
+            break
+    inc.remove(ids_of(arriving[-1]))
+    for more in own:
+        inc.add(more)
+    assert ids_of(arriving[-1])[0] not in inc.network().observations
+    found = compare(inc, "removed", rng=np.random.default_rng(1))
+    assert found is not None and found.estimates < 1e-2 and found.sigmas < 1e-3, found

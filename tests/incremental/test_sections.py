@@ -373,7 +373,7 @@ def test_rows_may_touch_constants_that_have_come_since(monkeypatch, least):
 def test_what_touches_nothing_of_the_rest_is_a_section_too(monkeypatch):
     """Directions between constants: their orientation is all that is new."""
     monkeypatch.setattr(cutting, "SMALLEST", 0)
-    monkeypatch.setattr(entering, "MOST_BESIDE", 0)  # there is no room beside the base
+    monkeypatch.setattr(System, "most_beside", 0)  # there is no room beside the base
     driving = Driving()
     fixed = (True,) * 3
     names = {"pillar": (5.0, 5.0, 2.0), "north": (5.0, 95.0, 2.0), "east": (85.0, 5.0, 2.0)}
