@@ -296,7 +296,7 @@ class Update:
 
     @property
     def determined(self) -> float:
-        """Smallest eigenvalue of N_b where each new unknown has the weight 1 alone; 1 without any."""
+        """Smallest eigenvalue of N_b where each new unknown has the weight 1 alone, or 1."""
         return self.parts.determined
 
     @property
