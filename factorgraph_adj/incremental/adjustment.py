@@ -3,39 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from threading import RLock
 from typing import Any
 
-import numpy as np
-
 from ..blas_threads import with_one_thread
-from ..errors import InputError
+from ..errors import AdjustmentError, InputError
+from ..graph.dependence import Variable
 from ..graph.made import MakesFactor
 from ..io.journal import Journal
 from ..network.entities import Camera, Photo, Point
 from ..network.network import DatumChoice, Network
 from ..observations import AnyObservation, Observation
 from ..quality.rejections import Snooping
-from ..quality.reliability import Reliability, check_probabilities, reliability
-from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
-from ..types import Array
 from ..validate.preliminary.copied_blocks import CopiedBlocks
-from . import commands, contradicted_photos, points, records, sides
-from .arrival import Arrival, Waiting, waiting_of
+from . import commands, records, retirement, window
+from .arrival import Arrival
 from .beginning import begin, replayed
 from .flow import State
-from .given import Given, listed
+from .given import Given, ids_in, listed
 from .ledger import Ledger
 from .one_at_a_time import one_at_a_time
-from .rebasing import known_network, solution_of
+from .results import Results
 from .rules import Engine, Rules
-from .verdicts import Policy, Verdict
+from .verdicts import Policy
 
 
-class IncrementalAdjustment:
+class IncrementalAdjustment(Results):
     """A network that is adjusted while its observations arrive.
 
     Every observation is predicted from all others and tested before it counts; what is not
@@ -70,6 +66,7 @@ class IncrementalAdjustment:
         accuracy: float = 0.01,
         datum: DatumChoice | None = None,
         engine: Engine = "auto",
+        keep: int | None = None,
         start: Solution | None = None,
         journal: str | Path | None = None,
     ) -> None:
@@ -87,6 +84,11 @@ class IncrementalAdjustment:
             datum: as in `adjust`.
             engine: what carries the arrivals: ``isam2``, ``fronts``, or ``auto``: iSAM2 where the
                 network has few image points and a given datum. Results do not depend on it.
+            keep: number of photos, the last ones, that are kept: points, photos and orientations
+                that nothing later touches are retired by themselves, several photos at once, see
+                `retire`. Every photo sees only points of the last ``keep`` photos then; a photo
+                stays as long as a point of it does, though no longer than twice as many photos. By
+                default nothing is retired.
             start: a solution of the network, which saves adjusting it.
             journal: a new file to which every change is appended before it counts.
 
@@ -98,7 +100,7 @@ class IncrementalAdjustment:
         self.resumed = ""
         """What `resume` found torn at the end of its journal; empty if nothing."""
         self._lock = RLock()
-        self._rules = Rules(policy, alpha, accuracy, chosen, engine)
+        self._rules = Rules(policy, alpha, accuracy, chosen, engine, keep)
         self._journal: Journal | None = None
         self._solution: tuple[State, Solution] | None = None
         self.latest = Arrival()
@@ -215,6 +217,7 @@ class IncrementalAdjustment:
         arrived = result[0].ledger.observations(self._state.ledger.rows.n)
         arrival = self._changed("add", result, new)
         self._copies.add(arrived)
+        self._forget()
         return arrival
 
     @one_at_a_time
@@ -291,8 +294,13 @@ class IncrementalAdjustment:
         solution that is returned is the one without these.
 
         Raises:
-            InputError: nothing is in the graph.
+            InputError: nothing is in the graph; something was retired.
         """
+        if self.retired is not None:
+            raise InputError(
+                "a search for gross errors looks at all observations, and some are retired: take "
+                "them back first (settle(all=True)), or search before they are retired"
+            )
         chosen = {"alpha": self.alpha, **options}
         there = self.network(), self.solution()
         after, self.latest, found = commands.snooped(self._state, *there, self._rules, chosen)
@@ -301,198 +309,87 @@ class IncrementalAdjustment:
         return found
 
     @one_at_a_time
-    def settle(self) -> None:
+    def retire(
+        self,
+        *,
+        points: str | Iterable[str] = (),
+        photos: str | Iterable[str] = (),
+        before: str | None = None,
+    ) -> None:
+        """Let points and photos go that nothing new will touch, with all their observations.
+
+        What these say of everything else stands from then on as linear rows, so that all that
+        remains keeps its estimates and covariances, while memory and time are those of what
+        remains. Orientations of sets that nothing else observes go too. What arrives later and
+        names something that was retired is refused. `settle` takes everything back.
+
+        Args:
+            points: names of points; given ones may be among them.
+            photos: names of photos.
+            before: id of an observation, or name of a photo: what nothing has touched since before
+                it came is retired, too, given points apart; photos of which points remain stay.
+
+        Raises:
+            InputError: every name that there is not or that is retired already, and points of
+                which something else was stated; in a free network; nothing would remain.
+            AdjustmentError: there is no minimum. Nothing has changed then.
+        """
+        wanted: list[Variable] = [("point", name) for name in ids_in(points)]
+        wanted += [("pose", name) for name in ids_in(photos)]
+        if before is not None:
+            ledger = self._state.ledger
+            wanted += window.untouched(ledger, window.since_of(ledger, before))
+        if wanted:
+            self._retire(dict.fromkeys(wanted))
+
+    def _forget(self) -> None:
+        """Retire what is due; where that fails, tell it, and try again some photos later."""
+        keep, ledger = self._rules.keep, self._state.ledger
+        if keep is None or len(ledger.names.photos) < self._next_try:
+            return
+        found, arrival = window.due(ledger, keep), self.latest
+        if not found:
+            return
+        self._not_retired = ""
+        try:
+            self._retire(found)
+        except AdjustmentError as error:  # InputError among them
+            self._not_retired = f"what is due cannot be retired: {error}"
+        self._next_try = len(ledger.names.photos) + 1 if self._not_retired else 0
+        self.latest = arrival
+
+    def _retire(self, variables: Collection[Variable]) -> None:
+        """Retire unknowns, and write it to the journal."""
+        state, line = retirement.retire(self._state, variables, self._rules)
+        if self._journal is not None:
+            self._journal.append({"do": "retire", "retired": line})
+        self._state, self.latest = state.recorded(), Arrival()
+
+    @one_at_a_time
+    def settle(self, *, all: bool = False) -> None:
         """Iterate to rest: no estimate is further than 1e-6 σ from the batch adjustment's.
 
         Where rounding hides more than that, as in networks that are hardly determined, it is no
         further than batch adjustments from nearby starts are from one another.
         In a free network the coordinates are then on the inner constraints over all datum points.
+        Where something was retired, this holds of the batch adjustment of what remains with the
+        linear rows in the place of the rest.
+
+        Args:
+            all: take everything back that was retired, first.
+
+        Raises:
+            AdjustmentError: there is no minimum with what was retired; it stays retired.
         """
-        if self._state.system is not None or self.n_waiting:
+        if all and self._state.ledger.retired is not None:
+            before = self._state
+            taken = retirement.taken_back(before, self._rules)
+            self._state = taken
+            try:
+                result = commands.settle(taken, self._rules)
+                self._changed("settle", result, {"taken_back": True})
+            except BaseException:
+                self._state = before
+                raise
+        elif self._state.system is not None or self.n_waiting:
             self._changed("settle", commands.settle(self._state, self._rules))
-
-    @property
-    @one_at_a_time
-    def waiting(self) -> tuple[Waiting, ...]:
-        """What waits, and what it lacks."""
-        return tuple(waiting_of(self._state, self._state.ledger.having("waiting")))
-
-    @one_at_a_time
-    def latest_waiting(self, most: int) -> tuple[Waiting, ...]:
-        """Return what began to wait last, the latest first: ``most`` units at most."""
-        last = self._state.ledger.having("waiting")[-most:]
-        return tuple(waiting_of(self._state, last))[::-1][:most]
-
-    @property
-    @one_at_a_time
-    def n_waiting(self) -> int:
-        """Number of observations that wait."""
-        return self._state.ledger.count("waiting")
-
-    @property
-    @one_at_a_time
-    def suspects(self) -> tuple[Verdict, ...]:
-        """Observations beyond the critical value that are left out until they are decided on."""
-        return tuple(self._state.ledger.verdicts("suspect"))
-
-    @property
-    @one_at_a_time
-    def rejected(self) -> tuple[Verdict, ...]:
-        """Observations that were rejected."""
-        return tuple(self._state.ledger.verdicts("rejected"))
-
-    @property
-    @one_at_a_time
-    def doubts(self) -> tuple[str, ...]:
-        """Why the result may be wrong: points and photos at the wrong place, and copies.
-
-        The solution tells of the places.
-        """
-        inside = self._state.ledger.is_accepted
-        return (*self._places_in_doubt(), *self._copies.told(inside, lambda ident, _: repr(ident)))
-
-    def _places_in_doubt(self) -> tuple[str, ...]:
-        ledger = self._state.ledger
-        return (*sides.doubts(ledger), *contradicted_photos.doubts(ledger))
-
-    @one_at_a_time
-    def network(self) -> Network:
-        """Return the network as it stands: what is in the graph, to save or to adjust in batch.
-
-        Approximate values that were found stand in it as given ones.
-        """
-        return known_network(self._state.ledger, self._state.system)
-
-    @one_at_a_time
-    def solution(self) -> Solution:
-        """Return the solution: the same as that of the batch adjustment.
-
-        Raises:
-            InputError: nothing is in the graph.
-        """
-        if self._state.system is None:
-            raise InputError("nothing is determined yet: there is no solution")
-        if self._solution is None or self._solution[0] is not self._state:
-            found = solution_of(self._state.ledger, self._state.system, self._rules)
-            told = (*found.second_places, *self._places_in_doubt())
-            self._solution = self._state, replace(found, second_places=told)
-        return self._solution[1]
-
-    @one_at_a_time
-    def reliability(self, *, alpha: float | None = None, power: float = 0.80) -> Reliability:
-        """Return the reliability of every observation, linearised where everything is by now.
-
-        Raises:
-            InputError: a bad probability, or nothing is in the graph.
-            AdjustmentError: the network is too weak for it.
-        """
-        chosen = self.alpha if alpha is None else alpha
-        check_probabilities(chosen, power)
-        return reliability(self.solution(), alpha=chosen, power=power)
-
-    @one_at_a_time
-    def estimate(self, name: str) -> Array:
-        """Return the coordinates of a point, (3,) metres.
-
-        In a free network they belong to the inner constraints, which takes a whole solution.
-
-        Raises:
-            InputError: no such point, or it is not determined yet.
-        """
-        return points.estimate(self._state, name, self.solution)
-
-    @one_at_a_time
-    def covariance(self, a: str, b: str | None = None) -> Array:
-        """Return the covariance of a point, or between two points, (3, 3) metres²; σ0 = 1.
-
-        Raises:
-            InputError: no such point, or it is not determined yet.
-        """
-        return points.covariance(self._state, a, a if b is None else b, self.solution)
-
-    @one_at_a_time
-    def standard_deviations(self, name: str) -> Array:
-        """Return the standard deviations of a point, (3,) metres."""
-        return np.sqrt(np.maximum(np.diag(self.covariance(name)), 0.0))
-
-    @one_at_a_time
-    def pose(self, photo: str) -> PoseEstimate:
-        """Return the exterior orientation of a photo, as `Solution.pose`."""
-        return points.pose(self._state, photo, self.solution)
-
-    @one_at_a_time
-    def calibration(self, camera: str) -> CalibrationEstimate:
-        """Return the calibration of a camera, as `Solution.calibration`."""
-        return self.solution().calibration(camera)
-
-    @one_at_a_time
-    def observation(self, id: str) -> Observation:
-        """Return an observation by its id: in the graph, waiting, suspect or rejected.
-
-        Raises:
-            InputError: no such id.
-        """
-        return self._state.ledger.observation(id)
-
-    @property
-    @one_at_a_time
-    def described(self) -> Network:
-        """Everything that was described, with the observations in the graph; not to be changed."""
-        return self._state.ledger.described
-
-    @one_at_a_time
-    def determined(self, name: str) -> bool:
-        """Return whether a point is determined."""
-        return self._state.system is not None and self._state.system.known("point", name)
-
-    @property
-    @one_at_a_time
-    def n_observations(self) -> int:
-        """Number of scalar rows in the graph, weighted unknowns among them."""
-        system = self._state.system
-        if system is None:
-            return 0
-        return self.solution().n_observations if system.doubt else system.n_rows
-
-    @property
-    @one_at_a_time
-    def redundancy(self) -> int:
-        """Redundancy of the network as it stands."""
-        system = self._state.system
-        if system is None:
-            return 0
-        return self.solution().redundancy if system.doubt else system.redundancy
-
-    @property
-    @one_at_a_time
-    def vtpv(self) -> float:
-        """VᵀPv, of the linear forms."""
-        return 0.0 if self._state.system is None else self._state.system.vtpv
-
-    @property
-    @one_at_a_time
-    def sigma0(self) -> float:
-        """Standard deviation of unit weight √(vᵀPv/r); NaN without redundancy."""
-        r = self.redundancy
-        return float(np.sqrt(self.vtpv / r)) if r > 0 else np.nan
-
-    @property
-    @one_at_a_time
-    def settled(self) -> bool:
-        """Whether nothing has changed since it was at rest."""
-        return self._state.settled
-
-    @one_at_a_time
-    def __len__(self) -> int:
-        """Return the number of observations in the graph."""
-        return self._state.ledger.count("accepted")
-
-    @one_at_a_time
-    def __repr__(self) -> str:
-        """Say what is in the graph, and what is not."""
-        return (
-            f"<IncrementalAdjustment of {self._state.ledger.network.name!r}: {len(self)} "
-            f"observations, redundancy {self.redundancy}, {self.n_waiting} waiting, "
-            f"{len(self.suspects)} suspects, {len(self.rejected)} rejected"
-            f"{''.join(f', BUT {doubt}' for doubt in self.doubts)}>"
-        )

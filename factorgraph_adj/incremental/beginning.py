@@ -26,7 +26,8 @@ from .finding import Search
 from .flow import State, Task, absorb
 from .ledger import Ledger
 from .rebasing import EFFORT, Draft, Failure
-from .records import replay
+from .records import reading, replay
+from .retirement import retired_again, with_everything
 from .rules import Rules
 from .system import System
 
@@ -159,7 +160,13 @@ def replayed(
     begun = begin(Ledger.of(network), rules, None)
     ledger, _ = begun.ledger.recorded()
     for line, entry in enumerate(entries, start=2):
-        ledger = replay(entry, ledger, where=f"{journal}:{line}")
+        where = f"{journal}:{line}"
+        with reading(where):
+            if entry.get("taken_back"):
+                ledger = with_everything(ledger)
+            if "retired" in entry:
+                ledger = retired_again(ledger, entry["retired"])
+        ledger = replay(entry, ledger, where=where)
     return begun if not entries else _restored(ledger, begun, rules)
 
 
@@ -191,7 +198,8 @@ def settled(state: State, rules: Rules) -> State:
     found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
     if isinstance(found, Failure):
         return state
-    found = better_of(draft, found, rules.datum, tolerances=EFFORT.at_rest)
+    if state.ledger.retired is None:  # what was retired says where everything is
+        found = better_of(draft, found, rules.datum, tolerances=EFFORT.at_rest)
     return State(state.ledger, found.prepared(), settled=True)
 
 

@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from ..graph.dependence import Variable
 from ..graph.variables import calibration_name
 from ..models.variables import UNKNOWNS, VariableKind
+from ..solve.prior import Prior
 from ..types import Array, Index, Mask
 from .excerpt import Known
 from .ledger import Ledger
@@ -37,6 +38,22 @@ class Nothing:
 def known_in(system: Known | None) -> Known:
     """Return what knows the variables of a system; none: nothing is known."""
     return Nothing() if system is None else system
+
+
+class AtRetirement(Nothing):
+    """Knows what retired observations say of, where it was when they were retired."""
+
+    def __init__(self, prior: Prior) -> None:
+        """Know the unknowns of a prior."""
+        self.there: dict[Variable, Array] = prior.references()
+
+    def known(self, kind: VariableKind, name: str) -> bool:
+        """Return whether the prior has a variable."""
+        return (kind, name) in self.there
+
+    def value(self, kind: VariableKind, name: str) -> Array | None:
+        """Return the value of a variable as in a state; none: the prior does not have it."""
+        return self.there.get((kind, name))
 
 
 class Links(NamedTuple):
@@ -62,6 +79,11 @@ class Candidates:
     """What is known."""
     rows: Index
     """Their rows."""
+
+    def __post_init__(self) -> None:
+        """Know what was known when others were retired, where nothing else is."""
+        if self.ledger.retired is not None and type(self.known) is Nothing:
+            object.__setattr__(self, "known", AtRetirement(self.ledger.retired.prior))
 
     @cached_property
     def links(self) -> Links:

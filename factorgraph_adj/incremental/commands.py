@@ -159,7 +159,9 @@ def accept(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State,
     """
     ledger, wanted = state.ledger, ids_in(ids)
     problems = [
-        Problem("is neither suspect nor rejected", f"observation {i!r}")
+        Problem(
+            ledger.told_of_retired(i) or "is neither suspect nor rejected", f"observation {i!r}"
+        )
         for i in wanted
         if ledger.status(i) not in ("suspect", "rejected")
     ]
@@ -183,7 +185,10 @@ def discard(state: State, ids: str | Iterable[str]) -> State:
     ledger, wanted = state.ledger, ids_in(ids)
     every = ledger.ids_of(ledger.having("suspect"))
     problems = [
-        Problem(f"is no suspect; suspects: {known(every, meant=i)}", f"observation {i!r}")
+        Problem(
+            ledger.told_of_retired(i) or f"is no suspect; suspects: {known(every, meant=i)}",
+            f"observation {i!r}",
+        )
         for i in wanted
         if ledger.status(i) != "suspect"
     ]

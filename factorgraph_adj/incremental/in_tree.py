@@ -102,7 +102,15 @@ class InTree:
             return found
         within = self._rules.accuracy
         reason = f"within {within:.0%} of each σ of the minimum"
-        there = standing(draft.equations, draft.start, None, reason=reason, within=within, doubt="")
+        there = standing(
+            draft.equations,
+            draft.start,
+            None,
+            reason=reason,
+            within=within,
+            doubt="",
+            extra=draft.extra,
+        )
         return System.of(there, rows=draft.rows)
 
     @property

@@ -25,6 +25,7 @@ from ..network.selection import without
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..observations.identity import identity, named
 from ..types import Array, Index
+from .retired import Retired
 from .rows import CODE, GONE, Names, Room, Rows
 from .units import Unit
 from .verdicts import OUTCOMES, Outcome, Side, Verdict
@@ -56,6 +57,10 @@ class Ledger:
     """Points that readings have moved to their other sides, by the first id of the reading."""
     sizes: dict[Variable, tuple[int, int]] = field(default_factory=dict)
     """What `needs` has found for this network."""
+    clock: int = 1
+    """Number of the command in hand."""
+    retired: Retired | None = None
+    """What stands for all that was retired; none: nothing was."""
 
     @classmethod
     def of(cls, network: Network) -> Ledger:
@@ -89,6 +94,8 @@ class Ledger:
         placed = {p.name: p for p in points if self._places(p)}
         new = [p for p in points if placed.get(p.name) is not p]
         problems = add_entities(network, points=new, photos=photos, cameras=cameras)
+        if self.retired is not None:
+            problems += self.retired.named_again(points, photos)
         if problems:
             raise InputError(problems)
         out = replace(self, network=network, names=Names.of(network), sizes={})
@@ -150,7 +157,9 @@ class Ledger:
             if not isinstance(item, ImagePoint):
                 covariance = np.asarray(item.covariance) if isinstance(item, Correlated) else None
                 units.append(Unit.of(self.network, _members(item), covariance))
-        ledger = replace(self, rows=self.rows.with_more(Room.of_units(units), "waiting"))
+        ledger = replace(
+            self, rows=self.rows.with_more(Room.of_units(units), "waiting", self.clock)
+        )
         ledger, rays = ledger.with_images(table, cause)
         n = self.rows.n
         rows = np.empty(len(items), dtype=np.intp)
@@ -160,7 +169,7 @@ class Ledger:
     def with_images(self, table: ImageTable, cause: str) -> tuple[Ledger, Index]:
         """Take image points in as waiting; return their rows."""
         n = self.rows.n
-        ledger = replace(self, rows=self.rows.with_more(Room(table), "waiting"))
+        ledger = replace(self, rows=self.rows.with_more(Room(table), "waiting", self.clock))
         rows = n + np.arange(table.size)
         return ledger.moved(rows, "waiting", cause), rows
 
@@ -194,6 +203,10 @@ class Ledger:
                     Problem(what, f"observation {i!r}") for i in unit.ids if i in named_here
                 ]
         for o in every:
+            gone = [] if self.retired is None else self.retired.named_by(o, self.network)
+            if gone:
+                problems.extend(gone)
+                continue
             try:
                 self.network.check_names(o, seen)
             except InputError as error:
@@ -299,7 +312,8 @@ class Ledger:
     def recorded(self) -> tuple[Ledger, Index | None]:
         """Return the ledger without what was noted for the journal, and new numbers of its rows."""
         rows, new = self.rows.compacted()
-        return replace(self, causes={}, filled={}, unweighted=(), oriented={}, rows=rows), new
+        noted: dict[str, Any] = {"causes": {}, "filled": {}, "unweighted": (), "oriented": {}}
+        return replace(self, **noted, rows=rows, clock=self.clock + 1), new
 
     # -- questions ----------------------------------------------------------------------------
 
@@ -331,9 +345,15 @@ class Ledger:
 
     def unknown(self, ident: str) -> Problem:
         """Return the problem that no observation has an id."""
+        if told := self.told_of_retired(ident):
+            return Problem(told, f"observation {ident!r}")
         there = np.flatnonzero(self.rows.status != GONE)
         meant = similar(ident, self.ids_of(there)) if len(there) <= MOST_COMPARED else ""
         return Problem(f"unknown observation{meant}", f"observation {ident!r}")
+
+    def told_of_retired(self, ident: str) -> str:
+        """Say that an observation was retired, and what to do; empty where it was not."""
+        return "" if self.retired is None else self.retired.of_id(ident)
 
     def status(self, ident: str) -> str:
         """Return what became of an id; ``gone`` where there is none."""
@@ -401,6 +421,8 @@ class Ledger:
     def described(self) -> Network:
         """Everything that was described, with the observations in the graph."""
         out, inside = self.network.copy(), self.having("accepted")
+        if self.retired is not None:
+            self.retired.state_found(out)
         for _, unit in self.rows.units(inside):
             unit.insert_into(out)
         out.images = self.rows.table(self.rows.images(inside))

@@ -86,6 +86,12 @@ def _require(state: State, name: str, kind: Literal["point", "pose"] = "point") 
     network, system = state.ledger.network, state.system
     described: Mapping[str, Point | Photo]
     noun, described = ("point", network.points) if kind == "point" else ("photo", network.photos)
+    retired = state.ledger.retired
+    if name not in described and retired is not None and (told := retired.told((kind, name))):
+        what = (
+            f"{told}, and last_estimate({name!r}{', kind=' + repr(kind) if kind == 'pose' else ''})"
+        )
+        raise InputError(Problem(f"{what} returns what was known of it then", f"{noun} {name!r}"))
     if name not in described:
         text = f"unknown {noun} {name!r}; known: {known(described, meant=name)}"
         raise InputError(text)

@@ -14,7 +14,7 @@ from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError, DatumError
 from ..graph.dependence import Variable, components
 from ..graph.equations import Equations, compile_network
-from ..graph.variables import State, Unknowns
+from ..graph.variables import MaskState, State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
 from ..network.selection import filtered
@@ -26,6 +26,7 @@ from ..solve.linear import LinearSystem
 from ..solve.minimum import OFF_DATUM, adjust_from
 from ..solve.mirrors import mirror_midpoints
 from ..solve.normal import NormalEquations, Solver
+from ..solve.prior import Prior
 from ..solve.run import Looked
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
@@ -141,6 +142,9 @@ class Draft:
     looked: Mapping[str, Looked] = field(default_factory=dict)
     """Shapes that were fitted anew in vain before, by name, see `solve.shapes_anew`; none: every
     shape that does not fit is fitted anew."""
+    extra: Extra = NOTHING_MORE
+    """What is known beside the observations: what the rest says of a section, which counts what was
+    retired, or what was retired says of the whole."""
 
     @classmethod
     def of(
@@ -152,6 +156,7 @@ class Draft:
         new: Collection[Variable] = (),
         dropped: Collection[Variable] = (),
         found: Sequence[Solution | Start] = (),
+        there: Mapping[Variable, Array] | None = None,
     ) -> Draft:
         """Compile what is in the graph.
 
@@ -162,16 +167,22 @@ class Draft:
             new: variables that enter.
             dropped: variables that are not known any more.
             found: where those are that enter.
+            there: where variables are of which nothing else tells it; none: there are none.
 
         Raises:
             InputError: there is nothing to adjust.
             ApproximationError: something has no approximate value.
         """
+        extra = NOTHING_MORE if ledger.retired is None else ledger.retired.prior
+        there = there or {}
+        if isinstance(extra, Prior):
+            there = {**extra.references(), **there}
+            new, dropped = {*new, *there}, {*dropped} - {*there}
         network = known_network(ledger, system, new=new, dropped=dropped)
         equations = compile_network(network)
-        start = _started(equations, datum, system, found)
+        start = _started(equations, datum, system, found, there)
         looked = {} if system is None else system.looked
-        return cls(equations, start, ledger.having("accepted"), looked=looked)
+        return cls(equations, start, ledger.having("accepted"), looked=looked, extra=extra)
 
     @classmethod
     def of_section(
@@ -197,7 +208,7 @@ class Draft:
             start = _started(equations, "given", system, found)
         except AdjustmentError:
             return None
-        return cls(equations, start, section.inside, section)
+        return cls(equations, start, section.inside, section, extra=section.known.prior)
 
     def normal(self, constraint: Solution | None) -> tuple[NormalEquations, np.ndarray]:
         """Return the normal equations at the start, and what a minimal datum adds to them.
@@ -206,7 +217,7 @@ class Draft:
             constraint: a solution whose minimal datum holds a free network; none: there is none.
         """
         equations, state = self.equations.weighted_at(self.start.state), self.start.state
-        rows = self._extra.at(equations, state).rows
+        rows = self.extra.at(equations, state).rows
         normal = NormalEquations(Solver.of(equations, rows), state, rows)
         added = np.zeros(equations.unknowns.n_columns)
         if constraint is not None:
@@ -219,11 +230,6 @@ class Draft:
                     first = int(table.offset[table.number[name]])
                     added[first + component] = constraint.constraint[column]
         return normal, added
-
-    @property
-    def _extra(self) -> Extra:
-        """What the rest says of a section."""
-        return NOTHING_MORE if self.section is None else self.section.known.prior
 
     def noticing(self, base: Solution, ids: Sequence[Sequence[str]]) -> list[bool]:
         """Return which units notice a motion that the datum of a free network leaves open.
@@ -273,7 +279,7 @@ class Draft:
                     self.equations,
                     start,
                     free=datum == "free",
-                    extra=self._extra,
+                    extra=self.extra,
                     tolerance=tolerance,
                     max_iterations=EFFORT.quick if slow else most,
                     looked=self.looked,
@@ -310,8 +316,11 @@ def _started(
     datum: DatumChoice,
     system: Placed | None,
     found: Sequence[Solution | Start],
+    there: Mapping[Variable, Array] | None = None,
 ) -> Start:
     """Return values of the unknowns: those that are known, those that were found, or approximate.
+
+    Where variables are ``there``, they are if nothing else tells it.
 
     Raises:
         ApproximationError: something has no approximate value.
@@ -319,18 +328,33 @@ def _started(
     unknowns = equations.unknowns
     state = origin = unknowns.start()
     moving = unknowns.moving()  # an excerpt need not know the constants of the network
+    state = _placed(unknowns, state, moving, there or {})
+    origin = {k: np.where(np.isnan(x), state[k], x) for k, x in origin.items()}
     starts = (Start.of(s) for s in found)
     sources = [(s.unknowns, s.state, s.origin) for s in starts]
     if system is not None:
         sources += system.places()
-    for there, values, given in sources:
-        state = unknowns.carried(state, there, values, where=moving)
-        origin = unknowns.carried(origin, there, given, where=moving)
+    for table, values, given in sources:
+        state = unknowns.carried(state, table, values, where=moving)
+        origin = unknowns.carried(origin, table, given, where=moving)
     if system is not None:
         state, origin = system.carried(unknowns, state), system.carried(unknowns, origin)
     if any(np.isnan(x).any() for s in (state, origin) for x in s.values()):
         return start_of(equations, datum, Start(unknowns, state, origin))
     return Start(unknowns, state, origin)
+
+
+def _placed(
+    unknowns: Unknowns, state: State, moving: MaskState, there: Mapping[Variable, Array]
+) -> State:
+    """Return a state with what may move of some variables where they are."""
+    out = {kind: values.copy() for kind, values in state.items()} if there else state
+    for (kind, name), value in there.items():
+        number = unknowns[kind].number[name]
+        width = min(len(value), out[kind].shape[1])
+        on = moving[kind][number, :width]
+        out[kind][number, :width] = np.where(on, value[:width], out[kind][number, :width])
+    return out
 
 
 def known_network(
@@ -386,6 +410,7 @@ def solution_of(ledger: Ledger, system: Placed, rules: Rules) -> Solution:
         reason=f"within {rules.accuracy:.0%} of each σ of the minimum",
         within=rules.accuracy,
         doubt=system.doubt,
+        extra=draft.extra,
     )
     if system.doubt:
         return found
@@ -398,6 +423,7 @@ def solution_of(ledger: Ledger, system: Placed, rules: Rules) -> Solution:
                 draft.start,
                 free=rules.datum == "free",
                 tolerance=EFFORT.close,
+                extra=draft.extra,
             )
             if adjusted.converged:
                 return adjusted if far else _with_second_places(found, adjusted, images)

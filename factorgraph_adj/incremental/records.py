@@ -5,15 +5,17 @@ line is one change that counts: what was asked (``do``), new points, photos and 
 observations that are new or changed, the ids that became ``gone``, ``accepted``, ``waiting``,
 ``suspect`` or ``rejected``, and why (``causes``); what is said of what waits (``lacks``); how
 photos without poses were oriented (``oriented``); which readings have moved points to their other
-sides (``sides``, all of them where that has changed). Image points stand in ``images``, those of a
-photo with the same outcome together. Reading back needs no test again.
+sides (``sides``, all of them where that has changed); what was retired (``retired``), or that all
+of it was taken back (``taken_back``), see `retirement`. Image points stand in ``images``, those of
+a photo with the same outcome together. Reading back needs no test again.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import MISSING, asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +41,7 @@ from ..observations.identity import identity
 from ..types import Array, Index
 from .given import Given
 from .ledger import Ledger
-from .rows import GONE
+from .rows import GONE, Rows
 from .rules import Rules
 from .units import Unit
 from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Side, Verdict
@@ -48,6 +50,7 @@ _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
 FIELDS = (
     *("do", "cameras", "points", "photos", "observations", "images"),
     *("gone", *OUTCOMES, "causes", "lacks", "found", "unweighted", "oriented", "sides"),
+    *("retired", "taken_back"),
 )
 """Fields of a line after the first."""
 _TOLD = ("suspect", "rejected")
@@ -78,7 +81,8 @@ def start_of(
     wanted = {f.name for f in fields(Rules)}
     if not isinstance(files, Mapping):
         raise InputError(Problem("the line has no files of a network", where))
-    if not isinstance(options, Mapping) or set(options) != wanted:
+    optional = {f.name for f in fields(Rules) if f.default is not MISSING}
+    if not isinstance(options, Mapping) or not wanted - optional <= set(options) <= wanted:
         what = f"the options must be {', '.join(sorted(wanted))}, not {options!r:.80}"
         raise InputError(Problem(what, where))
     network = network_of(files, home=folder, geoids=geoids, allow_outside=allow_outside)
@@ -140,6 +144,37 @@ def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
     if after.sides != before.sides:
         out["sides"] = {ident: asdict(side) for ident, side in after.sides.items()}
     return out | {name: found for name, found in more.items() if found}
+
+
+def everything_of(
+    ledger: Ledger, rows: Index, points: Collection[str], photos: Collection[str]
+) -> dict[str, Any]:
+    """Return the line that takes some rows, points and photos in again, as they are.
+
+    Args:
+        ledger: where they are.
+        rows: the rows.
+        points: names of the points.
+        photos: names of the photos.
+    """
+    status = np.full(ledger.rows.n, GONE, dtype=np.int8)
+    status[rows] = ledger.rows.status[rows]
+    told = ledger.rows.verdicts
+    causes = {r: told[r][0].cause if told.get(r) else "" for r in rows.tolist()}
+    mine = replace(
+        ledger,
+        rows=replace(ledger.rows, status=status),
+        causes={r: cause or "arrival" for r, cause in causes.items()},
+        filled={},
+        unweighted=(),
+        oriented={},
+    )
+    network = ledger.network
+    found = {
+        "points": [point_fields(p) for n, p in network.points.items() if n in points],
+        "photos": [photo_fields(f) for n, f in network.photos.items() if n in photos],
+    }
+    return {k: v for k, v in found.items() if v} | difference(replace(mine, rows=Rows()), mine)
 
 
 def _lacks(before: Ledger, after: Ledger) -> list[list[str]]:
@@ -228,8 +263,19 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
             Problem(f"unknown field {name!r}; valid: {known(FIELDS, meant=name)}", where)
             for name in unknown
         )
-    try:
+    with reading(where):
         return _after(line, ledger, where)
+
+
+@contextmanager
+def reading(where: str) -> Iterator[None]:
+    """Say in every error where the line stands that is read.
+
+    Raises:
+        InputError: what is wrong with the line.
+    """
+    try:
+        yield
     except InputError as error:
         told = [p if p.where.startswith(where) else p.at(where) for p in error.problems]
         raise InputError(told) from None

@@ -59,8 +59,10 @@ class Room:
     def __init__(self, table: ImageTable | None = None) -> None:
         """Take over image points."""
         self.columns: list[Any] = [c.copy() for c in (table or ImageTable()).columns()]
-        """Numbers of photo and point, coordinates and standard deviations, (n, …) each."""
+        """Numbers of photo and point, coordinates, standard deviations, and when each arrived,
+        (n, …) each."""
         self.used = len(self.columns[0])
+        self.columns.append(np.zeros(self.used, dtype=np.intp))
         self.ids: dict[int, str] = dict(table.ids) if table else {}
         """Ids of image points that differ from photo/point."""
         self.sources: dict[int, str] = dict(table.sources) if table else {}
@@ -81,7 +83,8 @@ class Room:
         out, n = cls(), len(found)
         nobody = np.full(n, NO_PHOTO, dtype=np.intp)
         nothing = np.zeros((n, 2))
-        out.columns, out.used = [nobody, nobody.copy(), nothing, nothing.copy()], n
+        out.columns = [nobody, nobody.copy(), nothing, nothing.copy(), np.zeros(n, dtype=np.intp)]
+        out.used = n
         out._name(0, dict(enumerate(found)), {}, {})
         return out
 
@@ -165,6 +168,11 @@ class Rows:
         """Standard deviations, (n, 2) image units."""
         return np.asarray(self.room.columns[3][: self.n])
 
+    @property
+    def arrived(self) -> Index:
+        """When each arrived, a number that grows, (n,)."""
+        return np.asarray(self.room.columns[4][: self.n])
+
     def having(self, outcome: Outcome) -> Index:
         """Return the rows that have an outcome."""
         return np.flatnonzero(self.status == CODE[outcome])
@@ -184,8 +192,9 @@ class Rows:
 
     # -- changes ------------------------------------------------------------------------------
 
-    def with_more(self, more: Room, outcome: Outcome) -> Rows:
+    def with_more(self, more: Room, outcome: Outcome, arrived: int = 0) -> Rows:
         """Return the table with more rows."""
+        more.columns[4][: more.used] = arrived
         status = np.full(self.n + more.used, CODE[outcome], dtype=np.int8)
         status[: self.n] = self.status
         return replace(self, status=status, room=self.room.appended(self.n, more))
@@ -215,6 +224,16 @@ class Rows:
         new = np.where(there, np.cumsum(there) - 1, GONE)
         told = {int(new[r]): v for r, v in self.verdicts.items()}
         return Rows(self.status[there], self.room.kept(there), told), new
+
+    def only(self, there: Mask, photo: Index, point: Index) -> Rows:
+        """Return the table with some of its rows, (n,), and new numbers of photos and points."""
+        new = np.where(there, np.cumsum(there) - 1, GONE)
+        told = {int(new[r]): v for r, v in self.verdicts.items() if there[r]}
+        room = self.room.kept(there)
+        for column, number in zip(room.columns, (photo, point), strict=False):
+            rays = column != NO_PHOTO
+            column[rays] = number[column[rays]]
+        return Rows(self.status[there], room, told)
 
     # -- questions ----------------------------------------------------------------------------
 

@@ -31,6 +31,8 @@ class Rules:
     """Datum of the network."""
     engine: Engine = "auto"
     """What carries the arrivals: iSAM2, fronts, or what suits the network."""
+    keep: int | None = None
+    """Number of photos that are kept, the last ones; none: all are."""
 
     def __post_init__(self) -> None:
         """Refuse options that make no sense, all together."""
@@ -49,6 +51,13 @@ class Rules:
         if self.engine not in ENGINES:
             valid = known(ENGINES, meant=self.engine)
             problems.append(Problem(f"unknown engine {self.engine!r}; valid: {valid}"))
+        if self.keep is not None:
+            if not isinstance(self.keep, int) or isinstance(self.keep, bool) or self.keep < 1:
+                what = "a whole number of photos, 1 or more, or None: all are kept"
+                problems.append(Problem(f"keep must be {what}; not {self.keep!r}"))
+            elif self.datum == "free":
+                what = "its datum is that of all datum points"
+                problems.append(Problem(f"keep: nothing of a free network can be retired, {what}"))
         if problems:
             raise InputError(problems)
 

@@ -296,7 +296,7 @@ def _drop_photos(network: Network, lost: Iterable[str]) -> None:
     cameras = {network.photos[name].camera for name in gone}
     stays = np.array([name not in gone for name in network.photos], dtype=bool)
     network.image_mask(stays[network.images.columns()[0]])
-    _keep_entities(network, [n for n in network.photos if n not in gone], list(network.points))
+    keep_entities(network, [n for n in network.photos if n not in gone], list(network.points))
     for camera in cameras - {photo.camera for photo in network.photos.values()}:
         del network.cameras[camera]
 
@@ -328,7 +328,7 @@ def filtered(
     placed = known.get("point", ())
     points = [n for n in network.points if n in placed or stays("point", n)]
     if len(photos) < len(network.photos) or len(points) < len(network.points):
-        _keep_entities(out, photos, points)
+        keep_entities(out, photos, points)
     used = {f.camera for f in out.photos.values()}
     out.cameras = {n: c for n, c in network.cameras.items() if n in used or keep("calibration", n)}
     for kind in parameter_kinds():
@@ -341,7 +341,7 @@ def filtered(
     return out
 
 
-def _keep_entities(network: Network, photos: Sequence[str], points: Sequence[str]) -> None:
+def keep_entities(network: Network, photos: Sequence[str], points: Sequence[str]) -> None:
     """Keep some photos and points; image points are numbered anew."""
     of_photo, of_point, xy, sigma = network.images.columns()
     ids, sources = network.images.ids, network.images.sources

@@ -335,6 +335,7 @@ def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWE
     blocks, clusters = found.hats
     r = 1.0 - share_diagonal(equations, blocks, clusters)
     extra = sum(len(c.hat) - float(np.trace(c.hat)) for c in found.extra)
+    extra += solution.n_extra - sum(len(c.hat) for c in found.extra)  # rows that are constants
     total = float(r.sum()) + extra
     wanted = solution.sum_of_redundancy_numbers
     if wanted is not None and not abs(total - wanted) < TRUSTED:

@@ -85,7 +85,7 @@ class UpdatedTests:
         """
         solution, equations = self.solution, self.solution.equations
         system = solution.normal().system
-        unit = np.zeros((equations.n_rows + solution.n_extra, len(rows)))
+        unit = np.zeros((len(system.every_residual), len(rows)))
         unit[rows, np.arange(len(rows))] = 1.0
         b = system.transposed(unit)
         at = np.flatnonzero(b.any(axis=1))

@@ -23,12 +23,13 @@ of the whole network, where the other observations are linearised at the solutio
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.sparse import bsr_array, csr_array
 
+from ..graph.dependence import Variable
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
@@ -66,6 +67,36 @@ class Prior(Extra):
     """R, (k, m)."""
     z: Array | None = None
     """z, (k,)."""
+    apart: int = 0
+    """Number of further rows that count in the redundancy, and that no unknown changes."""
+    name: str = ""
+    """Name of the rows."""
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows."""
+        return self.apart + (0 if self.z is None else len(self.z))
+
+    @property
+    def variables(self) -> tuple[Variable, ...]:
+        """The unknowns."""
+        return tuple((group.kind, name) for group in self.groups for name in group.names)
+
+    def references(self) -> dict[Variable, Array]:
+        """Return where each unknown was when the rows were made, as in a state."""
+        return {
+            (group.kind, name): value
+            for group in self.groups
+            for name, value in zip(group.names, group.reference, strict=True)
+        }
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Prior:
+        """Return the rows themselves, as they are immutable."""
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return everything for pickling: there are no factors that GTSAM would have to pickle."""
+        return dict(self.__dict__)
 
     def at(self, equations: Equations, state: State) -> Prior:
         """Return the same rows, linearised at another state of a network with the unknowns."""
@@ -84,7 +115,7 @@ class Prior(Extra):
                 turned = _partials(group, state[group.kind][numbers])
                 a[:, places] = np.einsum("kni,nij->knj", a[:, places], turned)
         a[:, ~equations.unknowns.free[columns]] = 0.0
-        return replace(self, rows=(ExtraRows(columns, a, self.r @ d + self.z),))
+        return replace(self, rows=(ExtraRows(columns, a, self.r @ d + self.z, self.name),))
 
     def movement(self, equations: Equations, state: State) -> Array:
         """Return the movement d of the unknowns from the solution, (m,)."""
@@ -174,7 +205,7 @@ def marginal(
     whole[np.ix_(on, on)] = sigma[:, None] * root
     n = len(z) + len(rows)
     known = len(on) + int(unknowns.free[points].sum())
-    prior = Prior(groups=_groups(normal, columns), r=r, z=z)
+    prior = Prior(groups=groups_of(normal, columns), r=r, z=z)
     return Marginal(prior, whole, float(z @ z + v @ v), n - known, n)
 
 
@@ -203,7 +234,7 @@ def _blocks(blocks: Array, ends: Index) -> csr_array:
     return csr_array(bsr_array((blocks, ends[:-1], ends)))
 
 
-def _groups(normal: NormalEquations, columns: Index) -> tuple[Group, ...]:
+def groups_of(normal: NormalEquations, columns: Index) -> tuple[Group, ...]:
     """Return the unknowns of columns."""
     place = np.full(normal.system.unknowns.n_columns, -1, dtype=np.intp)
     place[columns] = np.arange(len(columns))

@@ -9,6 +9,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..types import Array
 from .datum import Defect, FreeDatum, find_defects
+from .extra import NOTHING_MORE, Extra
 from .free_network import MOTION, datum_columns, is_nothing, moved_from, onto_constraints
 from .linear import LinearSystem
 from .minimum import OFF_DATUM
@@ -26,6 +27,7 @@ def standing(
     reason: str,
     within: float = np.inf,
     doubt: str = "",
+    extra: Extra = NOTHING_MORE,
 ) -> Solution:
     """Return the solution of values; a free network's is moved onto its inner constraints.
 
@@ -37,6 +39,7 @@ def standing(
         reason: why the values are a minimum.
         within: bound of the distance of every unknown from the minimum, relative to its own σ.
         doubt: why they are none; empty if they are one.
+        extra: rows beside the observations, with which the datum is given.
 
     Raises:
         DatumError: a free network has several parts.
@@ -54,6 +57,7 @@ def standing(
             values, v = moved, there
         else:
             doubt = doubt or OFF_DATUM
+    extra = extra.at(equations, values)
     return Solution(
         network=equations.network,
         equations=equations,
@@ -63,11 +67,12 @@ def standing(
         reason=doubt or reason,
         iterations=0,
         within=np.inf if doubt else within,
-        vtpv=float(v @ v),
-        solver=Solver.of(equations),
+        vtpv=float(v @ v) + sum(float(e.residual @ e.residual) for e in extra.rows),
+        solver=Solver.of(equations, extra.rows),
         constraint=np.zeros(equations.unknowns.n_columns) if constraint is None else constraint,
         datum=datum,
         defects=defects,
+        extra=extra,
     )
 
 

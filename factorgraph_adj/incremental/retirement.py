@@ -1,0 +1,424 @@
+"""Unknowns that nothing new will touch are retired, and taken back.
+
+A retired unknown leaves with all observations that touch it, whatever became of them. What its
+observations in the graph say of the unknowns that remain stands from then on as linear rows
+(`factorgraph_adj.solve.marginalisation`), at the values of that moment. Its last estimate and its
+observations are kept in an archive, from which everything can be taken back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import AdjustmentError, InputError, Problem, known
+from ..graph.dependence import Variable
+from ..graph.equations import Equations
+from ..graph.variables import calibration_name
+from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..network.entities import Key, parameter_name
+from ..network.network import Network
+from ..network.selection import keep_entities
+from ..solve.marginalisation import NAME, marginalised
+from ..solve.prior import Group, Prior
+from ..types import Array, Index
+from . import records
+from .archive import LastEstimate
+from .candidates import Candidates, Nothing
+from .flow import State
+from .ledger import Ledger
+from .rebasing import EFFORT, Draft, Failure, known_network
+from .retired import Retired
+from .rows import GONE
+from .rules import Rules
+from .system import System
+from .window import is_stated, stated_at
+
+NO_MINIMUM = "there is no minimum, of which the observations of what is retired could tell"
+
+
+class Leaving(NamedTuple):
+    """What leaves."""
+
+    variables: tuple[Variable, ...]
+    """The unknowns."""
+    rows: Index
+    """All rows of the ledger that touch them."""
+
+    @classmethod
+    def of(cls, ledger: Ledger, variables: Iterable[Variable]) -> Leaving:
+        """Return some unknowns with what nothing else needs: their orientations, calibrations."""
+        gone = dict.fromkeys(variables)
+        for kind, name in list(gone):
+            lens = calibration_name(ledger.network, name) if kind == "pose" else ""
+            if "@" in lens and lens not in ledger.network.cameras:
+                gone["calibration", lens] = None
+        every = Candidates(ledger, Nothing(), np.flatnonzero(ledger.rows.status != GONE))
+        rows = every.touching(gone)
+        for kind, name in every.only(rows).links.variables:
+            needs_no_one = UNKNOWNS[kind].absent == "found"
+            needs_no_one &= not is_stated(ledger.network, kind, name)
+            if needs_no_one and np.isin(every.touching([(kind, name)]), rows).all():
+                gone[kind, name] = None
+        return cls(tuple(gone), rows)
+
+
+class Rest(NamedTuple):
+    """What the retired observations say of what remains."""
+
+    prior: Prior
+    """Linear rows."""
+    missed: float = 0.0
+    """As in `Retired`."""
+    curvature: float = 0.0
+    """As in `Retired`."""
+    sigma: Array = np.zeros(0)
+    """As in `Retired`."""
+
+    @classmethod
+    def of(cls, retired: Retired | None) -> Rest:
+        """Return what was said until now."""
+        if retired is None:
+            return cls(Prior(r=np.zeros((0, 0)), z=np.zeros(0), name=NAME))
+        return cls(retired.prior, retired.missed, retired.curvature, retired.sigma)
+
+    def fields(self) -> dict[str, Any]:
+        """Return what the journal says of it."""
+        r, z = self.prior.r, self.prior.z
+        assert r is not None and z is not None
+        groups = [
+            {
+                "kind": g.kind,
+                "names": list(g.names),
+                "reference": g.reference.tolist(),
+                "columns": g.columns.tolist(),
+            }
+            for g in self.prior.groups
+        ]
+        rows = {"r": r.tolist(), "z": z.tolist(), "apart": self.prior.apart}
+        bound = {"missed": self.missed, "curvature": self.curvature, "sigma": self.sigma.tolist()}
+        return {"groups": groups, "width": r.shape[1], **rows, **bound}
+
+    @classmethod
+    def read(cls, fields: Mapping[str, Any]) -> Rest:
+        """Return it as the journal has it."""
+        groups = tuple(
+            Group(
+                g["kind"],
+                tuple(g["names"]),
+                np.array(g["reference"], dtype=float),
+                np.array(g["columns"], dtype=np.intp),
+            )
+            for g in fields["groups"]
+        )
+        r = np.array(fields["r"], dtype=float).reshape(-1, int(fields["width"]))
+        z: Array = np.array(fields["z"], dtype=float)
+        prior = Prior(groups=groups, r=r, z=z, apart=int(fields["apart"]), name=NAME)
+        sigma: Array = np.array(fields["sigma"], dtype=float)
+        return cls(prior, float(fields["missed"]), float(fields["curvature"]), sigma)
+
+
+def retire(
+    state: State, variables: Collection[Variable], rules: Rules
+) -> tuple[State, dict[str, Any]]:
+    """Retire unknowns; return the state without them, and what the journal says of it.
+
+    Raises:
+        InputError: something of it cannot be retired; all problems.
+        AdjustmentError: there is no minimum.
+    """
+    if rules.datum == "free":
+        what = "nothing of a free network can be retired: its datum is that of all datum points"
+        raise InputError(f"{what}; give it a datum (fixed or weighted points)")
+    ledger = state.ledger
+    _refuse(ledger, variables)
+    leaving = Leaving.of(ledger, variables)
+    inside = ledger.rows.among(leaving.rows, "accepted")
+    problems = [
+        Problem(
+            "a factor of your own cannot be kept, and so not be retired", f"factor {u.ids[0]!r}"
+        )
+        for _, u in ledger.rows.units(leaving.rows)
+        for o in u.observations
+        if o.kind == "factor"
+    ]
+    if problems:
+        raise InputError(problems)
+    rest, system = Rest.of(ledger.retired), state.system
+    touched = not set(rest.prior.variables).isdisjoint(leaving.variables)
+    if system is not None and (len(inside) or touched):
+        if system.doubt:
+            raise AdjustmentError(f"{NO_MINIMUM}: {system.doubt}")
+        rest = _marginal(Draft.of(ledger, system, rules.datum), leaving.variables, ledger.retired)
+    estimates = [_last_estimate(state, v, ledger) for v in leaving.variables]
+    line = {
+        "unknowns": [[*v] for v in leaving.variables],
+        "values": [None if e.value is None else e.value.tolist() for e in estimates],
+        "covariances": [
+            None if e.covariance is None else e.covariance.ravel().tolist() for e in estimates
+        ],
+        "rest": rest.fields(),
+    }
+    after = without(ledger, leaving, rest, estimates)
+    if not isinstance(system, System) and system is not None:
+        system = system.fronts
+    if system is None:
+        return State(after, None, settled=False), line
+    if not len(after.having("accepted")):
+        raise InputError("nothing would remain in the graph: there must be something to adjust")
+    found = Draft.of(after, system, rules.datum, dropped=leaving.variables).adjusted(
+        rules.datum, tolerances=(EFFORT.close,)
+    )
+    if isinstance(found, Failure):
+        raise AdjustmentError(f"{NO_MINIMUM} without it: {found.reason}")
+    return State(after, found.prepared(), settled=False), line
+
+
+def retired_again(ledger: Ledger, line: Mapping[str, Any]) -> Ledger:
+    """Return the ledger after a retirement of which the journal says this."""
+    variables: list[Variable] = [(kind, name) for kind, name in line["unknowns"]]
+    leaving = Leaving(
+        tuple(variables),
+        Candidates(ledger, Nothing(), np.flatnonzero(ledger.rows.status != GONE)).touching(
+            variables
+        ),
+    )
+    moment = moment_of(ledger)
+    estimates = []
+    for (kind, name), value, covariance in zip(
+        variables, line["values"], line["covariances"], strict=True
+    ):
+        q = None if covariance is None else np.array(covariance, dtype=float)
+        if q is not None:
+            q = q.reshape(2 * (round(len(q) ** 0.5),))
+        x = None if value is None else np.array(value, dtype=float)
+        estimates.append(LastEstimate(kind, name, moment, x, q))
+    return without(ledger, leaving, Rest.read(line["rest"]), estimates)
+
+
+def taken_back(state: State, rules: Rules) -> State:
+    """Return the state with everything that was retired, at rest.
+
+    Raises:
+        AdjustmentError: there is no minimum with it.
+    """
+    retired = state.ledger.retired
+    assert retired is not None
+    ledger, values = with_everything(state.ledger), dict(retired.archive.determined(retired.number))
+    ledger, system = _with_values(ledger, values), state.fronts
+    if system is None and not values:
+        return State(ledger, None, settled=False)
+    draft = Draft.of(ledger, system, rules.datum, new=values, there=values)
+    draft = replace(draft, looked={})
+    found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
+    if isinstance(found, Failure):
+        what = "no minimum was found with everything that was retired; it stays retired"
+        raise AdjustmentError(f"{what}: {found.reason}")
+    return State(ledger, found.prepared(), settled=True)
+
+
+def doubt(state: State, rules: Rules) -> str:
+    """Say that the linear rows of what was retired may miss more than is promised; or nothing."""
+    retired, system = state.ledger.retired, state.system
+    if retired is None or system is None:
+        return ""
+    solution = system.solution if isinstance(system, System) else system.fronts.solution
+    missed = retired.missed_at(solution.equations, solution.state)
+    if missed <= rules.accuracy:
+        return ""
+    return (
+        "what remains has moved since others were retired, whose linear rows may miss "
+        f"{missed:.2g} σ by now: settle(all=True) takes them back"
+    )
+
+
+def whole_network(state: State) -> Network:
+    """Return the network of all that is in the graph, and was when it was retired."""
+    retired = state.ledger.retired
+    assert retired is not None
+    values = dict(retired.archive.determined(retired.number))
+    ledger = _with_values(with_everything(state.ledger), values)
+    return known_network(ledger, state.system, new=values)
+
+
+def _with_values(ledger: Ledger, values: Mapping[Variable, Array]) -> Ledger:
+    """Write last estimates into the ledger, where no approximate values were given."""
+    kinds: tuple[VariableKind, ...] = ("point", "pose")
+    for kind in kinds:
+        ledger = ledger.with_values(kind, {n: x for (k, n), x in values.items() if k == kind})
+    return ledger
+
+
+def with_everything(ledger: Ledger) -> Ledger:
+    """Return a ledger with everything that was retired, as if it had come just now."""
+    retired, clock = ledger.retired, ledger.clock
+    if retired is None:
+        return ledger
+    ledger = replace(ledger, retired=None)
+    for line in retired.archive.lines(retired.number):
+        ledger = records.replay(line, ledger, where="what was retired")
+        ledger = replace(ledger, clock=clock)
+    return ledger
+
+
+# -- the rows that remain -------------------------------------------------------------------------
+
+
+def _marginal(draft: Draft, variables: Collection[Variable], before: Retired | None) -> Rest:
+    """Return what observations say of other unknowns than those which leave."""
+    normal, _ = draft.normal(None)
+    equations = normal.system.equations
+    unknowns = equations.unknowns
+    gone = []
+    for kind, name in variables:
+        number = unknowns[kind].number.get(name)
+        if number is not None and unknowns[kind].offset[number] >= 0:
+            gone.append(unknowns.columns(kind, number))
+    rows = _rows_of(equations, variables)
+    found = marginalised(normal, rows, gone, None if before is None else before.prior)
+    missed = 0.0
+    if before is not None:
+        missed = found.carried * before.missed_at(equations, draft.start.state)
+    return Rest(found.prior, missed, found.missed, found.sigma)
+
+
+def _rows_of(equations: Equations, variables: Collection[Variable]) -> Index:
+    """Return all rows that touch some variables, with the other rows of their groups."""
+    by_kind: dict[VariableKind, list[int]] = {}
+    for kind, name in variables:
+        number = equations.unknowns[kind].number.get(name)
+        if number is not None:
+            by_kind.setdefault(kind, []).append(number)
+    on = np.zeros(equations.n_rows, dtype=bool)
+    for kind, numbers in by_kind.items():
+        on[equations.touching(kind, np.array(numbers, dtype=np.intp))] = True
+    for cluster in equations.clusters:
+        if on[cluster.rows].any():
+            on[cluster.rows] = True
+    return np.flatnonzero(on)
+
+
+def without(
+    ledger: Ledger, leaving: Leaving, rest: Rest, estimates: Collection[LastEstimate]
+) -> Ledger:
+    """Return the ledger without what is retired, which goes to the archive.
+
+    Args:
+        ledger: what is there.
+        leaving: what is retired.
+        rest: what it says of the rest.
+        estimates: what was known of it.
+    """
+    before = ledger.retired
+    archive = Retired(rest.prior) if before is None else before
+    moment = moment_of(ledger)
+    names = {kind: {n for k, n in leaving.variables if k == kind} for kind in ("point", "pose")}
+    units = [u for _, u in ledger.rows.units(leaving.rows)]
+    archive.archive.put(
+        archive.number + 1,
+        moment,
+        estimates,
+        [i for u in units for i in u.ids],
+        records.everything_of(ledger, leaving.rows, names["point"], names["pose"]),
+    )
+    keys: dict[Variable, Key] = {
+        (kind, parameter_name(key)): key
+        for u in units
+        for o in u.observations
+        for kind, key in o.parameters()
+        if UNKNOWNS[kind].absent == "found"
+    }
+    keys |= {(kind, parameter_name(key)): key for kind, key in archive.found}
+    inside = ledger.rows.among(leaving.rows, "accepted")
+    scalars = len(ledger.ids_of(inside))
+    retired = replace(
+        archive,
+        **rest._asdict(),
+        number=archive.number + 1,
+        points=archive.points + len(names["point"]),
+        photos=archive.photos + len(names["pose"]),
+        observations=archive.observations + scalars,
+        found=tuple((v[0], keys[v]) for v in rest.prior.variables if v in keys),
+    )
+    return _shrunk(ledger, leaving, names["point"], names["pose"], retired)
+
+
+def _shrunk(
+    ledger: Ledger, leaving: Leaving, points: set[str], photos: set[str], retired: Retired
+) -> Ledger:
+    """Return the ledger without rows and unknowns, with numbers as there are names left."""
+    network = ledger.network.copy()
+    keep_entities(
+        network,
+        [n for n in network.photos if n not in photos],
+        [n for n in network.points if n not in points],
+    )
+    gone = set(leaving.variables)
+    for kind in parameter_kinds():
+        table = network.of_kind(kind.name)
+        for key in [k for k in table if (kind.name, parameter_name(k)) in gone]:
+            del table[key]
+    there = ledger.rows.status != GONE
+    there[leaving.rows] = False
+    photo, point = (
+        np.array([numbers.get(n, -1) for n in every], dtype=np.intp)
+        for numbers, every in (
+            (network.photo_number, ledger.names.photos),
+            (network.point_number, ledger.names.points),
+        )
+    )
+    rows = ledger.rows.only(there, photo, point)
+    ids = set(ledger.ids_of(leaving.rows))
+    lacks = {v: why for v, why in ledger.lacks.items() if v not in gone and v not in ids}
+    sides = {i: s for i, s in ledger.sides.items() if i not in ids and s.point not in points}
+    return replace(
+        ledger,
+        network=network,
+        names=type(ledger.names).of(network),
+        rows=rows,
+        lacks=lacks,
+        sides=sides,
+        sizes={},
+        causes={},
+        retired=retired,
+    )
+
+
+def moment_of(ledger: Ledger) -> str:
+    """Say when something is retired: after which photo or point."""
+    for noun, names in (("photo", ledger.names.photos), ("point", ledger.names.points)):
+        if names:
+            return f"when {noun} {names[-1]!r} was the last that had come"
+    return "at the beginning"
+
+
+def _last_estimate(state: State, variable: Variable, ledger: Ledger) -> LastEstimate:
+    """Return what is known of an unknown."""
+    system, moment = state.system, moment_of(ledger)
+    value = None if system is None else system.value(*variable)
+    if system is None or value is None:
+        return LastEstimate(*variable, moment, None, None)
+    return LastEstimate(*variable, moment, value, system.cofactors(variable, variable))
+
+
+# -- what cannot be retired -----------------------------------------------------------------------
+
+
+def _refuse(ledger: Ledger, variables: Collection[Variable]) -> None:
+    """Refuse what is not there, and points of which something else was stated."""
+    network = ledger.network
+    problems: list[Problem] = []
+    for kind, name in (v for v in variables if v[0] in ("point", "pose")):
+        there = network.points if kind == "point" else network.photos
+        noun = UNKNOWNS[kind].noun
+        if name not in there:
+            told = "" if ledger.retired is None else ledger.retired.told((kind, name))
+            what = told or f"unknown {noun}; known: {known(there, meant=name)}"
+            problems.append(Problem(what, f"{noun} {name!r}"))
+        elif kind == "point" and (what := stated_at(network, name)):
+            problems.append(Problem(f"cannot be retired: {what}", f"point {name!r}"))
+    if problems:
+        raise InputError(problems)

@@ -1,0 +1,216 @@
+"""Points and photos are retired, and taken back.
+
+What remains has the estimates, covariances, vᵀPv and redundancy of the batch adjustment of
+everything; taken back, everything is within 1e-6 σ of it.
+"""
+
+from __future__ import annotations
+
+import pickle
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.incremental.rules import ENGINES
+from factorgraph_adj.observations import SlopeDistance
+from tests.networks.photo_block import block
+from tests.networks.traverse import observed, points_of, traverse
+
+POINTS = 12
+LATE = ("P8", "P10")
+"""Points with which the second and third part of the traverse begin."""
+ACCURACY = 0.01
+"""What an adjustment promises at any time."""
+
+
+def everything() -> fga.Solution:
+    network = traverse(POINTS)
+    for _, found in observed(POINTS):
+        network.add(*found)
+    return fga.adjust(network)
+
+
+def off(inc: fga.IncrementalAdjustment, batch: fga.Solution, names: list[str]) -> float:
+    """Return the largest difference of estimates and σ from those of a batch, relative to σ."""
+    worst = 0.0
+    for name in names:
+        sigma = batch.standard_deviations(name)
+        on = sigma > 0
+        step = np.abs(inc.estimate(name) - batch.point(name))
+        assert np.all(step[~on] == 0)
+        wider = np.abs(inc.standard_deviations(name) - sigma)
+        worst = max(worst, float(np.max((step[on], wider[on]) / sigma[on], initial=0.0)))
+    return worst
+
+
+def survey(journal: Path | None = None, *, engine: str = "auto") -> fga.IncrementalAdjustment:
+    """Return a traverse of which the first points were retired while the others came."""
+    inc = fga.IncrementalAdjustment(
+        traverse(POINTS),
+        engine=engine,  # type: ignore[arg-type]
+        journal=journal,
+    )
+    found = [o for _, some in observed(POINTS) for o in some]
+    parts = [next(i for i, o in enumerate(found) if n in (o.station, o.target)) for n in LATE]
+    inc.add(found[: parts[0]])
+    inc.retire(points=["P2", "P3", "P4"])
+    inc.add(found[parts[0] : parts[1]])
+    inc.retire(points=["P0", "P5"])
+    inc.add(found[parts[1] :])
+    return inc
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_remains_is_that_of_the_batch_with_everything(engine):
+    batch, inc = everything(), survey(engine=engine)
+    left = [f"P{i}" for i in (1, 6, 7, 8, 9, 10, 11)]
+    assert off(inc, batch, left) < ACCURACY
+    inc.settle()
+    # Linear rows 1 σ from where they were made: distances of 50 m and σ of 2 mm bend by 1e-4 σ.
+    assert off(inc, batch, left) < 1e-3
+    for found in (inc, inc.solution()):
+        assert found.redundancy == batch.redundancy
+        assert found.vtpv == pytest.approx(batch.vtpv, abs=1e-4)
+    here, there = inc.reliability(), fga.reliability(batch)
+    for ident in inc.solution().network.observations:
+        r = (rel.redundancy_numbers[rel.row(ident)] for rel in (here, there))
+        assert next(r) == pytest.approx(next(r), abs=1e-4)
+    (rest,) = here.factors
+    assert rest.name == "retired observations"
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_everything_is_taken_back(engine):
+    batch, inc = everything(), survey(engine=engine)
+    assert inc.retired.points == 5
+    inc.settle(all=True)
+    assert inc.retired is None
+    assert off(inc, batch, list(points_of(POINTS))) < 1e-6
+    assert len(inc) == len(batch.network.observations)
+    inc.remove("17")
+    assert inc.redundancy == batch.redundancy - 1
+
+
+def test_photos_are_retired_with_their_points_and_taken_back():
+    network = block(3)
+    batch, inc = fga.adjust(network), fga.IncrementalAdjustment(network)
+    gone = ["P9", "P10", "P11", "P12"]
+    inc.retire(points=gone, photos=["F2", "F5"])
+    left = [n for n in network.points if n not in gone]
+    assert off(inc, batch, left) < 1e-3
+    inc.retire(points=left[:7], photos=["F3"])
+    assert off(inc, batch, left[7:]) < 1e-3
+    assert inc.redundancy == batch.redundancy
+    assert inc.vtpv == pytest.approx(batch.vtpv, abs=1e-3)
+    last = inc.last_estimate("P9")
+    assert (
+        np.abs(last.value - batch.point("P9")).max() < 1e-3 * batch.standard_deviations("P9").min()
+    )
+    assert np.sqrt(np.diag(last.covariance)) == pytest.approx(
+        batch.standard_deviations("P9"), rel=1e-3
+    )
+    assert inc.last_estimate("F2", kind="pose").covariance.shape == (6, 6)
+    inc.settle(all=True)
+    assert off(inc, batch, list(network.points)) < 1e-6
+    assert inc.redundancy == batch.redundancy
+
+
+def test_the_batch_adjustment_of_the_network_has_what_was_retired():
+    inc = survey()
+    assert off(inc, fga.adjust(inc.network()), ["P8", "P11"]) < ACCURACY
+    assert inc.network().points.keys() == set(points_of(POINTS))
+
+
+def test_a_journal_resumes_what_was_retired(tmp_path):
+    inc = survey(tmp_path / "journal")
+    inc.settle()
+    said, seen = repr(inc), {n: inc.estimate(n) for n in ("P6", "P11")}
+    del inc
+    again = fga.IncrementalAdjustment.resume(tmp_path / "journal")
+    assert repr(again) == said
+    for name, x in seen.items():
+        assert np.abs(again.estimate(name) - x).max() < 1e-6 * again.standard_deviations(name).min()
+    assert again.last_estimate("P3").covariance.shape == (3, 3)
+    again.settle(all=True)
+    del again
+    last = fga.IncrementalAdjustment.resume(tmp_path / "journal")
+    assert last.retired is None
+    assert off(last, everything(), list(points_of(POINTS))) < 1e-6
+
+
+def test_what_arrives_for_something_retired_is_refused_and_enters_once_it_is_taken_back():
+    inc = survey()
+    late = SlopeDistance("P3", "P8", 203.0, sigma=0.003, id="late")
+    before = repr(inc)
+    with pytest.raises(fga.InputError, match=r"point 'P3' was retired when point 'P11' .*all=True"):
+        inc.add(late)
+    with pytest.raises(fga.InputError, match="one of this name was retired"):
+        inc.add(points=fga.Point("P3", (1.0, 2.0, 3.0)))
+    with pytest.raises(fga.InputError, match=r"duplicate id '4'.*retired"):
+        inc.add(SlopeDistance("P7", "P8", 50.0, sigma=0.003, id="4"))
+    assert repr(inc) == before
+    inc.settle(all=True)
+    (verdict,) = inc.add(late).verdicts
+    assert verdict.verdict == "suspect"
+
+
+def test_what_is_asked_of_something_retired_says_so():
+    inc = survey()
+    for ask in (inc.estimate, inc.covariance, inc.standard_deviations):
+        with pytest.raises(fga.InputError, match=r"was retired .*last_estimate\('P3'\)"):
+            ask("P3")
+    for command in (inc.remove, inc.accept, inc.discard, inc.observation):
+        with pytest.raises(fga.InputError, match="observation '4': was retired"):
+            command("4")
+    with pytest.raises(fga.InputError, match=r"P3.*was retired"):
+        inc.retire(points="P3")
+    with pytest.raises(fga.InputError, match="unknown point"):
+        inc.retire(points=["P8", "Q"])
+    with pytest.raises(fga.InputError, match="some are retired"):
+        inc.snoop()
+    with pytest.raises(fga.InputError, match="was not retired"):
+        inc.last_estimate("P8")
+    with pytest.raises(fga.InputError, match="nothing would remain"):
+        inc.retire(points=["P1", *(f"P{i}" for i in range(6, 12))])
+    assert "are retired" in repr(inc)
+    assert not inc.determined("P3")
+
+
+def test_what_was_left_out_is_taken_back_as_it_was():
+    inc = fga.IncrementalAdjustment(traverse(POINTS))
+    for _, found in observed(POINTS):
+        wrong = [o for o in found if isinstance(o, SlopeDistance)][:1]
+        more = [SlopeDistance(o.station, o.target, o.value + 0.5, sigma=0.003) for o in wrong]
+        inc.add(found)
+        inc.add(more)
+    assert len(inc.suspects) == 11
+    inc.add(points=fga.Point("Q", (0.0, 0.0, 0.0)))
+    inc.add(SlopeDistance("P3", "Q", 70.0, sigma=0.003, id="waits"))
+    before = [(v.id, v.t2) for v in inc.suspects]
+    inc.retire(points=["P3", "P4"])
+    assert len(inc.suspects) == 7
+    assert not inc.n_waiting
+    inc.settle(all=True)
+    assert sorted((v.id, v.t2) for v in inc.suspects) == sorted(before)
+    assert [w.id for w in inc.waiting] == ["waits"]
+
+
+def test_a_free_network_keeps_everything():
+    network = traverse(POINTS)
+    for _, found in observed(POINTS):
+        network.add(*found)
+    inc = fga.IncrementalAdjustment(network, datum="free")
+    with pytest.raises(fga.InputError, match="free network"):
+        inc.retire(points="P4")
+
+
+def test_copies_of_a_solution_keep_the_linear_rows():
+    solution = survey().solution()
+    copy = deepcopy(solution)
+    for one in (copy, pickle.loads(pickle.dumps(solution))):
+        (rows,) = one.extra.at(one.equations, one.state).rows
+        assert rows.residual == pytest.approx(solution.extra.rows[0].residual, abs=1e-12)
+        assert one.redundancy == solution.redundancy
