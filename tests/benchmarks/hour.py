@@ -1,10 +1,12 @@
-"""A survey vehicle: ``python -m tests.benchmarks.hour [SECONDS [cpu] [gross]]``.
+"""A survey vehicle: ``python -m tests.benchmarks.hour [SECONDS [cpu] [gross] [keep=N] [rays=N]]``.
 
 The events are those of `tests.benchmarks.vehicle`. The clock is virtual: it goes on by what each
 arrival takes, and stands at the next time stamp while nothing is there. What has arrived while the
 program was busy is taken together as the next arrival, as the stream service takes it. With ``cpu``
 an arrival takes its CPU seconds, which others who use the machine do not change; with ``gross``
-some rays are grossly wrong.
+some rays are grossly wrong; ``rays`` of a photo are 500 unless it is told. With ``keep`` the last
+photos are kept, and others are retired: latency and memory of every interval are then compared with
+those of the second one. A day is ``86400 cpu keep=60``.
 
 The latency of an event is the time from its time stamp to the end of the arrival that took it; the
 backlog is how many photos an arrival finds waiting. Where the program keeps up the backlog does not
@@ -18,6 +20,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from time import perf_counter, process_time
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,12 +55,25 @@ class Taken:
     """Latency of each of its events, seconds."""
 
 
+class Interval(NamedTuple):
+    """What was measured in one interval."""
+
+    latency: Spread
+    """Latencies, seconds."""
+    busy: float
+    """Time that the arrivals took, seconds."""
+    memory: float
+    """Memory at its end, MB."""
+
+
 @dataclass
 class Kept:
     """What was measured."""
 
     arrivals: list[Taken] = field(default_factory=list)
     """Every arrival."""
+    intervals: list[Interval] = field(default_factory=list)
+    """What was measured in every interval."""
 
     def between(self, first: float, last: float) -> list[Taken]:
         """Return the arrivals that began in an interval."""
@@ -114,6 +130,7 @@ def drive(
     gross: float = 0.0,
     every: float = EVERY,
     timer: Callable[[], float] = perf_counter,
+    keep: int | None = None,
 ) -> Kept:
     """Drive, and print a line for each interval.
 
@@ -123,9 +140,10 @@ def drive(
         gross: part of them that are grossly wrong.
         every: seconds of the stream between two lines.
         timer: see `together`.
+        keep: number of photos that are kept; none: all are.
     """
     road = Drive(seconds, rays=rays, gross=gross)
-    inc = fga.IncrementalAdjustment(road.network())
+    inc = fga.IncrementalAdjustment(road.network(), keep=keep)
     kept = Kept()
     shown = every
     print(
@@ -140,6 +158,7 @@ def drive(
         found = Spread.of([t for a in part for t in a.latencies])
         done = [a for a in kept.arrivals if a.start < until]
         photos, n = (sum(getattr(a, what) for a in done) for what in ("photos", "rays"))
+        kept.intervals.append(Interval(found, sum(a.end - a.start for a in part), resident()))
         print(
             f"  {until:6.0f}{photos:8d}{n:9d}{len(part):9d}{found.median:9.3f}{found.high:8.3f}"
             f"{found.longest:8.3f}{kept.backlog(until - every, until):8.2f}{resident():7.0f}"
@@ -157,7 +176,27 @@ def drive(
         line(shown)
         shown += every
     _tell_end(kept, seconds, road, inc)
+    if keep is not None and len(kept.intervals) > 2:
+        _compare(kept.intervals[1], kept.intervals[-2 if part_left(seconds, every) else -1])
+        print(f"  {inc!r}")
     return kept
+
+
+def part_left(seconds: float, every: float) -> bool:
+    """Return whether the last interval is only a part of one."""
+    return seconds % every > 0
+
+
+def _compare(second: Interval, last: Interval) -> None:
+    """Print what the last interval took, relative to the second one."""
+    pairs = {
+        "median latency": (second.latency.median, last.latency.median),
+        "99 % latency": (second.latency.high, last.latency.high),
+        "busy": (second.busy, last.busy),
+        "memory": (second.memory, last.memory),
+    }
+    told = ", ".join(f"{name} {b / a:.2f}" for name, (a, b) in pairs.items())
+    print(f"  last whole interval / second: {told}")
 
 
 def _tell_end(kept: Kept, seconds: float, road: Drive, inc: fga.IncrementalAdjustment) -> None:
@@ -187,9 +226,13 @@ def _tell_end(kept: Kept, seconds: float, road: Drive, inc: fga.IncrementalAdjus
 
 if __name__ == "__main__":
     given = float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS
+    words = sys.argv[2:]
+    numbers = {name: int(n) for name, sign, n in (w.partition("=") for w in words) if sign}
     drive(
         given,
-        gross=GROSS if "gross" in sys.argv[2:] else 0.0,
-        every=min(EVERY, given / 5),
-        timer=process_time if "cpu" in sys.argv[2:] else perf_counter,
+        rays=numbers.get("rays", 500),
+        gross=GROSS if "gross" in words else 0.0,
+        every=min(float(numbers.get("every", EVERY)), given / 5),
+        timer=process_time if "cpu" in words else perf_counter,
+        keep=numbers.get("keep"),
     )
