@@ -113,7 +113,7 @@ class LinearRows:
                 self.unit[ident] = of_unit[name]
                 units.append(of_unit[name])
             numbers = [places[kind][index] for kind, index in block.variables]
-            at = rows.extend(block, numbers, np.array(units), joint >= 0)
+            at = rows.extend(block, numbers, np.array(units), joint >= 0, equations.network)
             for unit, row in zip(units, at.tolist(), strict=True):
                 self.units[unit] += (Member(sort, row),)
             new.setdefault(sort, []).append(at)
@@ -233,43 +233,80 @@ class LinearRows:
             return joined, v
         return {key: w @ a for key, a in joined.items()}, w @ v
 
-    def _look(self, moved: float) -> None:
-        """Measure the gaps of rows whose variables have moved since the last look."""
+    def _look(self, moved: float, turned: float, least: float) -> None:
+        """Measure the gaps of rows whose variables have moved since the last look.
+
+        Partials change too, by dA. Standard deviations change by |dA_j|/√N_jj of themselves, and
+        the gradient by dAᵀv, which counts where residuals v are large.
+
+        Args:
+            moved: movement in conditional standard deviations from which on rows are looked at.
+            turned: |dA_j|/√N_jj, or |dA_jᵀv|/√N_jj, from which on the gaps of the units of an
+                unknown count as ``least``.
+            least: smallest gap that counts.
+        """
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
         columns = np.abs(self._delta.values - self._looked.values) * weight > moved
         if not columns.any():
             return
         self._looked.values[columns] = self._delta.values[columns]
+        free = np.abs(self._delta.values) * weight > moved
         state = self.state()
-        gaps: dict[int, list[Array]] = {}
+        groups: dict[int, dict[Member, Array]] = {}
+        turn, pull = np.zeros((2, len(columns)))
+        touched: list[tuple[Index, Index]] = []
         for sort, rows in self._touching(columns):
             own = self.sorts[sort]
-            linear = own.v.values[rows].copy()
-            for a, at in self._forms(sort, rows):
-                step = np.where(at >= 0, self._delta.values[at], 0.0)
-                linear += np.einsum("nij,nj->ni", a, step)
-            gap = own.residuals(rows, self.frame, state) - linear
             units = own.unit.values[rows]
+            linear = own.v.values[rows].copy()
+            v, partials = own.evaluated(rows, self.frame, state)
             alone = ~own.joint.values[rows]
+            scale = np.where(alone[:, None], 1.0, own.weight(rows))
+            reach = np.zeros(len(rows), dtype=bool)  # those that can be evaluated anew
+            for (a, at), new in zip(self._forms(sort, rows), partials, strict=True):
+                on = at >= 0
+                linear += np.einsum("nij,nj->ni", a, np.where(on, self._delta.values[at], 0.0))
+                change = scale[:, :, None] * (new - a)
+                np.add.at(turn, at[on], np.sum(change**2, axis=1)[on])
+                np.add.at(pull, at[on], np.einsum("nij,ni->nj", change, scale * v)[on])
+                reach |= (on & free[at]).any(axis=1)
+            for _, at in self._forms(sort, rows):
+                some = (at >= 0) & reach[:, None]
+                touched += [(units[on], at[on, j]) for j, on in enumerate(some.T)]
+            gap = v - linear
             self._gap.values[units[alone]] = (gap[alone] ** 2).sum(axis=1)
-            for unit, g in zip(units[~alone].tolist(), gap[~alone], strict=True):
-                gaps.setdefault(unit, []).append(g)
-        for unit, parts in gaps.items():  # all of a group are looked at together
-            whole = np.concatenate(parts)
-            w = self._whitener[unit]
-            if len(whole) == len(w):
-                self._gap.values[unit] = float(np.sum((w @ whole) ** 2))
+            for unit, row, g in zip(units.tolist(), rows.tolist(), gap, strict=True):
+                if unit in self._whitener:
+                    groups.setdefault(unit, {})[Member(sort, row)] = g
+        for unit, parts in groups.items():
+            whole = np.concatenate([parts[m] for m in self.units[unit]])
+            self._gap.values[unit] = float(np.sum((self._whitener[unit] @ whole) ** 2))
+        far = np.maximum(np.sqrt(turn), np.abs(pull)) > turned * weight
+        for those, at in touched:
+            every = those[far[at]]
+            self._gap.values[every] = np.maximum(self._gap.values[every], least**2)
 
     def _touching(self, columns: Mask) -> Iterable[tuple[Sort, Index]]:
-        """Iterate over the rows in the tree that touch flagged columns, by sort."""
+        """Iterate over the rows inside that touch flagged columns, by sort; groups as wholes."""
+        touched = {
+            kind: ((table.column.values >= 0) & columns[table.column.values]).any(axis=1)
+            for kind, table in self.tables.items()
+        }
+        hits = {}
+        grouped = np.zeros(len(self.units), dtype=bool)
         for sort, own in self.sorts.items():
-            on = self._inside.values[own.unit.values]
-            hit = np.zeros(own.index.n, dtype=bool)
+            index = own.index.values
+            hit = np.zeros(len(index), dtype=bool)
             for j, kind in enumerate(own.kinds):
-                at = self.tables[kind].column.values
-                touched = ((at >= 0) & columns[at]).any(axis=1)
-                hit |= touched[own.index.values[:, j]]
-            rows = np.flatnonzero(hit & on)
+                hit |= touched[kind][index[:, j]]
+            hits[sort] = hit
+            if self._whitener:
+                grouped[own.unit.values[hit & own.joint.values]] = True
+        for sort, own in self.sorts.items():
+            hit, units = hits[sort], own.unit.values
+            if self._whitener:
+                hit = hit | grouped[units]
+            rows = np.flatnonzero(hit & self._inside.values[units])
             if len(rows):
                 yield sort, rows
 

@@ -12,7 +12,10 @@ from numpy.typing import DTypeLike, NDArray
 from ..frames import Frame
 from ..graph.blocks import Block
 from ..graph.variables import State
+from ..graph.weights import of_parts, sigma_at
 from ..models.variables import VariableKind
+from ..network.network import Network
+from ..observations import Observation
 from ..types import Array, Index, Mask
 
 CAPACITY = 64
@@ -116,8 +119,17 @@ class Rows:
         """Whether an observation is one of a correlated group, which is whitened as a whole."""
         self._ids: list[str] = []
         self._labels: list[str] = []
+        self._of_parts: dict[int, Observation] = {}
+        """Observations whose standard deviations have parts that depend on lengths, by number."""
 
-    def extend(self, block: Block, numbers: Sequence[Index], units: Index, joint: Mask) -> Index:
+    def extend(
+        self,
+        block: Block,
+        numbers: Sequence[Index],
+        units: Index,
+        joint: Mask,
+        network: Network,
+    ) -> Index:
         """Append observations, and return their numbers.
 
         Args:
@@ -125,6 +137,7 @@ class Rows:
             numbers: numbers of their variables in the tables of values, for each slot, (n,).
             units: unit of each observation.
             joint: whether each is one of a correlated group.
+            network: the network of which they are a block.
         """
         rows = self.index.extend(np.stack(numbers, axis=1))
         self.unit.extend(units)
@@ -141,6 +154,8 @@ class Rows:
             v.extend(block.constants[k])
         self._ids += block.ids
         self._labels += [block.labels(i) for i in range(block.n)]
+        for i in of_parts(network, block).tolist():
+            self._of_parts[int(rows[i])] = network.observations[block.ids[i]]
         return rows
 
     def forms(self) -> tuple[NDArray[Any], ...]:
@@ -160,6 +175,7 @@ class Rows:
         for each in (*numeric, *own, *self.a, *self._constants.values()):
             each.cut(n)
         del self._ids[n:], self._labels[n:]
+        self._of_parts = {row: o for row, o in self._of_parts.items() if row < n}
 
     def block(self, rows: Index) -> Block:
         """Return some observations, whose variables are numbered as in the tables of values."""
@@ -178,32 +194,46 @@ class Rows:
             first_row=0,
         )
 
+    def weight(self, rows: Index) -> Array:
+        """Return 1/σ of some observations when they arrived, (k, d)."""
+        return np.asarray(1.0 / self._sigma.values[rows])
+
     def linearise(self, rows: Index, frame: Frame, theta: State) -> None:
         """Evaluate some observations and their partials at θ.
 
         Raises:
             InputError: names observations whose geometry has no answer.
         """
-        block = self.block(rows)
-        found = block.evaluate(frame, theta)
-        alone = ~self.joint.values[rows]
+        v, partials = self.evaluated(rows, frame, theta)
         if not self.a:
-            self.a = [Grown(*j.shape[1:]) for j in found.jacobians]
+            self.a = [Grown(*a.shape[1:]) for a in partials]
             for a in self.a:
                 a.extend(np.zeros((self.v.n, *a.values.shape[1:])))
-        self.v.values[rows] = _whitened(block, found.residual, alone)
-        for a, j in zip(self.a, found.jacobians, strict=True):
-            a.values[rows] = _whitened(block, j, alone)
+        self.v.values[rows] = v
+        for mine, new in zip(self.a, partials, strict=True):
+            mine.values[rows] = new
 
-    def residuals(self, rows: Index, frame: Frame, state: State) -> Array:
-        """Return the residuals of some observations, whitened as `v`, (k, d).
+    def _weighed(self, block: Block, rows: Index, frame: Frame, state: State) -> Block:
+        """Return observations with the standard deviations for the lengths at a state."""
+        own = [i for i, row in enumerate(rows.tolist()) if row in self._of_parts]
+        if not own:
+            return block
+        observations = [self._of_parts[row] for row in rows[own].tolist()]
+        sigma = block.sigma.copy()
+        sigma[own, 0] = sigma_at(frame, block.select(np.array(own)), observations, state)
+        return replace(block, sigma=sigma)
+
+    def evaluated(self, rows: Index, frame: Frame, state: State) -> tuple[Array, list[Array]]:
+        """Return residuals (k, d) and partials by the variable of each slot, whitened as `v`.
 
         Raises:
             InputError: names observations whose geometry has no answer.
         """
-        block = self.block(rows)
-        found = block.evaluate(frame, state, jacobians=False)
-        return _whitened(block, found.residual, ~self.joint.values[rows])
+        block = self._weighed(self.block(rows), rows, frame, state)
+        found = block.evaluate(frame, state)
+        alone = ~self.joint.values[rows]
+        partials = [_whitened(block, j, alone) for j in found.jacobians]
+        return _whitened(block, found.residual, alone), partials
 
 
 def _whitened(block: Block, a: Array, alone: Mask) -> Array:

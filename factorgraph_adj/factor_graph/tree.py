@@ -9,6 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import count
 from typing import NamedTuple
 
 import gtsam
@@ -28,6 +31,8 @@ MOST_TURNS = 10
 MOVED = 0.1
 """Movement since the last look, in conditional standard deviations 1/√N_jj, from which on the rows
 of a variable are looked at: below it they miss less than any accuracy that is asked for."""
+TURNED = 0.25
+"""Relative change of partials, in units of the accuracy, from which on rows are evaluated anew."""
 KEPT = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
 NEAR, SHRINKING = 1e-6, 0.9
@@ -36,8 +41,11 @@ AT_REST = 1e-7
 """Norm of all gaps at which `Tree.settle` ends."""
 
 
+_VERSIONS = count()
+
+
 class IndeterminateError(AdjustmentError):
-    """Rows do not determine all of their unknowns; the tree is as it was before."""
+    """Rows do not determine all of their unknowns."""
 
 
 class Mark(NamedTuple):
@@ -59,6 +67,57 @@ class Mark(NamedTuple):
     """What there is of each unit, key and column; copies."""
 
 
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Units with the joint covariance of what they touch."""
+
+    rows: list[Index]
+    """Rows of each unit."""
+    columns: Index
+    """Columns of what they touch, (m,)."""
+    a: Array
+    """Whitened partials, (k, m)."""
+    v: Array
+    """Whitened residuals, (k,)."""
+    covariance: Array
+    """Joint covariance of the columns, (m, m)."""
+
+    @cached_property
+    def m(self) -> Array:
+        """M = I − A Q Aᵀ, with Q after the update, (k, k)."""
+        return np.asarray(np.eye(len(self.a)) - self._spread.T @ self.a.T)
+
+    @cached_property
+    def _spread(self) -> Array:
+        return np.asarray(self.covariance @ self.a.T)
+
+    def tested(self) -> Tested:
+        """Return the units, to be tested against everything else."""
+        return Tested(self.rows, self.v, lambda u: self.m[:, u])
+
+    @property
+    def least_redundancy(self) -> float:
+        """The smallest eigenvalue of M: 0 where only they tell."""
+        return float(np.linalg.eigvalsh(0.5 * (self.m + self.m.T))[0]) if len(self.m) else 1.0
+
+    def spread(self, i: int, columns: Index) -> Array:
+        """Return Q Aᵀ of columns that they touch (−1: held, 0) with the rows of a unit, (m, d)."""
+        out = np.zeros((len(columns), len(self.rows[i])))
+        free = columns >= 0
+        out[free] = self._spread[np.ix_(self._at(columns[free]), self.rows[i])]
+        return out
+
+    def variance(self, columns: Index) -> Array:
+        """Return the variances of columns that they touch (−1: held, 0), (m,)."""
+        out = np.zeros(len(columns))
+        free = columns >= 0
+        out[free] = np.diag(self.covariance)[self._at(columns[free])]
+        return out
+
+    def _at(self, columns: Index) -> Index:
+        return np.asarray(np.searchsorted(self.columns, columns))
+
+
 class Tree(LinearRows):
     """Observations in iSAM2."""
 
@@ -77,8 +136,8 @@ class Tree(LinearRows):
         params.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.0))
         self.isam = gtsam.ISAM2(params)
         self.accuracy = accuracy
-        self.version = 0
-        """Number of changes."""
+        self.version = next(_VERSIONS)
+        """Number that no other state of any tree has."""
         self._slot = Grown(dtype=np.intp, fill=-1)
         """Slot of each unit in iSAM2; −1: it is out, or touches constants alone."""
         self.relinearised = 0
@@ -94,31 +153,27 @@ class Tree(LinearRows):
 
         Raises:
             InputError: names observations whose geometry has no answer.
-            IndeterminateError: not all of the new variables are determined.
+            IndeterminateError: not all of the new variables are determined. After an error the
+                tree has to be restored.
         """
-        before = self.mark()
         begin, first_key = len(self.units), self._first.n
         new: dict[Sort, list[Index]] = {}
-        try:
-            for arriving in arrivals:
-                self._place(arriving, new)
-            units = np.arange(begin, len(self.units))
-            self._slot.extend(np.full(len(units), -1))
-            self._gap.extend(np.zeros(len(units)))
-            self._inside.extend(np.ones(len(units), dtype=bool))
-            theta = self._theta()
-            for sort, rows in new.items():
-                self.sorts[sort].linearise(np.concatenate(rows), self.frame, theta)
-                self._weigh(sort, np.concatenate(rows), 1.0)
-            graph, having = self._factors(units)
-            values = gtsam.Values()
-            for key in range(first_key, self._first.n):
-                if self._alive.values[key]:
-                    values.insert(key, np.zeros(int(self._size.values[key])))
-            self._update(graph, having, values, [])
-        except AdjustmentError:
-            self.restore(before)
-            raise
+        for arriving in arrivals:
+            self._place(arriving, new)
+        units = np.arange(begin, len(self.units))
+        self._slot.extend(np.full(len(units), -1))
+        self._gap.extend(np.zeros(len(units)))
+        self._inside.extend(np.ones(len(units), dtype=bool))
+        theta = self._theta()
+        for sort, rows in new.items():
+            self.sorts[sort].linearise(np.concatenate(rows), self.frame, theta)
+            self._weigh(sort, np.concatenate(rows), 1.0)
+        graph, having = self._factors(units)
+        values = gtsam.Values()
+        for key in range(first_key, self._first.n):
+            if self._alive.values[key]:
+                values.insert(key, np.zeros(int(self._size.values[key])))
+        self._update(graph, having, values, [])
         return units
 
     @property
@@ -205,10 +260,10 @@ class Tree(LinearRows):
         values: gtsam.Values,
         gone: list[int],
     ) -> None:
-        self.version += 1
+        self.version = next(_VERSIONS)
         try:
             result = self.isam.update(graph, values, gone)
-        except RuntimeError as error:  # the tree is lost
+        except RuntimeError as error:
             raise IndeterminateError(str(error).strip().splitlines()[0]) from error
         self._slot.values[units] = list(result.getNewFactorsIndices())
         present = np.flatnonzero(self._alive.values[self._key.values])
@@ -222,10 +277,10 @@ class Tree(LinearRows):
         moved = MOVED if accuracy is None else 0.0
         last = np.inf
         for turn in range(most):
-            self._look(moved)
+            self._look(moved, TURNED * self.accuracy, allowed)
             gap = self._gap.values
             whole = float(np.sqrt(gap.sum()))
-            if whole <= allowed or (whole <= NEAR and whole > SHRINKING * last):
+            if whole < allowed or (whole <= NEAR and whole > SHRINKING * last):
                 return turn
             last = whole
             self._anew(_largest(gap, (KEPT * allowed) ** 2), moved)
@@ -281,13 +336,8 @@ class Tree(LinearRows):
 
     # -- figures ------------------------------------------------------------------------------
 
-    def tested(self, units: Index) -> Tested:
-        """Return units, to be tested against everything else: M = I − A Q Aᵀ after the update."""
-        rows, m, v = self._joint(units)
-        return Tested(rows, v, lambda u: m[:, u])
-
-    def _joint(self, units: Index) -> tuple[list[Index], Array, Array]:
-        """Return the rows of units among those of all, their M, and their residuals."""
+    def together(self, units: Index) -> Together:
+        """Return units with the joint covariance of what they touch."""
         parts = self._parts(units)
         keys = sorted({key for terms, _ in parts.values() for key in terms})
         sizes = self._size.values[keys]
@@ -302,14 +352,8 @@ class Tree(LinearRows):
             rows.append(inside)
             at += len(own)
         columns = np.concatenate([NO_ROWS, *(self._columns_of(k) for k in keys)])
-        q = self.covariance_of(keys)
-        m = np.eye(n) - every @ q @ every.T
-        return rows, m, v + every @ self._delta.values[columns]
-
-    def least_redundancy(self, units: Index) -> float:
-        """Return the smallest eigenvalue of M of all rows of units: 0 where only they tell."""
-        m = self._joint(units)[1]
-        return float(np.linalg.eigvalsh(0.5 * (m + m.T))[0]) if len(m) else 1.0
+        v = v + every @ self._delta.values[columns]
+        return Together(rows, columns, every, v, self.covariance_of(keys))
 
     def covariance_of(self, keys: Sequence[int]) -> Array:
         """Return the joint covariance of keys, in their order."""
@@ -320,21 +364,6 @@ class Tree(LinearRows):
     def covariance(self, variable: Variable) -> Array:
         """Return the covariance of the free components of a variable."""
         return np.asarray(self.isam.marginalCovariance(self.key(variable)))
-
-    def spread(self, unit: int, columns: Index) -> Array:
-        """Return Q Aᵀ of columns (−1: held, 0) with the rows of a unit, (m, d)."""
-        terms, v = self._parts(np.array([unit]))[unit]
-        keys = sorted({*terms, *self._key.values[columns[columns >= 0]].tolist()})
-        of_keys = np.concatenate([NO_ROWS, *(self._columns_of(k) for k in keys)])
-        place = np.full(self._key.n, -1)
-        place[of_keys] = np.arange(len(of_keys))
-        a = np.zeros((len(v), len(of_keys)))
-        for key, own in terms.items():
-            a[:, place[self._columns_of(key)]] += own
-        out = np.zeros((len(columns), len(v)))
-        found = self.covariance_of(keys) @ a.T
-        out[columns >= 0] = found[place[columns[columns >= 0]]]
-        return out
 
 
 def _largest(gap: Array, left: float) -> Index:

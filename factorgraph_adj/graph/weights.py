@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError, Problem
+from ..frames import Frame
 from ..models.sight import sight
 from ..models.sub_frame import in_frame
 from ..network.network import Network
 from ..observations import Observation, observation_kind
 from ..stochastic import StandardDeviation, whitening
-from ..types import Array, Index
+from ..types import NO_ROWS, Array, Index
 from .blocks import Block
 from .variables import State
 
@@ -53,7 +54,7 @@ def vector_weights(observations: Sequence[Observation]) -> tuple[Array, Array | 
 class _Geometry:
     """Quantities on which the variances of some observations of a block depend."""
 
-    network: Network
+    frame: Frame
     block: Block
     observations: Sequence[Observation]
     state: State
@@ -76,12 +77,12 @@ class _Geometry:
         if ("frame", "frame") in x:
             place = x["point", observation_kind(block.kind).points[0]]
             origin, vertical = x.get(("point", "frame.origin")), x["vertical", "frame.origin"]
-            return in_frame(self.network.frame, x["frame", "frame"], place, origin, vertical).q
+            return in_frame(self.frame, x["frame", "frame"], place, origin, vertical).q
         zero = np.zeros(block.n)
         ends = (("point", "station"), ("vertical", "station"), ("point", target))
         heights = ("instrument_height", f"{target}_height")
         return sight(
-            self.network.frame,
+            self.frame,
             *(x.get(end, np.zeros((block.n, 2))) for end in (*ends, ("vertical", target))),
             *(block.constants.get(h, zero) for h in heights),
         ).q
@@ -94,33 +95,47 @@ class _Geometry:
 
 def weigh(network: Network, block: Block, state: State) -> Block:
     """Return the block with the standard deviations for the lengths at ``state``."""
-    if block.prior or block.lens is not None:
-        return block
-    weight = observation_kind(block.kind).weight
-    if weight is None:
-        return block
-    observations = [network.observations[i] for i in block.ids]
-    sigmas = [o.sigma for o in observations]  # type: ignore[attr-defined]
-    of_parts = [i for i, s in enumerate(sigmas) if isinstance(s, StandardDeviation)]
-    if not of_parts:
-        return block
-    # The standard deviation of a clustered observation is that of its cluster.
-    clustered = {ident for ids, _ in network.clusters for ident in ids}
-    rows = np.array([i for i in of_parts if block.ids[i] not in clustered], dtype=np.intp)
+    rows = of_parts(network, block)
     if not len(rows):
         return block
-    part = block.select(rows)
-    geometry = _Geometry(network, part, [observations[i] for i in rows], state)
-    variance = weight.variance([sigmas[i] for i in rows], geometry)
+    observations = [network.observations[block.ids[i]] for i in rows.tolist()]
+    sigma = block.sigma.copy()
+    sigma[rows, 0] = sigma_at(network.frame, block.select(rows), observations, state)
+    return replace(block, sigma=sigma)
+
+
+def of_parts(network: Network, block: Block) -> Index:
+    """Return the observations of a block whose standard deviations have parts, by their places.
+
+    The standard deviation of a clustered observation is that of its cluster.
+    """
+    if block.prior or block.lens is not None or observation_kind(block.kind).weight is None:
+        return NO_ROWS
+    given = (network.observations[i].sigma for i in block.ids)  # type: ignore[attr-defined]
+    found = [i for i, s in enumerate(given) if isinstance(s, StandardDeviation)]
+    clustered = {ident for ids, _ in network.clusters for ident in ids} if found else set()
+    return np.array([i for i in found if block.ids[i] not in clustered], dtype=np.intp)
+
+
+def sigma_at(
+    frame: Frame, block: Block, observations: Sequence[Observation], state: State
+) -> Array:
+    """Return the standard deviations of observations of parts for the lengths at a state, (n,).
+
+    Raises:
+        InputError: names observations none of whose parts applies.
+    """
+    weight = observation_kind(block.kind).weight
+    assert weight is not None
+    geometry = _Geometry(frame, block, observations, state)
+    variance = weight.variance([o.sigma for o in observations], geometry)  # type: ignore[attr-defined]
     problems = [
-        Problem("the standard deviation is zero here: none of its parts applies", part.labels(i))
+        Problem("the standard deviation is zero here: none of its parts applies", block.labels(i))
         for i in np.flatnonzero(~(variance > 0)).tolist()
     ]
     if problems:
         raise InputError(problems)
-    sigma = block.sigma.copy()
-    sigma[rows, 0] = np.sqrt(variance)
-    return replace(block, sigma=sigma)
+    return np.sqrt(variance)
 
 
 def weighed_where_known(network: Network, block: Block, state: State) -> Block:

@@ -18,16 +18,19 @@ from ..errors import AdjustmentError
 from ..graph.dependence import Variable
 from ..graph.variables import State, Unknowns
 from ..observations.base import is_condition
+from ..quality.leave_out import Tested
+from ..solve.start import Start
 from ..types import NO_ROWS, Index, Mask
 from .anew import better_of
 from .beside import Beside
 from .candidates import Candidates, Nothing, known_in
-from .finding import LIMITS, Found
+from .finding import Found
 from .holding import with_rest
 from .in_tree import InTree
 from .inside import Inside
 from .judging import Joint, accepted, decide, left_out, untested
 from .ledger import Ledger
+from .local_networks import LIMITS
 from .nearness import near_minimum
 from .rebasing import EFFORT, Draft, Failure, notices, with_doubt
 from .rules import Rules
@@ -103,11 +106,7 @@ class Entering:
             InputError: names observations between known variables whose geometry has no answer.
         """
         before = self.ledger
-        for e in self.found:
-            self.new |= Candidates(before, known_in(self.system), e.rows).counts.keys()
-        self._fill()
-        self.stay = np.unique(np.concatenate([self.ready, *(e.rows for e in self.found)]))
-        self.ledger = self.ledger.moved(self.stay, "accepted", "arrival")
+        self._begin()
         if isinstance(self.system, InTree) and (entered := self._in_tree(self.system)) is not None:
             return entered
         base = self._fronts()
@@ -132,6 +131,42 @@ class Entering:
                 draft, ahead = self._draft(base), None
         return self._refused(before, Failure(DISAGREE))
 
+    def at_once(self) -> Entered | None:
+        """Put everything into a tree; none where anything fails its test or may be elsewhere.
+
+        All of it is tested, whatever the policy: where something stands out, it takes a closer
+        look at what enters to find out why.
+        """
+        base = self.system
+        assert isinstance(base, InTree)
+        self._begin()
+        joint = base.entered(self.ledger, self.stay, self._starts())
+        if joint is None or not self._fits(joint.tested()):
+            return None
+        version = joint.tree.version
+        after = base.after(joint, self.ledger)
+        if after is None or joint.images(self.new):
+            return None
+        if joint.tree.version != version and not self._fits(joint.tested_anew()):
+            return None
+        return self._entered(after, joint)
+
+    def _fits(self, tested: Tested) -> bool:
+        return bool((tested.ratios(self.rules.alpha) <= 1.0).all())
+
+    def _begin(self) -> None:
+        """Take everything in."""
+        before = self.ledger
+        for e in self.found:
+            self.new |= Candidates(before, known_in(self.system), e.rows).counts.keys()
+        self._fill()
+        self.stay = np.unique(np.concatenate([self.ready, *(e.rows for e in self.found)]))
+        self.ledger = self.ledger.moved(self.stay, "accepted", "arrival")
+
+    def _starts(self) -> list[Start]:
+        """Return where the variables are that enter."""
+        return [e.start for e in self.found if e.start is not None]
+
     def _fronts(self) -> System | None:
         """Return the network in fronts, from which everything goes on."""
         if isinstance(self.system, InTree):
@@ -140,10 +175,10 @@ class Entering:
 
     def _in_tree(self, base: InTree) -> Entered | None:
         """Put everything into the tree; none where fronts have to take it, as it was before."""
-        solutions = [e.solution for e in self.found if e.solution is not None]
+        starts = self._starts()
         return self._judged_inside(
             base,
-            lambda: base.entered(self.ledger, self.stay, solutions),
+            lambda: base.entered(self.ledger, self.stay, starts),
             lambda joint: base.after(joint, self.ledger),
         )
 
@@ -286,7 +321,7 @@ class Entering:
 
     def _draft(self, base: System | None, *, section: bool = True) -> Draft:
         """Return what is to be adjusted: a section of a large network, if that is allowed."""
-        found = [e.solution for e in self.found if e.solution is not None]
+        found = self._starts()
         ledger, new, dropped = self.ledger, self.new, self.dropped
         part = None
         if section and self.rules.datum == "given":
@@ -317,10 +352,10 @@ class Entering:
     def _fill(self) -> None:
         """Write approximate values that were found into the ledger, where none were given."""
         for e in self.found:
-            assert e.solution is not None
+            assert e.start is not None
             for kind in ("point", "pose"):
-                number = e.solution.equations.unknowns[kind].number
-                start = e.solution.start[kind]
+                number = e.start.unknowns[kind].number
+                start = e.start.origin[kind]
                 values = {n: start[number[n]] for k, n in self.new if k == kind and n in number}
                 self.ledger = self.ledger.with_values(kind, values)
 

@@ -25,13 +25,9 @@ from ..errors import AdjustmentError, DatumError, InputError, Problem, Unreached
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_network, compile_rows
 from ..graph.variables import State
-from ..models.variables import UNKNOWNS, parameter_kinds
+from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
-from ..observations import ControlPoint, PhotoPosition
-from ..observations.own import OwnFactor
-from ..quality.snooping import snoop
-from ..solve.anywhere import anywhere
-from ..solve.datum import parts as parts_of
+from ..solve.anywhere import anywhere, anywhere_at
 from ..solve.linear import LinearSystem
 from ..solve.minimum import adjust_from
 from ..solve.rank import UNDETERMINED, loose
@@ -41,35 +37,16 @@ from ..solve.starts_on_lines import beside_lines
 from ..types import NO_ROWS, Index
 from .candidates import Candidates, Nothing
 from .excerpt import excerpt
+from .local_networks import (
+    LIMITS,
+    calm,
+    may_be_placed,
+    nearer,
+    placed,
+    without_blunders,
+)
 from .orienting import DISAGREES, MISMATCH, how_oriented, oriented_block
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits of the search."""
-
-    disturbed: float = 3.0
-    """Value of σ̂0 of a local adjustment above which gross errors have moved it."""
-    gross: float = 50.0
-    """Largest whitened residual of a local adjustment that is tested after everything has moved:
-    linear forms then still hold, and the tests leave out one error after the other."""
-    rounds: int = 30
-    """Largest number of rounds of snooping in a local network."""
-    iterations: int = 30
-    """Largest number of iterations of each adjustment in the snooping of a local network."""
-    spare: int = 1
-    """Readings beyond the number of its components that a point may have and still wait on."""
-    share: float = 1e-6
-    """Part of the squared length of a null vector from which on a variable is moved by it."""
-    at_rest: float = 1e-7
-    """Bound of the last step of the local adjustment that begins a free network."""
-    small: int = 64
-    """Largest number of rows of a part that is looked at together with others: the cost of a small
-    local network is that of its arrays, whatever is in them."""
-
-
-LIMITS = Limits()
-"""The limits of `find` and `determined`."""
 ABSURD = "some value is absurdly large"
 RUNS_AWAY = "its observations hardly determine it: their adjustment runs away"
 NOWHERE = "has no datum yet: nothing that it hangs together with is known, held or weighted"
@@ -82,11 +59,13 @@ class Found:
     rows: Index
     """Observations that enter; none: nothing does."""
     solution: Solution | None
-    """Their adjustment with what is known held; none: nothing enters."""
+    """Their adjustment with what is known held; none: there is none, or nothing enters."""
     lacks: Mapping[Variable | str, str]
     """What the waiting variables lack that do not enter, and observations, by first ids."""
     oriented: Mapping[str, str] = field(default_factory=dict)
     """How the photos without poses were oriented that enter, by name."""
+    start: Start | None = None
+    """Where they are; none: nothing enters."""
     parts: tuple[Index, ...] = ()
     """The observations, in parts that do not hang together."""
 
@@ -136,7 +115,7 @@ class Search:
                 if not lost:
                     solution = self._adjusted(local, start)
                     lost = self._anywhere(solution)
-                    if not lost and self.several and not (solution.converged and _calm(solution)):
+                    if not lost and self.several and not (solution.converged and calm(solution)):
                         return None
                     # What disagrees may come to rest without its gross errors, what creeps where
                     # everything else moves too.
@@ -144,9 +123,9 @@ class Search:
                     alone = isinstance(self.left.known, Nothing)
                     if not lost and (solution.converged or disturbed or not alone):
                         if blunders and disturbed:
-                            solution = _without_blunders(solution, alpha)
+                            solution = without_blunders(solution, alpha)
                         how = how_oriented(local, self.block)
-                        return Found(self.left.rows, solution, self.lacks, how)
+                        return Found(self.left.rows, solution, self.lacks, how, Start.of(solution))
                     whys = self._disagreeing(solution.reason)
             except OverflowError:
                 whys = dict.fromkeys(self.left.counts, ABSURD)
@@ -164,6 +143,35 @@ class Search:
                 self.lacks |= whys
                 self.left = self.left.only(firm(self.left))
         return Found(NO_ROWS, None, self.lacks)
+
+    def at_once(self) -> Found:
+        """Find what may enter without an adjustment of its own, because all of it is determined.
+
+        Its readings lead to approximate values of everything, from what is known. Nothing enters
+        where something takes a closer look, and where cameras see it: see `find`.
+        """
+        nothing = Found(NO_ROWS, None, self.lacks)
+        rows = self.left.rows
+        if len(self.counted().rows) < len(rows) or len(self.left.ledger.rows.images(rows)):
+            return nothing
+        with suppress(AdjustmentError, OverflowError):
+            if (local := self._excerpt()) is None:
+                return nothing
+            equations = compile_rows(local)
+            origin, problems = reach(equations, datum=self.datum)
+            if problems:
+                return nothing
+            state = beside_lines(equations, origin)
+            system = LinearSystem(equations.weighted_at(state), state)
+            weak = loose(system, state, free=False, least=LIMITS.share) or anywhere_at(system)
+            if not weak:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    near = nearer(system)
+                if near is None:
+                    return nothing
+                start = Start(equations.unknowns, near, origin)
+                return Found(rows, None, self.lacks, start=start)
+        return nothing
 
     def determined(self) -> tuple[Candidates, tuple[Equations, State] | None]:
         """Return observations whose variables have full rank together, at approximate values.
@@ -211,7 +219,7 @@ class Search:
     def _excerpt(self) -> Network | None:
         """Return the local network; none where nothing says where it is."""
         local = self._local()
-        return local if self.datum == "free" or _placed(local) else None
+        return local if self.datum == "free" or placed(local) else None
 
     def _local(self) -> Network:
         return excerpt(self.left.ledger, self.left.known, self.left.rows, datum=self.datum)
@@ -223,7 +231,7 @@ class Search:
         if len(parts) < 2:
             return
         of_each = (excerpt(left.ledger, left.known, part) for part in parts)
-        stay = [p for p, n in zip(parts, of_each, strict=True) if _placed(n) or _may_be_placed(n)]
+        stay = [p for p, n in zip(parts, of_each, strict=True) if placed(n) or may_be_placed(n)]
         self.left = left.only(np.sort(np.concatenate([NO_ROWS, *stay])))
 
     def _adjusted(self, local: Network, start: Solution | None) -> Solution:
@@ -397,62 +405,6 @@ def firm(left: Candidates) -> Index:
                 weak.add(v)
     rest = left.without(weak)
     return rest.rows if weak and rest.counts else NO_ROWS
-
-
-def _calm(solution: Solution) -> bool:
-    """Return whether no part of a network is disturbed: σ̂0 of each."""
-    equations = solution.equations
-    unknowns, label = equations.unknowns, parts_of(equations)
-    of_rows = [
-        np.repeat(
-            label[np.max([unknowns[kind].offset[at] for kind, at in b.variables], axis=0)],
-            b.dimension,
-        )
-        for b in equations.blocks
-    ]
-    rows = np.concatenate(of_rows)
-    v = equations.residuals(solution.state)
-    vtpv = np.bincount(rows, weights=v**2, minlength=len(label))
-    spare = np.bincount(rows, minlength=len(label))
-    spare -= np.bincount(label[unknowns.free], minlength=len(label))
-    return bool((vtpv <= LIMITS.disturbed**2 * np.maximum(spare, 1)).all())
-
-
-def _placed(local: Network) -> bool:
-    """Return whether anything says where a local network is; its rank need not be looked at."""
-    return (
-        any(p.sigma is not None or any(p.fixed) for p in local.points.values())
-        or any(f.sigma_position is not None or any(f.fixed[3:]) for f in local.photos.values())
-        or any(isinstance(o, ControlPoint | PhotoPosition) for o in local.observations.values())
-        or any(all(p.fixed) for kind in _FRAMES for p in local.of_kind(kind).values())
-    )
-
-
-def _may_be_placed(local: Network) -> bool:
-    """Return whether an observation may say where a local network is; its rank tells."""
-    every = local.observations.values()
-    return any(isinstance(o, OwnFactor) or o.record.fixes != "nothing" for o in every)
-
-
-_FRAMES = tuple(k.name for k in parameter_kinds() if k.rotates and k.connects)
-"""Kinds of parameters that place what is measured in them, once they are known."""
-
-
-def _without_blunders(solution: Solution, alpha: float) -> Solution:
-    """Return the solution where the network is without what stands out."""
-    try:
-        clean = snoop(
-            solution.network,
-            start=solution,
-            alpha=alpha,
-            max_rounds=LIMITS.rounds,
-            max_iterations=LIMITS.iterations,
-        )
-    except AdjustmentError:
-        return solution
-    unknowns, found = solution.equations.unknowns, clean.solution
-    state = unknowns.carried(solution.state, found.equations.unknowns, found.state)
-    return replace(solution, state=state)
 
 
 def _noun(variable: Variable) -> str:

@@ -281,6 +281,8 @@ class _Loop:
         begins = system is None and self.rules.datum == "free"
         ready = NO_ROWS if begins else candidates.ready
         late = rows if begins else candidates.late
+        if self._enters_at_once(task, candidates):
+            return
         found = self._found(task, candidates, late, "free" if begins else "given")
         if begins and len(found) > 1:  # a free network is one connected part
             found = [max(found, key=lambda e: ledger.n_scalars(e.rows))]
@@ -290,10 +292,42 @@ class _Loop:
             with suppress(AdjustmentError):
                 self._enter(task, ready, found)
 
+    def _enters_at_once(self, task: Task, candidates: Candidates) -> bool:
+        """Put a task into a tree without a local adjustment, if all of it fits there."""
+        system, ready, late = self.state.system, candidates.ready, candidates.late
+        if not isinstance(system, InTree) or self.start is not None or not len(late):
+            return False
+        before = self.state
+        found = self._found(task, candidates, late, "given", at_once=True)
+        coming = np.concatenate([NO_ROWS, *(e.rows for e in found)])
+        if np.isin(late, coming).all():
+            fixed = np.append(task.fixed, self.fixed)
+            entering = Entering(before.ledger, system, ready, found, fixed, self.rules, self.given)
+            with suppress(AdjustmentError):
+                if (result := entering.at_once()) is not None:
+                    self._entered(task, ready, found, result)
+                    return True
+        self.state = before
+        return False
+
     def _found(
-        self, task: Task, candidates: Candidates, late: Index, datum: DatumChoice
+        self,
+        task: Task,
+        candidates: Candidates,
+        late: Index,
+        datum: DatumChoice,
+        *,
+        at_once: bool = False,
     ) -> list[Found]:
-        """Return what of observations with open variables, and of what waits, may enter."""
+        """Return what of observations with open variables, and of what waits, may enter.
+
+        Args:
+            task: the task.
+            candidates: its observations.
+            late: those with open variables.
+            datum: ``free`` for the beginning of a free network.
+            at_once: whether only that is asked for which needs no adjustment of its own.
+        """
         if not len(late):
             return []
         ledger = self.state.ledger
@@ -306,15 +340,18 @@ class _Loop:
         touched = candidates.only(late).counts
         left = Search(candidates.only(several), datum, lacks).counted(touched)
         parts = [p for p in left.only(left.late).parts() if np.isin(p, late).any()]
-        found = find_in_parts(
-            left,
-            parts,  # of which something has just come
-            datum,
-            lacks,
-            blunders=self.rules.policy != "accept",
-            alpha=self.rules.alpha,
-            start=self.start,
-        )
+        if at_once:
+            found = [Search(left.only(p), datum, lacks).at_once() for p in parts]
+        else:
+            found = find_in_parts(
+                left,
+                parts,  # of which something has just come
+                datum,
+                lacks,
+                blunders=self.rules.policy != "accept",
+                alpha=self.rules.alpha,
+                start=self.start,
+            )
         self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
         return found
 
@@ -332,22 +369,27 @@ class _Loop:
                 raise
             return
         if isinstance(result, Entered):
-            self.told |= {v.id: v for v in result.verdicts}
-            self.state = State(_with_oriented(result, found), result.system, settled=False)
-            if result.system is None:
-                return
-            # What lies between constants has waited for anything, and while there was no minimum
-            # whatever came with an unknown of its own has waited.
-            if before.system is None or (before.system.doubt and not result.system.doubt):
-                self.tasks.append(Task(result.ledger.having("waiting")))
-            else:
-                self._awake(result.new)
-            if found and len(ready):
-                self.tasks.insert(0, Task(ready, task.fixed))  # those that still wait
+            self._entered(task, ready, found, result)
         elif result.loses_datum and self.anew and before.system is not None:
             self._begin_anew(task, result.noticing)
         else:
             self._wait_on(task, ready, found)
+
+    def _entered(self, task: Task, ready: Index, found: list[Found], result: Entered) -> None:
+        """Take over what has entered, and look at what that awakes."""
+        before = self.state
+        self.told |= {v.id: v for v in result.verdicts}
+        self.state = State(_with_oriented(result, found), result.system, settled=False)
+        if result.system is None:
+            return
+        # What lies between constants has waited for anything, and while there was no minimum
+        # whatever came with an unknown of its own has waited.
+        if before.system is None or (before.system.doubt and not result.system.doubt):
+            self.tasks.append(Task(result.ledger.having("waiting")))
+        else:
+            self._awake(result.new)
+        if found and len(ready):
+            self.tasks.insert(0, Task(ready, task.fixed))  # those that still wait
 
     def _impossible(self, task: Task, ready: Index, error: InputError) -> bool:
         """Let those wait whose geometry has no answer; return whether there are any."""

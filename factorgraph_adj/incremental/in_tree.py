@@ -15,15 +15,19 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..factor_graph.linear_rows import Arriving
-from ..factor_graph.tree import Mark, Tree
+from ..factor_graph.tree import Mark, Together, Tree
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State, Unknowns
 from ..models.variables import VariableKind
 from ..quality.leave_out import Tested
+from ..solve.ambiguous_points import standing_free, weakest_directions
+from ..solve.linear import LinearSystem
+from ..solve.mirrors import mirror_midpoints
 from ..solve.run import Looked
 from ..solve.solution import Solution
 from ..solve.standing import standing
+from ..solve.start import Start
 from ..types import NO_ROWS, Array, Index, Mask
 from .excerpt import excerpt
 from .forms import rows_of
@@ -36,6 +40,8 @@ from .units import Unit
 
 MOST_RAYS = 64
 """Largest number of image points that arrive together in a tree; more of them are for fronts."""
+SHARE = 0.5
+"""Part of the promised accuracy that gaps of rows may have: their bound is of first order."""
 
 
 class InTree:
@@ -63,12 +69,12 @@ class InTree:
             system.section is not None
             or system.doubt
             or not base.converged
-            or base.datum is not None
+            or rules.datum == "free"
             or base.extra.rows
             or base.equations.n_rays > _most_rays(rules)
         ):
             return None
-        tree = Tree(base.equations.network.frame, accuracy=rules.accuracy)
+        tree = Tree(base.equations.network.frame, accuracy=SHARE * rules.accuracy)
         draft = Draft.of(ledger, system, rules.datum)
         try:
             state = draft.start.state
@@ -138,22 +144,7 @@ class InTree:
 
     def carried(self, unknowns: Unknowns, state: State) -> State:
         """Return a state with the values of all known variables."""
-        out, moving, own = dict(state), unknowns.moving(), self.tree.state()
-        for kind, table in unknowns.tables.items():
-            mine = self.tree.tables.get(kind)
-            if mine is None:
-                continue
-            pairs = [(i, mine.number[n]) for i, n in enumerate(table.names) if n in mine.number]
-            if not pairs:
-                continue
-            here, there = np.array(pairs).T
-            values = out[kind].copy()
-            width = min(values.shape[1], own[kind].shape[1])
-            values[here, :width] = np.where(
-                moving[kind][here, :width], own[kind][there, :width], values[here, :width]
-            )
-            out[kind] = values
-        return out
+        return _carried(self.tree, unknowns, state)
 
     def cofactors(self, a: Variable, b: Variable) -> Array:
         """Return the joint cofactors of the components of two variables, (i, j)."""
@@ -219,7 +210,7 @@ class InTree:
 
     # -- what arrives -------------------------------------------------------------------------
 
-    def entered(self, ledger: Ledger, rows: Index, found: Sequence[Solution]) -> EnteredTree | None:
+    def entered(self, ledger: Ledger, rows: Index, found: Sequence[Start]) -> EnteredTree | None:
         """Put observations into the tree; none where it cannot take them.
 
         Args:
@@ -238,20 +229,18 @@ class InTree:
         equations = compile_rows(excerpt(ledger, self, rows, hold=False))
         state = equations.unknowns.start()
         moving = equations.unknowns.moving()
-        for solution in found:
-            state = equations.unknowns.carried(
-                state, solution.equations.unknowns, solution.state, where=moving
-            )
+        for start in found:
+            state = equations.unknowns.carried(state, start.unknowns, start.state, where=moving)
         if any(np.isnan(x).any() for x in state.values()):
             return None
-        tree, mark = self.tree, self._tree.mark()
         equations = equations.weighted_at(self.carried(equations.unknowns, state))
-        try:
+        tree = self.tree
+        self._mark = tree.mark()
+        with suppress(AdjustmentError):
             tree.enter([Arriving(equations, state)])
-        except AdjustmentError:
-            return None
-        self._mark = mark
-        return EnteredTree.of(tree, equations, tuple(units))
+            return EnteredTree.of(tree, equations, tuple(units))
+        _ = self.tree  # it goes back
+        return None
 
     def without(self, ids: Sequence[str], ledger: Ledger) -> InTree | None:
         """Return the system without units; none where they alone determine something.
@@ -262,7 +251,7 @@ class InTree:
         """
         tree = self.tree
         units = np.array([tree.unit[i] for i in ids], dtype=np.intp)
-        if tree.least_redundancy(units) <= TIED:
+        if tree.together(units).least_redundancy <= TIED:
             return None
         self._mark = tree.mark()
         with suppress(AdjustmentError):
@@ -274,10 +263,31 @@ class InTree:
 
     def after(self, entered: EnteredTree, ledger: Ledger) -> InTree | None:
         """Return the system with what has entered; none where linear forms come to no rest."""
-        if not entered.tree.follow_to_rest():
-            _ = self.tree  # it goes back
-            return None
-        return InTree(entered.tree, ledger, self._rules)
+        with suppress(AdjustmentError):
+            if entered.tree.follow_to_rest():
+                return InTree(entered.tree, ledger, self._rules)
+        _ = self.tree  # it goes back
+        return None
+
+
+def _carried(tree: Tree, unknowns: Unknowns, state: State) -> State:
+    """Return a state with the values of all variables of a tree."""
+    out, moving, own = dict(state), unknowns.moving(), tree.state()
+    for kind, table in unknowns.tables.items():
+        mine = tree.tables.get(kind)
+        if mine is None:
+            continue
+        pairs = [(i, mine.number[n]) for i, n in enumerate(table.names) if n in mine.number]
+        if not pairs:
+            continue
+        here, there = np.array(pairs).T
+        values = out[kind].copy()
+        width = min(values.shape[1], own[kind].shape[1])
+        values[here, :width] = np.where(
+            moving[kind][here, :width], own[kind][there, :width], values[here, :width]
+        )
+        out[kind] = values
+    return out
 
 
 def _most_rays(rules: Rules) -> int:
@@ -297,21 +307,30 @@ class EnteredTree:
     """L of each unit with Σ = L Lᵀ, (d, d)."""
     numbers: Index
     """Their numbers in the tree."""
+    equations: Equations
+    """The units alone."""
+    together: Together
+    """The units with the joint covariance of what they touch, before anything is evaluated anew: a
+    gross error bends everything that it touches, and linear forms do not hold that far."""
 
     @classmethod
     def of(cls, tree: Tree, equations: Equations, units: tuple[Unit, ...]) -> EnteredTree:
         """Find units that have just entered."""
         raw = rows_of(units, equations)[1]
         numbers = np.array([tree.unit[u.ids[0]] for u in units], dtype=np.intp)
-        return cls(tree, units, raw, numbers)
+        return cls(tree, units, raw, numbers, equations, tree.together(numbers))
 
     def tested(self) -> Tested:
         """Return the units, to be tested against everything else."""
-        return self.tree.tested(self.numbers)
+        return self.together.tested()
+
+    def tested_anew(self) -> Tested:
+        """Return the units, to be tested where everything is by now."""
+        return self.tree.together(self.numbers).tested()
 
     def spread(self, i: int, columns: Index) -> Array:
         """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""
-        return self.tree.spread(int(self.numbers[i]), columns)
+        return self.together.spread(i, columns)
 
     def place(self, name: str) -> Place:
         """Return a point with all units in."""
@@ -319,9 +338,20 @@ class EnteredTree:
         free: Mask = columns >= 0
         if not free.any():
             return Place(NO_ROWS, free, np.zeros(0))
-        variance = np.zeros(len(columns))
-        variance[free] = np.diag(self.tree.covariance(("point", name)))
-        return Place(columns, free, variance)
+        return Place(columns, free, self.together.variance(columns))
+
+    def images(self, new: Collection[Variable]) -> bool:
+        """Return whether new points may fit on other sides too; see `solve.ambiguous_points`."""
+        equations = self.equations
+        unknowns = equations.unknowns
+        mine = np.array([("point", name) in new for name in unknowns["point"].names], dtype=bool)
+        candidates = standing_free(equations) & mine
+        if not candidates.any():
+            return False
+        state = _carried(self.tree, unknowns, unknowns.start())
+        if len(weakest_directions(LinearSystem(equations, state), candidates).points):
+            return True
+        return bool(mirror_midpoints(equations, state, candidates))
 
     def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
         """Return which of new variables combinations (d, n) of a unit's rows determine."""

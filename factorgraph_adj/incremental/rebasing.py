@@ -192,7 +192,7 @@ class Draft:
         *,
         new: Collection[Variable] = (),
         dropped: Collection[Variable] = (),
-        found: Sequence[Solution] = (),
+        found: Sequence[Solution | Start] = (),
     ) -> Draft | None:
         """Compile what arrivals touch; none where the whole has to be adjusted; see `of`."""
         if system is None or any(system.whole.known(*v) for v in dropped):

@@ -24,7 +24,7 @@ from ..graph.variables import State
 from ..types import Array, Index, Mask
 from .datum import middle
 from .iterate import Ended
-from .linear import ExtraRows
+from .linear import ExtraRows, LinearSystem
 from .linear_block import LinearBlock
 from .mirrors import mirror_midpoints
 from .normal import NormalEquations
@@ -109,18 +109,23 @@ def standing_free(equations: Equations) -> Mask:
     return np.asarray(out & (table.free.sum(axis=1) > 1))
 
 
-def _weakest(run: Run, normal: NormalEquations, candidates: Mask) -> Weakest:
-    """Return the points that are determined in one direction much worse than in another."""
-    table = run.equations.unknowns["point"]
+def weakest_directions(system: LinearSystem, candidates: Mask) -> Weakest:
+    """Return the points that are determined in one direction much worse than in another.
+
+    Args:
+        system: a network, linearised at rest.
+        candidates: which points are looked at, (points,).
+    """
+    table = system.unknowns["point"]
     blocks = np.zeros((len(table.offset), 3, 3))
-    for lb in normal.system.blocks:
+    for lb in system.blocks:
         if not isinstance(lb, LinearBlock):
             continue
         for (kind, index), a in zip(lb.block.variables, lb.a, strict=True):
             if kind == "point" and len(a):
                 np.add.at(blocks, index, np.einsum("ndi,ndj->nij", a, a))
-    for e in normal.system.extra:
-        for number in _touched(run, e):
+    for e in system.extra:
+        for number in _touched(system.equations, e):
             # Columns stand in the order of the factor's keys, those of a point together.
             a = e.a[:, int(np.argmax(e.columns == table.offset[number])) + np.arange(3)]
             blocks[number] += a.T @ a
@@ -134,9 +139,9 @@ def _weakest(run: Run, normal: NormalEquations, candidates: Mask) -> Weakest:
     return Weakest(numbers[weak], vectors[weak, :, 0])
 
 
-def _touched(run: Run, e: ExtraRows) -> list[int]:
+def _touched(equations: Equations, e: ExtraRows) -> list[int]:
     """Return the numbers of the points that rows of a user's factor touch."""
-    offset = run.equations.unknowns["point"].offset
+    offset = equations.unknowns["point"].offset
     return np.flatnonzero((offset >= 0) & np.isin(offset, e.columns)).tolist()
 
 
@@ -155,7 +160,7 @@ def better_place(
         candidates: which points may move, (points,).
         vtpv: vᵀPv at rest.
     """
-    weakest = _weakest(run, normal, candidates)
+    weakest = weakest_directions(normal.system, candidates)
     if not len(weakest.points):
         return None
     extent = middle(run.state)[1]
@@ -199,7 +204,7 @@ def _shares(run: Run, state: State) -> Array:
             if kind == "point":
                 np.add.at(out, index, square)
     for e in run.extra.at(equations, state).rows:
-        out[_touched(run, e)] += float(e.residual @ e.residual)
+        out[_touched(equations, e)] += float(e.residual @ e.residual)
     return out
 
 

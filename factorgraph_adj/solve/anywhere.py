@@ -16,6 +16,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..observations import observation_kind
 from .elimination import Layers, first_point
+from .linear import LinearSystem
 from .solution import Solution
 
 WITHIN = 3.0
@@ -59,8 +60,13 @@ def anywhere(solution: Solution) -> list[Anywhere]:
     Args:
         solution: of what is to enter.
     """
-    system, state = solution.normal().system, solution.state
-    points = solution.equations.unknowns["point"]
+    return anywhere_at(solution.normal().system)
+
+
+def anywhere_at(system: LinearSystem) -> list[Anywhere]:
+    """Return the points that may be anywhere, where a network has been linearised."""
+    equations, state = system.equations, system.state
+    points = equations.unknowns["point"]
     where = {"point": state["point"], "pose": state["pose"][:, 9:]}
     every, constant = np.zeros((2, len(points.names), 3, 3))
     far = np.zeros(len(points.names))
@@ -76,7 +82,7 @@ def anywhere(solution: Solution) -> list[Anywhere]:
                 for end, at in (first, (kind, index)):
                     if end == "point":
                         np.maximum.at(far, at, length)
-        correlated = solution.equations.in_cluster.get(place)
+        correlated = equations.in_cluster.get(place)
         for begin in range(0, block.n, AT_ONCE):
             rows = np.arange(begin, min(begin + AT_ONCE, block.n))
             for (kind, index), a in zip(block.variables, linear.partials(rows), strict=True):

@@ -100,7 +100,7 @@ def test_an_arrival_is_tested_as_in_the_batch_and_leaves_again() -> None:
     before = float(tree.value("point", "P1")[2])
     wrong = HeightDifference("A", "P1", 1.510, sigma=0.001, id="wrong")
     units = tree.enter([arriving(network, wrong)])
-    t2, dof = tree.tested(units).statistics()
+    t2, dof = tree.together(units).tested().statistics()
     network.add(*first, wrong)
     batch = fga.reliability(fga.adjust(network))
     assert t2[0] == pytest.approx(batch.w[2] ** 2, rel=1e-9)
@@ -116,8 +116,10 @@ def test_what_is_not_determined_leaves_the_tree_as_it_was() -> None:
     tree = Tree(network.frame)
     tree.enter([arriving(network, HeightDifference("A", "P0", 1.0, sigma=0.001))])
     loose = HeightDifference("P1", "P2", 0.3, sigma=0.001)
+    mark = tree.mark()
     with pytest.raises(IndeterminateError):
         tree.enter([arriving(network, loose)])
+    tree.restore(mark)
     assert set(tree.tables["point"].number) == {"A", "P0"}
     tie = HeightDifference("P0", "P1", 0.2, sigma=0.001)
     tree.enter([arriving(network, loose, tie)])

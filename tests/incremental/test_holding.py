@@ -17,7 +17,7 @@ def late_rows(name: str, n: int) -> System:
     """Return a network with rows beside its base."""
     network = CASES[name].make()
     some = items(network)
-    inc = fga.IncrementalAdjustment(bare(network), policy="accept")
+    inc = fga.IncrementalAdjustment(bare(network), policy="accept", engine="fronts")
     inc.add(some[:-n])
     inc.settle()
     for item in some[-n:]:
