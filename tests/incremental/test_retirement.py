@@ -16,6 +16,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.incremental.rules import ENGINES
 from factorgraph_adj.observations import SlopeDistance
+from tests.benchmarks.vehicle import Drive
 from tests.networks.photo_block import block
 from tests.networks.traverse import observed, points_of, traverse
 
@@ -214,3 +215,83 @@ def test_copies_of_a_solution_keep_the_linear_rows():
         (rows,) = one.extra.at(one.equations, one.state).rows
         assert rows.residual == pytest.approx(solution.extra.rows[0].residual, abs=1e-12)
         assert one.redundancy == solution.redundancy
+
+
+def test_what_nothing_has_touched_since_an_observation_is_retired():
+    inc = fga.IncrementalAdjustment(traverse(POINTS))
+    for _, found in observed(POINTS):
+        inc.add(found)
+    first = 1 + sum(len(found) for _, found in list(observed(POINTS))[:9])
+    assert "P9" in inc.observation(f"{first}").points()
+    inc.retire(before=f"{first}")
+    assert not any(inc.determined(f"P{i}") for i in range(2, 6))
+    assert all(inc.determined(f"P{i}") for i in (0, 1, *range(6, POINTS)))
+    assert off(inc, everything(), ["P6", "P11"]) < ACCURACY
+    with pytest.raises(fga.InputError, match=r"unknown observation.*before= takes one, or a photo"):
+        inc.retire(before="nothing")
+
+
+def vehicle(journal: Path, seconds: float = 19.0) -> tuple[fga.IncrementalAdjustment, fga.Solution]:
+    """Return a survey vehicle that keeps six photos, and the batch adjustment of its drive."""
+    drive = Drive(seconds, rays=25, seed=2)
+    inc = fga.IncrementalAdjustment(drive.network(), keep=6, journal=journal)
+    for event in drive.events():
+        inc.add(event.observations, points=event.points, photos=event.photos)
+    whole = fga.IncrementalAdjustment(inc.network(), start=inc.solution(), policy="accept")
+    whole.settle()
+    return inc, whole.solution()
+
+
+@pytest.mark.slow(
+    "photos that retire by themselves, their journal and what is taken back; others retire by hand"
+)
+def test_a_vehicle_keeps_its_last_photos_and_is_that_of_the_whole_drive(tmp_path):
+    inc, batch = vehicle(tmp_path / "drive")
+    assert inc.retired.photos >= 4
+    assert len(inc.solution().network.photos) == 19 - inc.retired.photos
+    left = [n for n in inc.solution().network.points if n in batch.network.points]
+    assert off(inc, batch, left) < ACCURACY
+    assert inc.redundancy == batch.redundancy
+    said, seen = repr(inc), inc.pose("photo 18").position
+    sigma = inc.pose("photo 18").sigmas[3:]
+    del inc
+    again = fga.IncrementalAdjustment.resume(tmp_path / "drive")
+    assert repr(again).split("BUT")[0] == said.split("BUT")[0]
+    assert np.max(np.abs(again.pose("photo 18").position - seen) / sigma) < ACCURACY
+    again.settle(all=True)
+    assert off(again, batch, list(batch.network.points)) < 1e-6
+
+
+def test_linear_rows_that_hold_no_more_are_told():
+    """Weak distances, of which other readings later take the points five σ away."""
+    network = fga.Network("weak")
+    for name, at in {"A": (0, 0, 0), "B": (9, 0, 0), "C": (0, 9, 0)}.items():
+        network.add_point(name, at, fixed="xyz")
+    network.add_point("P", (4.0, 5.0, 0.0), fixed="z")
+    network.add_point("Q", (6.0, 8.0, 0.0), fixed="z")
+    for a, b, value in (
+        ("A", "P", 6.4),
+        ("B", "P", 7.1),
+        ("P", "Q", 3.6),
+        ("A", "Q", 10.0),
+        ("B", "Q", 8.5),
+    ):
+        network.add(SlopeDistance(a, b, value, sigma=1.0))
+    inc = fga.IncrementalAdjustment(network, policy="accept")
+    inc.retire(points="Q")
+    assert not inc.doubts
+    assert inc.retired.curvature > 0
+    inc.add([SlopeDistance(a, "P", v, sigma=0.01) for a, v in (("A", 9.0), ("B", 6.0))])
+    (told,) = inc.doubts
+    assert "linear rows may miss" in told
+    assert "BUT what remains has moved" in repr(inc)
+    inc.settle(all=True)
+    assert not inc.doubts
+
+
+@pytest.mark.parametrize("keep", [0, -1, 2.5, True, "60"])
+def test_what_is_kept_is_a_number_of_photos(keep):
+    with pytest.raises(fga.InputError, match="keep must be a whole number of photos"):
+        fga.IncrementalAdjustment(fga.Network("empty"), keep=keep)
+    with pytest.raises(fga.InputError, match="free network"):
+        fga.IncrementalAdjustment(fga.Network("empty"), keep=5, datum="free")
