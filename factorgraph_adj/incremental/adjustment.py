@@ -13,6 +13,7 @@ from ..errors import AdjustmentError, InputError
 from ..graph.dependence import Variable
 from ..graph.made import MakesFactor
 from ..io.journal import Journal
+from ..network.additions import UnknownsGiven
 from ..network.entities import Camera, Photo, Point
 from ..network.network import DatumChoice, Network
 from ..observations import AnyObservation, Observation
@@ -185,6 +186,7 @@ class IncrementalAdjustment(Results):
         points: Point | Iterable[Point] = (),
         photos: Photo | Iterable[Photo] = (),
         cameras: Camera | Iterable[Camera] = (),
+        unknowns: UnknownsGiven | None = None,
         factors: Mapping[str, MakesFactor] | None = None,
     ) -> Arrival:
         """Test observations and absorb them; what they lack, they wait for.
@@ -199,6 +201,8 @@ class IncrementalAdjustment(Results):
             points: new points, or approximate coordinates of points that have none yet.
             photos: new photos.
             cameras: new cameras.
+            unknowns: new frames, mounts, shapes, drifts and unknowns of any other kind, by kind and
+                name, as a scratch network states them: ``unknowns=scratch.parameters``.
             factors: factors of your own by id, each as a function of ``key(kind, name)`` that
                 makes it, such as ``lambda key: gtsam.RangeFactor3(key("point", "A"), …)``. They
                 are observations of the kind ``factor`` from then on. Not with a journal.
@@ -206,12 +210,9 @@ class IncrementalAdjustment(Results):
         Raises:
             InputError: everything that is wrong with the input; nothing has changed then.
         """
-        given = Given.of(observations, points, photos, cameras, factors)
-        if given.factors and self._journal is not None:
-            raise InputError(
-                "this adjustment keeps a journal, which cannot hold a factor: register a kind of "
-                "observation (register_observation), or do without the journal"
-            )
+        given = Given.of(observations, points, photos, cameras, unknowns, factors)
+        if self._journal is not None:
+            given.refuse_factors()
         result = commands.add(self._state, given, self._rules)
         new = records.entities(self._state.ledger.network, result[0].ledger.network, given)
         arrived = result[0].ledger.observations(self._state.ledger.rows.n)

@@ -45,18 +45,18 @@ MOST_ROUNDS = 5
 
 
 def add(state: State, given: Given, rules: Rules) -> tuple[State, Arrival]:
-    """Take observations, points, photos and cameras in.
+    """Take observations, points, photos, cameras and other unknowns in.
 
     Raises:
         InputError: everything that is wrong with them.
     """
     ledger = state.ledger
-    observations, points, photos, cameras, factors = given
-    if points or photos or cameras:
-        ledger = ledger.with_entities(points, photos, cameras)
-    if factors:
+    observations, points = given.observations, given.points
+    if given.describes:
+        ledger = ledger.with_entities(points, given.photos, given.cameras, given.unknowns)
+    if given.factors:
         described = ledger.everything
-        made = [observation_of(name, make, described) for name, make in factors.items()]
+        made = [observation_of(name, make, described) for name, make in given.factors.items()]
         observations = [*observations, *made]
     ledger, rows = ledger.taken(observations)
     there = 0 if state.system is None else state.system.n_rays
@@ -66,12 +66,9 @@ def add(state: State, given: Given, rules: Rules) -> tuple[State, Arrival]:
         waiting = Candidates(ledger, known_in(state.system), state.ledger.having("waiting"))
         tasks.append(Task(waiting.touching(placed)))
     after, told = absorb(replace(state, ledger=ledger), tasks, rules, growing=True)
-    if factors:
+    if given.factors:
         _refuse_wrong_partials(after, made, Unknowns(described), rules)
-    new: list[Variable] = [("point", p.name) for p in points]
-    new += [("pose", f.name) for f in photos]
-    new += [("calibration", c.name) for c in cameras]
-    after = _with_weighted(after, new, rules)
+    after = _with_weighted(after, given.variables, rules)
     return after, arrival_of(state, after, told, ledger.ids_of(rows), "add")
 
 

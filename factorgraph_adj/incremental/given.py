@@ -6,8 +6,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 from ..errors import InputError, Problem
+from ..graph.dependence import Variable
 from ..graph.made import MakesFactor
-from ..network.entities import Camera, Photo, Point
+from ..network.additions import UnknownsGiven
+from ..network.entities import Camera, Photo, Point, parameter_name
 from ..observations import AnyObservation, Correlated, Observation
 
 Thing = TypeVar("Thing")
@@ -25,8 +27,37 @@ class Given(NamedTuple):
     """New photos."""
     cameras: list[Camera]
     """New cameras."""
+    unknowns: UnknownsGiven
+    """New unknowns of other kinds, by kind and key."""
     factors: dict[str, MakesFactor]
     """Functions that make factors, by name."""
+
+    def refuse_factors(self) -> None:
+        """Refuse what a journal cannot hold.
+
+        Raises:
+            InputError: there are factors.
+        """
+        if self.factors:
+            raise InputError(
+                "this adjustment keeps a journal, which cannot hold a factor: register a kind of "
+                "observation (register_observation), or do without the journal"
+            )
+
+    @property
+    def describes(self) -> bool:
+        """Whether there is anything besides observations and factors."""
+        return bool(self.points or self.photos or self.cameras or self.unknowns)
+
+    @property
+    def variables(self) -> list[Variable]:
+        """Kind and name of everything that is described."""
+        return [
+            *(("point", p.name) for p in self.points),
+            *(("pose", f.name) for f in self.photos),
+            *(("calibration", c.name) for c in self.cameras),
+            *((k, parameter_name(key)) for k, given in self.unknowns.items() for key in given),
+        ]
 
     @classmethod
     def of(
@@ -35,6 +66,7 @@ class Given(NamedTuple):
         points: object,
         photos: object,
         cameras: object,
+        unknowns: object,
         factors: Mapping[str, MakesFactor] | None,
     ) -> Given:
         """Return things, of each sort one or several; factors by name.
@@ -48,8 +80,27 @@ class Given(NamedTuple):
             listed(points, "fga.Point", Point),
             listed(photos, "fga.Photo", Photo),
             listed(cameras, "fga.Camera", Camera),
+            _by_kind(unknowns),
             _by_name(factors),
         )
+
+
+def _by_kind(unknowns: object) -> UnknownsGiven:
+    """Return unknowns by kind and key, as ``Network.parameters`` has them.
+
+    Raises:
+        InputError: they are something else.
+    """
+    if unknowns is None:
+        return {}
+    if not isinstance(unknowns, Mapping) or not all(
+        isinstance(given, Mapping) for given in unknowns.values()
+    ):
+        raise InputError(
+            "give unknowns by kind and name, as the parameters of a scratch network: "
+            "unknowns=scratch.parameters"
+        )
+    return {kind: dict(given) for kind, given in unknowns.items() if given}
 
 
 def _by_name(factors: object) -> dict[str, MakesFactor]:

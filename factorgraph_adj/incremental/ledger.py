@@ -17,9 +17,9 @@ import numpy as np
 
 from ..errors import MOST_COMPARED, InputError, Problem, similar
 from ..graph.dependence import Variable, components
-from ..models.variables import VariableKind
-from ..network.additions import add_entities
-from ..network.entities import Camera, ImageTable, Photo, Point, triple
+from ..models.variables import UNKNOWNS, VariableKind
+from ..network.additions import NO_UNKNOWNS, UnknownsGiven, add_entities
+from ..network.entities import Camera, ImageTable, Photo, Point, parameter_name, triple
 from ..network.network import Network
 from ..network.selection import without
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
@@ -80,26 +80,53 @@ class Ledger:
     # -- arrivals -----------------------------------------------------------------------------
 
     def with_entities(
-        self, points: Sequence[Point], photos: Sequence[Photo], cameras: Sequence[Camera]
+        self,
+        points: Sequence[Point],
+        photos: Sequence[Photo],
+        cameras: Sequence[Camera],
+        unknowns: UnknownsGiven = NO_UNKNOWNS,
     ) -> Ledger:
-        """Return the ledger with new points, photos and cameras.
+        """Return the ledger with new points, photos, cameras and other unknowns.
 
         A point that is there without coordinates takes those of one that has nothing else, as
         approximate values.
 
         Raises:
-            InputError: every other name that is there already, and unknown cameras.
+            InputError: every other name that is there already, unknown cameras and points, and
+                unknowns that observations that are there would notice.
         """
         network = self.network.copy()
         placed = {p.name: p for p in points if self._places(p)}
         new = [p for p in points if placed.get(p.name) is not p]
-        problems = add_entities(network, points=new, photos=photos, cameras=cameras)
+        problems = add_entities(
+            network, points=new, photos=photos, cameras=cameras, unknowns=unknowns
+        )
+        problems += self._noticed_late(network, unknowns)
         if self.retired is not None:
             problems += self.retired.named_again(points, photos)
         if problems:
             raise InputError(problems)
         out = replace(self, network=network, names=Names.of(network), sizes={})
         return out.with_values("point", {n: np.array(p.coordinates) for n, p in placed.items()})
+
+    def _noticed_late(self, network: Network, unknowns: UnknownsGiven) -> Iterator[Problem]:
+        """Yield unknowns that need not be stated, where observations that are there notice them."""
+        late = {
+            (kind, parameter_name(key)): UNKNOWNS[kind].noun
+            for kind, given in unknowns.items()
+            if kind in UNKNOWNS
+            for key in given
+            if UNKNOWNS[kind].absent != "refused" or not key
+        }
+        rows = np.flatnonzero(self.rows.status != GONE) if late else ()
+        for _, unit in self.rows.units(np.asarray(rows, dtype=np.intp)):
+            now = Unit.of(network, unit.observations, unit.covariance).variables
+            for v in late.keys() & {*now, *unit.variables}:
+                what = (
+                    f"observation {unit.ids[0]!r} depends on it: state it before the first one "
+                    "that does, or remove these, and add them again"
+                )
+                yield Problem(what, f"{late.pop(v)} {v[1]!r}")
 
     def _places(self, point: Point) -> bool:
         """Return whether a point only has approximate values for one without coordinates."""

@@ -1,13 +1,14 @@
 """What stands in the lines of a journal, and how they are read back.
 
 The first line has the options and the network at the start as the files of a project. Every other
-line is one change that counts: what was asked (``do``), new points, photos and cameras, the
-observations that are new or changed, the ids that became ``gone``, ``accepted``, ``waiting``,
-``suspect`` or ``rejected``, and why (``causes``); what is said of what waits (``lacks``); how
-photos without poses were oriented (``oriented``); which readings have moved points to their other
-sides (``sides``, all of them where that has changed); what was retired (``retired``), or that all
-of it was taken back (``taken_back``), see `retirement`. Image points stand in ``images``, those of
-a photo with the same outcome together. Reading back needs no test again.
+line is one change that counts: what was asked (``do``), new points, photos, cameras and other
+``unknowns`` (records with their ``kind``), the observations that are new or changed, the ids that
+became ``gone``, ``accepted``, ``waiting``, ``suspect`` or ``rejected``, and why (``causes``); what
+is said of what waits (``lacks``); how photos without poses were oriented (``oriented``); which
+readings have moved points to their other sides (``sides``, all of them where that has changed);
+what was retired (``retired``), or that all of it was taken back (``taken_back``), see
+`retirement`. Image points stand in ``images``, those of a photo with the same outcome together.
+Reading back needs no test again.
 """
 
 from __future__ import annotations
@@ -33,8 +34,11 @@ from ..io.json_records import (
     photo_of,
     point_fields,
     point_of,
+    unknown_fields,
+    unknown_of,
 )
-from ..network.entities import ImageTable
+from ..models.variables import VariableKind
+from ..network.entities import ImageTable, Key, Parameter
 from ..network.network import Network
 from ..observations import Correlated, Observation
 from ..observations.identity import identity
@@ -48,7 +52,7 @@ from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Side, Verdict
 
 _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
 FIELDS = (
-    *("do", "cameras", "points", "photos", "observations", "images"),
+    *("do", "cameras", "points", "unknowns", "photos", "observations", "images"),
     *("gone", *OUTCOMES, "causes", "lacks", "found", "unweighted", "oriented", "sides"),
     *("retired", "taken_back"),
 )
@@ -101,6 +105,11 @@ def entities(before: Network, after: Network, given: Given) -> dict[str, Any]:
     found = {
         "cameras": [camera_fields(after.cameras[c.name]) for c in given.cameras],
         "points": [point_fields(p) for p in new],
+        "unknowns": [
+            unknown_fields(kind, key, p)
+            for kind, of in given.unknowns.items()
+            for key, p in of.items()
+        ],
         "photos": [photo_fields(after.photos[f.name]) for f in given.photos],
     }
     return {k: v for k, v in found.items() if v}
@@ -288,8 +297,12 @@ def _after(line: Mapping[str, Any], ledger: Ledger, where: str) -> Ledger:
     cameras = [camera_of(c) for c in line.get("cameras", ())]
     points = [point_of(p, frame=ledger.network.frame) for p in line.get("points", ())]
     photos = [photo_of(f, frame=ledger.network.frame) for f in line.get("photos", ())]
-    if cameras or points or photos:
-        ledger = ledger.with_entities(points, photos, cameras)
+    unknowns: dict[VariableKind, dict[Key, Parameter]] = {}
+    for record in line.get("unknowns", ()):
+        kind, key, stated = unknown_of(record)
+        unknowns.setdefault(kind, {})[key] = stated
+    if cameras or points or photos or unknowns:
+        ledger = ledger.with_entities(points, photos, cameras, unknowns)
     items = [observation_of(fields) for fields in line.get("observations", ())]
     members = [o for i in items for o in (i.observations if isinstance(i, Correlated) else (i,))]
     for o in members:

@@ -23,14 +23,14 @@ from typing import TypeVar
 from ..errors import InputError, Problem, known, system_reason
 from ..frames import Frame
 from ..models.lens import NoDistortion
-from ..models.variables import VariableKind, parameter_kinds
+from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from ..network.network import Network
 from .context import RecordContext
 from .fields import unknown_field
 from .json_observations import SI, Fields, checked, observation_fields, observation_of, plain
 from .numbers import Units
-from .parameter_tables import columns_of, read_parameter, table_of
+from .parameter_tables import columns_of, parameter_records, read_parameter, table_of
 from .project import load_project, read_camera
 from .read_unknowns import PHOTO_COLUMNS, POINT_COLUMNS, UnknownsReader
 from .tables import IGNORED, Row
@@ -49,6 +49,7 @@ __all__ = [
     "photo_of",
     "point_fields",
     "point_of",
+    "unknown_fields",
     "unknown_of",
 ]
 
@@ -154,6 +155,15 @@ def camera_of(fields: Mapping[str, object], *, source: str = "") -> Camera:
     return _entity(fields, "camera", network, None, source, read)
 
 
+def unknown_fields(kind: VariableKind, key: Key, p: Parameter) -> Fields:
+    """Return the record of an unknown besides points, photos and cameras, SI."""
+    record, network = UNKNOWNS[kind], Network()
+    network.of_kind(kind)[key] = p
+    (fields,) = parameter_records(network, record, SI)
+    texts = {*table_of(record).keys, "free", "fixed", "origin", "level"}
+    return {"kind": kind, **plain(fields, texts)}
+
+
 def unknown_of(
     fields: Mapping[str, object], *, context: RecordContext | None = None, source: str = ""
 ) -> tuple[VariableKind, Key, Parameter]:
@@ -176,13 +186,16 @@ def unknown_of(
     row = Row(given, source, problems, kind.noun)
     _known(row, columns_of(kind))
     stated = table_of(kind)
-    first = row.text(stated.keys[0], required=True) or ""
+    nameless = stated.keys == ("name",) and kind.default is not None
+    first = row.text(stated.keys[0], required=not nameless) or ""
     others = [row.text(k, default=stated.key_default) or "" for k in stated.keys[1:]]
     key: Key = (first, *others) if others else first
     network = Network()
-    if first and kind.at_point:
-        network.add_point(first, (0.0, 0.0, 0.0))
-    if first:
+    origin = row.fields.get("origin")
+    for point in dict.fromkeys((first * kind.at_point, origin)):
+        if point and isinstance(point, str):  # whether there is one is not looked up
+            network.add_point(point, (0.0, 0.0, 0.0))
+    if first or nameless:
         row.of = f"{kind.noun} {parameter_name(key)!r}"
         units = context.units if context is not None else Units()
         read_parameter(row, kind, key, network, units)

@@ -1,15 +1,23 @@
-"""Addition of finished points, photos and cameras to a network, with the usual checks."""
+"""Addition of finished points, photos, cameras and other unknowns to a network, with checks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..errors import InputError, Problem
-from .entities import Camera, Photo, Point
+from ..control_characters import refuse_control_characters
+from ..errors import InputError, Problem, known
+from ..models.variables import UNKNOWNS, VariableKind
+from .entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from .network import Network
+from .stated import required
+
+UnknownsGiven: TypeAlias = Mapping[VariableKind, Mapping[Any, Parameter]]
+"""Unknowns by kind and key."""
+NO_UNKNOWNS: UnknownsGiven = MappingProxyType({})
 
 
 def add_entities(
@@ -18,15 +26,19 @@ def add_entities(
     points: Sequence[Point],
     photos: Sequence[Photo],
     cameras: Sequence[Camera],
+    unknowns: UnknownsGiven = NO_UNKNOWNS,
 ) -> list[Problem]:
     """Add entities to a network; return all problems.
 
-    Entities without a problem are added even if other entities have problems.
+    Entities without a problem are added even if other entities have problems. Other unknowns are
+    given by kind and key, as ``Network.parameters`` has them.
     """
     problems: list[Problem] = []
+    stated = [(kind, key, p) for kind, given in unknowns.items() for key, p in given.items()]
     adders: tuple[tuple[Callable[[Network, Any], None], Sequence[Any]], ...] = (
         (_add_camera, cameras),
         (_add_point, points),
+        (_add_unknown, stated),
         (_add_photo, photos),
     )
     for add, items in adders:
@@ -81,3 +93,31 @@ def _add_photo(network: Network, photo: Photo) -> None:
         sigma_position=photo.sigma_position,
         sigma_attitude=photo.sigma_attitude,
     )
+
+
+def _add_unknown(network: Network, given: tuple[VariableKind, Key, Parameter]) -> None:
+    """State a finished unknown, whose own numbers were checked when it was made."""
+    kind, key, p = given
+    record = UNKNOWNS.get(kind)
+    if record is None or record.table is None:
+        valid = known([k.name for k in UNKNOWNS.values() if k.table is not None], meant=kind)
+        raise InputError(Problem(f"unknown kind {kind!r}; valid: {valid}", "unknowns"))
+    keys = (key,) if not isinstance(key, tuple) else key
+    nameless = record.table.keys == ("name",) and record.default is not None
+    texts = all(isinstance(k, str) and (k or nameless) for k in keys)
+    if len(keys) != len(record.table.keys) or not texts:
+        what = f"it is named by {' and '.join(record.table.keys)}, not by {key!r}"
+        raise InputError(Problem(what, record.noun))
+    where = f"{record.noun} {parameter_name(key)!r}"
+    refuse_control_characters(keys, record.noun)
+    if key in network.of_kind(kind):
+        raise InputError(Problem("is stated already", where))
+    if not isinstance(p, Parameter):
+        what = f"is no Parameter: {p!r:.60}; a scratch network makes them, by its methods"
+        raise InputError(Problem(what, where))
+    if not len(p.values) == len(p.fixed) == len(p.sigma) <= record.size:
+        raise InputError(Problem(f"it needs {record.size} values, not {len(p.values)}", where))
+    for point in (*keys[:1], p.origin) if record.at_point else (p.origin,):
+        if point:
+            required(point, network.points, "point", where)
+    network.of_kind(kind)[key] = p

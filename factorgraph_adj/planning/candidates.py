@@ -9,10 +9,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import calibration_name
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.variables import VariableKind
 from ..network.additions import add_entities
 from ..network.entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from ..network.network import Network
@@ -189,8 +189,9 @@ def with_candidates(network: Network, candidates: Sequence[Candidate]) -> Networ
         if not c.observations:
             problems.append(Problem("it has no observations", where))
         points = [replace(p, datum=False) if free and isinstance(p, Point) else p for p in c.points]
-        found = add_entities(out, points=points, photos=c.photos, cameras=c.cameras)
-        found += _add_unknowns(out, c)
+        found = add_entities(
+            out, points=points, photos=c.photos, cameras=c.cameras, unknowns=c.unknowns
+        )
         for item in c.observations:
             if not isinstance(item, Observation | Correlated):
                 found.append(Problem(f"is no observation: {item!r}", "observations"))
@@ -203,25 +204,6 @@ def with_candidates(network: Network, candidates: Sequence[Candidate]) -> Networ
     if problems:
         raise InputError(problems)
     return out
-
-
-def _add_unknowns(network: Network, candidate: Candidate) -> list[Problem]:
-    """State the new unknowns of a candidate; return all problems."""
-    problems = []
-    for kind, given in candidate.unknowns.items():
-        if kind not in UNKNOWNS or UNKNOWNS[kind].table is None:
-            valid = known([k.name for k in UNKNOWNS.values() if k.table is not None], meant=kind)
-            problems.append(Problem(f"unknown kind {kind!r}; valid: {valid}", "unknowns"))
-            continue
-        for key, p in given.items():
-            where = f"{UNKNOWNS[kind].noun} {parameter_name(key)!r}"
-            if key in network.of_kind(kind):
-                problems.append(Problem("is stated already", where))
-            elif not isinstance(p, Parameter):
-                problems.append(Problem(f"is no Parameter: {p!r}", where))
-            else:
-                network.of_kind(kind)[key] = p
-    return problems
 
 
 def _flagged(network: Network) -> Network:

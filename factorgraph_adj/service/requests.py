@@ -15,7 +15,8 @@ from ..io.context import ImageAxes, RecordContext
 from ..io.json_records import camera_of, observation_of
 from ..io.records import label
 from ..io.tables import Row
-from ..network.entities import Camera
+from ..models.variables import UNKNOWNS, VariableKind
+from ..network.entities import Camera, Key, Parameter, parameter_name
 from ..network.network import Network
 from ..observations import AnyObservation
 
@@ -153,6 +154,19 @@ def each(row: Row, name: str, read: Callable[[Mapping[str, Any]], Found]) -> lis
                 Problem(p.what, f"{which}: {p.where}" if p.where else which) for p in error.problems
             ]
     return found
+
+
+def by_kind(
+    row: Row, stated: Sequence[tuple[VariableKind, Key, Parameter]]
+) -> dict[VariableKind, dict[Key, Parameter]]:
+    """Return unknowns by kind and key; those that stand twice are noted as problems."""
+    out: dict[VariableKind, dict[Key, Parameter]] = {}
+    for kind, key, parameter in stated:
+        of_kind = out.setdefault(kind, {})
+        if key in of_kind:
+            row.wrong(f"unknowns: {UNKNOWNS[kind].noun} {parameter_name(key)!r} stands twice")
+        of_kind[key] = parameter
+    return out
 
 
 def new_names(fields: Mapping[str, Any]) -> None:

@@ -18,8 +18,9 @@ such as σ of a new point before the observation, are null.
 ====================  =======================================================================
 ``do``                fields, and content of the answer
 ====================  =======================================================================
-``add``               ``observations``, ``points``, ``photos``, ``cameras``: lists of records
-                      with the fields of the tables and of [[camera]]; at least one of them.
+``add``               ``observations``, ``points``, ``photos``, ``cameras``, ``unknowns``: lists of
+                      records with the fields of the tables and of [[camera]]; at least one of
+                      them. ``kind`` tells the table of an unknown: frame, mount, drift, …
                       One error refuses all. Observations with a joint covariance are one record
                       ``{"kind": "correlated", "observations": […], "covariance_si": [[…]]}``
 ``solution``          figures of the adjustment, ``second_places`` (why a converged result is in
@@ -93,7 +94,7 @@ from ..incremental.adjustment import IncrementalAdjustment
 from ..incremental.one_at_a_time import one_at_a_time
 from ..io.atomic import write_files
 from ..io.context import RecordContext
-from ..io.json_records import photo_of, point_of
+from ..io.json_records import photo_of, point_of, unknown_of
 from ..io.tables import Row
 from ..io.write_project import network_files
 from ..observations import Correlated
@@ -233,11 +234,15 @@ class Stream:
         points = requests.each(
             row, "points", lambda f: point_of(f, context=context, frame=self.frame)
         )
+        stated = requests.each(row, "unknowns", lambda f: unknown_of(f, context=context))
         given = requests.each(row, "observations", lambda f: requests.observation(f, context))
-        if not row.problems and not (given or points or photos or cameras):
-            row.wrong("nothing to add: give observations, points, photos or cameras")
+        if not row.problems and not (given or points or photos or cameras or stated):
+            row.wrong("nothing to add: give observations, points, photos, cameras or unknowns")
+        unknowns = requests.by_kind(row, stated)
         requests.fine(row)
-        arrival = self.adjustment.add(given, points=points, photos=photos, cameras=cameras)
+        arrival = self.adjustment.add(
+            given, points=points, photos=photos, cameras=cameras, unknowns=unknowns
+        )
         self.context = context
         return self.answers.arrival(arrival)
 
@@ -346,7 +351,7 @@ class Stream:
 
 
 COMMANDS: dict[str, Command] = {
-    "add": Command(Stream._add, ("observations", "points", "photos", "cameras")),
+    "add": Command(Stream._add, ("observations", "points", "photos", "cameras", "unknowns")),
     "solution": Command(Stream._solution),
     "estimate": Command(Stream._estimate, ("point", "photo", "camera")),
     "reliability": Command(Stream._reliability, ("alpha", "power", "most")),

@@ -406,6 +406,25 @@ def test_a_camera_arrives_with_its_photos_and_its_direction_of_y(tmp_path):
     assert "sigma_px can only be stated in a project" in problem["what"]
 
 
+def test_a_frame_arrives_with_what_is_measured_in_it():
+    told = Told(Stream(IncrementalAdjustment(small_block())))
+    scan = {"kind": "frame", "name": "scan", "free": "rx ry rz x y z", "origin_x": 1.0}
+    scan |= {"origin_y": 2.0, "origin_z": 0.5}
+    seen = {"kind": "frame_coordinate", "frame": "scan", "sigma_mm": 2.0}
+    rays = [{**seen, "point": f"P{i}", "x": 0.1 * i, "y": 0.2, "z": 0.3} for i in (1, 2)]
+    answer = told(do="add", unknowns=[scan], observations=rays)
+    assert [v["verdict"] for v in answer["verdicts"]] == ["waiting"] * 2
+    for given, what in (
+        ([scan], "frame 'scan': is stated already"),
+        ([{**scan, "name": "two"}] * 2, "unknowns: frame 'two' stands twice"),
+        ([{"kind": "fame"}], "unknown kind 'fame'"),
+        ([{**scan, "name": "x", "colour": 1}], "unknown field 'colour'"),
+        ([{**scan, "name": "y", "origin": "nobody"}], "not both"),
+    ):
+        problems = told.refused({"do": "add", "unknowns": given})
+        assert any(what in f"{p['where']}: {p['what']}" for p in problems), problems
+
+
 def test_image_coordinates_of_a_project_stand_as_its_files_say(tmp_path):
     flipped = FILES["project.toml"].replace('unit = "mm"', 'unit = "mm"\ny_axis = "down"')
     files = FILES | {"project.toml": flipped, "images.csv": "photo,point,x,y\n"}
