@@ -337,34 +337,38 @@ class IncrementalAdjustment(Results):
         """
         wanted: list[Variable] = [("point", name) for name in ids_in(points)]
         wanted += [("pose", name) for name in ids_in(photos)]
+        between: list[str] = []
         if before is not None:
             ledger = self._state.ledger
-            wanted += window.untouched(ledger, window.since_of(ledger, before))
-        if wanted:
-            self._retire(dict.fromkeys(wanted))
+            since = window.since_of(ledger, before)
+            wanted += window.untouched(ledger, since)
+            between = window.between_given(ledger, since)
+        if wanted or between:
+            self._retire(dict.fromkeys(wanted), between)
 
     def _forget(self) -> None:
         """Retire what is due; where that fails, tell it, and try again some photos later."""
         keep, ledger = self._rules.keep, self._state.ledger
         if keep is None or len(ledger.names.photos) < self._next_try:
             return
-        found, arrival = window.due(ledger, keep), self.latest
+        (found, between), arrival = window.due(ledger, keep), self.latest
         if not found:
             return
         self._not_retired = ""
         try:
-            self._retire(found)
+            self._retire(found, between)
         except AdjustmentError as error:  # InputError among them
             self._not_retired = f"what is due cannot be retired: {error}"
         self._next_try = len(ledger.names.photos) + 1 if self._not_retired else 0
         self.latest = arrival
 
-    def _retire(self, variables: Collection[Variable]) -> None:
-        """Retire unknowns, and write it to the journal."""
-        state, line = retirement.retire(self._state, variables, self._rules)
+    def _retire(self, variables: Collection[Variable], between: Collection[str]) -> None:
+        """Retire unknowns, and observations between given points; write it to the journal."""
+        state, line = retirement.retire(self._state, variables, self._rules, between)
         if self._journal is not None:
             self._journal.append({"do": "retire", "retired": line})
         self._state, self.latest = state.recorded(), Arrival()
+        self._copies = CopiedBlocks().add(self._state.ledger.observations())
 
     @one_at_a_time
     def settle(self, *, all: bool = False) -> None:
@@ -389,6 +393,7 @@ class IncrementalAdjustment(Results):
             try:
                 result = commands.settle(taken, self._rules)
                 self._changed("settle", result, {"taken_back": True})
+                self._copies = CopiedBlocks().add(self._state.ledger.observations())
             except BaseException:
                 self._state = before
                 raise

@@ -46,11 +46,21 @@ class Leaving(NamedTuple):
     variables: tuple[Variable, ...]
     """The unknowns."""
     rows: Index
-    """All rows of the ledger that touch them."""
+    """All rows of the ledger that touch them, and others between given points."""
+    between: tuple[str, ...] = ()
+    """Ids of these others."""
 
     @classmethod
-    def of(cls, ledger: Ledger, variables: Iterable[Variable]) -> Leaving:
-        """Return some unknowns with what nothing else needs: their orientations, calibrations."""
+    def of(
+        cls, ledger: Ledger, variables: Iterable[Variable], between: Collection[str] = ()
+    ) -> Leaving:
+        """Return some unknowns with what nothing else needs: their orientations, calibrations.
+
+        Args:
+            ledger: where their rows are.
+            variables: the unknowns.
+            between: ids of further observations, which touch only what is given.
+        """
         gone = dict.fromkeys(variables)
         for kind, name in list(gone):
             lens = calibration_name(ledger.network, name) if kind == "pose" else ""
@@ -63,7 +73,7 @@ class Leaving(NamedTuple):
             needs_no_one &= not is_stated(ledger.network, kind, name)
             if needs_no_one and np.isin(every.touching([(kind, name)]), rows).all():
                 gone[kind, name] = None
-        return cls(tuple(gone), rows)
+        return cls(tuple(gone), np.union1d(rows, ledger.find(between)), tuple(between))
 
 
 class Rest(NamedTuple):
@@ -122,9 +132,15 @@ class Rest(NamedTuple):
 
 
 def retire(
-    state: State, variables: Collection[Variable], rules: Rules
+    state: State, variables: Collection[Variable], rules: Rules, between: Collection[str] = ()
 ) -> tuple[State, dict[str, Any]]:
     """Retire unknowns; return the state without them, and what the journal says of it.
+
+    Args:
+        state: the state.
+        variables: the unknowns.
+        rules: the options.
+        between: ids of further observations, which touch only what is given.
 
     Raises:
         InputError: something of it cannot be retired; all problems.
@@ -135,7 +151,7 @@ def retire(
         raise InputError(f"{what}; give it a datum (fixed or weighted points)")
     ledger = state.ledger
     _refuse(ledger, variables)
-    leaving = Leaving.of(ledger, variables)
+    leaving = Leaving.of(ledger, variables, between)
     inside = ledger.rows.among(leaving.rows, "accepted")
     problems = [
         Problem(
@@ -152,10 +168,11 @@ def retire(
     if system is not None and (len(inside) or touched):
         if system.doubt:
             raise AdjustmentError(f"{NO_MINIMUM}: {system.doubt}")
-        rest = _marginal(Draft.of(ledger, system, rules.datum), leaving.variables, ledger.retired)
+        rest = _marginal(Draft.of(ledger, system, rules.datum), leaving, ledger.retired)
     estimates = [_last_estimate(state, v, ledger) for v in leaving.variables]
     line = {
         "unknowns": [[*v] for v in leaving.variables],
+        "between": list(leaving.between),
         "values": [None if e.value is None else e.value.tolist() for e in estimates],
         "covariances": [
             None if e.covariance is None else e.covariance.ravel().tolist() for e in estimates
@@ -180,12 +197,9 @@ def retire(
 def retired_again(ledger: Ledger, line: Mapping[str, Any]) -> Ledger:
     """Return the ledger after a retirement of which the journal says this."""
     variables: list[Variable] = [(kind, name) for kind, name in line["unknowns"]]
-    leaving = Leaving(
-        tuple(variables),
-        Candidates(ledger, Nothing(), np.flatnonzero(ledger.rows.status != GONE)).touching(
-            variables
-        ),
-    )
+    every = Candidates(ledger, Nothing(), np.flatnonzero(ledger.rows.status != GONE))
+    rows = np.union1d(every.touching(variables), ledger.find(line["between"]))
+    leaving = Leaving(tuple(variables), rows, tuple(line["between"]))
     moment = moment_of(ledger)
     estimates = []
     for (kind, name), value, covariance in zip(
@@ -267,17 +281,18 @@ def with_everything(ledger: Ledger) -> Ledger:
 # -- the rows that remain -------------------------------------------------------------------------
 
 
-def _marginal(draft: Draft, variables: Collection[Variable], before: Retired | None) -> Rest:
+def _marginal(draft: Draft, leaving: Leaving, before: Retired | None) -> Rest:
     """Return what observations say of other unknowns than those which leave."""
     normal, _ = draft.normal(None)
     equations = normal.system.equations
     unknowns = equations.unknowns
     gone = []
-    for kind, name in variables:
+    for kind, name in leaving.variables:
         number = unknowns[kind].number.get(name)
         if number is not None and unknowns[kind].offset[number] >= 0:
             gone.append(unknowns.columns(kind, number))
-    rows = _rows_of(equations, variables)
+    rows = _rows_of(equations, leaving.variables)
+    rows = np.unique(np.concatenate([rows, *equations.find(leaving.between)]))
     found = marginalised(normal, rows, gone, None if before is None else before.prior)
     missed = 0.0
     if before is not None:

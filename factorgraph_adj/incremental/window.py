@@ -65,18 +65,33 @@ def untouched(ledger: Ledger, since: int, *, later: int | None = None) -> list[V
     return out
 
 
-def due(ledger: Ledger, keep: int) -> list[Variable]:
-    """Return what is to be retired where the last ``keep`` photos are kept, several at once."""
+def between_given(ledger: Ledger, since: int) -> list[str]:
+    """Return the ids of observations in the graph that touch only what is given."""
+    rows = ledger.rows
+    inside = ledger.having("accepted")
+    old = inside[rows.arrived[inside] < since]
+    units = [u for _, u in rows.units(old)]
+    return [i for u in units if not any(ledger.needs(v)[0] for v in u.variables) for i in u.ids]
+
+
+def due(ledger: Ledger, keep: int) -> tuple[list[Variable], list[str]]:
+    """Return what is to be retired where the last ``keep`` photos are kept, several at once.
+
+    Returns:
+        The unknowns, and ids of observations between given points; none where nothing is due.
+    """
     n = len(ledger.names.photos)
     lot = max(1, round(LOT * keep))
     if n < keep + lot:
-        return []
+        return [], []
     first = np.full(n, np.iinfo(np.intp).max)
     rays = ledger.rows.images(np.flatnonzero(ledger.rows.status != GONE))
     np.minimum.at(first, ledger.rows.photo[rays], ledger.rows.arrived[rays])
     since, later = (int(first[n - k :].min()) if n >= k else 0 for k in (keep, 2 * keep))
     found = untouched(ledger, since, later=later)
-    return found if sum(kind == "pose" for kind, _ in found) >= lot else []
+    if sum(kind == "pose" for kind, _ in found) < lot:
+        return [], []
+    return found, between_given(ledger, since)
 
 
 def since_of(ledger: Ledger, before: str) -> int:

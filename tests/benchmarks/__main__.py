@@ -17,9 +17,12 @@ soak      20 000 arrivals and removals, nonsense among them, on an incremental a
           other number: python -m tests.support.soak EVENTS
 thousand  [PHOTOS [RAYS]]: photos and single observations that arrive in an aerial block of 1 000
           photos with 1 000 rays each; aims: 3 GB, 5 s for a photo, 0.3 s for an observation
-hour      [SECONDS [cpu] [gross]]: the stream of a survey vehicle for an hour, a photo with 500 rays
-          every second; whether the incremental adjustment keeps up (an hour or longer). With cpu in
-          CPU seconds, with gross 0.5 per cent of the rays are grossly wrong
+hour      [SECONDS [cpu] [gross] [keep=N] [rays=N]]: the stream of a survey vehicle for an hour, a
+          photo with 500 rays every second; whether the incremental adjustment keeps up (an hour or
+          longer). With cpu in CPU seconds, with gross 0.5 per cent of the rays are grossly wrong,
+          with keep the last N photos are kept
+retirement is a command of its own, python -m tests.benchmarks.retirement: that vehicle with few
+          rays, its last photos kept, against the batch adjustment of everything
 runs      2 000 repetitions of the industry block in 1 and 2 processes and on a local Dask cluster
           (extra ``cluster``), then killed half-way and resumed (half an hour)
 proposals 1 000 candidates for the industry block, against planning anew with each of them

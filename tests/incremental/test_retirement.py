@@ -226,9 +226,17 @@ def test_what_nothing_has_touched_since_an_observation_is_retired():
     inc.retire(before=f"{first}")
     assert not any(inc.determined(f"P{i}") for i in range(2, 6))
     assert all(inc.determined(f"P{i}") for i in (0, 1, *range(6, POINTS)))
-    assert off(inc, everything(), ["P6", "P11"]) < ACCURACY
+    batch = everything()
+    assert off(inc, batch, ["P6", "P11"]) < ACCURACY
+    assert inc.redundancy == batch.redundancy
+    assert inc.vtpv == pytest.approx(batch.vtpv, abs=1e-3)
+    # Readings between the two given points tell nothing of what remains, and go too.
+    assert not any({*o.points()} == {"P0", "P1"} for o in inc.described.observations.values())
     with pytest.raises(fga.InputError, match=r"unknown observation.*before= takes one, or a photo"):
         inc.retire(before="nothing")
+    inc.settle(all=True)
+    assert off(inc, batch, list(points_of(POINTS))) < 1e-6
+    assert inc.redundancy == batch.redundancy
 
 
 def vehicle(journal: Path, seconds: float = 19.0) -> tuple[fga.IncrementalAdjustment, fga.Solution]:
