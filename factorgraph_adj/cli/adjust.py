@@ -22,7 +22,6 @@ from ..report.causes import likeliest
 from ..report.context import Report
 from ..report.doubts import notes_about, notes_on, unknowns_left_out
 from ..report.html.language import Language
-from ..report.html.write import write_html
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import RESULT_FILES, write_tables
 from ..report.text import render
@@ -229,6 +228,8 @@ def _adjust(options: argparse.Namespace) -> int:
         if options.out is not None:
             write_tables(report, options.out)
         if options.report is not None:
+            from ..report.html.write import write_html
+
             language: Language = options.language or "en"
             write_html(report, options.report, language=language, files=[options.project])
     if not options.quiet:

@@ -23,7 +23,6 @@ from ..report.epochs.results import epochs_text
 from ..report.epochs.tables import displacement_table
 from ..report.epochs.text import render_congruence
 from ..report.html.language import Language
-from ..report.html.write import write_html
 from ..report.options import Provenance
 from ..solve.batch import adjust
 from ..solve.solution import Solution
@@ -156,6 +155,8 @@ def _write(options: argparse.Namespace, report: EpochsReport) -> None:
         )
         save_figure(figure, options.plot)
     if options.report is not None:
+        from ..report.html.write import write_html
+
         write_html(report, options.report, language=options.language or "en", files=options.project)
 
 

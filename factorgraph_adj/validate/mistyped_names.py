@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State
@@ -152,10 +151,11 @@ def mistyped_names(
         for key, (m, change) in found.items()
         if rules[change] < CONVENTION and key not in in_a_row
     ]
-    within = max((m.tolerance for m in named), default=0.0)
-    return (
-        named if len(named) > _coincident_with_other_names(table.names, xyz, once, within) else []
-    )
+    if not named:
+        return []
+    within = max(m.tolerance for m in named)
+    by_chance = _coincident_with_other_names(table.names, xyz, once, within)
+    return named if len(named) > by_chance else []
 
 
 def _coincident_with_other_names(
@@ -165,6 +165,8 @@ def _coincident_with_other_names(
 
     Where a network has them, places are shared on purpose, and say nothing about names.
     """
+    from scipy.spatial import cKDTree  # it takes long to import, and few networks need it
+
     there = np.flatnonzero(np.isfinite(xyz).all(axis=1))
     tree = cKDTree(xyz[there])
     pairs = set()

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from ...network.entities import Camera
 from ...types import Array
@@ -39,6 +38,8 @@ class Coverage:
 
 def coverage(xy: Array, corners: tuple[Array, Array]) -> Coverage:
     """Return the part of a sensor that is covered by points (n, 2), both in image units."""
+    from scipy.spatial import ConvexHull, QhullError  # it takes long to import
+
     low, high = corners
     inside = np.all((xy >= low) & (xy <= high), axis=1)
     outside = int(np.sum(~inside))
