@@ -17,8 +17,10 @@ from scipy.sparse import csr_array
 from ..errors import InputError, Problem
 from ..models.base import DegenerateError
 from ..models.image import by_rotation, in_front
+from ..models.lens import Pair
 from ..types import Array, Index
 from .blocks import Block
+from .order import stable_order
 from .variables import State, Unknowns
 
 RAYS = 12_000
@@ -73,9 +75,15 @@ class PointSums:
     """One for each ray in the row of its point, (u, m)."""
 
     @classmethod
-    def of(cls, number: Index, ones: Array) -> PointSums:
-        """Sort rays by their points, given as numbers (m,); ``ones`` has m ones or more."""
-        order = np.argsort(number, kind="stable").astype(np.int32)
+    def of(cls, number: Index, count: int, ones: Array) -> PointSums:
+        """Sort rays by their points.
+
+        Args:
+            number: number of the point of each ray, (m,).
+            count: number of points.
+            ones: m ones or more.
+        """
+        order = stable_order(number, count).astype(np.int32)
         ordered = number[order]
         starts: Index = np.flatnonzero(np.diff(ordered, prepend=-1))
         first = np.append(starts, len(number)).astype(np.int32)
@@ -148,7 +156,8 @@ class ImageChunks:
         """Sums over the rays of each chunk to each of its points."""
         number = self.block.variables[2][1]
         ones = np.ones(min(RAYS, max(len(number), 1)))
-        return tuple(PointSums.of(number[c.rows], ones) for c in self.chunks)
+        count = len(self.unknowns["point"].names)
+        return tuple(PointSums.of(number[c.rows], count, ones) for c in self.chunks)
 
     @cached_property
     def _observed(self) -> Array:
@@ -248,18 +257,15 @@ class ImageChunks:
         found = block.lens.seen(ray, x, y, calibration, jacobians=jacobians)
         free = self.lens_free
         a = np.empty((7 + len(free) if jacobians else 1, 2, m))
-        a[-1, 0], a[-1, 1] = found.v
+        weigh = self._whiten if whitened else _copy
+        weigh(found.v, rows, a[-1])
         if not jacobians:
-            if whitened:
-                self._whiten(a, rows)
             return a
         g = np.empty((3, 2, m))
-        for j, pair in enumerate(found.by_p):
-            g[j, 0], g[j, 1] = pair
-        for j, parameter in enumerate(free.tolist()):
-            a[6 + j, 0], a[6 + j, 1] = found.by_k[parameter]
-        self._whiten(a[6:], rows)
-        self._whiten(g, rows)
+        for pair, out in zip(found.by_p, g, strict=True):
+            weigh(pair, rows, out)
+        for parameter, out in zip(free.tolist(), a[6:-1], strict=True):
+            weigh(found.by_k[parameter], rows, out)
         for row in range(2):
             turned = by_rotation(ray, (g[0, row], g[1, row], g[2, row]))
             a[0, row], a[1, row], a[2, row] = turned
@@ -268,15 +274,18 @@ class ImageChunks:
                 np.matmul(-turn, g[:, row, start:stop], out=a[3:6, row, start:stop])
         return a
 
-    def _whiten(self, a: Array, rows: slice) -> None:
-        """Multiply arrays (k, 2, m) by the whitener, in place."""
-        w = self._weights
-        if w.shape[1] == 1:
-            a *= w[0, 0]
-        elif len(w) == 2:
-            a *= w[:, rows]
+    def _whiten(self, pair: Pair, rows: slice, out: Array) -> None:
+        """Write values of both components times the whitener to out (2, m)."""
+        w, (x, y) = self._weights, pair
+        w = w if w.shape[1] == 1 else w[:, rows]
+        if len(w) <= 2:
+            np.multiply(x, w[0], out=out[0])
+            np.multiply(y, w[-1], out=out[1])
         else:
-            wxx, wxy, wyx, wyy = w[:, rows]
-            in_x = wxx * a[:, 0] + wxy * a[:, 1]
-            a[:, 1] = wyx * a[:, 0] + wyy * a[:, 1]
-            a[:, 0] = in_x
+            out[0] = w[0] * x + w[1] * y
+            out[1] = w[2] * x + w[3] * y
+
+
+def _copy(pair: Pair, rows: slice, out: Array) -> None:
+    """Write values of both components to out (2, m), as `ImageChunks._whiten` without weights."""
+    out[0], out[1] = pair

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
@@ -35,8 +36,6 @@ class Variables:
     """Kind."""
     names: tuple[str, ...]
     """Names; an orientation is named station/set."""
-    number: dict[str, int]
-    """Number by name."""
     values: Array
     """Start values (n, width); NaN where unknown."""
     size: Index
@@ -47,6 +46,11 @@ class Variables:
     """Standard deviations of weighted components, infinite for others, (n, largest size)."""
     offset: Index
     """First column of each variable, −1 for variables without columns."""
+
+    @cached_property
+    def number(self) -> dict[str, int]:
+        """Number by name."""
+        return {name: i for i, name in enumerate(self.names)}
 
     @cached_property
     def has_column(self) -> Mask:
@@ -93,11 +97,8 @@ class Unknowns:
         tables: dict[VariableKind, Variables] = {}
         for kind in UNKNOWNS:
             names, values, sizes, free, sigma = _laid_out(network, kind)
-            number = {n: i for i, n in enumerate(names)}
             nowhere = np.full(len(names), -1, dtype=np.intp)
-            tables[kind] = Variables(
-                kind, tuple(names), number, values, sizes, free, sigma, nowhere
-            )
+            tables[kind] = Variables(kind, tuple(names), values, sizes, free, sigma, nowhere)
         self._place(tables)
 
     def _place(self, tables: dict[VariableKind, Variables]) -> None:
@@ -343,13 +344,14 @@ def camera_of_calibration(network: Network, name: str) -> Camera:
 def _points(network: Network) -> _Raw:
     points = list(network.points.values())
     n = len(points)
-    values = np.array([p.coordinates for p in points], dtype=float).reshape(n, 3)
-    fixed = np.array([p.fixed for p in points], dtype=bool).reshape(n, 3)
+    values = np.fromiter(chain.from_iterable(p.coordinates for p in points), float, 3 * n)
+    fixed = np.fromiter(chain.from_iterable(p.fixed for p in points), bool, 3 * n)
     sigma = np.full((n, 3), np.inf)
     for i, p in enumerate(points):
         if p.sigma is not None:
             sigma[i] = p.sigma
-    return list(network.points), values, np.full(n, 3, dtype=np.intp), ~fixed, sigma
+    free = ~fixed.reshape(n, 3)
+    return list(network.points), values.reshape(n, 3), np.full(n, 3, dtype=np.intp), free, sigma
 
 
 def _poses(network: Network) -> _Raw:

@@ -109,7 +109,7 @@ class LinearRays:
 
     @cached_property
     def points(self) -> Array:
-        """JᵀJ, see `point_cholesky.ELEMENTS`, and Jᵀv of each point of the network, (n, 9)."""
+        """JᵀJ, see `point_cholesky.ELEMENTS`, and Jᵀv of each point of the network, (9, n)."""
         out = np.zeros((len(self.chunks.unknowns["point"].names), 9))
         for part, of_points in zip(self.parts, self.chunks.sums, strict=True):
             j = part.a[OF_POINT]
@@ -119,19 +119,20 @@ class LinearRays:
             for axis in range(3):
                 add_components(j[axis], part.v, products[6 + axis])
             of_points.add(out, np.ascontiguousarray(products.T))
-        np.negative(out[:, 6:], out=out[:, 6:])
+        out = np.ascontiguousarray(out.T)
+        np.negative(out[6:], out=out[6:])
         return out
 
     def add_gradient(self, out: Array) -> None:
         """Add Aᵀv to out (n_columns,)."""
-        self._add_sums(out, lambda product: product[:-1, -1], self.points[:, 6:])
+        self._add_sums(out, lambda product: product[:-1, -1], self.points[6:])
 
     def add_diagonal(self, out: Array) -> None:
         """Add the diagonal of AᵀA to out (n_columns,)."""
-        self._add_sums(out, lambda product: np.diag(product)[:-1], self.points[:, list(DIAGONAL)])
+        self._add_sums(out, lambda product: np.diag(product)[:-1], self.points[list(DIAGONAL)])
 
     def _add_sums(self, out: Array, of_photo: Callable[[Array], Array], of_points: Array) -> None:
-        """Add what the products of photos give, (6 + k,), and values of points (n, 3)."""
+        """Add what the products of photos give, (6 + k,), and values of points (3, n)."""
         sums = self._zeros(1)
         calibration = self.block.variables[1][1]
         free = self.chunks.lens_free
@@ -141,7 +142,7 @@ class LinearRays:
                 number = calibration[part.chunk.rows.start + start]
                 sums["pose"][photo, :, 0] += value[:6]
                 sums["calibration"][number, free, 0] += value[6:]
-        sums["point"] = of_points[:, :, None]
+        sums["point"] = of_points.T[:, :, None]
         self._add(out[:, None], sums)
 
     # -- products ---------------------------------------------------------------------------------

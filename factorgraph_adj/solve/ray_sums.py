@@ -31,7 +31,7 @@ class RaySums:
         """JᵀA of each point with the shared calibrations, (p, 3, border)."""
         for block in system.blocks:
             if isinstance(block, LinearRays):
-                self.points += block.points[rays.layers.reduced, :6].T
+                self.points += block.points[:6, rays.layers.reduced]
         for part in rays.photo_parts:
             for (node, _, _), product in zip(part.runs, part.products(system), strict=True):
                 width = len(product) - 1

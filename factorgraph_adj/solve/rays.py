@@ -14,6 +14,7 @@ import numpy as np
 
 from ..graph.equations import Equations
 from ..graph.image_chunks import RAYS, PointSums
+from ..graph.order import stable_order
 from ..types import Array, Index
 from .linear import LinearSystem
 from .linear_rays import OF_POINT, LinearRays, add_components, photo_products
@@ -148,7 +149,7 @@ class Rays:
                         slice(first, first + m),
                         runs,
                         point,
-                        PointSums.of(point, ones),
+                        PointSums.of(point, self.n_points, ones),
                         self.places.camera_of.get(chunk.calibration, -1),
                     )
                 )
@@ -168,7 +169,7 @@ class Rays:
             points: number of the point of each ray, (n_rays,).
             nodes: node of each ray, (n_rays,).
         """
-        order = np.argsort(points, kind="stable").astype(np.int32)
+        order = stable_order(points, self.n_points).astype(np.int32)
         counts = np.bincount(points, minlength=self.n_points)
         self._by_point, self._first = order, np.concatenate([[0], np.cumsum(counts)])
         first = self._first[:-1]
@@ -184,7 +185,7 @@ class Rays:
         a, b = np.where(swapped, b, a), np.where(swapped, a, b)
         n_nodes = self.places.n
         code = nodes[a].astype(np.int64) * n_nodes + nodes[b]
-        by_pair = np.argsort(code, kind="stable")
+        by_pair = stable_order(code, n_nodes**2)
         code, self.left, self.right = code[by_pair], a[by_pair], b[by_pair]
         cuts: Index = np.flatnonzero(np.diff(code, prepend=-1))
         self.pair_first, self.pair_second = code[cuts] // n_nodes, code[cuts] % n_nodes

@@ -120,7 +120,7 @@ class ReducedPoints:
             left = np.take(flat, rays.left[both], axis=0).reshape(-1, w).T
             right = np.take(flat, rays.right[both], axis=0).reshape(-1, w)
             for i, s, t in pairs:
-                np.matmul(left[:, 3 * s : 3 * t], right[3 * s : 3 * t], out=found[i])
+                np.dot(left[:, 3 * s : 3 * t], right[3 * s : 3 * t], out=found[i])
         out.pairs[out.find(rays.pair_first, rays.pair_second)] = -found
 
     # -- use ----------------------------------------------------------------------------------

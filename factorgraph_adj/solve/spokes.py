@@ -142,7 +142,7 @@ def find_spokes(
     starts = np.flatnonzero(np.diff(node, prepend=-1))
     stops = np.append(starts[1:], len(node))
     runs = tuple(zip(node[starts].tolist(), starts.tolist(), stops.tolist(), strict=True))
-    sums = PointSums.of(point, np.ones(len(point)))
+    sums = PointSums.of(point, n_points, np.ones(len(point)))
     assert n_nodes > int(node.max())
     return Spokes(slice(first, first + len(every)), runs, point, sums), made, node
 
