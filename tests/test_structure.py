@@ -35,6 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("field",),
     # The equations in arrays, which know nothing of GTSAM.
     (
+        "graph.order",
         "graph.scales",
         "graph.variables",
         "graph.blocks",

@@ -147,6 +147,15 @@ def test_products_are_those_of_the_partials(
         diagonal = np.zeros(unknowns.n_columns)
         linear.add_diagonal(diagonal)
         np.testing.assert_allclose(diagonal, np.sum(flat**2, axis=0), rtol=1e-11)
+        gradient = np.zeros(unknowns.n_columns)
+        linear.add_gradient(gradient)
+        wanted = flat.T @ linear.residual().ravel()
+        np.testing.assert_allclose(gradient, wanted, rtol=1e-9, atol=1e-10 * np.abs(wanted).max())
+        of_points = np.zeros(unknowns.n_columns)
+        linear.only(("point",)).add_gradient(of_points)
+        columns = unknowns["point"].columns
+        np.testing.assert_array_equal(of_points[columns], gradient[columns])
+        assert not np.delete(of_points, np.arange(columns.start, columns.stop)).any()
         some = np.sort(rng.permutation(block.n)[:11])
         for part, every in zip(linear.partials(some), linear.a, strict=True):
             np.testing.assert_array_equal(part, every[some] if len(every) else every)
