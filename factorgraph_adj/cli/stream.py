@@ -132,18 +132,22 @@ def _same(adjustment: IncrementalAdjustment, project: Project, options: argparse
     Raises:
         InputError: the journal lacks parts of the project or states other options.
     """
-    ours, theirs = adjustment.described, project.network
+    ours, theirs, retired = adjustment.described, project.network, adjustment.retired
+
+    def is_retired(variable: tuple[str, str]) -> bool:
+        return retired is not None and retired.last_estimate(variable) is not None
+
     problems = [
         Problem(
             f"the journal has no {what} {missing[0]!r}: it is not one of this project",
             str(project.path),
         )
-        for what, here, there in (
-            ("point", ours.points, theirs.points),
-            ("photo", ours.photos, theirs.photos),
-            ("camera", ours.cameras, theirs.cameras),
+        for what, kind, here, there in (
+            ("point", "point", ours.points, theirs.points),
+            ("photo", "pose", ours.photos, theirs.photos),
+            ("camera", "", ours.cameras, theirs.cameras),
         )
-        if (missing := [n for n in there if n not in here])
+        if (missing := [n for n in there if n not in here and not is_retired((kind, n))])
     ]
     for name, asked, begun in (
         ("--policy", options.policy, adjustment.policy),

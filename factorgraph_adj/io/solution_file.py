@@ -79,6 +79,7 @@ def save_solution(solution: Solution, path: str | Path) -> None:
         "drifting": solution.drifting,
         "defects": len(solution.defects),
         "extra": [e.name for e in solution.extra.rows],
+        "extra_apart": solution.extra.apart,
     }
     arrays: dict[str, Any] = {"constraint": solution.constraint}
     arrays |= {f"state/{kind}": x for kind, x in solution.state.items()}
@@ -178,7 +179,7 @@ def _solution(
         defects=tuple(_defect(entries, i) for i in range(header["defects"])),
         variance=header["variance"],
         weights=weights,
-        extra=Extra(None, rows) if rows else Extra(),
+        extra=Extra(None, rows, apart=header.get("extra_apart", 0)) if rows else Extra(),
         drifting=tuple((kind, name) for kind, name in header["drifting"]),
         extrapolated=Extrapolated(**header["extrapolated"]),
     )

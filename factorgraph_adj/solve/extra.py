@@ -39,6 +39,8 @@ class Extra:
     """Names of the factors; empty: their numbers from 1, and their types."""
     keyed: Unknowns | None = None
     """The unknowns that their keys belong to; none: those of the network that is adjusted first."""
+    apart: int = 0
+    """Number of further rows that count in the redundancy, and that no unknown changes."""
 
     @classmethod
     def of(cls, given: ExtraFactors, network: Network) -> Extra:
@@ -84,7 +86,7 @@ class Extra:
     @property
     def n_rows(self) -> int:
         """Number of rows."""
-        return sum(len(e.residual) for e in self.rows)
+        return self.apart + sum(len(e.residual) for e in self.rows)
 
     def at(self, equations: Equations, state: State) -> Extra:
         """Return the same factors, linearised at another state.
@@ -125,7 +127,7 @@ class Extra:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Extra:
         """Return a copy with copied rows and the same factors."""
-        return Extra(self.factors, deepcopy(self.rows, memo), self.names, self.keyed)
+        return Extra(self.factors, deepcopy(self.rows, memo), self.names, self.keyed, self.apart)
 
     def __copy__(self) -> Extra:
         """Return the object itself, as it is immutable."""
@@ -133,7 +135,7 @@ class Extra:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the rows for pickling, without the factors."""
-        kept = {"rows": self.rows, "names": self.names, "keyed": None}
+        kept = {"rows": self.rows, "names": self.names, "keyed": None, "apart": self.apart}
         return {"factors": None if self.factors else (), **kept}
 
 

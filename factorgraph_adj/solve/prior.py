@@ -67,8 +67,6 @@ class Prior(Extra):
     """R, (k, m)."""
     z: Array | None = None
     """z, (k,)."""
-    apart: int = 0
-    """Number of further rows that count in the redundancy, and that no unknown changes."""
     name: str = ""
     """Name of the rows."""
 

@@ -303,3 +303,15 @@ def test_what_is_kept_is_a_number_of_photos(keep):
         fga.IncrementalAdjustment(fga.Network("empty"), keep=keep)
     with pytest.raises(fga.InputError, match="free network"):
         fga.IncrementalAdjustment(fga.Network("empty"), keep=5, datum="free")
+
+
+def test_a_solution_file_has_the_rows_of_what_was_retired(tmp_path):
+    solution = survey().solution()
+    solution.save(tmp_path / "solution.npz")
+    again = fga.load_solution(tmp_path / "solution.npz")
+    assert again.redundancy == solution.redundancy
+    assert again.vtpv == solution.vtpv
+    assert again.standard_deviations("P8") == pytest.approx(solution.standard_deviations("P8"))
+    assert fga.reliability(again).factors[0].t2 == pytest.approx(
+        fga.reliability(solution).factors[0].t2
+    )
