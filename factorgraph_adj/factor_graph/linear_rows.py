@@ -71,6 +71,8 @@ class LinearRows:
         """Observations of each unit."""
         self.unit: dict[str, int] = {}
         """Unit of the observation with an id; of weighted unknowns, by their names."""
+        self._named: list[tuple[str, int | None]] = []
+        """Ids in the order in which they got units, with the units that they had before."""
         self._whitener: dict[int, Array] = {}
         """What whitens a correlated unit."""
         self._gap = Grown()
@@ -110,6 +112,7 @@ class LinearRows:
                 if name not in of_unit:
                     of_unit[name] = len(self.units)
                     self.units.append(())
+                self._named.append((ident, self.unit.get(ident)))
                 self.unit[ident] = of_unit[name]
                 units.append(of_unit[name])
             numbers = [places[kind][index] for kind, index in block.variables]
@@ -119,6 +122,20 @@ class LinearRows:
             new.setdefault(sort, []).append(at)
         for number, cluster in enumerate(equations.clusters):
             self._whitener[of_unit[number]] = cluster.whitener[:, np.argsort(cluster.rows)]
+
+    def _forget(self, n: int) -> None:
+        """Drop all units but the first n, which are out."""
+        for rows in self.sorts.values():
+            rows.cut(int(np.searchsorted(rows.unit.values, n)))
+        while self._named and self.unit[self._named[-1][0]] >= n:
+            ident, before = self._named.pop()
+            if before is None:
+                del self.unit[ident]
+            else:
+                self.unit[ident] = before
+        for unit in range(n, len(self.units)):
+            self._whitener.pop(unit, None)
+        del self.units[n:]
 
     def _numbers(self, kind: VariableKind, table: Variables, values: Array) -> Index:
         """Return the numbers of variables; those that are new get one."""

@@ -7,7 +7,7 @@ so that δ counts from there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,7 +22,7 @@ from ..frames import Frame
 from ..graph.dependence import Variable
 from ..models.variables import VariableKind
 from ..quality.leave_out import Tested
-from ..types import NO_ROWS, Array, Index
+from ..types import NO_ROWS, Array, Index, Mask
 from .linear_rows import Arriving, LinearRows
 from .rows import Grown, Sort
 
@@ -48,23 +48,36 @@ class IndeterminateError(AdjustmentError):
     """Rows do not determine all of their unknowns."""
 
 
-class Mark(NamedTuple):
-    """A tree before an arrival; iSAM2 is lost where an update fails."""
+class Snapshot(NamedTuple):
+    """Everything that arrivals change; copies."""
 
-    version: int
-    """Its version."""
     isam: gtsam.ISAM2
-    """A copy."""
+    """The tree."""
     forms: dict[Sort, tuple[Array, ...]]
     """Linear forms of each sort."""
     theta: dict[VariableKind, Array]
     """Points of linearisation."""
-    n_units: int
-    """Number of units."""
-    unit: dict[str, int]
-    """Units by id."""
     of_units: tuple[Array, ...]
-    """What there is of each unit, key and column; copies."""
+    """What there is of each unit, key and column."""
+
+
+class Mark(NamedTuple):
+    """A tree before an arrival."""
+
+    version: int
+    """Its version."""
+    changes: int
+    """Number of its changes other than rows between known variables."""
+    counts: dict[VariableKind, int]
+    """Number of variables of each kind."""
+    n_keys: int
+    """Number of keys."""
+    inside: Mask
+    """Which units are in."""
+    diagonal: Array
+    """Diagonal of N."""
+    snapshot: Snapshot | None
+    """The tree then, or after rows had entered between known variables; none: there is no copy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +155,10 @@ class Tree(LinearRows):
         """Slot of each unit in iSAM2; −1: it is out, or touches constants alone."""
         self.relinearised = 0
         """Number of units that were evaluated anew."""
+        self._changes = 0
+        """Number of changes other than rows that entered between known variables."""
+        self._lost = False
+        """Whether an update has failed, which leaves iSAM2 without use."""
 
     # -- what enters and leaves ---------------------------------------------------------------
 
@@ -169,6 +186,7 @@ class Tree(LinearRows):
             self.sorts[sort].linearise(np.concatenate(rows), self.frame, theta)
             self._weigh(sort, np.concatenate(rows), 1.0)
         graph, having = self._factors(units)
+        self._changes += self._first.n > first_key
         values = gtsam.Values()
         for key in range(first_key, self._first.n):
             if self._alive.values[key]:
@@ -182,27 +200,86 @@ class Tree(LinearRows):
         of_columns = self._key, self._delta, self._looked, self._diagonal
         return self._slot, self._gap, self._inside, *of_keys, *of_columns
 
-    def mark(self) -> Mark:
-        """Return what `restore` needs to undo what is done from now on."""
+    def mark(self, *, whole: bool = True) -> Mark:
+        """Return what `restore` needs to undo what is done from now on.
+
+        Args:
+            whole: whether to copy everything. Without a copy rows between known variables leave by
+                their factors; where anything else was done the tree is planted anew.
+        """
         return Mark(
             self.version,
+            self._changes,
+            {kind: len(table.number) for kind, table in self.tables.items()},
+            self._first.n,
+            self._inside.values.copy(),
+            self._diagonal.values.copy(),
+            self._snapshot() if whole else None,
+        )
+
+    def completed(self, mark: Mark) -> Mark:
+        """Return a mark with a copy, after rows have entered between known variables."""
+        same = mark.snapshot is not None or mark.changes != self._changes
+        return mark if same else mark._replace(snapshot=self._snapshot())
+
+    def _snapshot(self) -> Snapshot:
+        return Snapshot(
             gtsam.ISAM2(self.isam),
             {sort: rows.forms() for sort, rows in self.sorts.items()},
             {kind: table.theta.values.copy() for kind, table in self.tables.items()},
-            len(self.units),
-            dict(self.unit),
             tuple(each.values.copy() for each in self._numbered),
         )
 
     def restore(self, mark: Mark) -> None:
-        """Undo what was done since a mark was made; the mark serves once."""
-        self.isam, self.version = mark.isam, mark.version
-        for sort in [s for s in self.sorts if s not in mark.forms]:
+        """Undo what was done since a mark was made; the mark serves once.
+
+        Raises:
+            IndeterminateError: the tree was lost, and what was in it is too weak for Cholesky.
+        """
+        n = len(mark.inside)
+        if mark.snapshot is not None:
+            self._put_back(mark.snapshot)
+        entered = np.arange(n, self._slot.n)
+        planted = mark.snapshot is not None or self._changes == mark.changes
+        if planted and not self._lost:
+            with suppress(IndeterminateError):
+                if (self._slot.values[entered] >= 0).any():
+                    self.leave(entered)
+        self._forget(n)
+        for each in (self._slot, self._gap, self._inside):
+            each.cut(n)
+        if self._lost or not planted:
+            self._cut(mark)
+            self._plant(np.flatnonzero(mark.inside))
+        elif mark.snapshot is None:
+            self._diagonal.put_back(mark.diagonal)
+        self.version, self._changes = mark.version, mark.changes
+
+    def _cut(self, mark: Mark) -> None:
+        """Drop the variables that are new since a mark, and put in what was in then."""
+        for kind, table in self.tables.items():
+            n = mark.counts.get(kind, 0)
+            for name in list(table.number)[n:]:
+                del table.number[name]
+            for each in (table.theta, table.column, table.key):
+                each.cut(n)
+        for each in (self._first, self._size, self._alive):
+            each.cut(mark.n_keys)
+        for each in (self._key, self._delta, self._looked, self._diagonal):
+            each.cut(len(mark.diagonal))
+        self._inside.put_back(mark.inside)
+        self._diagonal.values[:] = 0.0
+        for sort, rows in self.sorts.items():
+            self._weigh(sort, np.flatnonzero(self._inside.values[rows.unit.values]), 1.0)
+
+    def _put_back(self, snapshot: Snapshot) -> None:
+        self.isam, self._lost = snapshot.isam, False
+        for sort in [s for s in self.sorts if s not in snapshot.forms]:
             del self.sorts[sort]
-        for sort, forms in mark.forms.items():
+        for sort, forms in snapshot.forms.items():
             self.sorts[sort].put_back(forms)
         for kind, table in self.tables.items():
-            before = mark.theta.get(kind)
+            before = snapshot.theta.get(kind)
             n = 0 if before is None else len(before)
             for name in list(table.number)[n:]:
                 del table.number[name]
@@ -210,12 +287,18 @@ class Tree(LinearRows):
                 each.cut(n)
             if before is not None:
                 table.theta.values[:, : before.shape[1]] = before
-        for unit in range(mark.n_units, len(self.units)):
-            self._whitener.pop(unit, None)
-        del self.units[mark.n_units :]
-        self.unit = mark.unit
-        for each, copied in zip(self._numbered, mark.of_units, strict=True):
+        for each, copied in zip(self._numbered, snapshot.of_units, strict=True):
             each.put_back(copied)
+        self._forget(self._slot.n)
+
+    def _plant(self, units: Index) -> None:
+        """Put units into a new tree."""
+        self.isam, self._lost = gtsam.ISAM2(self.isam.params()), False
+        graph, having = self._factors(units)
+        values = gtsam.Values()
+        for key in np.flatnonzero(self._alive.values).tolist():
+            values.insert(key, np.zeros(int(self._size.values[key])))
+        self._update(graph, having, values, [])
 
     def leave(self, units: Index) -> None:
         """Take units out; what they alone determine must have left before.
@@ -223,6 +306,7 @@ class Tree(LinearRows):
         Raises:
             IndeterminateError: the rest is too weak for Cholesky; `restore` brings the tree back.
         """
+        self._changes += 1
         slots = self._slot.values[units]
         gone = slots[slots >= 0].tolist()
         for unit in units[slots >= 0].tolist():
@@ -264,6 +348,7 @@ class Tree(LinearRows):
         try:
             result = self.isam.update(graph, values, gone)
         except RuntimeError as error:
+            self._lost = True
             raise IndeterminateError(str(error).strip().splitlines()[0]) from error
         self._slot.values[units] = list(result.getNewFactorsIndices())
         present = np.flatnonzero(self._alive.values[self._key.values])
@@ -271,8 +356,19 @@ class Tree(LinearRows):
 
     # -- what linear rows miss ----------------------------------------------------------------
 
-    def follow(self, accuracy: float | None = None, most: int = MOST_TURNS) -> int:
-        """Evaluate rows anew until their gaps are small; return the number of updates."""
+    def follow(
+        self,
+        accuracy: float | None = None,
+        most: int = MOST_TURNS,
+        before: Callable[[], None] = lambda: None,
+    ) -> int:
+        """Evaluate rows anew until their gaps are small; return the number of updates.
+
+        Args:
+            accuracy: largest norm of all gaps; none: that of the tree.
+            most: largest number of updates.
+            before: what is called before the first of them.
+        """
         allowed = self.accuracy if accuracy is None else accuracy
         moved = MOVED if accuracy is None else 0.0
         last = np.inf
@@ -283,6 +379,8 @@ class Tree(LinearRows):
             if whole < allowed or (whole <= NEAR and whole > SHRINKING * last):
                 return turn
             last = whole
+            if not turn:
+                before()
             self._anew(_largest(gap, (KEPT * allowed) ** 2), moved)
         return most
 
@@ -290,13 +388,13 @@ class Tree(LinearRows):
         """Evaluate rows anew until nothing is missed; return the number of updates."""
         return self.follow(AT_REST, 3 * MOST_TURNS)
 
-    def follow_to_rest(self) -> bool:
+    def follow_to_rest(self, before: Callable[[], None] = lambda: None) -> bool:
         """Evaluate rows anew until their gaps are small; return whether they are.
 
         Where they are not, the tree may be lost: `restore` brings it back.
         """
         with suppress(IndeterminateError):
-            return self.follow() < MOST_TURNS
+            return self.follow(before=before) < MOST_TURNS
         return False
 
     def _anew(self, units: Index, moved: float) -> None:
@@ -304,6 +402,7 @@ class Tree(LinearRows):
 
         All rows that touch them are replaced.
         """
+        self._changes += 1
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
         far = np.abs(self._delta.values) * weight > moved
         keys = np.zeros(self._first.n, dtype=bool)

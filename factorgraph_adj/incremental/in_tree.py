@@ -235,7 +235,12 @@ class InTree:
             return None
         equations = equations.weighted_at(self.carried(equations.unknowns, state))
         tree = self.tree
-        self._mark = tree.mark()
+        new = any(
+            name not in tree.tables[kind].number if kind in tree.tables else True
+            for kind, table in equations.unknowns.tables.items()
+            for name in table.names
+        )
+        self._mark = tree.mark(whole=new)
         with suppress(AdjustmentError):
             tree.enter([Arriving(equations, state)])
             return EnteredTree.of(tree, equations, tuple(units))
@@ -263,9 +268,15 @@ class InTree:
 
     def after(self, entered: EnteredTree, ledger: Ledger) -> InTree | None:
         """Return the system with what has entered; none where linear forms come to no rest."""
+        tree = entered.tree
+
+        def before() -> None:
+            assert self._mark is not None
+            self._mark = tree.completed(self._mark)
+
         with suppress(AdjustmentError):
-            if entered.tree.follow_to_rest():
-                return InTree(entered.tree, ledger, self._rules)
+            if tree.follow_to_rest(before):
+                return InTree(tree, ledger, self._rules)
         _ = self.tree  # it goes back
         return None
 

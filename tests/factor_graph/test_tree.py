@@ -165,3 +165,52 @@ def test_rows_are_evaluated_anew_only_where_something_moved() -> None:
     tree = whole(solution)
     tree.follow()
     assert tree.relinearised == 0
+
+
+@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.parametrize("what", ["row", "anew", "new point", "leaves", "lost"])
+def test_a_mark_brings_the_tree_back(what: str, whole: bool) -> None:
+    """Whatever was done since, with a copy of everything or without one."""
+    network = levels(4)
+    tree = Tree(network.frame)
+    first = [HeightDifference("A", "P0", 1.0, sigma=0.001, id="a")]
+    first += [HeightDifference("P0", "P1", 0.5, sigma=0.001, id="b")]
+    first += [HeightDifference("A", "P1", 1.501, sigma=0.001, id="c")]
+    tree.enter([arriving(network, *first)])
+    before = float(tree.value("point", "P1")[2]), tree.covariance(("point", "P1"))
+    mark = tree.mark(whole=whole)
+    unit = tree.enter([arriving(network, HeightDifference("A", "P1", 1.7, sigma=0.001, id="d"))])
+    if what == "anew":
+        tree._anew(unit, 0.0)
+    elif what == "new point":
+        tree.enter([arriving(network, HeightDifference("A", "P2", 2.0, sigma=0.001, id="e"))])
+    elif what == "leaves":
+        tree.leave(np.array([tree.unit["c"]]))
+    elif what == "lost":
+        with pytest.raises(IndeterminateError):
+            tree.enter([arriving(network, HeightDifference("P2", "P3", 0.1, sigma=0.001))])
+    tree.restore(mark)
+    assert tree.version == mark.version
+    assert set(tree.unit) == {"a", "b", "c"} and tree.n_rows == 3 and tree.n_unknowns == 2
+    assert float(tree.value("point", "P1")[2]) == pytest.approx(before[0], abs=1e-12)
+    assert tree.covariance(("point", "P1")) == pytest.approx(before[1], rel=1e-9)
+    # It goes on from there.
+    again = tree.enter([arriving(network, HeightDifference("A", "P1", 1.5, sigma=0.001, id="d"))])
+    network.add(*first, HeightDifference("A", "P1", 1.5, sigma=0.001, id="d"))
+    batch = fga.adjust(known_part(network))
+    assert float(tree.value("point", "P1")[2]) == pytest.approx(batch.point("P1")[2], abs=1e-9)
+    assert tree.together(again).tested().statistics()[0] == pytest.approx(
+        fga.reliability(batch).w[3] ** 2, rel=1e-9
+    )
+
+
+def known_part(network: fga.Network) -> fga.Network:
+    """Return a network without points that nothing observes."""
+    part = fga.Network(network.name, frame=network.frame)
+    touched = {n for o in network.observations.values() for n in o.names()}
+    for name, point in network.points.items():
+        if name in touched:
+            fixed = "".join(c for c, f in zip("xyz", point.fixed, strict=True) if f)
+            part.add_point(name, point.coordinates, fixed=fixed)
+    part.add(*network.observations.values())
+    return part

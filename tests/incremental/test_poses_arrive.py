@@ -44,7 +44,7 @@ def test_fronts_take_what_breaks_the_tree_while_it_is_relinearised(monkeypatch: 
         inc.add(item)
     assert isinstance(inc._state.system, InTree)
 
-    def follow(tree: Tree, *_: object) -> int:
+    def follow(tree: Tree, *_: object, **__: object) -> int:
         raise IndeterminateError("Indeterminate linear system")
 
     monkeypatch.setattr(Tree, "follow", follow)
