@@ -43,21 +43,22 @@ class Retired:
     missed: float = 0.0
     """Step that the linear rows of the retirements before the last have missed, relative to σ."""
     curvature: float = 0.0
-    """Step that the rows of the last one miss where what remains has moved by one σ."""
+    """Step that the rows of the last one miss for the square of the length of a movement of what
+    remains."""
     sigma: Array = field(default_factory=lambda: np.zeros(0))
     """σ of the unknowns of the prior at that moment, (m,)."""
 
     def missed_at(self, equations: Equations, state: State) -> float:
         """Return the step that the linear rows miss at a state, relative to σ.
 
-        It grows with the square of the largest movement s of an unknown of the prior, relative to
-        its σ, since the last retirement: missed + curvature s².
+        It grows with the square of the length √Σ(d/σ)² of the movement d of the unknowns of the
+        prior since the last retirement, see `factorgraph_adj.solve.marginalisation`.
         """
         if not len(self.sigma):
             return self.missed
         on = self.sigma > 0
         moved = self.prior.movement(equations, state)[on] / self.sigma[on]
-        return self.missed + self.curvature * float(np.max(np.abs(moved), initial=0.0)) ** 2
+        return self.missed + self.curvature * float(moved @ moved)
 
     def last_estimate(self, variable: Variable) -> LastEstimate | None:
         """Return what was known of an unknown when it was retired; none: it was not."""

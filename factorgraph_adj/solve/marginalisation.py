@@ -57,7 +57,8 @@ class Marginalised(NamedTuple):
     """Largest part of a change of the rows of an earlier marginalisation that these rows take
     over; 1 at most, 0 where there was none."""
     missed: float
-    """Step that is missed where what remains has moved by one σ, relative to σ."""
+    """Step that is missed, relative to σ, for the square of the length of a movement of what
+    remains: √Σ(d/σ)²."""
     sigma: Array
     """σ of the unknowns of the prior when the rows were made, (m,); 0 for held components."""
 
@@ -102,7 +103,7 @@ def marginalised(
 def _missed(
     normal: NormalEquations, rows: Index, columns: Index, before: Prior | None
 ) -> tuple[float, Array]:
-    """Return what linear rows miss where other unknowns have moved by one σ, and these σ.
+    """Return what linear rows miss for the square of the length of a movement, and the σ in it.
 
     Args:
         normal: the network.
@@ -127,8 +128,8 @@ def _missed(
         g = missed(here, there, movement, np.flatnonzero(others))
         left = float(np.sqrt(max(float(g @ factor.solve(g[:, None])[:, 0]), 0.0)))
         on = sigma > 0
-        farthest = np.max(np.abs(movement[columns][on]) / sigma[on], initial=0.0)
-        largest = max(largest, left / farthest**2 if farthest > 0 else 0.0)
+        length = float(np.linalg.norm(movement[columns][on] / sigma[on]))
+        largest = max(largest, left / length**2 if length > 0 else 0.0)
     return largest, sigma
 
 
