@@ -49,8 +49,8 @@ record    fixed works beside a fixed work of numpy and pycolmap; a row for each 
 Quality: reliability of every observation (with e1, e2, e12) and the covariance of every point;
 for pycolmap the covariances of points, poses and cameras.
 
-Every run is a process of its own on the same cores. Ceres gets a thread for each core; we get one
-BLAS thread, since more only wait for each other in our small blocks.
+Every run is a process of its own on the same cores, without variables that set numbers of threads,
+as a user starts it. Ceres gets a thread for each core; our computations give BLAS one themselves.
 """
 
 from __future__ import annotations
@@ -71,6 +71,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from factorgraph_adj.blas_threads import VARIABLES
 from tests.support.places import ROOT
 
 from . import record as records
@@ -79,7 +80,6 @@ from .blocks import OVERLAPS
 from .growth import GRIDS, GROWTH, exponent
 from .worker import LADYBUG, ROMA, Measured
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 BOTH = 200_000
 """Image points of the simulated block that pycolmap is given too."""
 TIED = (2_000, 300)
@@ -95,24 +95,27 @@ LONGEST_EQUALITY = 3 * 3600
 """The same for one network arriving in one order: Roma arrives for more than an hour."""
 
 
+def without_variables() -> dict[str, str]:
+    """Return the environment without numbers of threads, as a user has it."""
+    return {name: value for name, value in os.environ.items() if name not in VARIABLES}
+
+
 def run(cores: set[int], job: str, *arguments: int | str) -> Measured | None:
     """Run a job on ``cores``; none if it failed or took too long, which is printed."""
-    threads = len(cores) if job.endswith("-colmap") else 1
-    found = launch(cores, "worker", job, *map(str, arguments), threads=threads)
+    found = launch(cores, "worker", job, *map(str, arguments))
     return None if found is None else Measured(**found)
 
 
 def launch(
-    cores: set[int], module: str, *arguments: str, threads: int = 1, longest: int = LONGEST
+    cores: set[int], module: str, *arguments: str, longest: int = LONGEST
 ) -> dict[str, Any] | None:
     """Return what a module of this package prints at its end, run on ``cores``."""
     command = [sys.executable, "-m", f"tests.benchmarks.{module}", *arguments]
-    env = os.environ | dict.fromkeys(THREADS, str(threads))
     try:
         done = subprocess.run(
             command,
             cwd=ROOT,
-            env=env,
+            env=without_variables(),
             capture_output=True,
             text=True,
             timeout=longest,
@@ -340,8 +343,12 @@ def verdicts(cores: set[int], networks: int = 200) -> None:
 def soak(cores: set[int]) -> None:
     """Let observations come and go, see ``tests/support/soak.py``."""
     command = [sys.executable, "-m", "tests.support.soak", str(EVENTS)]
-    env = os.environ | dict.fromkeys(THREADS, "1")
-    subprocess.run(command, env=env, check=True, preexec_fn=lambda: os.sched_setaffinity(0, cores))
+    subprocess.run(
+        command,
+        env=without_variables(),
+        check=True,
+        preexec_fn=lambda: os.sched_setaffinity(0, cores),
+    )
 
 
 def arriving(
@@ -352,11 +359,10 @@ def arriving(
         print(f"  skipped: {data} is not there (set FACTORGRAPH_ADJ_DATA)")
         return
     command = [sys.executable, "-m", f"tests.benchmarks.{module}", *arguments]
-    env = os.environ | dict.fromkeys(THREADS, "1")
     subprocess.run(
         command,
         cwd=ROOT,
-        env=env,
+        env=without_variables(),
         check=True,
         preexec_fn=lambda: os.sched_setaffinity(0, cores),
     )

@@ -25,6 +25,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from factorgraph_adj.blas_threads import with_one_thread
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
@@ -259,6 +260,7 @@ def _text(name: str, value: object) -> str:
 # -- single measurements ---------------------------------------------------------------------------
 
 
+@with_one_thread
 def numpy_work() -> float:
     """Return the CPU seconds of a fixed work: products of matrices, and passes over an array."""
     rng = np.random.default_rng(1)
