@@ -33,7 +33,9 @@ from .ledger import Ledger
 from .local_networks import LIMITS
 from .nearness import near_minimum
 from .rebasing import EFFORT, Draft, Failure, notices, with_doubt
+from .rows import NO_PHOTO
 from .rules import Rules
+from .section import Attempts
 from .system import System
 from .verdicts import Verdict
 
@@ -324,7 +326,8 @@ class Entering:
         found = self._starts()
         ledger, new, dropped = self.ledger, self.new, self.dropped
         part = None
-        if section and self.rules.datum == "given":
+        tries = base is None or not base.attempts.waits
+        if section and tries and self.rules.datum == "given":
             part = Draft.of_section(ledger, base, new=new, dropped=dropped, found=found)
         if part is not None:
             return part
@@ -332,15 +335,17 @@ class Entering:
 
     def _adjusted(self, draft: Draft, base: System | None, doubted: bool) -> System | Failure:
         """Adjust a draft; the whole network where its section is not enough."""
+        attempts = Attempts() if base is None else base.attempts
         if draft.section is None:
-            return self._of_whole(draft, doubted)
+            return _with(self._of_whole(draft, doubted), attempts.passed())
         found = draft.adjusted(self.rules.datum, doubted=doubted)
         if isinstance(found, Failure) and self.found and not found.singular:
             return found  # it waits: the whole, which has the same values, would creep as long
         with suppress(AdjustmentError):  # an observation of the rest may have no answer there
             if isinstance(found, System) and (held := with_rest(found, self.rules.accuracy)):
                 return held
-        return self._of_whole(self._draft(base, section=False), doubted)
+        whole = self._of_whole(self._draft(base, section=False), doubted)
+        return _with(whole, attempts.failed())
 
     def _of_whole(self, draft: Draft, doubted: bool) -> System | Failure:
         """Adjust the whole; after a time without a minimum, the better one that there is."""
@@ -365,9 +370,12 @@ class Entering:
         """Return which observations stay whatever their tests say: conditions among them."""
         if self.rules.policy == "accept":
             return np.ones(len(self.stay), dtype=bool)
-        units = self.ledger.units(self.stay)
+        out = np.isin(self.stay, self.fixed)
+        others = np.flatnonzero(self.ledger.rows.photo[self.stay] == NO_PHOTO)
+        units = self.ledger.units(self.stay[others])
         own = [any(is_condition(o) for o in unit.observations) for unit in units]
-        return np.asarray(np.isin(self.stay, self.fixed) | np.array(own, dtype=bool))
+        out[others] |= np.array(own, dtype=bool)
+        return np.asarray(out)
 
     def _tests(self) -> bool:
         return not self._untested().all()
@@ -458,6 +466,11 @@ class Entering:
             return NO_ROWS
         ids = [u.ids for u in self.ledger.units(self.stay)]
         return self.stay[self._draft(system).noticing(system.base, ids)]
+
+
+def _with(found: System | Failure, attempts: Attempts) -> System | Failure:
+    """Return an adjusted network that remembers attempts to adjust sections of it."""
+    return replace(found, attempts=attempts) if isinstance(found, System) else found
 
 
 def rays_alone(ledger: Ledger, variables: Iterable[Variable]) -> Index:

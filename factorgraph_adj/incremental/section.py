@@ -33,8 +33,32 @@ from ..solve.prior import VANISHED, Marginal
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Array, Index
 
+MOST_WAITS = 15
+"""Largest number of adjustments of the whole from one attempt to adjust a section to the next."""
 ROUNDING = 1e-13
 """A difference of variances that is less than this part of them is rounding."""
+
+
+class Attempts(NamedTuple):
+    """Attempts to adjust sections while the whole moves farther than its linear forms hold.
+
+    A block that grows by much with every photo takes an adjustment of the whole for each, and that
+    of a section is in vain. After k failures in a row the next 2ᵏ⁻¹ − 1 adjustments are of the
+    whole without an attempt, at most `MOST_WAITS`.
+    """
+
+    failures: int = 0
+    """Failures in a row."""
+    waits: int = 0
+    """Number of adjustments until the next attempt."""
+
+    def failed(self) -> Attempts:
+        """Return the attempts after another failure."""
+        return Attempts(self.failures + 1, min(2**self.failures - 1, MOST_WAITS))
+
+    def passed(self) -> Attempts:
+        """Return the attempts after an adjustment of the whole."""
+        return self._replace(waits=max(self.waits - 1, 0))
 
 
 class Looked(NamedTuple):

@@ -28,7 +28,7 @@ from .border import Border
 from .excerpt import excerpt
 from .forms import Forms
 from .ledger import Ledger
-from .section import Section, renumbered
+from .section import Attempts, Section, renumbered
 
 MOST_BESIDE = 256
 """Largest number of rows beside a base: with more of them it costs less on average to make a new
@@ -67,6 +67,8 @@ class System:
     """Rows of the ledger in the base."""
     section: Section | None = None
     """What the base knows of the rest, if it is a section of the network; none: it is the whole."""
+    attempts: Attempts = field(default_factory=Attempts)
+    """Attempts to adjust a section instead of the whole."""
     border: Border = field(default_factory=Border)
     """New unknowns that the update has beside those of the base, which then is the whole."""
 
