@@ -13,6 +13,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.incremental import commands, cutting, entering, holding, taking_out
 from factorgraph_adj.incremental.rebasing import Draft, Failure, with_doubt
+from factorgraph_adj.incremental.section import Attempts
 from factorgraph_adj.incremental.system import System
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.network.entities import Point
@@ -591,3 +592,12 @@ def test_a_look_at_the_rest_that_has_no_answer_leaves_it_to_the_whole(monkeypatc
         driving.add([event])
     assert driving.system.section is None
     assert deviations(driving, driving.batch())[0] < PROMISE
+
+
+def test_sections_are_tried_less_often_while_they_fail():
+    attempts, tried = Attempts(), []
+    for number in range(60):
+        tried.append(not attempts.waits)
+        attempts = attempts.passed() if attempts.waits else attempts.failed()
+        assert attempts.waits <= number
+    assert np.flatnonzero(tried).tolist() == [0, 1, 3, 7, 15, 31, 47]
