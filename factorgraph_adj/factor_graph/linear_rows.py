@@ -17,10 +17,13 @@ import numpy as np
 from ..frames import Frame
 from ..graph.dependence import Variable
 from ..graph.equations import Equations
-from ..graph.variables import State, Variables
+from ..graph.variables import State, Unknowns, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index, Mask
 from .rows import Grown, Rows, Sort, sort_of
+
+SAME = 1e-2
+"""Difference of two places, in conditional standard deviations, up to which they are one."""
 
 
 class Arriving(NamedTuple):
@@ -180,6 +183,45 @@ class LinearRows:
         return {
             kind: self._moved(kind, np.arange(table.theta.n)) for kind, table in self.tables.items()
         }
+
+    def carried(self, unknowns: Unknowns, state: State) -> State:
+        """Return a state of some unknowns with the values of all variables that are here."""
+        out, moving, own = dict(state), unknowns.moving(), self.state()
+        for kind, here, there in self._shared(unknowns):
+            values = out[kind].copy()
+            width = min(values.shape[1], own[kind].shape[1])
+            values[here, :width] = np.where(
+                moving[kind][here, :width], own[kind][there, :width], values[here, :width]
+            )
+            out[kind] = values
+        return out
+
+    def agrees(self, unknowns: Unknowns, state: State) -> bool:
+        """Return whether variables stand in a state within `SAME` conditional standard deviations.
+
+        Args:
+            unknowns: their unknowns.
+            state: the state.
+        """
+        own = self.carried(unknowns, state)
+        for kind, here, there in self._shared(unknowns):
+            columns = self.tables[kind].column.values[there]
+            weight = np.where(columns >= 0, self._diagonal.values[columns], 0.0)
+            far = np.abs(own[kind][here] - state[kind][here]).max(axis=1, initial=0.0)
+            if not (far * np.sqrt(weight.max(axis=1, initial=0.0)) <= SAME).all():
+                return False
+        return True
+
+    def _shared(self, unknowns: Unknowns) -> Iterable[tuple[VariableKind, Index, Index]]:
+        """Iterate over kinds, with numbers of variables in their tables there and here."""
+        for kind, table in unknowns.tables.items():
+            mine = self.tables.get(kind)
+            if mine is None:
+                continue
+            pairs = [(i, mine.number[n]) for i, n in enumerate(table.names) if n in mine.number]
+            if pairs:
+                here, there = np.array(pairs).T
+                yield kind, here, there
 
     def _moved(self, kind: VariableKind, numbers: Index) -> Array:
         table = self.tables[kind]

@@ -354,6 +354,10 @@ class Tree(LinearRows):
         present = np.flatnonzero(self._alive.values[self._key.values])
         self._delta.values[present] = self.isam.getDelta().vector()
 
+    def copied(self) -> gtsam.ISAM2:
+        """Return a copy of iSAM2."""
+        return gtsam.ISAM2(self.isam)
+
     # -- what linear rows miss ----------------------------------------------------------------
 
     def follow(
@@ -386,7 +390,7 @@ class Tree(LinearRows):
 
     def settle(self) -> int:
         """Evaluate rows anew until nothing is missed; return the number of updates."""
-        return self.follow(AT_REST, 3 * MOST_TURNS)
+        return self.follow(AT_REST)
 
     def follow_to_rest(self, before: Callable[[], None] = lambda: None) -> bool:
         """Evaluate rows anew until their gaps are small; return whether they are.

@@ -23,7 +23,8 @@ from .anew import better_of
 from .candidates import Candidates, Nothing
 from .entering import rays_alone
 from .finding import Search
-from .flow import State, Task, absorb
+from .flow import State, Task, absorb, planted
+from .in_tree import InTree
 from .ledger import Ledger
 from .rebasing import EFFORT, Draft, Failure
 from .records import reading, replay
@@ -140,7 +141,7 @@ def _entered(state: State, inside: Index, rules: Rules) -> State:
         state, _ = absorb(state, [Task(waiting, inside)], rules)
     if state.system is not None:
         state.system.prepared()
-    return state
+    return planted(state, rules)
 
 
 def replayed(
@@ -191,16 +192,16 @@ def _restored(ledger: Ledger, begun: State, rules: Rules) -> State:
 
 def settled(state: State, rules: Rules) -> State:
     """Return a state at rest; where there is no minimum the system says why."""
-    state = state.on_fronts()
     if state.system is None:
         return state
-    draft = replace(Draft.of(state.ledger, state.fronts, rules.datum), looked={})
+    draft = replace(Draft.of(state.ledger, state.system, rules.datum), looked={})
     found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
     if isinstance(found, Failure):
-        return state
+        return state.on_fronts()
     if state.ledger.retired is None:  # what was retired says where everything is
         found = better_of(draft, found, rules.datum, tolerances=EFFORT.at_rest)
-    return State(state.ledger, found.prepared(), settled=True)
+    tree = state.system.at_rest(found) if isinstance(state.system, InTree) else None
+    return State(state.ledger, tree or found.prepared(), settled=True)
 
 
 def _draft(ledger: Ledger, stay: Candidates, rules: Rules, start: Solution | Start | None) -> Draft:

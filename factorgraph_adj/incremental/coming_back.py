@@ -74,7 +74,6 @@ def looked_again(
         rows = np.setdiff1d(_left_out(ledger), ledger.find(tested))
         if not len(rows):
             break
-        state = state.on_fronts()
         system = state.fronts
         if system is not None and system.doubt:
             break

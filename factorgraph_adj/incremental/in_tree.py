@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..factor_graph.linear_rows import Arriving
-from ..factor_graph.tree import Mark, Together, Tree
+from ..factor_graph.tree import MOST_TURNS, Mark, Together, Tree
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State, Unknowns
@@ -47,15 +47,18 @@ SHARE = 0.5
 class InTree:
     """A network at its minimum, in iSAM2."""
 
-    def __init__(self, tree: Tree, ledger: Ledger, rules: Rules) -> None:
+    def __init__(
+        self, tree: Tree, ledger: Ledger, rules: Rules, beside: System | None = None
+    ) -> None:
         """Take a tree over as it stands.
 
         Args:
             tree: the tree.
             ledger: what is in.
             rules: the options.
+            beside: the network adjusted at once, where it has been; none: it has not.
         """
-        self._tree, self._ledger, self._rules = tree, ledger, rules
+        self._tree, self._ledger, self._rules, self._beside = tree, ledger, rules, beside
         self._version = tree.version
         self._mark: Mark | None = None
         self.section: None = None
@@ -82,7 +85,7 @@ class InTree:
             tree.follow()
         except AdjustmentError:
             return None
-        return cls(tree, ledger, rules)
+        return cls(tree, ledger, rules, None if system.changed else system)
 
     # -- what is known ------------------------------------------------------------------------
 
@@ -102,6 +105,8 @@ class InTree:
         Raises:
             AdjustmentError: the network is singular to working precision.
         """
+        if self._beside is not None:
+            return self._beside
         draft = Draft.of(self._ledger, self, self._rules.datum)
         found = draft.adjusted(self._rules.datum, tolerances=(EFFORT.close,))
         if isinstance(found, System):
@@ -144,7 +149,7 @@ class InTree:
 
     def carried(self, unknowns: Unknowns, state: State) -> State:
         """Return a state with the values of all known variables."""
-        return _carried(self.tree, unknowns, state)
+        return self.tree.carried(unknowns, state)
 
     def cofactors(self, a: Variable, b: Variable) -> Array:
         """Return the joint cofactors of the components of two variables, (i, j)."""
@@ -196,12 +201,13 @@ class InTree:
 
     @property
     def changed(self) -> bool:
-        """Whether anything has changed since everything was adjusted at once: it may have."""
-        return True
+        """Whether anything has changed since everything was adjusted at once."""
+        return self._beside is None
 
     def renumbered(self, new: Index) -> InTree:
-        """Return the system: it has no rows of the ledger."""
-        del new
+        """Return the system after the rows of the ledger have got new numbers (n,)."""
+        if self._beside is not None:
+            self._beside = self._beside.renumbered(new)
         return self
 
     def prepared(self) -> InTree:
@@ -266,6 +272,20 @@ class InTree:
         _ = self.tree  # it goes back
         return None
 
+    def at_rest(self, beside: System) -> InTree | None:
+        """Return the system at rest; none where the tree comes to rest elsewhere, or not at all.
+
+        Args:
+            beside: the network at rest, adjusted at once.
+        """
+        tree = self.tree
+        self._mark = tree.mark()
+        with suppress(AdjustmentError):
+            if tree.settle() < MOST_TURNS and tree.agrees(beside.unknowns, beside.state):
+                return InTree(tree, self._ledger, self._rules, beside)
+        _ = self.tree  # it goes back
+        return None
+
     def after(self, entered: EnteredTree, ledger: Ledger) -> InTree | None:
         """Return the system with what has entered; none where linear forms come to no rest."""
         tree = entered.tree
@@ -279,26 +299,6 @@ class InTree:
                 return InTree(tree, ledger, self._rules)
         _ = self.tree  # it goes back
         return None
-
-
-def _carried(tree: Tree, unknowns: Unknowns, state: State) -> State:
-    """Return a state with the values of all variables of a tree."""
-    out, moving, own = dict(state), unknowns.moving(), tree.state()
-    for kind, table in unknowns.tables.items():
-        mine = tree.tables.get(kind)
-        if mine is None:
-            continue
-        pairs = [(i, mine.number[n]) for i, n in enumerate(table.names) if n in mine.number]
-        if not pairs:
-            continue
-        here, there = np.array(pairs).T
-        values = out[kind].copy()
-        width = min(values.shape[1], own[kind].shape[1])
-        values[here, :width] = np.where(
-            moving[kind][here, :width], own[kind][there, :width], values[here, :width]
-        )
-        out[kind] = values
-    return out
 
 
 def _most_rays(rules: Rules) -> int:
@@ -359,7 +359,7 @@ class EnteredTree:
         candidates = standing_free(equations) & mine
         if not candidates.any():
             return False
-        state = _carried(self.tree, unknowns, unknowns.start())
+        state = self.tree.carried(unknowns, unknowns.start())
         if len(weakest_directions(LinearSystem(equations, state), candidates).points):
             return True
         return bool(mirror_midpoints(equations, state, candidates))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from threading import RLock
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -20,11 +21,15 @@ from . import contradicted_photos, points, retirement, sides
 from .archive import LastEstimate
 from .arrival import Waiting, waiting_of
 from .flow import State
+from .in_tree import InTree
 from .one_at_a_time import one_at_a_time
 from .rebasing import known_network, solution_of
 from .retired import Retired
 from .rules import Rules
 from .verdicts import Verdict
+
+if TYPE_CHECKING:
+    import gtsam
 
 
 class Results:
@@ -251,13 +256,38 @@ class Results:
         """Return the number of observations in the graph."""
         return self._state.ledger.count("accepted")
 
+    @property
+    @one_at_a_time
+    def engine(self) -> Literal["isam2", "fronts"]:
+        """What carries the network now: iSAM2, or fronts."""
+        return "isam2" if isinstance(self._state.system, InTree) else "fronts"
+
+    @property
+    @one_at_a_time
+    def isam(self) -> gtsam.ISAM2:
+        """A copy of the live iSAM2: linear factors of whitened rows on movements δ of variables.
+
+        Covariances are those of σ0 = 1. For the nonlinear graph see `factorgraph_adj.build_graph`
+        and `factorgraph_adj.Isam`.
+
+        Raises:
+            InputError: fronts carry the network, see `engine`.
+        """
+        if not isinstance(self._state.system, InTree):
+            raise InputError(
+                "fronts carry this network, and no iSAM2: engine='isam2' lets iSAM2 do it where "
+                "nothing is free and few image points are there; fga.Isam takes any network"
+            )
+        return self._state.system.tree.copied()
+
     @one_at_a_time
     def __repr__(self) -> str:
         """Say what is in the graph, and what is not."""
         return (
             f"<IncrementalAdjustment of {self._state.ledger.network.name!r}: {len(self)} "
             f"observations, redundancy {self.redundancy}, {self.n_waiting} waiting, "
-            f"{len(self.suspects)} suspects, {len(self.rejected)} rejected"
+            f"{len(self.suspects)} suspects, {len(self.rejected)} rejected, "
+            f"{'iSAM2' if self.engine == 'isam2' else 'fronts'}"
             f"{f'; {self.retired}' if self.retired else ''}"
             f"{''.join(f', BUT {doubt}' for doubt in self.doubts)}>"
         )
