@@ -176,13 +176,13 @@ class Batch:
     def begin(self, stream: Stream) -> None:
         """Adjust the beginning."""
         self.network = stream.begin.copy()
-        self.solution = stream.start or fga.adjust(self.network)
+        self.solution = stream.start or fga.adjust(self.network, leave_out_undetermined=True)
 
     def take(self, step: Step) -> dict[str, Any]:
         """Adjust with a step."""
         self.network.add(*step.observations)
         begin = process_time()
-        self.solution = fga.adjust(self.network, start=self.solution)
+        self.solution = fga.adjust(self.network, start=self.solution, leave_out_undetermined=True)
         fga.reliability(self.solution)
         return {"cpu": process_time() - begin}
 
