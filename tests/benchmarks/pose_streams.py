@@ -133,7 +133,7 @@ def world(poses: int = 5000) -> Stream:
     return _stream("w10000", edges, poses, _prior_in_plan(gtsam.Pose2()), planar=True)
 
 
-def victoria(poses: int = 6969) -> Stream:
+def victoria(poses: int = 10_000) -> Stream:
     """Return the poses of Victoria Park, each with odometry and the landmarks that it sees."""
     edges = []
     for words in _lines("victoria_park.txt", "ODOMETRY"):
