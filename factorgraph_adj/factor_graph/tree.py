@@ -37,6 +37,8 @@ KEPT = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
 NEAR, SHRINKING = 1e-6, 0.9
 """Norm of all gaps, and ratio of it to the last one, from which on it is rounding."""
+MOST_MISFIT = 1e9
+"""Largest residual of a row that enters, in its σ: what it adds hides 10⁻⁷ σ of the others."""
 AT_REST = 1e-7
 """Norm of all gaps at which `Tree.settle` ends."""
 
@@ -170,8 +172,9 @@ class Tree(LinearRows):
 
         Raises:
             InputError: names observations whose geometry has no answer.
-            IndeterminateError: not all of the new variables are determined. After an error the
-                tree has to be restored.
+            IndeterminateError: not all of the new variables are determined.
+            AdjustmentError: a residual is beyond `MOST_MISFIT`. After an error the tree has to be
+                restored.
         """
         begin, first_key = len(self.units), self._first.n
         new: dict[Sort, list[Index]] = {}
@@ -183,8 +186,11 @@ class Tree(LinearRows):
         self._inside.extend(np.ones(len(units), dtype=bool))
         theta = self._theta()
         for sort, rows in new.items():
-            self.sorts[sort].linearise(np.concatenate(rows), self.frame, theta)
-            self._weigh(sort, np.concatenate(rows), 1.0)
+            own = np.concatenate(rows)
+            self.sorts[sort].linearise(own, self.frame, theta)
+            if not (np.abs(self.sorts[sort].v.values[own]) < MOST_MISFIT).all():
+                raise AdjustmentError("a reading is too far from everything else for iSAM2")
+            self._weigh(sort, own, 1.0)
         graph, having = self._factors(units)
         self._changes += self._first.n > first_key
         values = gtsam.Values()
@@ -462,7 +468,10 @@ class Tree(LinearRows):
         """Return the joint covariance of keys, in their order."""
         if not len(keys):
             return np.zeros((0, 0))
-        return np.asarray(self.isam.jointMarginalCovariance(list(keys)).fullMatrix())
+        try:
+            return np.asarray(self.isam.jointMarginalCovariance(list(keys)).fullMatrix())
+        except RuntimeError as error:
+            raise IndeterminateError(str(error).strip().splitlines()[0]) from error
 
     def covariance(self, variable: Variable) -> Array:
         """Return the covariance of the free components of a variable."""
