@@ -85,7 +85,9 @@ def components(network: Network, variable: Variable) -> tuple[int, int]:
     sigma: tuple[float, ...]
     if kind == "point":
         point = network.points[name]
-        fixed, sigma = point.fixed, point.sigma or (np.inf,) * 3
+        if point.sigma is None:
+            return 3 - sum(point.fixed), 0
+        fixed, sigma = point.fixed, point.sigma
     elif kind == "pose":
         photo = network.photos[name]
         attitude = np.inf if photo.sigma_attitude is None else photo.sigma_attitude

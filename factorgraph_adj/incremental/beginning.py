@@ -14,7 +14,6 @@ from ..graph.dependence import Variable
 from ..models.variables import VariableKind
 from ..network.network import Network
 from ..solve.anywhere import anywhere, narrow
-from ..solve.elimination import layers_of
 from ..solve.minimum import adjust_from
 from ..solve.solution import Solution
 from ..solve.start import Start
@@ -22,11 +21,11 @@ from ..types import NO_ROWS, Index
 from .anew import better_of
 from .candidates import Candidates, Nothing
 from .entering import rays_alone
-from .finding import Search
+from .finding import Reached, Search
 from .flow import State, Task, absorb, planted
 from .in_tree import InTree
 from .ledger import Ledger
-from .rebasing import EFFORT, Draft, Failure
+from .rebasing import EFFORT, Draft, Failure, known_network
 from .records import reading, replay
 from .retirement import retired_again, with_everything
 from .rules import Rules
@@ -50,13 +49,14 @@ def begin(ledger: Ledger, rules: Rules, start: Solution | None) -> State:
     every = Candidates(ledger, Nothing(), inside)
     posed = all(f.rotation is not None for f in ledger.network.photos.values())
     stay: Candidates | None = None
-    values: Solution | Start | None = start
     if start is None and posed:
-        stay, values = _determined(every, rules)
-    ledger, system = adjusted(ledger, rules, values, stay)
-    if not isinstance(system, System) and stay is None:
-        stay, _ = _determined(every, rules)
-        ledger, system = adjusted(ledger, rules, start, stay)
+        stay, reached = _determined(every, rules)
+        ledger, system = adjusted(ledger, rules, None, stay, reached)
+    else:
+        ledger, system = adjusted(ledger, rules, start)
+        if not isinstance(system, System):
+            stay, _ = _determined(every, rules)
+            ledger, system = adjusted(ledger, rules, start, stay)
     if not isinstance(system, System):
         assert stay is not None
         ledger = _without(ledger, inside, stay.rows)
@@ -67,32 +67,36 @@ def begin(ledger: Ledger, rules: Rules, start: Solution | None) -> State:
     return _entered(State(ledger, system, settled=False), inside, rules)
 
 
-def _determined(every: Candidates, rules: Rules) -> tuple[Candidates, Start | None]:
-    """Return observations that determine what they touch, and approximate values of that.
+class _Whole(Search):
+    """A search among all observations of a network, which is that of its adjustment."""
+
+    def _local(self) -> Network:
+        ledger = self.left.ledger
+        ledger = _without(ledger, ledger.having("accepted"), self.left.rows)
+        return known_network(ledger, None, new=self.left.counts)
+
+
+def _determined(every: Candidates, rules: Rules) -> tuple[Candidates, Reached | None]:
+    """Return observations that determine what they touch, and their network.
 
     Those of points that only nearly parallel rays determine are not among them: an adjustment in
     which photos move creeps along such rays for tens of iterations. Beside photos that are known
     these points are found at once.
     """
-    stay, reached = Search(every, rules.datum, {}).determined()
-    if reached is None:
-        return stay, None
-    equations, state = reached
-    points: list[Variable] = []
-    if equations.n_rays:
-        nothing = np.zeros(equations.unknowns.n_columns, dtype=bool)
-        layers = layers_of(equations, reduce_points=True, touched=nothing)
-        points = [("point", name) for name in narrow(equations, state, layers)]
-    rays = np.intersect1d(rays_alone(every.ledger, points), stay.rows)
-    stay = stay.only(np.setdiff1d(stay.rows, rays)) if len(rays) else stay
-    return stay, Start(equations.unknowns, state, state)
+    stay, reached = _Whole(every, rules.datum, {}).determined()
+    if reached is None or reached.solver is None or not reached.equations.n_rays:
+        return stay, reached
+    names = narrow(reached.equations, reached.state, reached.solver.layers)
+    rays = rays_alone(every.ledger, [("point", name) for name in names])
+    return stay.only(np.setdiff1d(stay.rows, rays)), reached
 
 
 def adjusted(
     ledger: Ledger,
     rules: Rules,
-    start: Solution | Start | None,
+    start: Solution | None,
     stay: Candidates | None = None,
+    reached: Reached | None = None,
 ) -> tuple[Ledger, System | Failure | None]:
     """Adjust what is in, without what is not determined: that waits.
 
@@ -101,6 +105,7 @@ def adjusted(
         rules: the options.
         start: where everything was, or may be; none: approximate values are found.
         stay: what of it is determined at approximate values; none: that has not been looked at.
+        reached: the network of that, or of some more, if it has been compiled.
 
     Returns:
         The ledger, and the system; why there is none, if that can be said.
@@ -111,7 +116,7 @@ def adjusted(
     system: System | Failure | None = None
     for _ in range(MOST_LET_GO):
         ledger = _without(ledger, inside, stay.rows)
-        system = _adjusted(ledger, stay, rules, start)
+        system = _adjusted(ledger, stay, rules, start, reached)
         if isinstance(system, System):
             vague: list[Variable] = [("point", p.name) for p in anywhere(system.base)]
             gone = stay.touching(vague)
@@ -204,18 +209,36 @@ def settled(state: State, rules: Rules) -> State:
     return State(state.ledger, tree or found.prepared(), settled=True)
 
 
-def _draft(ledger: Ledger, stay: Candidates, rules: Rules, start: Solution | Start | None) -> Draft:
-    found = () if start is None else (start,)
-    return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=found)
+def _draft(
+    ledger: Ledger,
+    stay: Candidates,
+    rules: Rules,
+    start: Solution | None,
+    reached: Reached | None = None,
+) -> Draft:
+    if reached is None:
+        found = () if start is None else (start,)
+        return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=found)
+    unknowns, state = reached.equations.unknowns, reached.state
+    values = Start(unknowns, state, state)
+    if np.array_equal(stay.rows, reached.rows):
+        return Draft(reached.equations, values, reached.rows)
+    return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=(values,))
 
 
 def _adjusted(
-    ledger: Ledger, stay: Candidates, rules: Rules, start: Solution | Start | None
+    ledger: Ledger,
+    stay: Candidates,
+    rules: Rules,
+    start: Solution | None,
+    reached: Reached | None = None,
 ) -> System | Failure | None:
     """Return the system of a network's adjustment; none where it ends in an error."""
     with suppress(AdjustmentError):
         if len(stay.rows):
-            return _draft(ledger, stay, rules, start).adjusted(rules.datum)
+            draft = _draft(ledger, stay, rules, start, reached)
+            same = reached is not None and draft.equations is reached.equations
+            return draft.adjusted(rules.datum, solver=reached.solver if reached and same else None)
     return None
 
 
@@ -223,7 +246,7 @@ def _at_its_start(
     ledger: Ledger,
     stay: Candidates,
     rules: Rules,
-    start: Solution | Start | None,
+    start: Solution | None,
     failure: Failure | None,
 ) -> System | None:
     """Return the system at the values with which it begins; none: it is not determined there."""

@@ -327,7 +327,8 @@ class Entering:
         ledger, new, dropped = self.ledger, self.new, self.dropped
         part = None
         tries = base is None or not base.attempts.waits
-        if section and tries and self.rules.datum == "given":
+        arrived = not np.isin(self.stay, self.fixed).all()  # or all was there at the beginning
+        if section and tries and arrived and self.rules.datum == "given":
             part = Draft.of_section(ledger, base, new=new, dropped=dropped, found=found)
         if part is not None:
             return part

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,7 +31,8 @@ from ..network.network import DatumChoice, Network
 from ..solve.anywhere import anywhere, anywhere_at
 from ..solve.linear import LinearSystem
 from ..solve.minimum import adjust_from
-from ..solve.rank import UNDETERMINED, loose
+from ..solve.normal import Solver
+from ..solve.rank import DENSE, UNDETERMINED, loose
 from ..solve.solution import Solution
 from ..solve.start import Start
 from ..solve.starts_on_lines import beside_lines
@@ -70,6 +72,19 @@ class Found:
     """The observations, in parts that do not hang together."""
 
 
+class Reached(NamedTuple):
+    """A network with approximate values at which it is determined."""
+
+    equations: Equations
+    """The network."""
+    state: State
+    """The values."""
+    solver: Solver | None
+    """How it is eliminated; none: it is small."""
+    rows: Index
+    """Its observations."""
+
+
 @dataclass
 class Search:
     """A search among observations that hang together by open variables."""
@@ -84,8 +99,8 @@ class Search:
     """Whether these are several parts, none of which hangs together with another."""
     block: BlockStart | None = None
     """Photos that were oriented from image points; none: there was no need, or no way."""
-    _reached: tuple[Equations, State] | None = None
-    """The local network and its approximate values; none: something has none."""
+    _reached: Reached | None = None
+    """The local network with its approximate values; none: something has none."""
 
     def find(self, *, blunders: bool, alpha: float, start: Solution | None) -> Found | None:
         """Find what may enter, and where it is.
@@ -173,15 +188,14 @@ class Search:
                 return Found(rows, None, self.lacks, start=start)
         return nothing
 
-    def determined(self) -> tuple[Candidates, tuple[Equations, State] | None]:
+    def determined(self) -> tuple[Candidates, Reached | None]:
         """Return observations whose variables have full rank together, at approximate values.
 
         Whether their adjustment comes to rest is not looked at. The others may still be determined
         among themselves: `find` looks at them more closely.
 
         Returns:
-            The observations; their network with its approximate values, none where photos were
-            oriented.
+            The observations; their network, none where photos were oriented.
         """
         if self.datum == "given":
             self._leave_out_unplaced()
@@ -288,7 +302,7 @@ class Search:
         largest part that it moves as a whole is the network.
         """
         state, problems = reach(equations, datum=self.datum, apart=self.several)
-        self._reached = None if problems else (equations, state)
+        self._reached = None
         lost: set[Variable]
         if problems:
             state, problems, lost = self._oriented(equations, state, problems)
@@ -303,9 +317,18 @@ class Search:
         self.lacks |= {v: _why(problems, v) for v in lost}
         if lost:
             return lost
-        state = beside_lines(equations, state)
-        system = LinearSystem(equations.weighted_at(state), state)
-        found = loose(system, state, free=self.datum == "free", least=LIMITS.share)
+        weighted = equations.weighted_at(beside := beside_lines(equations, state))
+        system = LinearSystem(weighted, beside)
+        solver = Solver.of(weighted) if equations.unknowns.n_columns > DENSE else None
+        found = loose(
+            system,
+            beside,
+            free=self.datum == "free",
+            least=LIMITS.share,
+            plan=None if solver is None else solver.plan,
+        )
+        if not problems and self.block is None:
+            self._reached = Reached(equations, state, solver, self.left.rows)
         for v, why in found.items():
             by = f" by {self.left.describe(v)}" if why == UNDETERMINED else ""
             self.lacks[v] = f"{_noun(v)} {why}{by}"

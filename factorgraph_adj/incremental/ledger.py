@@ -464,7 +464,7 @@ def _filled(entity: Point | Photo, value: Array) -> Point | Photo | None:
     """Return a point or photo with an approximate value; none where all of it is given."""
     if isinstance(entity, Point):
         given = entity.coordinates
-        if not any(map(isnan, given)):
+        if not isnan(sum(given)):
             return None
         x, y, z = (v if isnan(g) else g for g, v in zip(given, value.tolist(), strict=True))
         return replace(entity, coordinates=(x, y, z))

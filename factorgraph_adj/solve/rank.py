@@ -77,7 +77,12 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
     scale = _scale(system, diagonal)
     large = len(diagonal) > LARGE
     extra = np.where(empty, 1.0, (REGULARISED_LARGE if large else REGULARISED) * diagonal)
-    factor = _factor(system, extra, reduce_points=large, qr=True)
+    touched = np.zeros(len(diagonal), dtype=bool)
+    for e in system.extra:
+        touched[e.columns] = True
+    layers = layers_of(system.equations, reduce_points=large, touched=touched)
+    plan = Plan.of(system.equations, layers)
+    factor = Factor(plan, plan.sums(system), TreeFactors(layers, system), extra, qr=True)
     found = np.zeros((len(diagonal), 0))
     for most in (FEW, MOST) if large else (MOST,):
         n = min(most, int(live.sum()))
@@ -98,16 +103,6 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
     units = np.zeros((len(diagonal), len(unobserved)))
     units[unobserved, np.arange(len(unobserved))] = 1.0
     return np.concatenate([units, found], axis=1)
-
-
-def _factor(system: LinearSystem, extra: Array, *, reduce_points: bool, qr: bool) -> Factor:
-    """Factorise N + diag(extra); the arguments are those of `layers_of` and `Factor`."""
-    touched = np.zeros(len(extra), dtype=bool)
-    for e in system.extra:
-        touched[e.columns] = True
-    layers = layers_of(system.equations, reduce_points=reduce_points, touched=touched)
-    plan = Plan.of(system.equations, layers)
-    return Factor(plan, plan.sums(system), TreeFactors(layers, system), extra, qr=qr)
 
 
 def unnoticed(
@@ -408,7 +403,12 @@ def _support(system: LinearSystem, kind: str, number: int, diagonal: Array) -> s
 
 
 def loose(
-    system: LinearSystem, state: State, *, free: bool, least: float
+    system: LinearSystem,
+    state: State,
+    *,
+    free: bool,
+    least: float,
+    plan: Plan | None = None,
 ) -> dict[tuple[VariableKind, str], str]:
     """Return the variables that the null space of a system moves, with what is wrong with each.
 
@@ -417,12 +417,14 @@ def loose(
         state: where it was linearised.
         free: whether one connected part may be without a datum.
         least: part of a null vector's length in a variable that counts as moved.
+        plan: how the network is eliminated, if its pivots are to be looked at before null vectors
+            are searched: that costs less, unless the network is small.
     """
     unknowns, diagonal = system.unknowns, system.diagonal()
     empty = unknowns.free & (diagonal <= 0)
     if empty.any() and not free:  # without them the rest is smaller
         return _moved(unknowns, empty.astype(float), 0.0, UNDETERMINED)
-    if _is_determined(system, diagonal):
+    if plan is not None and _is_determined(system, diagonal, plan):
         return {}
     z = _whole_null_space(system, diagonal)
     if free and z.shape[1]:
@@ -442,15 +444,14 @@ def loose(
     )
 
 
-def _is_determined(system: LinearSystem, diagonal: Array) -> bool:
-    """Return whether the pivots of N say that all is determined, which costs less than a search.
+def _is_determined(system: LinearSystem, diagonal: Array, plan: Plan) -> bool:
+    """Return whether the pivots of N say that all is determined.
 
     Rounding leaves pivots up to 10⁻¹⁰ in a singular N, see `iterate.Iteration.poor`.
     """
-    if len(diagonal) <= DENSE:
-        return False
+    factors, nothing = TreeFactors(plan.layers, system), np.zeros(len(diagonal))
     try:
-        factor = _factor(system, np.zeros(len(diagonal)), reduce_points=True, qr=False)
+        factor = Factor(plan, plan.sums(system), factors, nothing, qr=False)
     except SingularError:
         return False
     return factor.smallest_pivot(diagonal, tree=1.0, point=1.0) > SOUND
