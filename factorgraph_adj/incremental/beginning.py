@@ -221,7 +221,7 @@ def _draft(
         return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=found)
     unknowns, state = reached.equations.unknowns, reached.state
     values = Start(unknowns, state, state)
-    if np.array_equal(stay.rows, reached.rows):
+    if unknowns.n_columns and np.array_equal(stay.rows, reached.rows):
         return Draft(reached.equations, values, reached.rows)
     return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=(values,))
 
