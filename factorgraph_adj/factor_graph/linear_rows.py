@@ -8,7 +8,7 @@ and not supposed: the gap g = v(x) − (v(θ) + A(θ) δ) of whitened rows moves
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,6 +22,8 @@ from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index, Mask
 from .rows import Grown, Rows, Sort, sort_of
 
+OF_SIGMA = 0.5
+"""What the change of a standard deviation, relative to itself, counts in a gap."""
 SAME = 1e-2
 """Difference of two places, in conditional standard deviations, up to which they are one."""
 
@@ -90,6 +92,8 @@ class LinearRows:
         """Key of each column."""
         self._delta, self._looked, self._diagonal = Grown(), Grown(), Grown()
         """δ, δ at the last look, and the diagonal of N, of each column."""
+        self._bound = Grown(fill=np.nan)
+        """Upper bound of the standard deviation of each column, as far as it is known."""
 
     def _place(self, arriving: Arriving, new: dict[Sort, list[Index]]) -> None:
         """Give observations their places, and note their rows by sort."""
@@ -169,6 +173,7 @@ class LinearRows:
             column[free] = self._key.extend(np.full(len(free), key))
             for each in (self._delta, self._looked, self._diagonal):
                 each.extend(np.zeros(len(free)))
+            self._bound.extend(np.full(len(free), np.nan))
         stored = np.zeros(mine.theta.values.shape[1])
         stored[: len(value)] = value
         mine.theta.extend(stored[None])
@@ -292,28 +297,23 @@ class LinearRows:
             return joined, v
         return {key: w @ a for key, a in joined.items()}, w @ v
 
-    def _look(self, moved: float, turned: float, least: float) -> None:
+    def _look(self, moved: float, sigma: Callable[[Index], Array]) -> None:
         """Measure the gaps of rows whose variables have moved since the last look.
 
-        Partials change too, by dA. Standard deviations change by |dA_j|/√N_jj of themselves, and
-        the gradient by dAᵀv, which counts where residuals v are large.
+        Partials change too, by dA. With s = |dA Q^½| of a row, standard deviations change by no
+        more than s of themselves, and the gradient Aᵀv moves estimates by no more than s|v|.
 
         Args:
             moved: movement in conditional standard deviations from which on rows are looked at.
-            turned: |dA_j|/√N_jj, or |dA_jᵀv|/√N_jj, from which on the gaps of the units of an
-                unknown count as ``least``.
-            least: smallest gap that counts.
+            sigma: returns upper bounds of the standard deviations of columns.
         """
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
         columns = np.abs(self._delta.values - self._looked.values) * weight > moved
         if not columns.any():
             return
         self._looked.values[columns] = self._delta.values[columns]
-        free = np.abs(self._delta.values) * weight > moved
         state = self.state()
-        groups: dict[int, dict[Member, Array]] = {}
-        turn, pull = np.zeros((2, len(columns)))
-        touched: list[tuple[Index, Index]] = []
+        groups: dict[int, dict[Member, tuple[Array, float]]] = {}
         for sort, rows in self._touching(columns):
             own = self.sorts[sort]
             units = own.unit.values[rows]
@@ -321,29 +321,29 @@ class LinearRows:
             v, partials = own.evaluated(rows, self.frame, state)
             alone = ~own.joint.values[rows]
             scale = np.where(alone[:, None], 1.0, own.weight(rows))
-            reach = np.zeros(len(rows), dtype=bool)  # those that can be evaluated anew
+            s = np.zeros_like(v)
             for (a, at), new in zip(self._forms(sort, rows), partials, strict=True):
-                on = at >= 0
-                linear += np.einsum("nij,nj->ni", a, np.where(on, self._delta.values[at], 0.0))
-                change = scale[:, :, None] * (new - a)
-                np.add.at(turn, at[on], np.sum(change**2, axis=1)[on])
-                np.add.at(pull, at[on], np.einsum("nij,ni->nj", change, scale * v)[on])
-                reach |= (on & free[at]).any(axis=1)
-            for _, at in self._forms(sort, rows):
-                some = (at >= 0) & reach[:, None]
-                touched += [(units[on], at[on, j]) for j, on in enumerate(some.T)]
+                linear += np.einsum("nij,nj->ni", a, np.where(at >= 0, self._delta.values[at], 0.0))
+                change = np.where((at >= 0)[:, None, :], np.abs(new - a), 0.0)
+                some = np.unique(at[(change > 0.0).any(axis=1)])
+                bound = np.zeros(len(self._delta.values) + 1)  # the last one is that of −1
+                bound[some] = sigma(some)
+                s += scale * np.einsum("nij,nj->ni", change, bound[at])
+            far = np.linalg.norm(s, axis=1)
+            far *= np.maximum(np.linalg.norm(scale * v, axis=1), OF_SIGMA)
             gap = v - linear
-            self._gap.values[units[alone]] = (gap[alone] ** 2).sum(axis=1)
-            for unit, row, g in zip(units.tolist(), rows.tolist(), gap, strict=True):
+            whole = np.linalg.norm(gap, axis=1) + far
+            self._gap.values[units[alone]] = whole[alone] ** 2
+            for unit, row, g, f in zip(
+                units.tolist(), rows.tolist(), gap, far.tolist(), strict=True
+            ):
                 if unit in self._whitener:
-                    groups.setdefault(unit, {})[Member(sort, row)] = g
+                    groups.setdefault(unit, {})[Member(sort, row)] = g, f
         for unit, parts in groups.items():
-            whole = np.concatenate([parts[m] for m in self.units[unit]])
-            self._gap.values[unit] = float(np.sum((self._whitener[unit] @ whole) ** 2))
-        far = np.maximum(np.sqrt(turn), np.abs(pull)) > turned * weight
-        for those, at in touched:
-            every = those[far[at]]
-            self._gap.values[every] = np.maximum(self._gap.values[every], least**2)
+            found = [parts[m] for m in self.units[unit]]
+            g = self._whitener[unit] @ np.concatenate([g for g, _ in found])
+            both = np.linalg.norm(g) + np.linalg.norm([f for _, f in found])
+            self._gap.values[unit] = float(both**2)
 
     def _touching(self, columns: Mask) -> Iterable[tuple[Sort, Index]]:
         """Iterate over the rows inside that touch flagged columns, by sort; groups as wholes."""

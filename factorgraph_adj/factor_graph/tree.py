@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import count
 from typing import NamedTuple
 
@@ -20,19 +18,18 @@ import numpy as np
 from ..errors import AdjustmentError
 from ..frames import Frame
 from ..graph.dependence import Variable
+from ..graph.variables import Unknowns
 from ..models.variables import VariableKind
-from ..quality.leave_out import Tested
 from ..types import NO_ROWS, Array, Index, Mask
 from .linear_rows import Arriving, LinearRows
 from .rows import Grown, Sort
+from .together import Together
 
 MOST_TURNS = 10
 """Largest number of times that rows are evaluated anew after an arrival."""
 MOVED = 0.1
 """Movement since the last look, in conditional standard deviations 1/√N_jj, from which on the rows
 of a variable are looked at: below it they miss less than any accuracy that is asked for."""
-TURNED = 0.25
-"""Relative change of partials, in units of the accuracy, from which on rows are evaluated anew."""
 KEPT = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
 NEAR, SHRINKING = 1e-6, 0.9
@@ -80,57 +77,6 @@ class Mark(NamedTuple):
     """Diagonal of N."""
     snapshot: Snapshot | None
     """The tree then, or after rows had entered between known variables; none: there is no copy."""
-
-
-@dataclass(frozen=True, eq=False)
-class Together:
-    """Units with the joint covariance of what they touch."""
-
-    rows: list[Index]
-    """Rows of each unit."""
-    columns: Index
-    """Columns of what they touch, (m,)."""
-    a: Array
-    """Whitened partials, (k, m)."""
-    v: Array
-    """Whitened residuals, (k,)."""
-    covariance: Array
-    """Joint covariance of the columns, (m, m)."""
-
-    @cached_property
-    def m(self) -> Array:
-        """M = I − A Q Aᵀ, with Q after the update, (k, k)."""
-        return np.asarray(np.eye(len(self.a)) - self._spread.T @ self.a.T)
-
-    @cached_property
-    def _spread(self) -> Array:
-        return np.asarray(self.covariance @ self.a.T)
-
-    def tested(self) -> Tested:
-        """Return the units, to be tested against everything else."""
-        return Tested(self.rows, self.v, lambda u: self.m[:, u])
-
-    @property
-    def least_redundancy(self) -> float:
-        """The smallest eigenvalue of M: 0 where only they tell."""
-        return float(np.linalg.eigvalsh(0.5 * (self.m + self.m.T))[0]) if len(self.m) else 1.0
-
-    def spread(self, i: int, columns: Index) -> Array:
-        """Return Q Aᵀ of columns that they touch (−1: held, 0) with the rows of a unit, (m, d)."""
-        out = np.zeros((len(columns), len(self.rows[i])))
-        free = columns >= 0
-        out[free] = self._spread[np.ix_(self._at(columns[free]), self.rows[i])]
-        return out
-
-    def variance(self, columns: Index) -> Array:
-        """Return the variances of columns that they touch (−1: held, 0), (m,)."""
-        out = np.zeros(len(columns))
-        free = columns >= 0
-        out[free] = np.diag(self.covariance)[self._at(columns[free])]
-        return out
-
-    def _at(self, columns: Index) -> Index:
-        return np.asarray(np.searchsorted(self.columns, columns))
 
 
 class Tree(LinearRows):
@@ -203,7 +149,7 @@ class Tree(LinearRows):
     @property
     def _numbered(self) -> tuple[Grown, ...]:
         of_keys = self._first, self._size, self._alive
-        of_columns = self._key, self._delta, self._looked, self._diagonal
+        of_columns = self._key, self._delta, self._looked, self._diagonal, self._bound
         return self._slot, self._gap, self._inside, *of_keys, *of_columns
 
     def mark(self, *, whole: bool = True) -> Mark:
@@ -271,7 +217,7 @@ class Tree(LinearRows):
                 each.cut(n)
         for each in (self._first, self._size, self._alive):
             each.cut(mark.n_keys)
-        for each in (self._key, self._delta, self._looked, self._diagonal):
+        for each in (self._key, self._delta, self._looked, self._diagonal, self._bound):
             each.cut(len(mark.diagonal))
         self._inside.put_back(mark.inside)
         self._diagonal.values[:] = 0.0
@@ -306,8 +252,36 @@ class Tree(LinearRows):
             values.insert(key, np.zeros(int(self._size.values[key])))
         self._update(graph, having, values, [])
 
-    def leave(self, units: Index) -> None:
+    def bound(self, unknowns: Unknowns, sigma: Array) -> None:
+        """Take over upper bounds of standard deviations, by the columns of some unknowns."""
+        for kind, here, there in self._shared(unknowns):
+            for i, number in zip(here.tolist(), there.tolist(), strict=True):
+                own = self.tables[kind].column.values[number]
+                columns = unknowns.columns(kind, i)
+                n = min(len(own), len(columns))
+                on = np.flatnonzero(own[:n] >= 0)
+                self._bound.values[own[on]] = sigma[columns[on]]
+
+    def bound_new(self, entered: Together) -> None:
+        """Take over the standard deviations of columns that had no bounds before units entered."""
+        new = np.isnan(self._bound.values[entered.columns])
+        variance = np.maximum(np.diag(entered.covariance), 0.0)
+        self._bound.values[entered.columns[new]] = np.sqrt(variance[new])
+
+    def _bounds(self, columns: Index) -> Array:
+        """Return upper bounds of the standard deviations of columns."""
+        bound = self._bound.values
+        for key in np.unique(self._key.values[columns[np.isnan(bound[columns])]]).tolist():
+            variance = np.diag(self.covariance_of([key]))
+            bound[self._columns_of(key)] = np.sqrt(np.maximum(variance, 0.0))
+        return np.asarray(bound[columns])
+
+    def leave(self, units: Index, redundancy: float = 1.0) -> None:
         """Take units out; what they alone determine must have left before.
+
+        Args:
+            units: their numbers.
+            redundancy: their `Together.least_redundancy`: no variance grows by more than 1/it.
 
         Raises:
             IndeterminateError: the rest is too weak for Cholesky; `restore` brings the tree back.
@@ -321,6 +295,7 @@ class Tree(LinearRows):
         self._slot.values[units] = -1
         self._inside.values[units] = False
         self._gap.values[units] = 0.0
+        self._bound.values[:] /= np.sqrt(redundancy)
         self._update(gtsam.NonlinearFactorGraph(), NO_ROWS, gtsam.Values(), gone)
 
     def _factors(self, units: Index) -> tuple[gtsam.NonlinearFactorGraph, Index]:
@@ -383,10 +358,10 @@ class Tree(LinearRows):
         moved = MOVED if accuracy is None else 0.0
         last = np.inf
         for turn in range(most):
-            self._look(moved, TURNED * self.accuracy, allowed)
+            self._look(moved, self._bounds)
             gap = self._gap.values
             whole = float(np.sqrt(gap.sum()))
-            if whole < allowed or (whole <= NEAR and whole > SHRINKING * last):
+            if whole <= allowed or (whole <= NEAR and whole > SHRINKING * last):
                 return turn
             last = whole
             if not turn:
@@ -415,12 +390,14 @@ class Tree(LinearRows):
         self._changes += 1
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
         far = np.abs(self._delta.values) * weight > moved
-        keys = np.zeros(self._first.n, dtype=bool)
+        keys, touched = np.zeros((2, self._first.n), dtype=bool)
         for unit in units.tolist():
             for sort, row in self.units[unit]:
                 for _, columns in self._forms(sort, np.array([row])):
                     own = columns[columns >= 0]
+                    touched[self._key.values[own]] = True
                     keys[self._key.values[own[far[own]]]] = True
+        keys = keys if keys.any() else touched
         columns = keys[self._key.values]
         for kind, table in self.tables.items():
             own_keys = table.key.values
@@ -430,13 +407,13 @@ class Tree(LinearRows):
         self._delta.values[columns] = 0.0
         self._looked.values[columns] = 0.0
         theta = self._theta()
-        touched: list[Index] = []
+        anew: list[Index] = []
         for sort, rows in list(self._touching(columns)):
             self._weigh(sort, rows, -1.0)
             self.sorts[sort].linearise(rows, self.frame, theta)
             self._weigh(sort, rows, 1.0)
-            touched.append(self.sorts[sort].unit.values[rows])
-        touching = np.unique(np.concatenate([NO_ROWS, *touched]))
+            anew.append(self.sorts[sort].unit.values[rows])
+        touching = np.unique(np.concatenate([NO_ROWS, *anew]))
         graph, having = self._factors(touching)
         gone = self._slot.values[having].tolist()
         self.relinearised += len(having)

@@ -15,7 +15,8 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..factor_graph.linear_rows import Arriving
-from ..factor_graph.tree import MOST_TURNS, Mark, Together, Tree
+from ..factor_graph.together import Together
+from ..factor_graph.tree import MOST_TURNS, Mark, Tree
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State, Unknowns
@@ -40,6 +41,8 @@ from .units import Unit
 
 MOST_RAYS = 64
 """Largest number of image points that arrive together in a tree; more of them are for fronts."""
+SAMPLED = 1.5
+"""Factor that makes upper bounds of standard deviations that come from samples."""
 SHARE = 0.5
 """Part of the promised accuracy that gaps of rows may have: their bound is of first order."""
 
@@ -82,6 +85,7 @@ class InTree:
         try:
             state = draft.start.state
             tree.enter([Arriving(draft.equations.weighted_at(state), state)])
+            tree.bound(base.equations.unknowns, SAMPLED * system.lifted.sigma)
             tree.follow()
         except AdjustmentError:
             return None
@@ -262,11 +266,12 @@ class InTree:
         """
         tree = self.tree
         units = np.array([tree.unit[i] for i in ids], dtype=np.intp)
-        if tree.together(units).least_redundancy <= TIED:
+        redundancy = tree.together(units).least_redundancy
+        if redundancy <= TIED:
             return None
         self._mark = tree.mark()
         with suppress(AdjustmentError):
-            tree.leave(units)
+            tree.leave(units, redundancy)
             if tree.follow_to_rest():
                 return InTree(tree, ledger, self._rules)
         _ = self.tree  # it goes back
@@ -294,6 +299,7 @@ class InTree:
             assert self._mark is not None
             self._mark = tree.completed(self._mark)
 
+        tree.bound_new(entered.together)
         with suppress(AdjustmentError):
             if tree.follow_to_rest(before):
                 return InTree(tree, ledger, self._rules)
