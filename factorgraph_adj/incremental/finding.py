@@ -124,6 +124,8 @@ class Search:
             try:
                 equations = compile_rows(local)
                 lost = self._unreachable(equations)
+                if lost and self.several and not any(v[0] in ("point", "pose") for v in lost):
+                    return None  # what has no value in one part keeps values from the others
                 if not lost and len(bad := self._mismatches()):
                     self.left = self.left.only(np.setdiff1d(self.left.rows, bad))
                     continue
