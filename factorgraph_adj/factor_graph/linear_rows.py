@@ -245,10 +245,19 @@ class LinearRows:
             yield a, columns[:, : a.shape[2]]
 
     def _weigh(self, sort: Sort, rows: Index, sign: float) -> None:
-        """Add rows to the diagonal of N, or take them from it."""
+        """Add rows to the diagonal of N, or take them from it; groups are for `_weigh_groups`."""
+        rows = rows[~self.sorts[sort].joint.values[rows]]
         for a, columns in self._forms(sort, rows):
             on = columns >= 0
             np.add.at(self._diagonal.values, columns[on], sign * (a**2).sum(axis=1)[on])
+
+    def _weigh_groups(self, units: Index, sign: float) -> None:
+        """Add correlated units to the diagonal of N, or take them from it."""
+        groups = np.array([u for u in units.tolist() if u in self._whitener], dtype=np.intp)
+        for terms, _ in self._parts(groups).values():
+            for key, a in terms.items():
+                first = int(self._first.values[key])
+                self._diagonal.values[first : first + a.shape[1]] += sign * (a**2).sum(axis=0)
 
     def _parts(self, units: Index) -> dict[int, tuple[dict[int, Array], Array]]:
         """Return partials by key, and residuals at θ, of units."""

@@ -122,6 +122,7 @@ class Tree(LinearRows):
             AdjustmentError: a residual is beyond `MOST_MISFIT`. After an error the tree has to be
                 restored.
         """
+        self.version = next(_VERSIONS)
         begin, first_key = len(self.units), self._first.n
         new: dict[Sort, list[Index]] = {}
         for arriving in arrivals:
@@ -137,6 +138,7 @@ class Tree(LinearRows):
             if not (np.abs(self.sorts[sort].v.values[own]) < MOST_MISFIT).all():
                 raise AdjustmentError("a reading is too far from everything else for iSAM2")
             self._weigh(sort, own, 1.0)
+        self._weigh_groups(units, 1.0)
         graph, having = self._factors(units)
         self._changes += self._first.n > first_key
         values = gtsam.Values()
@@ -223,6 +225,7 @@ class Tree(LinearRows):
         self._diagonal.values[:] = 0.0
         for sort, rows in self.sorts.items():
             self._weigh(sort, np.flatnonzero(self._inside.values[rows.unit.values]), 1.0)
+        self._weigh_groups(np.flatnonzero(mark.inside), 1.0)
 
     def _put_back(self, snapshot: Snapshot) -> None:
         self.isam, self._lost = snapshot.isam, False
@@ -292,6 +295,7 @@ class Tree(LinearRows):
         for unit in units[slots >= 0].tolist():
             for sort, row in self.units[unit]:
                 self._weigh(sort, np.array([row]), -1.0)
+        self._weigh_groups(units[slots >= 0], -1.0)
         self._slot.values[units] = -1
         self._inside.values[units] = False
         self._gap.values[units] = 0.0
@@ -407,13 +411,15 @@ class Tree(LinearRows):
         self._delta.values[columns] = 0.0
         self._looked.values[columns] = 0.0
         theta = self._theta()
-        anew: list[Index] = []
-        for sort, rows in list(self._touching(columns)):
+        anew = list(self._touching(columns))
+        found = [self.sorts[sort].unit.values[rows] for sort, rows in anew]
+        touching = np.unique(np.concatenate([NO_ROWS, *found]))
+        self._weigh_groups(touching, -1.0)
+        for sort, rows in anew:
             self._weigh(sort, rows, -1.0)
             self.sorts[sort].linearise(rows, self.frame, theta)
             self._weigh(sort, rows, 1.0)
-            anew.append(self.sorts[sort].unit.values[rows])
-        touching = np.unique(np.concatenate([NO_ROWS, *anew]))
+        self._weigh_groups(touching, 1.0)
         graph, having = self._factors(touching)
         gone = self._slot.values[having].tolist()
         self.relinearised += len(having)

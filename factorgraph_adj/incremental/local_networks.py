@@ -58,9 +58,12 @@ def nearer(system: LinearSystem) -> State | None:
         a = system.sparse(np.arange(equations.n_rows)).toarray()
         if not (np.isfinite(a).all() and np.isfinite(system.residual).all()):
             return None
-        scale = np.sqrt(np.maximum(np.sum(a**2, axis=0), np.finfo(float).tiny))
-        step = np.linalg.lstsq(a / scale, -system.residual, rcond=None)[0]
-        state = equations.unknowns.retract(state, step / scale)
+        scale = np.sqrt(np.sum(a**2, axis=0))
+        moving = equations.unknowns.free & (scale > 0.0)
+        step = np.linalg.lstsq(a[:, moving] / scale[moving], -system.residual, rcond=None)[0]
+        whole = np.zeros(len(scale))
+        whole[moving] = step / scale[moving]
+        state = equations.unknowns.retract(state, whole)
         if np.abs(step).max(initial=0.0) < LIMITS.near:
             return state
         system = LinearSystem(equations.weighted_at(state), state)

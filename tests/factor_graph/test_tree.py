@@ -11,7 +11,12 @@ import factorgraph_adj as fga
 from factorgraph_adj.factor_graph.linear_rows import Arriving
 from factorgraph_adj.factor_graph.tree import IndeterminateError, Tree
 from factorgraph_adj.graph.equations import compile_rows
-from factorgraph_adj.observations import AnyObservation, HeightDifference, SlopeDistance
+from factorgraph_adj.observations import (
+    AnyObservation,
+    Correlated,
+    HeightDifference,
+    SlopeDistance,
+)
 from factorgraph_adj.quality.leave_out import critical_t2
 from tests.networks.random_small import random_network
 from tests.networks.small_block import small_block
@@ -80,7 +85,8 @@ def levels(n: int) -> fga.Network:
 def arriving(network: fga.Network, *observations: AnyObservation) -> Arriving:
     """Return observations with what a network says of their points."""
     part = fga.Network(network.name, frame=network.frame)
-    for o in observations:
+    single = [m for o in observations for m in getattr(o, "observations", (o,))]
+    for o in single:
         for name in o.names():
             if name not in part.points:
                 point = network.points[name]
@@ -214,3 +220,19 @@ def known_part(network: fga.Network) -> fga.Network:
             part.add_point(name, point.coordinates, fixed=fixed)
     part.add(*network.observations.values())
     return part
+
+
+def test_the_diagonal_of_the_normal_matrix_counts_correlated_groups_whitened() -> None:
+    network = levels(3)
+    rises = [HeightDifference("A", "P0", 1.0, sigma=0.001, id="a")]
+    rises += [HeightDifference("P0", "P1", 0.5, sigma=0.001, id="b")]
+    rises += [HeightDifference("A", "P1", 1.5, sigma=0.001, id="c")]
+    covariance = 1e-6 * (0.2 * np.eye(3) + 0.8)
+    tree = Tree(network.frame)
+    units = tree.enter([arriving(network, Correlated(rises, covariance))])
+    a = np.array([[1.0, 0.0], [-1.0, 1.0], [0.0, 1.0]])
+    normal = a.T @ np.linalg.inv(covariance) @ a
+    columns = [int(tree.columns("point", name)[2]) for name in ("P0", "P1")]
+    assert tree.weight(np.array(columns)) == pytest.approx(np.sqrt(np.diag(normal)), rel=1e-12)
+    tree._anew(units, 0.0)
+    assert tree.weight(np.array(columns)) == pytest.approx(np.sqrt(np.diag(normal)), rel=1e-12)

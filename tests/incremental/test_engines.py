@@ -8,7 +8,12 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.observations import HeightDifference
+from factorgraph_adj.observations import (
+    Azimuth,
+    HeightDifference,
+    SlopeDistance,
+    StandardDeviation,
+)
 from tests.networks.small_block import images_only
 
 
@@ -58,3 +63,53 @@ def test_the_live_tree_is_given_as_a_copy() -> None:
     assert sigmas == pytest.approx([0.001, 0.001 * np.sqrt(2.0)], rel=1e-9)
     tree.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), [1])
     assert (inc.estimate("Q") == before).all()
+
+
+def test_an_arrival_that_ends_in_an_error_leaves_nothing_behind() -> None:
+    """One of its readings has no answer: two points are at the same place."""
+    network = fga.Network("same place")
+    for name, at in (("A", (0, 0, 0)), ("B", (100, 0, 0)), ("C", (0, 100, 0))):
+        network.add_point(name, at, fixed="xyz")
+    for name in ("P", "Q"):
+        network.add_point(name, (50.0, 60.0, 0.0), fixed="z")
+        for station in "ABC":
+            at = np.array(network.points[station].coordinates)
+            length = float(np.linalg.norm(np.array((50.0, 60.0, 0.0)) - at))
+            network.add(SlopeDistance(station, name, length, sigma=0.005))
+    inc = fga.IncrementalAdjustment(network)
+    before = inc.redundancy, inc.n_observations, inc.covariance("P")
+    good = SlopeDistance("A", "P", float(np.hypot(50.0, 60.0)), sigma=0.005)
+    with pytest.raises(InputError, match="azimuth"):
+        inc.add([good, Azimuth("P", "Q", 1.0, sigma=1e-4)])
+    assert (inc.redundancy, inc.n_observations) == before[:2]
+    assert (inc.covariance("P") == before[2]).all()
+    inc.add(good)
+    batch = fga.adjust(inc.network())
+    assert (inc.redundancy, inc.n_observations) == (batch.redundancy, batch.n_observations)
+    assert inc.covariance("P") == pytest.approx(batch.covariance("P"), rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_levelled_line_that_waited_enters_with_its_tie(seed: int) -> None:
+    """Held coordinates stay, as the weights of its readings depend on lengths."""
+    rng = np.random.default_rng(seed)
+    at = np.column_stack([rng.uniform(0, 500, (7, 2)), rng.uniform(0, 30, 7)])
+    network = fga.Network("line")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("B", (90.0, 0.0, 0.0), fixed="xy")
+    for i, x in enumerate(at):
+        network.add_point(f"P{i}", (*x[:2], x[2] + 0.1 * rng.normal()), fixed="xy")
+
+    def rise(a: int, b: int, name: str) -> HeightDifference:
+        error = 0.001 * rng.normal()
+        sigma = StandardDeviation(per_sqrt_km=0.003)
+        value = float(at[b, 2] - at[a, 2] + error)
+        return HeightDifference(f"P{a}", f"P{b}", value, sigma=sigma, id=f"rise {name}")
+
+    inc = fga.IncrementalAdjustment(network)
+    inc.add(HeightDifference("A", "B", 0.0, sigma=0.001))
+    inc.add([*(rise(int(rng.integers(0, i)), i, f"{i}") for i in range(1, 7)), rise(0, 1, "again")])
+    tie = StandardDeviation(per_sqrt_km=0.003)
+    inc.add(HeightDifference("A", "P6", float(at[6, 2]), sigma=tie))
+    assert (len(inc), inc.redundancy, inc.n_waiting) == (9, 1, 0)
+    assert inc.estimate("P3")[:2] == pytest.approx(at[3, :2], abs=0.0)
