@@ -128,7 +128,7 @@ def undisturbed() -> tuple[tuple[Moment, ...], tuple[bytes, ...]]:
     moments, journals = [], []
     with TemporaryDirectory() as folder:
         path = Path(folder, "day.jsonl")
-        inc = IncrementalAdjustment(morning(), journal=path)
+        inc = IncrementalAdjustment(morning(), journal=path, engine="auto")  # as in the processes that are killed
         for step in (None, *day()):
             if step is not None:
                 step(inc)
