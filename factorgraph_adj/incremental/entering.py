@@ -31,7 +31,7 @@ from .inside import Inside
 from .judging import Joint, accepted, decide, left_out, untested
 from .ledger import Ledger
 from .local_networks import LIMITS
-from .nearness import near_minimum
+from .nearness import is_small, near_minimum
 from .rebasing import EFFORT, Draft, Failure, notices, with_doubt
 from .rows import NO_PHOTO
 from .rules import Rules
@@ -288,6 +288,8 @@ class Entering:
         """Put new unknowns in beside the system; none where only a new base can take them in."""
         if system.section is not None or system.doubt or system.is_free:
             return None
+        if is_small(system):
+            return None  # a new base takes little time there, and is linearised where everything is
 
         def values(unknowns: Unknowns, state: State) -> State:
             moving = unknowns.moving()

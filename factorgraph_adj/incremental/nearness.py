@@ -26,6 +26,11 @@ SHARE = 0.9
 """Part of the promised accuracy by which a standard deviation may differ there."""
 
 
+def is_small(system: System) -> bool:
+    """Return whether everything is linearised after every change."""
+    return system.unknowns.n_columns <= MOST_UNKNOWNS
+
+
 def near_minimum(
     ledger: Ledger, system: System, rules: Rules, arrived: Forms | None = None
 ) -> System | None:
@@ -42,7 +47,7 @@ def near_minimum(
     Raises:
         InputError: names observations whose geometry has no answer at the present state.
     """
-    if system.section is not None or system.unknowns.n_columns > MOST_UNKNOWNS:
+    if system.section is not None or not is_small(system):
         return within(system, rules.accuracy, arrived)
     try:
         return system if _is_near(ledger, system, rules) else None

@@ -128,7 +128,10 @@ def undisturbed() -> tuple[tuple[Moment, ...], tuple[bytes, ...]]:
     moments, journals = [], []
     with TemporaryDirectory() as folder:
         path = Path(folder, "day.jsonl")
-        inc = IncrementalAdjustment(morning(), journal=path, engine="auto")  # as in the processes that are killed
+        # The engine of the processes that are killed: start values that are found depend on it.
+        inc = IncrementalAdjustment(
+            morning(), journal=path, engine="auto"
+        )  # as in the processes that are killed
         for step in (None, *day()):
             if step is not None:
                 step(inc)

@@ -94,8 +94,9 @@ def test_a_mistake_in_a_block_is_named(mistake: str) -> None:
 @pytest.mark.parametrize("held", [True, False])
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_mistakes_are_named_with_a_held_and_with_a_free_camera(mistake: str, held: bool) -> None:
+    """With seed 3 and a wrong sign rounding decides whether points end behind their cameras."""
     made, said = MISTAKES[mistake]
-    for seed in (2, 3):
+    for seed in (2, 5):
         assert named(made(facade(seed, held=held))) == said
 
 
