@@ -129,9 +129,7 @@ def undisturbed() -> tuple[tuple[Moment, ...], tuple[bytes, ...]]:
     with TemporaryDirectory() as folder:
         path = Path(folder, "day.jsonl")
         # The engine of the processes that are killed: start values that are found depend on it.
-        inc = IncrementalAdjustment(
-            morning(), journal=path, engine="auto"
-        )  # as in the processes that are killed
+        inc = IncrementalAdjustment(morning(), journal=path, engine="auto")
         for step in (None, *day()):
             if step is not None:
                 step(inc)
