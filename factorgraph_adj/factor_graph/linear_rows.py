@@ -50,6 +50,13 @@ class Table:
     key: Grown
     """Key of each variable; −1 for constants."""
 
+    def cut(self, n: int) -> None:
+        """Drop all variables but the first n."""
+        for name in list(self.number)[n:]:
+            del self.number[name]
+        for each in (self.theta, self.column, self.key):
+            each.cut(n)
+
 
 class Member(NamedTuple):
     """An observation of a unit."""

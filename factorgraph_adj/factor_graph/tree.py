@@ -178,7 +178,7 @@ class Tree(LinearRows):
 
     def _snapshot(self) -> Snapshot:
         return Snapshot(
-            gtsam.ISAM2(self.isam),
+            self.copied(),
             {sort: rows.forms() for sort, rows in self.sorts.items()},
             {kind: table.theta.values.copy() for kind, table in self.tables.items()},
             tuple(each.values.copy() for each in self._numbered),
@@ -212,11 +212,7 @@ class Tree(LinearRows):
     def _cut(self, mark: Mark) -> None:
         """Drop the variables that are new since a mark, and put in what was in then."""
         for kind, table in self.tables.items():
-            n = mark.counts.get(kind, 0)
-            for name in list(table.number)[n:]:
-                del table.number[name]
-            for each in (table.theta, table.column, table.key):
-                each.cut(n)
+            table.cut(mark.counts.get(kind, 0))
         for each in (self._first, self._size, self._alive):
             each.cut(mark.n_keys)
         for each in (self._key, self._delta, self._looked, self._diagonal, self._bound):
@@ -235,11 +231,7 @@ class Tree(LinearRows):
             self.sorts[sort].put_back(forms)
         for kind, table in self.tables.items():
             before = snapshot.theta.get(kind)
-            n = 0 if before is None else len(before)
-            for name in list(table.number)[n:]:
-                del table.number[name]
-            for each in (table.theta, table.column, table.key):
-                each.cut(n)
+            table.cut(0 if before is None else len(before))
             if before is not None:
                 table.theta.values[:, : before.shape[1]] = before
         for each, copied in zip(self._numbered, snapshot.of_units, strict=True):
@@ -348,20 +340,18 @@ class Tree(LinearRows):
     def follow(
         self,
         accuracy: float | None = None,
-        most: int = MOST_TURNS,
         before: Callable[[], None] = lambda: None,
     ) -> int:
         """Evaluate rows anew until their gaps are small; return the number of updates.
 
         Args:
             accuracy: largest norm of all gaps; none: that of the tree.
-            most: largest number of updates.
             before: what is called before the first of them.
         """
         allowed = self.accuracy if accuracy is None else accuracy
         moved = MOVED if accuracy is None else 0.0
         last = np.inf
-        for turn in range(most):
+        for turn in range(MOST_TURNS):
             self._look(moved, self._bounds)
             gap = self._gap.values
             whole = float(np.sqrt(gap.sum()))
@@ -371,7 +361,7 @@ class Tree(LinearRows):
             if not turn:
                 before()
             self._anew(_largest(gap, (KEPT * allowed) ** 2), moved)
-        return most
+        return MOST_TURNS
 
     def settle(self) -> int:
         """Evaluate rows anew until nothing is missed; return the number of updates."""
