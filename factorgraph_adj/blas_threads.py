@@ -4,6 +4,8 @@ They start as many threads as there are processors. The matrices here are small:
 an adjustment takes twice the CPU time that it takes with one, and more wall time. Every public
 computation therefore runs with one thread, and leaves the process as it was. The number of threads
 also changes the last digits of sums, which then are the same on every machine.
+
+Objects that several threads may use have methods of which one runs at a time.
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController, threadpool_limits
+from threading import RLock
+from typing import Concatenate, Protocol
 
 VARIABLES = (
     "OMP_NUM_THREADS",
@@ -109,3 +113,25 @@ def _libraries() -> ThreadpoolController:
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController().select(user_api="blas")
+
+
+class HasLock(Protocol):
+    """An object with a lock, which a thread that holds it may take again."""
+
+    _lock: RLock
+
+
+Own = TypeVar("Own", bound=HasLock)
+
+
+def one_at_a_time(
+    method: Callable[Concatenate[Own, Given], Found],
+) -> Callable[Concatenate[Own, Given], Found]:
+    """Return a method that holds the lock of its object while it runs."""
+
+    @wraps(method)
+    def alone(self: Own, /, *args: Given.args, **kwargs: Given.kwargs) -> Found:
+        with self._lock, one_thread:
+            return method(self, *args, **kwargs)
+
+    return alone

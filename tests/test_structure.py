@@ -67,6 +67,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("epochs",),
     ("io",),
     ("parts",),
+    # What has arrived; where everything is; what happens when more arrives.
+    ("ledger",),
+    ("linear_system",),
     ("incremental",),
     ("report",),
     # Results in formats of other programs.

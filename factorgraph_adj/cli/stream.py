@@ -21,8 +21,8 @@ from typing import IO, Any, get_args
 
 from ..errors import InputError, Problem, system_reason
 from ..incremental.adjustment import IncrementalAdjustment
-from ..incremental.verdicts import Policy
 from ..io.project import Project
+from ..ledger.verdicts import Policy
 from ..service.requests import LONGEST
 from ..service.stream import Stream
 from ..service.stream import __doc__ as protocol

@@ -8,11 +8,16 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
-from ..blas_threads import with_one_thread
+from ..blas_threads import one_at_a_time, with_one_thread
 from ..errors import AdjustmentError, InputError
 from ..graph.dependence import Variable
 from ..graph.made import MakesFactor
 from ..io.journal import Journal
+from ..ledger import journal_entries
+from ..ledger.input import Input, ids_in, listed
+from ..ledger.ledger import Ledger
+from ..ledger.options import Engine, Options
+from ..ledger.verdicts import Policy
 from ..network.additions import UnknownsGiven
 from ..network.entities import Camera, Photo, Point
 from ..network.network import DatumChoice, Network
@@ -20,16 +25,11 @@ from ..observations import AnyObservation, Observation
 from ..quality.rejections import Snooping
 from ..solve.solution import Solution
 from ..validate.preliminary.copied_blocks import CopiedBlocks
-from . import commands, records, retirement, window
+from . import commands, retirement, retirement_window
 from .arrival import Arrival
-from .beginning import begin, replayed
-from .flow import State
-from .given import Given, ids_in, listed
-from .ledger import Ledger
-from .one_at_a_time import one_at_a_time
-from .results import Results
-from .rules import Engine, Rules
-from .verdicts import Policy
+from .initial_adjustment import begin, replayed
+from .state_queries import Results
+from .worklist import IncrementalState
 
 
 class IncrementalAdjustment(Results):
@@ -101,9 +101,9 @@ class IncrementalAdjustment(Results):
         self.resumed = ""
         """What `resume` found torn at the end of its journal; empty if nothing."""
         self._lock = RLock()
-        self._rules = Rules(policy, alpha, accuracy, chosen, engine, keep)
+        self._rules = Options(policy, alpha, accuracy, chosen, engine, keep)
         self._journal: Journal | None = None
-        self._solution: tuple[State, Solution] | None = None
+        self._solution: tuple[IncrementalState, Solution] | None = None
         self.latest = Arrival()
         """What the latest command came to; after `snoop`, the verdicts on what came back."""
         self._copies = CopiedBlocks()
@@ -112,7 +112,7 @@ class IncrementalAdjustment(Results):
         self._state = begin(Ledger.of(own), self._rules, start)
         self._copies.add(self._state.ledger.observations())
         if journal is not None:
-            head = records.header(network, asdict(self._rules))
+            head = journal_entries.header(network, asdict(self._rules))
             self._journal = Journal.create(journal, head, durable=False)
 
     @classmethod
@@ -142,7 +142,7 @@ class IncrementalAdjustment(Results):
         opened, header, entries, torn = Journal.open(journal, durable=False)
         try:
             place, folder = f"{journal}:1", Path(journal).parent
-            network, rules = records.start_of(header, place, folder, geoids, allow_outside)
+            network, rules = journal_entries.start_of(header, place, folder, geoids, allow_outside)
             out = cls.__new__(cls)
             network.datum = rules.datum
             out._rules, out._lock = rules, RLock()
@@ -168,12 +168,15 @@ class IncrementalAdjustment(Results):
         return self._rules.alpha
 
     def _changed(
-        self, do: str, result: tuple[State, Arrival], fields: Mapping[str, Any] | None = None
+        self,
+        do: str,
+        result: tuple[IncrementalState, Arrival],
+        fields: Mapping[str, Any] | None = None,
     ) -> Arrival:
         """Write the difference of two ledgers to the journal, then take the new state over."""
         state, arrival = result
         if self._journal is not None:
-            changed = records.difference(self._state.ledger, state.ledger)
+            changed = journal_entries.difference(self._state.ledger, state.ledger)
             self._journal.append({"do": do, **(fields or {}), **changed})
         self._state, self.latest = state.recorded(), arrival
         return arrival
@@ -192,7 +195,7 @@ class IncrementalAdjustment(Results):
         """Test observations and absorb them; what they lack, they wait for.
 
         Each is compared with its prediction from everything else, see
-        `factorgraph_adj.incremental.verdicts`. Of several that are beyond the critical value the
+        `factorgraph_adj.ledger.verdicts`. Of several that are beyond the critical value the
         worst goes first, as in data snooping. The arrival has a verdict on each observation given,
         then on those that entered by themselves.
 
@@ -210,11 +213,11 @@ class IncrementalAdjustment(Results):
         Raises:
             InputError: everything that is wrong with the input; nothing has changed then.
         """
-        given = Given.of(observations, points, photos, cameras, unknowns, factors)
+        given = Input.of(observations, points, photos, cameras, unknowns, factors)
         if self._journal is not None:
             given.refuse_factors()
         result = commands.add(self._state, given, self._rules)
-        new = records.entities(self._state.ledger.network, result[0].ledger.network, given)
+        new = journal_entries.entities(self._state.ledger.network, result[0].ledger.network, given)
         arrived = result[0].ledger.observations(self._state.ledger.rows.n)
         arrival = self._changed("add", result, new)
         self._copies.add(arrived)
@@ -226,7 +229,7 @@ class IncrementalAdjustment(Results):
         """Take observations out, wherever they are: in the graph, waiting, suspect or rejected.
 
         What they alone determined waits again, with all observations of it. Suspects and rejected
-        observations that fit by now come back, see `factorgraph_adj.incremental.coming_back`.
+        observations that fit by now come back, see `factorgraph_adj.incremental.readmission`.
 
         Args:
             ids: ids; ``photo/point`` for image points; names such as ``"point P1 x"`` for weighted
@@ -340,9 +343,9 @@ class IncrementalAdjustment(Results):
         between: list[str] = []
         if before is not None:
             ledger = self._state.ledger
-            since = window.since_of(ledger, before)
-            wanted += window.untouched(ledger, since)
-            between = window.between_given(ledger, since)
+            since = retirement_window.since_of(ledger, before)
+            wanted += retirement_window.untouched(ledger, since)
+            between = retirement_window.between_given(ledger, since)
         if wanted or between:
             self._retire(dict.fromkeys(wanted), between)
 
@@ -351,7 +354,7 @@ class IncrementalAdjustment(Results):
         keep, ledger = self._rules.keep, self._state.ledger
         if keep is None or len(ledger.names.photos) < self._next_try:
             return
-        (found, between), arrival = window.due(ledger, keep), self.latest
+        (found, between), arrival = retirement_window.due(ledger, keep), self.latest
         if not found:
             return
         self._not_retired = ""

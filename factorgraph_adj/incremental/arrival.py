@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..ledger.candidates import Candidates, known_in
+from ..ledger.row_store import CODE
+from ..ledger.verdicts import Verdict
+from ..linear_system.test_statistics import untested
 from ..models.variables import UNKNOWNS
 from ..types import Index
-from .candidates import Candidates, known_in
-from .flow import State, Told
-from .judging import untested
-from .rows import CODE
-from .verdicts import Verdict
+from .worklist import IncrementalState, Verdicts
 
 ALONE = "all that it touches is given, and nothing else is determined yet"
 
@@ -52,7 +52,11 @@ class Waiting:
 
 
 def arrival_of(
-    before: State, after: State, told: Told, given: Iterable[str], command: str
+    before: IncrementalState,
+    after: IncrementalState,
+    told: Verdicts,
+    given: Iterable[str],
+    command: str,
 ) -> Arrival:
     """Return what observations came to.
 
@@ -89,13 +93,13 @@ def arrival_of(
     return Arrival((*verdicts, *entered), waits, dict(ledger.oriented))
 
 
-def waiting_of(state: State, rows: Index) -> Iterator[Waiting]:
+def waiting_of(state: IncrementalState, rows: Index) -> Iterator[Waiting]:
     """Iterate over observations that wait, with what each lacks."""
     for v in _verdicts_of_waiting(state, rows):
         yield Waiting(v.id, v.kind, v.label, v.lacks)
 
 
-def _verdicts_of_waiting(state: State, rows: Index) -> Iterator[Verdict]:
+def _verdicts_of_waiting(state: IncrementalState, rows: Index) -> Iterator[Verdict]:
     ledger = state.ledger
     lacking = Candidates(ledger, known_in(state.system), rows).lacking()
     for unit, variables in zip(ledger.units(rows), lacking, strict=True):

@@ -12,6 +12,16 @@ from ..graph.dependence import Variable, components
 from ..graph.made import FactorModel, observation_of
 from ..graph.partials import refuse_wrong_partials
 from ..graph.variables import Unknowns
+from ..ledger.candidates import Candidates, known_in
+from ..ledger.input import Input, ids_in, listed
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..ledger.row_store import CODE
+from ..ledger.verdicts import DISCARDED, SNOOPED
+from ..linear_system.front_system import FrontSystem
+from ..linear_system.rebase import Draft, solution_of
+from ..linear_system.section_choice import in_pieces
+from ..linear_system.test_statistics import untested
 from ..network.entities import parameter_name
 from ..network.network import Network
 from ..network.selection import weighted_unknowns
@@ -23,20 +33,10 @@ from ..quality.snooping import snoop
 from ..solve.solution import Solution
 from ..types import Index
 from .arrival import Arrival, arrival_of
-from .beginning import settled
-from .candidates import Candidates, known_in
-from .coming_back import looked_again, measured_again
-from .cutting import in_pieces
-from .flow import State, Task, Told, absorb
-from .given import Given, ids_in, listed
-from .judging import untested
-from .ledger import Ledger
-from .rebasing import Draft, solution_of
-from .rows import CODE
-from .rules import Rules
-from .system import System
-from .taking_out import take_out
-from .verdicts import DISCARDED, SNOOPED
+from .initial_adjustment import settled
+from .readmission import measured_again, readmitted
+from .removal import take_out
+from .worklist import IncrementalState, Task, Verdicts, absorb
 
 MOST_WEIGHT = 1e12
 """Largest factor by which a weight may be multiplied; its inverse is the smallest."""
@@ -44,7 +44,7 @@ MOST_ROUNDS = 5
 """Largest number of times that what waits is looked at before everything is at rest."""
 
 
-def add(state: State, given: Given, rules: Rules) -> tuple[State, Arrival]:
+def add(state: IncrementalState, given: Input, rules: Options) -> tuple[IncrementalState, Arrival]:
     """Take observations, points, photos, cameras and other unknowns in.
 
     Raises:
@@ -73,7 +73,7 @@ def add(state: State, given: Given, rules: Rules) -> tuple[State, Arrival]:
 
 
 def _refuse_wrong_partials(
-    state: State, made: Sequence[OwnFactor], keyed: Unknowns, rules: Rules
+    state: IncrementalState, made: Sequence[OwnFactor], keyed: Unknowns, rules: Options
 ) -> None:
     """Refuse factors whose Jacobians contradict their errors, where all is known that they join."""
     if state.system is None:
@@ -90,7 +90,9 @@ def _refuse_wrong_partials(
     refuse_wrong_partials(joined, solution.equations, solution.state, keyed)
 
 
-def remove(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State, Arrival]:
+def remove(
+    state: IncrementalState, ids: str | Iterable[str], rules: Options
+) -> tuple[IncrementalState, Arrival]:
     """Take observations out, wherever they are.
 
     Raises:
@@ -98,13 +100,13 @@ def remove(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State,
     """
     weights = weighted_unknowns(state.ledger.network)
     after, told = _without(state, known_ids(state, ids_in(ids), weights), rules)
-    after, told = looked_again(after, told, rules)
+    after, told = readmitted(after, told, rules)
     return after, arrival_of(state, after, told, (), "remove")
 
 
 def put_in_place(
-    state: State, ident: str, observation: Observation, rules: Rules
-) -> tuple[State, Arrival]:
+    state: IncrementalState, ident: str, observation: Observation, rules: Options
+) -> tuple[IncrementalState, Arrival]:
     """Put a new observation in the place of another, under the same id.
 
     Raises:
@@ -117,13 +119,13 @@ def put_in_place(
     tasks = [Task(rows, asked=True), *out.tasks]
     begun = replace(out.state, ledger=ledger)
     after, told = absorb(begun, tasks, rules, start=out.start)
-    after, told = looked_again(after, told, rules)
+    after, told = readmitted(after, told, rules)
     return after, arrival_of(state, after, told, [ident], "replace")
 
 
 def reweight(
-    state: State, ids: str | Iterable[str], factor: float, rules: Rules
-) -> tuple[State, Arrival]:
+    state: IncrementalState, ids: str | Iterable[str], factor: float, rules: Options
+) -> tuple[IncrementalState, Arrival]:
     """Multiply the weights of observations by a factor; those that were left out are tested anew.
 
     Raises:
@@ -144,11 +146,13 @@ def reweight(
     tasks = [Task(again, fixed, asked=True), *out.tasks]
     begun = replace(out.state, ledger=ledger)
     after, told = absorb(begun, tasks, rules, start=out.start)
-    after, told = looked_again(after, told, rules)
+    after, told = readmitted(after, told, rules)
     return after, arrival_of(state, after, told, every, "reweight")
 
 
-def accept(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State, Arrival]:
+def accept(
+    state: IncrementalState, ids: str | Iterable[str], rules: Options
+) -> tuple[IncrementalState, Arrival]:
     """Put suspects, or rejected observations, in after all.
 
     Raises:
@@ -169,11 +173,11 @@ def accept(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State,
         raise InputError(problems)
     ledger = ledger.moved(rows, "waiting", "accepted by hand")
     after, told = absorb(replace(state, ledger=ledger), [Task(rows, rows, asked=True)], rules)
-    after, told = looked_again(after, told, rules)
+    after, told = readmitted(after, told, rules)
     return after, arrival_of(state, after, told, ledger.ids_of(rows), "accept")
 
 
-def discard(state: State, ids: str | Iterable[str]) -> State:
+def discard(state: IncrementalState, ids: str | Iterable[str]) -> IncrementalState:
     """Throw suspects out: they count as rejected.
 
     Raises:
@@ -198,7 +202,9 @@ def discard(state: State, ids: str | Iterable[str]) -> State:
     return replace(state, ledger=ledger)
 
 
-def reject(state: State, ids: Sequence[str], rules: Rules, limit: float) -> tuple[State, Arrival]:
+def reject(
+    state: IncrementalState, ids: Sequence[str], rules: Options, limit: float
+) -> tuple[IncrementalState, Arrival]:
     """Reject what data snooping found; weighted unknowns lose their weights.
 
     Args:
@@ -216,13 +222,17 @@ def reject(state: State, ids: Sequence[str], rules: Rules, limit: float) -> tupl
     told_of = (v for u in units for v in untested(u, "rejected", cause=SNOOPED))
     verdicts = {v.id: replace(v, critical=limit**2) for v in told_of}
     after = replace(after, ledger=taken.moved(again, "rejected", SNOOPED, verdicts))
-    after, told = looked_again(after, told, rules, but=every, limit=limit)
+    after, told = readmitted(after, told, rules, but=every, limit=limit)
     return after, arrival_of(state, after, told, (), "snoop")
 
 
 def snooped(
-    state: State, network: Network, solution: Solution, rules: Rules, options: Mapping[str, Any]
-) -> tuple[State, Arrival, Snooping]:
+    state: IncrementalState,
+    network: Network,
+    solution: Solution,
+    rules: Options,
+    options: Mapping[str, Any],
+) -> tuple[IncrementalState, Arrival, Snooping]:
     """Search a whole network for gross errors; what is found is rejected.
 
     Args:
@@ -241,9 +251,9 @@ def snooped(
     return *reject(state, list(dict.fromkeys(ids)), rules, limit), found
 
 
-def settle(state: State, rules: Rules) -> tuple[State, Arrival]:
+def settle(state: IncrementalState, rules: Options) -> tuple[IncrementalState, Arrival]:
     """Go to rest, and look once more at everything that waits, and at what was left out."""
-    after, told = settled(state, rules), Told()
+    after, told = settled(state, rules), Verdicts()
     for _ in range(MOST_ROUNDS):
         waiting = after.ledger.having("waiting")
         if not len(waiting):
@@ -254,7 +264,7 @@ def settle(state: State, rules: Rules) -> tuple[State, Arrival]:
             after = settled(after, rules)
         if len(after.ledger.having("waiting")) == len(waiting):
             break
-    after, told = looked_again(after, told, rules)
+    after, told = readmitted(after, told, rules)
     if not after.settled:
         after = settled(after, rules)
     return after, arrival_of(state, after, told, (), "settle")
@@ -263,7 +273,9 @@ def settle(state: State, rules: Rules) -> tuple[State, Arrival]:
 # -- helpers --------------------------------------------------------------------------------------
 
 
-def known_ids(state: State, ids: Sequence[str], weights: Collection[str] = ()) -> list[str]:
+def known_ids(
+    state: IncrementalState, ids: Sequence[str], weights: Collection[str] = ()
+) -> list[str]:
     """Return ids without repetition.
 
     Args:
@@ -282,14 +294,16 @@ def known_ids(state: State, ids: Sequence[str], weights: Collection[str] = ()) -
 
 
 def _without(
-    state: State, ids: Sequence[str], rules: Rules, *, cause: str = "removed"
-) -> tuple[State, Told]:
+    state: IncrementalState, ids: Sequence[str], rules: Options, *, cause: str = "removed"
+) -> tuple[IncrementalState, Verdicts]:
     """Take observations out, and look at what is left to be looked at."""
     out = take_out(state, ids, rules, cause)
     return absorb(out.state, out.tasks, rules, start=out.start)
 
 
-def _with_weighted(state: State, new: Sequence[Variable], rules: Rules) -> State:
+def _with_weighted(
+    state: IncrementalState, new: Sequence[Variable], rules: Options
+) -> IncrementalState:
     """Return the state with those of new unknowns in the solution that weights determine."""
     system, network = state.system, state.ledger.network
     if system is None:
@@ -304,7 +318,11 @@ def _with_weighted(state: State, new: Sequence[Variable], rules: Rules) -> State
         return state
     draft = Draft.of(state.ledger, system, rules.datum)
     found = draft.adjusted(rules.datum, doubted=bool(system.doubt))
-    return State(state.ledger, found, settled=False) if isinstance(found, System) else state
+    return (
+        IncrementalState(state.ledger, found, settled=False)
+        if isinstance(found, FrontSystem)
+        else state
+    )
 
 
 def _measured_again(ledger: Ledger, chosen: Index) -> list[Problem]:

@@ -18,6 +18,15 @@ from ..errors import AdjustmentError, InputError, Problem, known
 from ..graph.dependence import Variable
 from ..graph.equations import Equations
 from ..graph.variables import calibration_name
+from ..ledger import journal_entries
+from ..ledger.archive import LastEstimate
+from ..ledger.candidates import Candidates, Nothing
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..ledger.retired import Retired
+from ..ledger.row_store import GONE
+from ..linear_system.front_system import FrontSystem
+from ..linear_system.rebase import EFFORT, Draft, Failure, known_network
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.entities import Key, parameter_name
 from ..network.network import Network
@@ -25,17 +34,8 @@ from ..network.selection import keep_entities
 from ..solve.marginalisation import NAME, marginalised
 from ..solve.prior import Group, Prior
 from ..types import Array, Index
-from . import records
-from .archive import LastEstimate
-from .candidates import Candidates, Nothing
-from .flow import State
-from .ledger import Ledger
-from .rebasing import EFFORT, Draft, Failure, known_network
-from .retired import Retired
-from .rows import GONE
-from .rules import Rules
-from .system import System
-from .window import is_stated, stated_at
+from .retirement_window import is_stated, stated_at
+from .worklist import IncrementalState
 
 NO_MINIMUM = "there is no minimum, of which the observations of what is retired could tell"
 
@@ -132,8 +132,11 @@ class Rest(NamedTuple):
 
 
 def retire(
-    state: State, variables: Collection[Variable], rules: Rules, between: Collection[str] = ()
-) -> tuple[State, dict[str, Any]]:
+    state: IncrementalState,
+    variables: Collection[Variable],
+    rules: Options,
+    between: Collection[str] = (),
+) -> tuple[IncrementalState, dict[str, Any]]:
     """Retire unknowns; return the state without them, and what the journal says of it.
 
     Args:
@@ -180,10 +183,10 @@ def retire(
         "rest": rest.fields(),
     }
     after = without(ledger, leaving, rest, estimates)
-    if not isinstance(system, System) and system is not None:
+    if not isinstance(system, FrontSystem) and system is not None:
         system = system.fronts
     if system is None:
-        return State(after, None, settled=False), line
+        return IncrementalState(after, None, settled=False), line
     if not len(after.having("accepted")):
         raise InputError("nothing would remain in the graph: there must be something to adjust")
     found = Draft.of(after, system, rules.datum, dropped=leaving.variables).adjusted(
@@ -191,7 +194,7 @@ def retire(
     )
     if isinstance(found, Failure):
         raise AdjustmentError(f"{NO_MINIMUM} without it: {found.reason}")
-    return State(after, found.prepared(), settled=False), line
+    return IncrementalState(after, found.prepared(), settled=False), line
 
 
 def retired_again(ledger: Ledger, line: Mapping[str, Any]) -> Ledger:
@@ -213,7 +216,7 @@ def retired_again(ledger: Ledger, line: Mapping[str, Any]) -> Ledger:
     return without(ledger, leaving, Rest.read(line["rest"]), estimates)
 
 
-def taken_back(state: State, rules: Rules) -> State:
+def taken_back(state: IncrementalState, rules: Options) -> IncrementalState:
     """Return the state with everything that was retired, at rest.
 
     Raises:
@@ -224,22 +227,22 @@ def taken_back(state: State, rules: Rules) -> State:
     ledger, values = with_everything(state.ledger), dict(retired.archive.determined(retired.number))
     ledger, system = _with_values(ledger, values), state.fronts
     if system is None and not values:
-        return State(ledger, None, settled=False)
+        return IncrementalState(ledger, None, settled=False)
     draft = Draft.of(ledger, system, rules.datum, new=values, there=values)
     draft = replace(draft, looked={})
     found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
     if isinstance(found, Failure):
         what = "no minimum was found with everything that was retired; it stays retired"
         raise AdjustmentError(f"{what}: {found.reason}")
-    return State(ledger, found.prepared(), settled=True)
+    return IncrementalState(ledger, found.prepared(), settled=True)
 
 
-def doubt(state: State, rules: Rules) -> str:
+def doubt(state: IncrementalState, rules: Options) -> str:
     """Say that the linear rows of what was retired may miss more than is promised; or nothing."""
     retired, system = state.ledger.retired, state.system
     if retired is None or system is None:
         return ""
-    solution = system.solution if isinstance(system, System) else system.fronts.solution
+    solution = system.solution if isinstance(system, FrontSystem) else system.fronts.solution
     missed = retired.missed_at(solution.equations, solution.state)
     if missed <= rules.accuracy:
         return ""
@@ -249,7 +252,7 @@ def doubt(state: State, rules: Rules) -> str:
     )
 
 
-def whole_network(state: State) -> Network:
+def whole_network(state: IncrementalState) -> Network:
     """Return the network of all that is in the graph, and was when it was retired."""
     retired = state.ledger.retired
     assert retired is not None
@@ -273,7 +276,7 @@ def with_everything(ledger: Ledger) -> Ledger:
         return ledger
     ledger = replace(ledger, retired=None)
     for line in retired.archive.lines(retired.number):
-        ledger = records.replay(line, ledger, where="what was retired")
+        ledger = journal_entries.replay(line, ledger, where="what was retired")
         ledger = replace(ledger, clock=clock)
     return ledger
 
@@ -337,7 +340,7 @@ def without(
         moment,
         estimates,
         [i for u in units for i in u.ids],
-        records.everything_of(ledger, leaving.rows, names["point"], names["pose"]),
+        journal_entries.everything_of(ledger, leaving.rows, names["point"], names["pose"]),
     )
     keys: dict[Variable, Key] = {
         (kind, parameter_name(key)): key
@@ -410,7 +413,7 @@ def moment_of(ledger: Ledger) -> str:
     return "at the beginning"
 
 
-def _last_estimate(state: State, variable: Variable, ledger: Ledger) -> LastEstimate:
+def _last_estimate(state: IncrementalState, variable: Variable, ledger: Ledger) -> LastEstimate:
     """Return what is known of an unknown."""
     system, moment = state.system, moment_of(ledger)
     value = None if system is None else system.value(*variable)

@@ -15,8 +15,8 @@ import numpy as np
 from ..errors import AdjustmentError, InputError, Problem
 from ..incremental.adjustment import IncrementalAdjustment
 from ..incremental.arrival import Arrival, Waiting
-from ..incremental.verdicts import Gain, Verdict
 from ..io.numbers import Units, write
+from ..ledger.verdicts import Gain, Verdict
 from ..observations import ImagePoint, observation_kind
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.reliability import Reliability

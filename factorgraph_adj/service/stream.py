@@ -89,9 +89,9 @@ from threading import RLock
 from time import perf_counter
 from typing import Any
 
+from ..blas_threads import one_at_a_time
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..incremental.adjustment import IncrementalAdjustment
-from ..incremental.one_at_a_time import one_at_a_time
 from ..io.atomic import write_files
 from ..io.context import RecordContext
 from ..io.json_records import photo_of, point_of, unknown_of

@@ -12,9 +12,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.files import inside
-from factorgraph_adj.incremental.records import start_of
-from factorgraph_adj.incremental.rules import Rules
 from factorgraph_adj.io.project import load_project
+from factorgraph_adj.ledger.journal_entries import start_of
+from factorgraph_adj.ledger.options import Options
 from factorgraph_adj.planning.files import read_wishes
 from tests.hostile.formats import FORMATS
 from tests.networks import photo_files, survey_files
@@ -178,7 +178,7 @@ def test_journals_and_solutions_open_no_geoid_elsewhere(tmp_path: Path) -> None:
     near.parent.mkdir()
     secret.write_text(f"{SECRET}\n")
     near.write_text("point,N\nA,45.0\n")
-    options = asdict(Rules("flag", 0.001, 0.01, "given"))
+    options = asdict(Options("flag", 0.001, 0.01, "given"))
 
     def opened(geoid: Path, **allowed: Any) -> fga.Network:
         text = CRS.format(geoid) + 'coordinates = "frame"\n'

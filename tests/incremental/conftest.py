@@ -1,19 +1,5 @@
-"""Every test of arrivals runs on both engines."""
+"""Every test of these runs on both engines."""
 
-from __future__ import annotations
+from tests.support.engines import engine
 
-import inspect
-from collections.abc import Iterator
-
-import pytest
-
-from factorgraph_adj import IncrementalAdjustment
-
-
-@pytest.fixture(autouse=True, scope="module", params=["isam2", "fronts"])
-def engine(request: pytest.FixtureRequest) -> Iterator[str]:
-    """The engine of an incremental adjustment for which a test names none."""
-    options = inspect.unwrap(IncrementalAdjustment.__init__).__kwdefaults__
-    before, options["engine"] = options["engine"], request.param
-    yield request.param
-    options["engine"] = before
+__all__ = ["engine"]

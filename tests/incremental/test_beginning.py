@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental.candidates import Candidates, Nothing
-from factorgraph_adj.incremental.ledger import Ledger
+from factorgraph_adj.ledger.candidates import Candidates, Nothing
+from factorgraph_adj.ledger.ledger import Ledger
 from factorgraph_adj.network.network import Network
 from tests.benchmarks.beginning import (
     grid_of_directions,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental.verdicts import Policy
+from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.models.lens import BrownForwardLens
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.simulation.simulate import measure

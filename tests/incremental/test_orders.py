@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj import IncrementalAdjustment, Network
-from factorgraph_adj.incremental.verdicts import Policy
+from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import (
     BUILT_IN,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental.other_minimum import describe_other_minimum
 from factorgraph_adj.observations import HorizontalDistance
+from factorgraph_adj.solve.second_start import describe_other_minimum
 
 
 def placed(y: float) -> fga.Solution:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental.entering import Entering
+from factorgraph_adj.incremental.entry import Entering
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.simulation.simulate import measure

@@ -7,8 +7,8 @@ import pytest
 
 from factorgraph_adj import IncrementalAdjustment, adjust
 from factorgraph_adj.factor_graph.tree import IndeterminateError, Tree
-from factorgraph_adj.incremental.in_tree import InTree
-from factorgraph_adj.incremental.rules import Engine
+from factorgraph_adj.ledger.options import Engine
+from factorgraph_adj.linear_system.isam2_system import ISAM2System
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.simulation.simulate import measure
 from tests.networks.odometry import odometry
@@ -27,7 +27,7 @@ def test_the_pose_of_a_photo_is_that_of_the_batch_and_adjusts_nothing(engine: En
         inc.add(item)
     found = {name: inc.pose(name) for name in ("F1", "F4", "F7")}
     system = inc._state.system
-    assert isinstance(system, InTree) is (engine == "isam2")
+    assert isinstance(system, ISAM2System) is (engine == "isam2")
     assert "fronts" not in vars(system)
     batch = adjust(network)
     for name, pose in found.items():
@@ -42,7 +42,7 @@ def test_fronts_take_what_breaks_the_tree_while_it_is_relinearised(monkeypatch: 
     *first, last = items(network)
     for item in first:
         inc.add(item)
-    assert isinstance(inc._state.system, InTree)
+    assert isinstance(inc._state.system, ISAM2System)
 
     def follow(tree: Tree, *_: object, **__: object) -> int:
         raise IndeterminateError("Indeterminate linear system")

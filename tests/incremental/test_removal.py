@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental import taking_out
-from factorgraph_adj.incremental.rebasing import Draft, Failure
-from factorgraph_adj.incremental.system import System
+from factorgraph_adj.incremental import removal
+from factorgraph_adj.linear_system.front_system import FrontSystem
+from factorgraph_adj.linear_system.rebase import Draft, Failure
 from factorgraph_adj.observations import (
     Correlated,
     Direction,
@@ -66,12 +66,12 @@ def test_what_an_update_cannot_hold_is_found_out_anew(
     once = Draft.adjusted
     with monkeypatch.context() as patch:
 
-        def undone(draft: Draft, *arguments: Any, **options: Any) -> System | Failure:
+        def undone(draft: Draft, *arguments: Any, **options: Any) -> FrontSystem | Failure:
             patch.undo()
             found = once(draft, *arguments, **options)
             return Failure("singular", ()) if twice else found
 
-        patch.setattr(taking_out, "without", lambda *_: None)
+        patch.setattr(removal, "without", lambda *_: None)
         patch.setattr(Draft, "adjusted", undone)
         waits = inc.remove("AP").waits
     assert not waits
@@ -86,7 +86,7 @@ def test_what_waits_again_then_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         inc = arc()
         with monkeypatch.context() as patch:
             if fails:
-                patch.setattr(taking_out, "loosened", lambda *_: None)
+                patch.setattr(removal, "loosened", lambda *_: None)
             told.append(sorted(inc.remove(["AP", "BP"]).waits))
         assert sorted(w.id for w in inc.waiting) == told[-1]
         assert_at_the_minimum(inc)

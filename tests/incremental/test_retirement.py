@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental.rules import ENGINES
+from factorgraph_adj.ledger.options import ENGINES
 from factorgraph_adj.observations import SlopeDistance
 from tests.benchmarks.vehicle import Drive
 from tests.networks.photo_block import block

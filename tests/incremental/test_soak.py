@@ -36,7 +36,7 @@ from hypothesis.stateful import (
 )
 
 from factorgraph_adj import IncrementalAdjustment, adjust
-from factorgraph_adj.incremental.verdicts import Policy
+from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.observations import Direction, HeightDifference, ImagePoint, SlopeDistance
 from tests.networks.site import STATIONS
 from tests.networks.small_block import small_block

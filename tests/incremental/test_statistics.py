@@ -18,7 +18,7 @@ from scipy.stats import binom, chi2, kstest, norm
 
 import factorgraph_adj as fga
 from factorgraph_adj import IncrementalAdjustment, Network, Solution
-from factorgraph_adj.incremental.verdicts import Verdict
+from factorgraph_adj.ledger.verdicts import Verdict
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import (

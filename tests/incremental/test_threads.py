@@ -13,7 +13,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
-from factorgraph_adj.incremental.results import Results
+from factorgraph_adj.incremental.state_queries import Results
 from factorgraph_adj.io.journal import Journal
 from factorgraph_adj.observations import HeightDifference, SlopeDistance
 from factorgraph_adj.service.stream import Stream

@@ -23,7 +23,7 @@ from factorgraph_adj import (
     Solution,
     adjust,
 )
-from factorgraph_adj.incremental.verdicts import Policy
+from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint
 from factorgraph_adj.solve.minimum import OFF_DATUM
 from factorgraph_adj.solve.start import Start

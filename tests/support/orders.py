@@ -20,7 +20,7 @@ import numpy as np
 
 from factorgraph_adj import IncrementalAdjustment, Solution, adjust
 from factorgraph_adj.errors import AdjustmentError
-from factorgraph_adj.incremental.verdicts import Policy
+from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.observations import AnyObservation
 from tests.networks.random_small import Drawn, handed_over, random_network
 from tests.support.arrivals import batch, between, deviations, ids_of, variables

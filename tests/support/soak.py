@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from factorgraph_adj.incremental.verdicts import Policy
+from factorgraph_adj.ledger.verdicts import Policy
 from tests.support.events import EVENTS
 from tests.support.watched import Checked, Watched
 

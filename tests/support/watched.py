@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj import AdjustmentError, IncrementalAdjustment, Network
-from factorgraph_adj.incremental.verdicts import Policy
+from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import AnyObservation
 from factorgraph_adj.simulation.simulate import measure

@@ -1,0 +1,494 @@
+"""Observations enter: beside the system, or with new variables in a new base.
+
+They are judged on linear forms before anything moves, as a gross error bends everything that it
+touches; then everything is adjusted, and they are judged once more. What is left without a test
+of its own, because two observations contradict each other, waits on.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..graph.dependence import Variable
+from ..graph.variables import State, Unknowns
+from ..ledger.candidates import Candidates, Nothing, known_in
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..ledger.row_store import NO_PHOTO
+from ..ledger.verdicts import Verdict
+from ..linear_system.front_system import FrontSystem
+from ..linear_system.isam2_system import ISAM2System
+from ..linear_system.joint_tests import RowsBesideBase, RowsInBase
+from ..linear_system.linearisation_error import is_small, near_minimum, with_rest
+from ..linear_system.rebase import EFFORT, Draft, Failure, notices, with_doubt
+from ..linear_system.section import Attempts
+from ..linear_system.test_statistics import Joint, accepted, decide, left_out, untested
+from ..observations.base import is_condition
+from ..quality.leave_out import Tested
+from ..solve.start import Start
+from ..types import NO_ROWS, Index, Mask
+from .determinability import Found
+from .local_network import LIMITS
+from .second_minimum import smaller_minimum
+
+MOST_JUDGED = 5
+"""Number of times that what enters together is judged, each time without what did not fit."""
+CONTRADICT = "its observations contradict each other, and nothing tells yet which of them is wrong"
+PARALLEL = "its rays are parallel by now: there is no minimum at a finite distance"
+DISAGREE = "what enters together does not agree"
+NO_SOLUTION = "no solution is reached with it: is it near to where its kind has no answer?"
+
+
+_J = TypeVar("_J", bound=Joint)
+
+
+@dataclass(frozen=True, eq=False)
+class Entered:
+    """Observations have entered."""
+
+    ledger: Ledger
+    """The ledger with them."""
+    system: FrontSystem | ISAM2System | None
+    """The system with them; none: nothing is determined."""
+    verdicts: tuple[Verdict, ...]
+    """Verdicts on those that were tested."""
+    new: frozenset[Variable] = frozenset()
+    """Variables that have become known."""
+
+
+@dataclass(frozen=True)
+class Refused:
+    """No solution was reached; nothing has changed."""
+
+    loses_datum: bool
+    """Whether parts of a free network are not determined any more with what enters."""
+    noticing: Index
+    """What then notices motions that the datum left open."""
+
+
+@dataclass
+class Entering:
+    """Observations on their way."""
+
+    ledger: Ledger
+    """Where they wait."""
+    system: FrontSystem | ISAM2System | None
+    """Where everything is; none: nothing is known."""
+    ready: Index
+    """Observations between known variables."""
+    found: Sequence[Found]
+    """Observations with variables that enter."""
+    fixed: Index
+    """Observations that are in without a test."""
+    rules: Options
+    """The options."""
+    given: Collection[str]
+    """Ids of observations that did not wait before."""
+    stay: Index = field(default_factory=lambda: NO_ROWS)
+    """Observations that are still in."""
+    new: set[Variable] = field(default_factory=set)
+    """Variables that enter."""
+    dropped: set[Variable] = field(default_factory=set)
+    """Variables that are not known any more."""
+    verdicts: list[Verdict] = field(default_factory=list)
+    """Verdicts on what was left out."""
+
+    def run(self) -> Entered | Refused:
+        """Put everything in, and test it, until nothing is left out.
+
+        Raises:
+            InputError: names observations between known variables whose geometry has no answer.
+        """
+        before = self.ledger
+        self._begin()
+        if (
+            isinstance(self.system, ISAM2System)
+            and (entered := self._in_tree(self.system)) is not None
+        ):
+            return entered
+        base = self._fronts()
+        doubted = base is not None and bool(base.doubt)
+        if base is not None and (entered := self._beside(base)):
+            return entered
+        draft, ahead = self._prepared(base, doubted)
+        for _ in range(MOST_JUDGED):
+            if not len(self.stay):
+                return Entered(self.ledger, self.system, tuple(self.verdicts))
+            result = ahead or self._adjusted(draft, base, doubted)
+            if isinstance(result, FrontSystem) and self.found and not result.base.converged:
+                result = Failure(result.base.reason)  # it misses its inner constraints
+            if isinstance(result, Failure):
+                if doubted or not self._let_go(result):
+                    return self._refused(before, result)
+            else:
+                base, joint = result, self._inside(result)
+                if not self._tests() or not self._leave_out(joint):
+                    return self._entered(base, joint)
+            if len(self.stay):
+                draft, ahead = self._draft(base), None
+        return self._refused(before, Failure(DISAGREE))
+
+    def at_once(self) -> Entered | None:
+        """Put everything into a tree; none where anything fails its test or may be elsewhere.
+
+        All of it is tested, whatever the policy: where something stands out, it takes a closer
+        look at what enters to find out why.
+        """
+        base = self.system
+        assert isinstance(base, ISAM2System)
+        self._begin()
+        joint = base.entered(self.ledger, self.stay, self._starts())
+        if joint is None or not self._fits(joint.tested()):
+            return None
+        version = joint.tree.version
+        after = base.after(joint, self.ledger)
+        if after is None or joint.images(self.new):
+            return None
+        if joint.tree.version != version and not self._fits(joint.tested_anew()):
+            return None
+        return self._entered(after, joint)
+
+    def _fits(self, tested: Tested) -> bool:
+        return bool((tested.ratios(self.rules.alpha) <= 1.0).all())
+
+    def _begin(self) -> None:
+        """Take everything in."""
+        before = self.ledger
+        for e in self.found:
+            self.new |= Candidates(before, known_in(self.system), e.rows).counts.keys()
+        self._fill()
+        self.stay = np.unique(np.concatenate([self.ready, *(e.rows for e in self.found)]))
+        self.ledger = self.ledger.moved(self.stay, "accepted", "arrival")
+
+    def _starts(self) -> list[Start]:
+        """Return where the variables are that enter."""
+        return [e.start for e in self.found if e.start is not None]
+
+    def _fronts(self) -> FrontSystem | None:
+        """Return the network in fronts, from which everything goes on."""
+        if isinstance(self.system, ISAM2System):
+            self.system = self.system.fronts
+        return self.system
+
+    def _in_tree(self, base: ISAM2System) -> Entered | None:
+        """Put everything into the tree; none where fronts have to take it, as it was before."""
+        starts = self._starts()
+        return self._judged_inside(
+            base,
+            lambda: base.entered(self.ledger, self.stay, starts),
+            lambda joint: base.after(joint, self.ledger),
+        )
+
+    def _judged_inside(
+        self,
+        base: FrontSystem | ISAM2System,
+        enter: Callable[[], _J | None],
+        after: Callable[[_J], FrontSystem | ISAM2System | None],
+    ) -> Entered | None:
+        """Put everything in and judge it there, until nothing is left out.
+
+        None: only a new base can take it in; everything is as it was before then.
+
+        Args:
+            base: the system without it.
+            enter: puts what is still in into the system; none: the system cannot take it.
+            after: returns the system with it at its minimum; none: it is not near enough.
+        """
+        before = replace(self, new=set(self.new), dropped=set(self.dropped), verdicts=[])
+        with suppress(AdjustmentError):
+            for _ in range(MOST_JUDGED):
+                if not len(self.stay):
+                    return Entered(self.ledger, base, tuple(self.verdicts))
+                joint = enter()
+                if joint is None:
+                    break
+                if self._tests() and self._leave_out(joint):
+                    continue  # the others enter without it
+                found = after(joint)
+                if found is None:
+                    break
+                return self._entered(found, joint)
+        self.ledger, self.stay, self.verdicts = before.ledger, before.stay, []
+        self.new, self.dropped = before.new, before.dropped
+        return None
+
+    def _prepared(
+        self, base: FrontSystem | None, doubted: bool
+    ) -> tuple[Draft, FrontSystem | None]:
+        """Return what is to be adjusted, judged before it moves, and its base if there is one."""
+        draft = self._draft(base)
+        if doubted or not self._tests() or not self._stands_out():
+            return draft, None
+        agreed = self._agreed(draft)
+        for _ in range(MOST_JUDGED if agreed is None else 0):
+            if not self._judged_before(draft, base) or not len(self.stay):
+                break
+            draft = self._draft(base)
+        return draft, agreed
+
+    def _stands_out(self) -> bool:
+        """Return whether something may be so wrong that it would bend what it touches."""
+        solutions = [e.solution for e in self.found if e.solution is not None]
+        residuals = (s.equations.residuals(s.state) for s in solutions)
+        return (
+            len(self.ready) > 0
+            or any(s.sigma0 > LIMITS.disturbed for s in solutions)
+            or any(np.abs(v).max() > LIMITS.gross for v in residuals)
+        )
+
+    def _entered(self, system: FrontSystem | ISAM2System, joint: Joint) -> Entered:
+        gains = self.rules.datum == "given"
+        told = accepted(joint, self.rules.alpha, self.given, gains=gains)
+        return Entered(self.ledger, system, (*self.verdicts, *told), frozenset(self.new))
+
+    def _beside(self, system: FrontSystem) -> Entered | None:
+        """Put everything in beside the system; none where only a new base can take it in."""
+        if self.ledger.n_scalars(self.stay) > system.most_beside:
+            return None
+        if self.found:
+            return self._bordering(system)
+        if system.section is not None:
+            variables = Candidates(self.ledger, Nothing(), self.stay).links.variables
+            reaching = system.reaching(variables)
+            if reaching is None:
+                return None
+            system = reaching
+        forms = system.forms(self.ledger, self.stay)
+        datum = system.base.datum
+        if datum is not None and notices(forms.a, datum.motions[forms.columns]):
+            return None
+        joint = RowsBesideBase.of(system, forms)
+        if joint is None:
+            return None
+        if self._tests():
+            every = self.stay
+            self._leave_out(joint)
+            if not len(self.stay):
+                return Entered(self.ledger, system, tuple(self.verdicts))
+            joint = joint.some(np.flatnonzero(np.isin(every, self.stay)).tolist())
+            if joint is None:
+                return None
+        doubted = bool(system.doubt)
+        try:
+            held = None
+            if not doubted:
+                held = near_minimum(self.ledger, joint.after, self.rules, joint.forms)
+        except AdjustmentError:
+            return None
+        if held is None:
+            after = system if doubted else joint.after
+            found = self._adjusted(self._draft(after), after, doubted)
+            held = found if isinstance(found, FrontSystem) else system if doubted else None
+        return None if held is None else self._entered(held, joint)
+
+    def _bordering(self, system: FrontSystem) -> Entered | None:
+        """Put new unknowns in beside the system; none where only a new base can take them in."""
+        if system.section is not None or system.doubt or system.is_free:
+            return None
+        if is_small(system):
+            return None  # a new base takes little time there, and is linearised where everything is
+
+        def values(unknowns: Unknowns, state: State) -> State:
+            moving = unknowns.moving()
+            for e in self.found:
+                assert e.solution is not None
+                there = e.solution.equations.unknowns
+                state = unknowns.carried(state, there, e.solution.state, where=moving)
+            return state
+
+        def enter() -> RowsBesideBase | None:
+            found = system.bordered(self.ledger, self.stay, values)
+            return None if found is None else RowsBesideBase.of(*found)
+
+        def after(joint: RowsBesideBase) -> FrontSystem | None:
+            return near_minimum(self.ledger, joint.after, self.rules, joint.forms)
+
+        return self._judged_inside(system, enter, after)
+
+    def _agreed(self, draft: Draft) -> FrontSystem | None:
+        """Return the base where what looked disturbed beside known variables agrees with them.
+
+        Known variables may be so weak that holding them, for a start, contradicts what enters.
+        """
+        sigmas = [e.solution.sigma0 for e in self.found if e.solution is not None]
+        if self.system is None or all(s <= LIMITS.disturbed for s in sigmas):
+            return None
+        found = self._adjusted(draft, self._fronts(), False)
+        if not isinstance(found, FrontSystem):
+            return None
+        # What they add to vᵀPv: σ̂0 of a large network would hide it.
+        more, spare = found.vtpv - self.system.vtpv, found.redundancy - self.system.redundancy
+        return found if more <= LIMITS.disturbed**2 * max(spare, 1) else None
+
+    def _draft(self, base: FrontSystem | None, *, section: bool = True) -> Draft:
+        """Return what is to be adjusted: a section of a large network, if that is allowed."""
+        found = self._starts()
+        ledger, new, dropped = self.ledger, self.new, self.dropped
+        part = None
+        tries = base is None or not base.attempts.waits
+        arrived = not np.isin(self.stay, self.fixed).all()  # or all was there at the beginning
+        if section and tries and arrived and self.rules.datum == "given":
+            part = Draft.of_section(ledger, base, new=new, dropped=dropped, found=found)
+        if part is not None:
+            return part
+        return Draft.of(ledger, base, self.rules.datum, new=new, dropped=dropped, found=found)
+
+    def _adjusted(
+        self, draft: Draft, base: FrontSystem | None, doubted: bool
+    ) -> FrontSystem | Failure:
+        """Adjust a draft; the whole network where its section is not enough."""
+        attempts = Attempts() if base is None else base.attempts
+        if draft.section is None:
+            return _with(self._of_whole(draft, doubted), attempts.passed())
+        found = draft.adjusted(self.rules.datum, doubted=doubted)
+        if isinstance(found, Failure) and self.found and not found.singular:
+            return found  # it waits: the whole, which has the same values, would creep as long
+        with suppress(AdjustmentError):  # an observation of the rest may have no answer there
+            if isinstance(found, FrontSystem) and (held := with_rest(found, self.rules.accuracy)):
+                return held
+        whole = self._of_whole(self._draft(base, section=False), doubted)
+        return _with(whole, attempts.failed())
+
+    def _of_whole(self, draft: Draft, doubted: bool) -> FrontSystem | Failure:
+        """Adjust the whole; after a time without a minimum, the better one that there is."""
+        found = draft.adjusted(self.rules.datum, doubted=doubted)
+        if doubted and isinstance(found, FrontSystem):
+            return smaller_minimum(draft, found, self.rules.datum, tolerances=(EFFORT.close,))
+        return found
+
+    def _fill(self) -> None:
+        """Write approximate values that were found into the ledger, where none were given."""
+        for e in self.found:
+            assert e.start is not None
+            for kind in ("point", "pose"):
+                number = e.start.unknowns[kind].number
+                start = e.start.origin[kind]
+                values = {n: start[number[n]] for k, n in self.new if k == kind and n in number}
+                self.ledger = self.ledger.with_values(kind, values)
+
+    # -- judging ------------------------------------------------------------------------------
+
+    def _untested(self) -> Mask:
+        """Return which observations stay whatever their tests say: conditions among them."""
+        if self.rules.policy == "accept":
+            return np.ones(len(self.stay), dtype=bool)
+        out = np.isin(self.stay, self.fixed)
+        others = np.flatnonzero(self.ledger.rows.photo[self.stay] == NO_PHOTO)
+        units = self.ledger.units(self.stay[others])
+        own = [any(is_condition(o) for o in unit.observations) for unit in units]
+        out[others] |= np.array(own, dtype=bool)
+        return np.asarray(out)
+
+    def _tests(self) -> bool:
+        return not self._untested().all()
+
+    def _inside(self, base: FrontSystem) -> RowsInBase:
+        return RowsInBase.of(
+            base.base.normal(), base.base.factor, self.ledger.units(self.stay), base.base
+        )
+
+    def _judged_before(self, draft: Draft, base: FrontSystem | None) -> bool:
+        """Judge on linear forms before anything moves; return whether anything was left out."""
+        held = base.base if base else self.found[0].solution if self.found else None
+        try:
+            normal, constraint = draft.normal(held)
+            factor = normal.factorise(constraint)
+            return self._leave_out(RowsInBase.of(normal, factor, self.ledger.units(self.stay)))
+        except AdjustmentError:
+            return False  # the adjustment says what is wrong
+
+    def _leave_out(self, joint: Joint) -> bool:
+        """Leave out what fails its test; return whether anything was left out."""
+        if not len(self.stay):
+            return False
+        alpha, failed = self.rules.alpha, self.rules.failed
+
+        def touching(i: int, variables: Collection[Variable]) -> bool:
+            return not set(variables).isdisjoint(joint.units[i].variables)
+
+        decision = decide(joint, alpha, self._untested(), self.new, touching)
+        if not decision.out and not decision.back:
+            return False
+        told = list(left_out(joint, decision, failed, alpha, self.given))
+        self.verdicts += told
+        out, back = self.stay[list(decision.out)], self.stay[decision.back]
+        ledger = self.ledger.moved(out, failed, "test", {v.id: v for v in told})
+        ledger = ledger.moved(back, "waiting", "contradict")
+        self.ledger = ledger.with_lacks(dict.fromkeys(decision.loose, CONTRADICT))
+        self.stay = self.stay[sorted(decision.stay)]
+        observed = Candidates(self.ledger, known_in(self.system), self.stay).counts.keys()
+        lost = decision.loose | (self.new - observed)
+        self.dropped |= lost
+        self.new -= lost
+        return True
+
+    # -- where there is no solution -----------------------------------------------------------
+
+    def _let_go(self, failure: Failure) -> bool:
+        """Let points wait whose rays run parallel; return whether there were any.
+
+        Two rays on a short base meet somewhere until the photos turn by a little more. Other
+        observations give a point a place, wherever a wild reading takes the network.
+        """
+        rays = rays_alone(self.ledger, failure.loose or ())
+        if not len(rays):
+            return False
+        names = self.ledger.names
+        points = np.unique(self.ledger.rows.point[rays]).tolist()
+        self.dropped |= {("point", names.points[p]) for p in points}
+        self.ledger = self.ledger.moved(rays, "waiting", "parallel")
+        self.ledger = self.ledger.with_lacks(dict.fromkeys(self.dropped, PARALLEL))
+        self.stay = np.setdiff1d(self.stay, rays)
+        self.new -= self.dropped
+        return True
+
+    def _refused(self, before: Ledger, failure: Failure) -> Entered | Refused:
+        """Return what becomes of observations without a solution."""
+        system = self._fronts()
+        free = system is not None and system.is_free
+        loses_datum = free and failure.loose is not None
+        if self.found or system is None or loses_datum:
+            return Refused(loses_datum, self._noticing() if loses_datum else NO_ROWS)
+        self.stay = self.ready
+        tested = self.ready[~self._untested()]
+        if system.doubt or not len(tested):
+            system = system if system.doubt else with_doubt(system, failure.reason)
+            kept = [v for u in before.units(self.ready) for v in untested(u, "accepted")]
+            ledger = before.moved(self.ready, "accepted", "arrival")
+            return Entered(ledger, system, tuple(kept))
+        failed = self.rules.failed
+        told = [v for u in before.units(tested) for v in untested(u, failed, NO_SOLUTION)]
+        ledger = before.moved(tested, failed, "no solution", {v.id: v for v in told})
+        return Entered(ledger, system, tuple(told))
+
+    def _noticing(self) -> Index:
+        """Return what notices motions that the datum of a free network leaves open."""
+        system = self._fronts()
+        if system is None:
+            return NO_ROWS
+        ids = [u.ids for u in self.ledger.units(self.stay)]
+        return self.stay[self._draft(system).noticing(system.base, ids)]
+
+
+def _with(found: FrontSystem | Failure, attempts: Attempts) -> FrontSystem | Failure:
+    """Return an adjusted network that remembers attempts to adjust sections of it."""
+    return replace(found, attempts=attempts) if isinstance(found, FrontSystem) else found
+
+
+def rays_alone(ledger: Ledger, variables: Iterable[Variable]) -> Index:
+    """Return the image points in the graph of those variables that only image points determine."""
+    points = {n for kind, n in variables if kind == "point"}
+    points = {n for n in points if ledger.network.points[n].sigma is None}
+    inside = ledger.having("accepted")
+    for _, unit in ledger.rows.units(inside) if points else ():
+        points.difference_update(unit.points)
+    numbers = np.array([ledger.names.point[n] for n in points], dtype=np.intp)
+    rays = ledger.rows.images(inside)
+    return np.asarray(rays[np.isin(ledger.rows.point[rays], numbers)])

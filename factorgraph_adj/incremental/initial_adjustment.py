@@ -1,0 +1,275 @@
+"""The state at the start, and after a journal has been read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..graph.dependence import Variable
+from ..ledger.candidates import Candidates, Nothing
+from ..ledger.journal_entries import reading, replay
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..linear_system.front_system import FrontSystem
+from ..linear_system.isam2_system import ISAM2System
+from ..linear_system.rebase import EFFORT, Draft, Failure, known_network
+from ..models.variables import VariableKind
+from ..network.network import Network
+from ..solve.anywhere import anywhere, narrow
+from ..solve.minimum import adjust_from
+from ..solve.solution import Solution
+from ..solve.start import Start
+from ..types import NO_ROWS, Index
+from .determinability import Reached, Search
+from .entry import rays_alone
+from .retirement import retired_again, with_everything
+from .second_minimum import smaller_minimum
+from .worklist import IncrementalState, Task, absorb, planted
+
+MOST_LET_GO = 5
+"""Largest number of adjustments at the start, each without points that the one before named."""
+
+
+def begin(ledger: Ledger, rules: Options, start: Solution | None) -> IncrementalState:
+    """Put a network's own observations in, without a test; what they do not determine waits.
+
+    Args:
+        ledger: everything, all of it accepted.
+        rules: the options.
+        start: a solution of the network, or of one like it.
+    """
+    inside = ledger.having("accepted")
+    if not len(inside):
+        return IncrementalState(ledger)
+    every = Candidates(ledger, Nothing(), inside)
+    posed = all(f.rotation is not None for f in ledger.network.photos.values())
+    stay: Candidates | None = None
+    if start is None and posed:
+        stay, reached = _determined(every, rules)
+        ledger, system = adjusted(ledger, rules, None, stay, reached)
+    else:
+        ledger, system = adjusted(ledger, rules, start)
+        if not isinstance(system, FrontSystem):
+            stay, _ = _determined(every, rules)
+            ledger, system = adjusted(ledger, rules, start, stay)
+    if not isinstance(system, FrontSystem):
+        assert stay is not None
+        ledger = _without(ledger, inside, stay.rows)
+        found = Candidates(ledger, Nothing(), stay.rows)
+        system = _at_its_start(ledger, found, rules, start, system)
+        if system is None:
+            ledger = _without(ledger, inside, NO_ROWS)
+    return _entered(IncrementalState(ledger, system, settled=False), inside, rules)
+
+
+class _Whole(Search):
+    """A search among all observations of a network, which is that of its adjustment."""
+
+    def _local(self) -> Network:
+        ledger = self.left.ledger
+        ledger = _without(ledger, ledger.having("accepted"), self.left.rows)
+        return known_network(ledger, None, new=self.left.counts)
+
+
+def _determined(every: Candidates, rules: Options) -> tuple[Candidates, Reached | None]:
+    """Return observations that determine what they touch, and their network.
+
+    Those of points that only nearly parallel rays determine are not among them: an adjustment in
+    which photos move creeps along such rays for tens of iterations. Beside photos that are known
+    these points are found at once.
+    """
+    stay, reached = _Whole(every, rules.datum, {}).determined()
+    if reached is None or reached.solver is None or not reached.equations.n_rays:
+        return stay, reached
+    names = narrow(reached.equations, reached.state, reached.solver.layers)
+    rays = rays_alone(every.ledger, [("point", name) for name in names])
+    return stay.only(np.setdiff1d(stay.rows, rays)), reached
+
+
+def adjusted(
+    ledger: Ledger,
+    rules: Options,
+    start: Solution | None,
+    stay: Candidates | None = None,
+    reached: Reached | None = None,
+) -> tuple[Ledger, FrontSystem | Failure | None]:
+    """Adjust what is in, without what is not determined: that waits.
+
+    Args:
+        ledger: what is in.
+        rules: the options.
+        start: where everything was, or may be; none: approximate values are found.
+        stay: what of it is determined at approximate values; none: that has not been looked at.
+        reached: the network of that, or of some more, if it has been compiled.
+
+    Returns:
+        The ledger, and the system; why there is none, if that can be said.
+    """
+    inside = ledger.having("accepted")
+    if stay is None:
+        stay = Search(Candidates(ledger, Nothing(), inside), rules.datum, {}).counted(())
+    system: FrontSystem | Failure | None = None
+    for _ in range(MOST_LET_GO):
+        ledger = _without(ledger, inside, stay.rows)
+        system = _adjusted(ledger, stay, rules, start, reached)
+        if isinstance(system, FrontSystem):
+            vague: list[Variable] = [("point", p.name) for p in anywhere(system.base)]
+            gone = stay.touching(vague)
+        elif system is None or not system.loose:
+            break
+        elif system.singular and rules.datum == "given":
+            gone = stay.touching(system.loose)
+        else:
+            gone = rays_alone(ledger, system.loose)
+        if not len(gone):
+            break
+        stay = stay.only(np.setdiff1d(stay.rows, gone))
+    return ledger, system
+
+
+def _without(ledger: Ledger, inside: Index, stay: Index) -> Ledger:
+    """Return the ledger where only some of a network's observations are in."""
+    ledger = ledger.moved(np.setdiff1d(inside, stay), "waiting", "undetermined")
+    return ledger.moved(ledger.rows.among(stay, "waiting"), "accepted", "arrival")
+
+
+def _entered(state: IncrementalState, inside: Index, rules: Options) -> IncrementalState:
+    """Let the others of a network's own observations enter, if they can."""
+    state = _with_values(state)
+    waiting = state.ledger.having("waiting")
+    if len(waiting):
+        state, _ = absorb(state, [Task(waiting, inside)], rules)
+    if state.system is not None:
+        state.system.prepared()
+    return planted(state, rules)
+
+
+def replayed(
+    network: Network, entries: Sequence[Mapping[str, Any]], rules: Options, journal: str
+) -> IncrementalState:
+    """Return the state at the end of a journal.
+
+    Args:
+        network: the network at its beginning.
+        entries: its lines after the first.
+        rules: the options.
+        journal: its name.
+
+    Raises:
+        InputError: a line that does not follow from those before.
+    """
+    begun = begin(Ledger.of(network), rules, None)
+    ledger, _ = begun.ledger.recorded()
+    for line, entry in enumerate(entries, start=2):
+        where = f"{journal}:{line}"
+        with reading(where):
+            if entry.get("taken_back"):
+                ledger = with_everything(ledger)
+            if "retired" in entry:
+                ledger = retired_again(ledger, entry["retired"])
+        ledger = replay(entry, ledger, where=where)
+    return begun if not entries else _restored(ledger, begun, rules)
+
+
+def _restored(ledger: Ledger, begun: IncrementalState, rules: Options) -> IncrementalState:
+    """Return the state of a ledger that was read from a journal, at rest.
+
+    Args:
+        ledger: the ledger.
+        begun: the state at the beginning of the journal.
+        rules: the options.
+    """
+    inside = ledger.having("accepted")
+    if not len(inside):
+        return IncrementalState(ledger)
+    start = None if begun.system is None else begun.system.base
+    every = Candidates(ledger, Nothing(), inside)
+    system = _adjusted(ledger, every, rules, start)
+    if isinstance(system, FrontSystem):
+        return settled(IncrementalState(ledger, system), rules)
+    return IncrementalState(
+        ledger, _at_its_start(ledger, every, rules, start, system), settled=False
+    )
+
+
+def settled(state: IncrementalState, rules: Options) -> IncrementalState:
+    """Return a state at rest; where there is no minimum the system says why."""
+    if state.system is None:
+        return state
+    draft = replace(Draft.of(state.ledger, state.system, rules.datum), looked={})
+    found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
+    if isinstance(found, Failure):
+        return state.on_fronts()
+    if state.ledger.retired is None:  # what was retired says where everything is
+        found = smaller_minimum(draft, found, rules.datum, tolerances=EFFORT.at_rest)
+    tree = state.system.at_rest(found) if isinstance(state.system, ISAM2System) else None
+    return IncrementalState(state.ledger, tree or found.prepared(), settled=True)
+
+
+def _draft(
+    ledger: Ledger,
+    stay: Candidates,
+    rules: Options,
+    start: Solution | None,
+    reached: Reached | None = None,
+) -> Draft:
+    if reached is None:
+        found = () if start is None else (start,)
+        return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=found)
+    unknowns, state = reached.equations.unknowns, reached.state
+    values = Start(unknowns, state, state)
+    if unknowns.n_columns and np.array_equal(stay.rows, reached.rows):
+        return Draft(reached.equations, values, reached.rows)
+    return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=(values,))
+
+
+def _adjusted(
+    ledger: Ledger,
+    stay: Candidates,
+    rules: Options,
+    start: Solution | None,
+    reached: Reached | None = None,
+) -> FrontSystem | Failure | None:
+    """Return the system of a network's adjustment; none where it ends in an error."""
+    with suppress(AdjustmentError):
+        if len(stay.rows):
+            draft = _draft(ledger, stay, rules, start, reached)
+            same = reached is not None and draft.equations is reached.equations
+            return draft.adjusted(rules.datum, solver=reached.solver if reached and same else None)
+    return None
+
+
+def _at_its_start(
+    ledger: Ledger,
+    stay: Candidates,
+    rules: Options,
+    start: Solution | None,
+    failure: Failure | None,
+) -> FrontSystem | None:
+    """Return the system at the values with which it begins; none: it is not determined there."""
+    reason = "no minimum was found" if failure is None else failure.reason
+    with suppress(AdjustmentError):
+        if len(stay.rows):
+            draft = _draft(ledger, stay, rules, start)
+            free = rules.datum == "free"
+            steps = 1 if free else 0  # with which the datum is found
+            solution = adjust_from(draft.equations, draft.start, free=free, max_iterations=steps)
+            return FrontSystem.of(solution, reason)
+    return None
+
+
+def _with_values(state: IncrementalState) -> IncrementalState:
+    """Write approximate values that were found into the ledger, where none were given."""
+    if state.system is None:
+        return state
+    base, ledger = state.system.base, state.ledger
+    kinds: tuple[VariableKind, ...] = ("point", "pose")
+    for kind in kinds:
+        table = base.equations.unknowns[kind]
+        ledger = ledger.with_values(kind, dict(zip(table.names, base.start[kind], strict=True)))
+    return IncrementalState(ledger, state.system, state.settled)

@@ -1,0 +1,213 @@
+"""Local networks: what arrives beside what is known, which is held.
+
+Photos may arrive without poses. Resection from known points and what observes a pose come first, as
+approximate values. Photos for which these do not suffice are oriented from image points, against
+photos that stand and among themselves, as a block is; the part takes its place in the frame from
+the known photos and points that it touches. What cannot be oriented waits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from ..block_orientation.begin import block_of
+from ..block_orientation.block_start import BlockStart
+from ..block_orientation.pairs import LEAST_COMMON
+from ..errors import AdjustmentError, ApproximationError, Problem
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..models.variables import parameter_kinds
+from ..network.network import DatumChoice, Network
+from ..observations import ControlPoint, PhotoPosition
+from ..observations.own import OwnFactor
+from ..quality.snooping import snoop
+from ..solve.datum import parts as parts_of
+from ..solve.linear import LinearSystem
+from ..solve.solution import Solution
+from ..types import Mask
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the search."""
+
+    disturbed: float = 3.0
+    """Value of σ̂0 of a local adjustment above which gross errors have moved it."""
+    gross: float = 50.0
+    """Largest whitened residual of a local adjustment that is tested after everything has moved:
+    linear forms then still hold, and the tests leave out one error after the other."""
+    rounds: int = 30
+    """Largest number of rounds of snooping in a local network."""
+    iterations: int = 30
+    """Largest number of iterations of each adjustment in the snooping of a local network."""
+    spare: int = 1
+    """Readings beyond the number of its components that a point may have and still wait on."""
+    share: float = 1e-6
+    """Part of the squared length of a null vector from which on a variable is moved by it."""
+    steps: int = 5
+    """Largest number of steps of what enters without an adjustment of its own."""
+    near: float = 1.0
+    """Largest movement, in conditional standard deviations, after which it makes no further step:
+    partials then hold far better than to the accuracy that is promised."""
+    at_rest: float = 1e-7
+    """Bound of the last step of the local adjustment that begins a free network."""
+    small: int = 64
+    """Largest number of rows of a part that is looked at together with others: the cost of a small
+    local network is that of its arrays, whatever is in them."""
+
+
+LIMITS = Limits()
+"""The limits of `find` and `determined`."""
+
+
+def gauss_newton_steps(system: LinearSystem) -> State | None:
+    """Return the state after a few Gauss-Newton steps; none where they do not become short."""
+    equations, state = system.equations, system.state
+    for _ in range(LIMITS.steps):
+        a = system.sparse(np.arange(equations.n_rows)).toarray()
+        if not (np.isfinite(a).all() and np.isfinite(system.residual).all()):
+            return None
+        scale = np.sqrt(np.sum(a**2, axis=0))
+        moving = equations.unknowns.free & (scale > 0.0)
+        step = np.linalg.lstsq(a[:, moving] / scale[moving], -system.residual, rcond=None)[0]
+        whole = np.zeros(len(scale))
+        whole[moving] = step / scale[moving]
+        state = equations.unknowns.retract(state, whole)
+        if np.abs(step).max(initial=0.0) < LIMITS.near:
+            return state
+        system = LinearSystem(equations.weighted_at(state), state)
+    return None
+
+
+def is_undisturbed(solution: Solution) -> bool:
+    """Return whether no part of a network is disturbed: σ̂0 of each."""
+    equations = solution.equations
+    unknowns, label = equations.unknowns, parts_of(equations)
+    of_rows = [
+        np.repeat(
+            label[np.max([unknowns[kind].offset[at] for kind, at in b.variables], axis=0)],
+            b.dimension,
+        )
+        for b in equations.blocks
+    ]
+    rows = np.concatenate(of_rows)
+    v = equations.residuals(solution.state)
+    vtpv = np.bincount(rows, weights=v**2, minlength=len(label))
+    spare = np.bincount(rows, minlength=len(label))
+    spare -= np.bincount(label[unknowns.free], minlength=len(label))
+    return bool((vtpv <= LIMITS.disturbed**2 * np.maximum(spare, 1)).all())
+
+
+def placed(local: Network) -> bool:
+    """Return whether anything says where a local network is; its rank need not be looked at."""
+    return (
+        any(p.sigma is not None or any(p.fixed) for p in local.points.values())
+        or any(f.sigma_position is not None or any(f.fixed[3:]) for f in local.photos.values())
+        or any(isinstance(o, ControlPoint | PhotoPosition) for o in local.observations.values())
+        or any(all(p.fixed) for kind in _FRAMES for p in local.of_kind(kind).values())
+    )
+
+
+def may_be_placed(local: Network) -> bool:
+    """Return whether an observation may say where a local network is; its rank tells."""
+    every = local.observations.values()
+    return any(isinstance(o, OwnFactor) or o.record.fixes != "nothing" for o in every)
+
+
+_FRAMES = tuple(k.name for k in parameter_kinds() if k.rotates and k.connects)
+"""Kinds of parameters that place what is measured in them, once they are known."""
+
+
+def without_blunders(solution: Solution, alpha: float) -> Solution:
+    """Return the solution where the network is without what stands out."""
+    try:
+        clean = snoop(
+            solution.network,
+            start=solution,
+            alpha=alpha,
+            max_rounds=LIMITS.rounds,
+            max_iterations=LIMITS.iterations,
+        )
+    except AdjustmentError:
+        return solution
+    unknowns, found = solution.equations.unknowns, clean.solution
+    state = unknowns.carried(solution.state, found.equations.unknowns, found.state)
+    return replace(solution, state=state)
+
+
+DISAGREES = "fewer than two of its image points agree with the photos that were oriented"
+"""What a point lacks."""
+MISMATCH = "it does not agree with the block that its photo was oriented in"
+"""Why an image point waits until its point is known."""
+
+
+def oriented_block(
+    equations: Equations, datum: DatumChoice, state: State, problems: list[Problem]
+) -> BlockStart | None:
+    """Return the block of photos that were oriented from their image points.
+
+    Args:
+        equations: a local network; known variables are held.
+        datum: ``free`` for the beginning of a free network.
+        state: approximate values as far as they were found, NaN elsewhere.
+        problems: what has none.
+
+    Returns:
+        None: no photo without a pose has `LEAST_COMMON` points in common with another one, or none
+        could be oriented.
+    """
+    lost: Mask = np.asarray(np.isnan(state["pose"]).any(axis=1))
+    if not lost.any() or not _common(equations.network, lost):
+        return None
+    names = equations.unknowns["pose"].names
+    error = ApproximationError(problems, photos=[names[i] for i in np.flatnonzero(lost)])
+    with suppress(ApproximationError):
+        return block_of(equations, datum, error, whole=False)
+    return None
+
+
+def _common(network: Network, lost: Mask) -> bool:
+    """Return whether a photo without a pose has enough points in common with any other."""
+    photo, point, _, _ = network.images.columns()
+    if not len(photo):
+        return False
+    ones = np.ones(len(photo), dtype=np.int64)
+    table = sparse.csr_array((ones, (photo, point)), shape=(len(lost), len(network.points)))
+    common = (table[lost] @ table.T).tocoo()
+    own = np.flatnonzero(lost)[common.row] == common.col
+    return bool((common.data[~own] >= LEAST_COMMON).any())
+
+
+def how_oriented(local: Network, block: BlockStart | None) -> Mapping[str, str]:
+    """Return in words how the photos of a local network that enter were oriented.
+
+    Args:
+        local: the local network, in which known photos and points are held.
+        block: the block that was oriented from image points; none: no photo was.
+    """
+    out: dict[str, str] = {}
+    of_block = {} if block is None else {f: p for p in block.parts for f in p.photos}
+    photo, point, _, _ = local.images.columns()
+    held = np.array([all(p.fixed) for p in local.points.values()], dtype=bool)
+    known = np.bincount(photo[held[point]], minlength=len(local.photos)) if len(photo) else ()
+    for number, (name, f) in enumerate(local.photos.items()):
+        if f.rotation is not None:
+            continue
+        part = of_block.get(name)
+        if part is not None:
+            standing = sum(local.photos[o].rotation is not None for o in part.photos)
+            among = f"{len(part.photos)} photos" + (f", {standing} of which stood" * bool(standing))
+            out[name] = (
+                f"from image points among {among}: start pair {part.start[0]}, {part.start[1]}; "
+                f"{part.datum}"
+            )
+        elif len(known) and known[number] >= 3:
+            out[name] = f"by resection from {known[number]} known points"
+        else:
+            out[name] = "by approximate values of what entered with it"
+    return out

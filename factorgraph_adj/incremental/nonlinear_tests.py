@@ -1,0 +1,347 @@
+"""Tests by adjusting again, where linear forms are not valid as far as a test reaches.
+
+Some readings alone determine on which of two sides a point is. Where a point fits as well at its
+mirror image, one reading that fits on the other side only moves it there. If it is wrong, so is the
+place, and nothing shows it: the reading is accepted with a doubt, which lasts until another reading
+tells the side as well. vᵀPv of the two sides, both without the reading, then differ by more than
+the critical value of one degree of freedom. A later reading that contradicts may be the right one
+of the two: its verdict names the one that it contradicts.
+
+A test value is as good as the linear form on which it stands. Where an unknown is determined
+weakly, the observation may bend over the range that its σ leaves open by as much as its innovation
+is: a distance from a station at the height of a point, whose height only a weak weight holds, has
+no derivative by the height, and still depends on it. Such an observation is tested by adjusting
+with it and without:
+
+    T² = vᵀPv with − vᵀPv without,
+
+with the same degrees of freedom and the same critical value. The adjustment with it begins where
+the points are, or from a place at which vᵀPv is smaller: moved both ways along the direction in
+which they are weakest, or at the mirror image that fits the other observations as well (see
+`solve.mirrors`). Both vᵀPv are those of one side: those of the two sides without the observation
+may differ by the critical value of one degree of freedom, which chance exceeds with a probability
+of α/2 at most. An observation that moves a point to its other side, which nothing else tells, is
+accepted with a doubt, as above.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..ledger.candidates import Candidates, known_in
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..ledger.row_store import Unit
+from ..ledger.verdicts import Side, Verdict
+from ..linear_system.front_system import FrontSystem
+from ..linear_system.joint_tests import RowsInBase
+from ..linear_system.rebase import Draft
+from ..linear_system.test_statistics import accepted
+from ..network.network import DatumChoice
+from ..quality.leave_out import critical_t2
+from ..solve.ambiguous_points import standing_free
+from ..solve.mirrors import mirror_midpoints
+from ..solve.start import Start
+from ..types import Array, Index
+
+MIN_MOVE_IN_SIGMA = 3.0
+"""Smallest move of a point, relative to its largest σ, that takes it to another side."""
+MIN_PART_THAT_STAYS = 0.5
+"""Part of that move which is left once the reading is out: with less there is no second side."""
+
+
+def with_points_at(start: Start, places: Mapping[str, Iterable[float]]) -> Start:
+    """Return a start with points elsewhere, (3,) metres each."""
+    points = start.state["point"].copy()
+    for name, place in places.items():
+        points[start.unknowns["point"].number[name]] = list(place)
+    return replace(start, state={**start.state, "point": points})
+
+
+def without(
+    ledger: Ledger,
+    system: FrontSystem,
+    rows: Index,
+    datum: DatumChoice,
+    places: Mapping[str, Iterable[float]],
+) -> FrontSystem | None:
+    """Return the system without some readings, adjusted with points at other places to begin with.
+
+    Points stay on the side where they begin, whichever fits better. None: it has no minimum there.
+    """
+    try:
+        draft = Draft.of(ledger.moved(rows, "waiting", "side"), system, datum)
+        begin = with_points_at(draft.start, places)
+        found = replace(draft, start=begin).adjusted(datum, other_sides=False)
+    except AdjustmentError:
+        return None
+    return found if isinstance(found, FrontSystem) and found.base.converged else None
+
+
+def other_sides(
+    before: FrontSystem, after: FrontSystem, here: FrontSystem, names: Iterable[str]
+) -> list[Side]:
+    """Return which points readings have moved to their other sides.
+
+    Args:
+        before: the system without the readings.
+        after: with them.
+        here: without them, adjusted from ``after``.
+        names: points that may have moved.
+    """
+    out = []
+    for name in names:
+        was, at, stays = (s.value("point", name) for s in (before, after, here))
+        if was is None or at is None or stays is None or not len(after.columns("point", name)):
+            continue
+        moved = float(np.linalg.norm(at - was))
+        variances = np.diag(after.cofactors(("point", name), ("point", name)))
+        if moved > MIN_MOVE_IN_SIGMA * float(np.sqrt(max(variances.max(), 0.0))) and (
+            np.linalg.norm(stays - was) > MIN_PART_THAT_STAYS * moved
+        ):
+            out.append(Side(name, (float(was[0]), float(was[1]), float(was[2])), moved))
+    return out
+
+
+def examined(ledger: Ledger, system: FrontSystem | None, rules: Options) -> Ledger:
+    """Return the ledger after a command, with which of its readings still tell a side alone.
+
+    Sides of points are looked at of which anything has come, left or changed.
+    """
+    if not ledger.sides:
+        return ledger
+    sides = {i: s for i, s in ledger.sides.items() if ledger.status(i) == "accepted"}
+    own = set(ledger.find(ledger.sides).tolist())
+    changed = {p for row in ledger.causes.keys() - own for p in ledger.unit(row).points}
+    if system is not None and system.section is None and not system.doubt:
+        for ident, side in sides.items():
+            if side.point in changed:
+                sides[ident] = replace(side, alone=_alone(ledger, system, ident, side, rules))
+    return ledger if sides == ledger.sides else replace(ledger, sides=sides)
+
+
+def _alone(ledger: Ledger, system: FrontSystem, ident: str, side: Side, rules: Options) -> bool:
+    """Return whether nothing but a reading tells the side of a point."""
+    row = ledger.find([ident])
+    here = without(ledger, system, row, rules.datum, {})
+    other = without(ledger, system, row, rules.datum, {side.point: side.other})
+    if here is None:
+        return side.alone
+    if other is None or not other_sides(other, system, here, [side.point]):
+        return False
+    return abs(other.vtpv - here.vtpv) <= critical_t2(rules.alpha, 1)
+
+
+def contradicted(ledger: Ledger, system: FrontSystem, row: int, rules: Options) -> str:
+    """Return a sentence on the reading without which a suspect fits, as it alone tells a side.
+
+    Empty: there is none.
+    """
+    points, own = ledger.unit(row).points, np.array([row], dtype=np.intp)
+    for ident, side in ledger.sides.items():
+        if not side.alone or side.point not in points or ledger.status(ident) != "accepted":
+            continue
+        told, there = ledger.find([ident]), {side.point: side.other}
+        both = ledger.moved(own, "accepted", "side")
+        fits = without(both, system, told, rules.datum, there)
+        neither = without(ledger, system, told, rules.datum, there)
+        if fits is None or neither is None:
+            continue
+        dof = max(fits.redundancy - neither.redundancy, 1)
+        if fits.vtpv - neither.vtpv <= critical_t2(rules.alpha, dof):
+            return f"fits without {ident!r}, which alone tells the side of {side.point!r}"
+    return ""
+
+
+def side_doubts(ledger: Ledger) -> tuple[str, ...]:
+    """Return sentences on the points of which one reading alone tells the side."""
+    return tuple(
+        f"{ident!r} alone tells the side of point {side.point!r}: without it, "
+        f"{', '.join(f'{x:.4f}' for x in side.other)} fits as well, {side.moved:.3g} m away"
+        for ident, side in ledger.sides.items()
+        if side.alone and ledger.status(ident) == "accepted"
+    )
+
+
+MOVES_TO_TRY = tuple(3.0**-k for k in range(13))
+"""Moves at which vᵀPv is computed, relative to the farthest likely one."""
+MAX_MOVE_IN_SIGMA = 3.0
+"""Largest move of a point, relative to its largest σ, over which an observation may bend."""
+MAX_MOVE_IN_EXTENTS = 10.0
+"""Largest move, relative to the extent of the network: where a σ is larger, nothing holds the
+point there."""
+MIN_BEND_TO_RESIDUAL = 0.5
+"""Smallest change of an observation by its bend, relative to its residual, from which on a test on
+its linear form says nothing."""
+MAX_RESIDUAL_IN_SIGMA = 1e12
+"""Residual relative to σ from which no place of a point explains a reading."""
+MAX_UNITS_TESTED = 8
+"""Largest number of units that are tested so after one command: each takes an adjustment."""
+
+
+def tested_by_readjustment(
+    ledger: Ledger, system: FrontSystem, rows: Index, rules: Options, given: Collection[str]
+) -> tuple[Ledger, FrontSystem, list[Verdict]]:
+    """Let observations enter that failed a linear test and fit once everything is adjusted anew.
+
+    T² = vᵀPv with − vᵀPv without ≤ χ²(1 − α, dof), on one side; see the head of the module.
+
+    Args:
+        ledger: where they were left out.
+        system: where everything is without them.
+        rows: observations that failed a test on linear forms; those that do not bend, and those
+            between unknowns that are not known any more, stay as they are.
+        rules: the options.
+        given: ids of observations that did not wait before.
+
+    Returns:
+        Ledger and system, and the verdicts on what has entered.
+    """
+    told: list[Verdict] = []
+    if system.doubt or system.section is not None:
+        return ledger, system, told
+    ready = Candidates(ledger, known_in(system), rows).ready
+    last = ready[-MAX_UNITS_TESTED:]
+    images = _images(ledger, system, last, rules) if len(last) else {}
+    bent = [row for row in last.tolist() if _bends(ledger, system, row, images)]
+    # Together first: others than the first may tell which of two places is right.
+    for part in [bent, *([row] for row in bent if len(bent) > 1)]:
+        out = np.setdiff1d(np.array(part, dtype=np.intp), ledger.having("accepted"))
+        if len(out) and (found := _with(ledger, system, out, rules, images)):
+            base = found[1].base
+            joint = RowsInBase.of(base.normal(), base.factor, found[0].units(out), base)
+            verdicts = list(accepted(joint, rules.alpha, given, gains=rules.datum == "given"))
+            # One that contradicts must not hide in the sum of those that fit.
+            if not any(v.test > 1.0 for v in verdicts):
+                doubts = {i: str(s) for i, s in found[0].sides.items() if s.alone}
+                verdicts = [replace(v, doubt=doubts.get(v.id, "")) for v in verdicts]
+                (ledger, system), told = found, [*told, *verdicts]
+    return ledger, system, told
+
+
+def _weakest(system: FrontSystem, name: str) -> Array | None:
+    """Return the farthest movement of a point that is likely, (3,) metres; none: it is held."""
+    columns = system.columns("point", name)
+    if not system.known("point", name) or not len(columns):
+        return None
+    values, vectors = np.linalg.eigh(system.cofactors(("point", name), ("point", name)))
+    extent = float(np.linalg.norm(np.ptp(system.base.state["point"], axis=0)))
+    farthest = min(
+        MAX_MOVE_IN_SIGMA * np.sqrt(max(float(values[-1]), 0.0)), MAX_MOVE_IN_EXTENTS * extent
+    )
+    return np.asarray(vectors[:, -1] * farthest)
+
+
+def _images(ledger: Ledger, system: FrontSystem, rows: Index, rules: Options) -> dict[str, Array]:
+    """Return the movements of points of observations to their mirror images, (3,) metres each.
+
+    Everything in the graph tells of images, and nothing that has left it.
+    """
+    equations, state = system.base.equations, system.base.state
+    if system.changed:
+        try:
+            draft = Draft.of(ledger, system, rules.datum)
+        except AdjustmentError:
+            return {}
+        equations, state = draft.equations, draft.start.state
+    unknowns = equations.unknowns["point"]
+    candidates = np.zeros(len(unknowns.offset), dtype=bool)
+    for unit in ledger.units(rows):
+        candidates[[unknowns.number[n] for n in unit.points if n in unknowns.number]] = True
+    candidates &= standing_free(equations)
+    middles = mirror_midpoints(equations, state, candidates) if candidates.any() else {}
+    return {unknowns.names[n]: 2.0 * (at - state["point"][n]) for n, at in middles.items()}
+
+
+def _bends(ledger: Ledger, system: FrontSystem, row: int, images: Mapping[str, Array]) -> bool:
+    """Return whether an observation bends by as much as it contradicts, within reach of a point.
+
+    So does one that fits at the mirror image of a point: its form holds on one side only.
+    """
+    try:
+        forms = system.forms(ledger, np.array([row]))
+    except AdjustmentError:
+        return False
+    with np.errstate(over="ignore"):
+        size = float(np.linalg.norm(forms.v))
+    if not size < MAX_RESIDUAL_IN_SIGMA:
+        return False
+    for name in forms.units[0].points:
+        if name in images:
+            with suppress(AdjustmentError):  # a station may stand where the image is
+                if forms.misfit(name, images[name]) < MIN_BEND_TO_RESIDUAL * size:
+                    return True
+        step = _weakest(system, name)
+        if step is None:
+            continue
+        for moved in (step, -step):
+            try:
+                if forms.bend(name, moved) > MIN_BEND_TO_RESIDUAL * size:
+                    return True
+            except AdjustmentError:
+                return True  # it has no answer there: nothing is less linear
+    return False
+
+
+def _with(
+    ledger: Ledger, system: FrontSystem, rows: Index, rules: Options, images: Mapping[str, Array]
+) -> tuple[Ledger, FrontSystem] | None:
+    """Return ledger and system with observations; none where they do not fit."""
+    units = ledger.units(rows)
+    points = dict.fromkeys(n for u in units for n in u.points)
+    ledger = ledger.moved(rows, "accepted", "tested by adjusting")
+    try:
+        draft = Draft.of(ledger, system, rules.datum)
+        for name in points:
+            if (step := _weakest(system, name)) is not None:
+                ways = [sign * way * step for way in MOVES_TO_TRY for sign in (1.0, -1.0)]
+                ways += [images[name]] if name in images else []
+                draft = replace(draft, start=_moved(draft, name, ways))
+        found = draft.adjusted(rules.datum)
+    except AdjustmentError:
+        return None
+    if not isinstance(found, FrontSystem) or not found.base.converged:
+        return None
+    here = without(ledger, found, rows, rules.datum, {})
+    sides = [] if here is None else other_sides(system, found, here, points)
+    vtpv = min(system.vtpv, np.inf if here is None else here.vtpv)
+    if here is not None and sides:
+        vtpv = here.vtpv
+        if vtpv - system.vtpv > critical_t2(rules.alpha, 1):
+            return None  # the others tell that this is the wrong side
+    dof = max(found.redundancy - system.redundancy, 1)
+    if found.vtpv - vtpv > critical_t2(rules.alpha, dof):
+        return None
+    equal = abs(vtpv - system.vtpv) <= critical_t2(rules.alpha, 1)
+    return replace(ledger, sides={**ledger.sides, **dict(_told_alone(units, sides, equal))}), found
+
+
+def _told_alone(
+    units: Sequence[Unit], sides: Iterable[Side], equal: bool
+) -> Iterator[tuple[str, Side]]:
+    """Iterate over the readings that moved points to their other sides, each the only one."""
+    for side in sides:
+        telling = [u for u in units if side.point in u.points]
+        if len(telling) == 1:
+            yield telling[0].ids[0], replace(side, alone=equal)
+
+
+def _moved(draft: Draft, name: str, ways: Iterable[Array]) -> Start:
+    """Return the start with a point moved in one of the ways, if vᵀPv is smaller there."""
+    at = draft.start.state["point"][draft.equations.unknowns["point"].number[name]]
+    places = (with_points_at(draft.start, {name: at + way}) for way in ways)
+    return min((draft.start, *places), key=lambda start: _vtpv(draft, start))
+
+
+def _vtpv(draft: Draft, start: Start) -> float:
+    """Return vᵀPv at a start; infinite where an observation has no answer."""
+    try:
+        v = draft.equations.weighted_at(start.state).residuals(start.state)
+    except AdjustmentError:
+        return np.inf
+    return float(v @ v)

@@ -1,0 +1,284 @@
+"""What was left out comes back after a command, where it fits by now.
+
+A command that takes observations out, puts them in or changes them may have removed what others
+contradicted. All suspects and rejected observations are then looked at once more:
+
+- An observation between known variables comes back if T² of its innovation, computed from
+  everything that is in − observed, is below its critical value: first alone, then together with
+  the others that come back. Several gross errors that agree with one another do not outvote what
+  is in, as each has to fit without the others.
+- What lost everything that determined its variables is looked at like an arrival. A suspect may
+  wait again. A rejected observation comes back only where something else tests it, and stays
+  rejected otherwise: nothing says that what it contradicted was the wrong one.
+
+What data snooping judges, it judges again in the same way: after `snoop` no component of what
+comes back has a test value |w| beyond the limit of that search, and what a search threw out has to
+fit within the limit of that search, too, whenever it is looked at. Otherwise another command, or
+the next search, would undo a search with a stricter level.
+
+Observations that were discarded by hand, or that have been measured again since, stay out.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..ledger.candidates import Candidates, Nothing, known_in
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..ledger.row_store import GONE
+from ..ledger.verdicts import DISCARDED, SNOOPED, Outcome, Verdict
+from ..linear_system.front_system import FrontSystem
+from ..linear_system.joint_tests import RowsBesideBase
+from ..linear_system.rebase import Draft, notices
+from ..linear_system.test_statistics import decide
+from ..quality.leave_out import critical_t2
+from ..types import NO_ROWS, Index
+from .nonlinear_tests import tested_by_readjustment
+from .worklist import AT_ONCE, IncrementalState, Task, Verdicts, absorb
+
+MOST_LOOKS = 5
+"""Largest number of looks after one command; each begins from what the one before let in."""
+
+
+def readmitted(
+    state: IncrementalState,
+    told: Verdicts,
+    rules: Options,
+    *,
+    but: Collection[str] = (),
+    limit: float = np.inf,
+) -> tuple[IncrementalState, Verdicts]:
+    """Let suspects and rejected observations come back that fit by now.
+
+    Args:
+        state: the state after a command.
+        told: verdicts of the command; what it has tested is not looked at again.
+        rules: the options.
+        but: ids of observations that the command has thrown out.
+        limit: largest |w| of what comes back, beside its T².
+
+    Returns:
+        The state, and the verdicts of the command and on what came back.
+    """
+    told = dict(told)
+    state, bent = _bent(state, {*told, *but}, rules)
+    told |= bent
+    tested = {*told, *but}
+    for _ in range(MOST_LOOKS):
+        ledger = state.ledger
+        rows = np.setdiff1d(_left_out(ledger), ledger.find(tested))
+        if not len(rows):
+            break
+        system = state.fronts
+        if system is not None and system.doubt:
+            break
+        found = Candidates(ledger, known_in(system), rows)
+        ready, late = found.ready, found.late
+        if system is None:
+            ready, late = NO_ROWS, rows
+        limits = _limits(ledger, rows, limit)
+        if system is not None:
+            ready = _fitting(ledger, system, ready, rules, limits)
+        state, more = _entered(state, ready, rules, limits)
+        # With the policy "accept" nothing is tested that enters with new variables.
+        late = late if rules.policy != "accept" else NO_ROWS
+        state, other = _entered(state, late, rules, limits)
+        back = [i for i, v in (more | other).items() if v.verdict == "accepted"]
+        told |= more | other
+        if not back:
+            break
+    return state, told
+
+
+def _bent(
+    state: IncrementalState, tested: Collection[str], rules: Options
+) -> tuple[IncrementalState, Verdicts]:
+    """Let suspects enter that fit when everything is adjusted with them, see `nonlinear_tests`."""
+    ledger = state.ledger
+    suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(tested))
+    if not len(suspects) or (system := state.fronts) is None:
+        return state, {}
+    ledger, system, told = tested_by_readjustment(ledger, system, suspects, rules, ())
+    if not told:
+        return state, {}
+    return IncrementalState(ledger, system, settled=False), {v.id: v for v in told}
+
+
+def measured_again(ledger: Ledger, chosen: Index) -> Index:
+    """Return those of some image points whose points have been measured in their photos since."""
+    rows = ledger.rows
+    rays, every = rows.images(chosen), rows.images(np.flatnonzero(rows.status != GONE))
+    pairs = zip(rows.photo[every].tolist(), rows.point[every].tolist(), strict=True)
+    last = dict(zip(pairs, every.tolist(), strict=True)) if len(rays) else {}
+    since = [last[int(rows.photo[r]), int(rows.point[r])] != r for r in rays.tolist()]
+    return np.asarray(rays[np.array(since, dtype=bool)])
+
+
+def _left_out(ledger: Ledger) -> Index:
+    """Return suspects and rejected observations that may come back."""
+    rejected = ledger.having("rejected")
+    by_hand = [
+        row
+        for row in rejected.tolist()
+        if any(v.cause == DISCARDED for v in ledger.rows.verdicts.get(row, ()))
+    ]
+    rejected = np.setdiff1d(rejected, [*by_hand, *measured_again(ledger, rejected).tolist()])
+    return np.union1d(ledger.having("suspect"), rejected).astype(np.intp)
+
+
+def _limits(ledger: Ledger, rows: Index, limit: float) -> Mapping[int, float]:
+    """Return the largest |w| with which each of some observations comes back, by rows."""
+    out = {}
+    for row in rows.tolist():
+        told = ledger.rows.verdicts.get(row, ())
+        own = (float(np.sqrt(v.critical)) for v in told if v.cause == SNOOPED)
+        out[row] = min([limit, *(x for x in own if x > 0.0)])
+    return out
+
+
+# -- between known variables ----------------------------------------------------------------------
+
+
+def _fitting(
+    ledger: Ledger, system: FrontSystem, rows: Index, rules: Options, limits: Mapping[int, float]
+) -> Index:
+    """Return those of some observations between known variables that fit, alone and together."""
+    alone = [
+        row
+        for joint, part in _besides(ledger, system, rows, rules)
+        for row, (test, w) in zip(part.tolist(), _alone(joint, rules.alpha), strict=True)
+        if test <= 1.0 and w <= limits[row]
+    ]
+    out = [NO_ROWS]
+    for joint, part in _besides(ledger, system, np.array(alone, dtype=np.intp), rules):
+        fixed = np.zeros(len(part), dtype=bool)
+        decision = decide(joint, rules.alpha, fixed, (), lambda *_: False)
+        out.append(part[sorted(decision.stay)])
+    return np.concatenate(out)
+
+
+def _alone(joint: RowsBesideBase, alpha: float) -> Iterator[tuple[float, float]]:
+    """Iterate over T²/critical and the largest |w| of each unit, without the other units.
+
+    With M and e of all of them, C = M⁻¹ is the joint covariance of their innovations d = M⁻¹e. A
+    unit u alone has M = C_uu⁻¹ and e = M d_u.
+    """
+    new = len(joint.system.update.signs) + np.arange(len(joint.forms.v))
+    inverse = joint.update.inverse
+    covariance = np.linalg.inv(inverse[np.ix_(new, new)])
+    innovation = covariance @ (inverse[new] @ joint.update.residuals)
+    for rows in joint.forms.rows:
+        own = np.linalg.inv(covariance[np.ix_(rows, rows)])
+        e = own @ innovation[rows]
+        w = np.abs(e) / np.sqrt(np.diag(own))
+        yield float(e @ innovation[rows]) / critical_t2(alpha, len(rows)), float(w.max())
+
+
+def _besides(
+    ledger: Ledger, system: FrontSystem, rows: Index, rules: Options
+) -> Iterator[tuple[RowsBesideBase, Index]]:
+    """Iterate over observations beside a system, a few at a time.
+
+    What has no place beside it, or no answer there, is left out.
+    """
+    whole: FrontSystem | None = None
+    for part in np.array_split(rows, -(-len(rows) // AT_ONCE)) if len(rows) else ():
+        joint = _beside(ledger, system, part)
+        if joint is None and whole is None:
+            whole = _whole(ledger, system, rules)
+        if joint is None and whole is not None:
+            joint = _beside(ledger, whole, part)
+        if joint is not None:
+            yield joint, part
+        elif len(part) > 1:
+            for row in part:
+                one = _beside(ledger, whole or system, np.array([row]))
+                if one is not None:
+                    yield one, np.array([row])
+
+
+def _beside(ledger: Ledger, system: FrontSystem, rows: Index) -> RowsBesideBase | None:
+    if system.section is not None:
+        variables = Candidates(ledger, Nothing(), rows).links.variables
+        reaching = system.reaching(variables)
+        if reaching is None:
+            return None
+        system = reaching
+    try:
+        forms = system.forms(ledger, rows)
+    except AdjustmentError:
+        return None
+    datum = system.base.datum
+    if datum is not None and notices(forms.a, datum.motions[forms.columns]):
+        return None
+    return RowsBesideBase.of(system, forms)
+
+
+def _whole(ledger: Ledger, system: FrontSystem, rules: Options) -> FrontSystem | None:
+    """Return a new base of the whole, which has room for rows beside it."""
+    try:
+        found = Draft.of(ledger, system, rules.datum).adjusted(rules.datum)
+    except AdjustmentError:
+        return None
+    return found if isinstance(found, FrontSystem) and found.base.converged else None
+
+
+# -- entering -------------------------------------------------------------------------------------
+
+
+def _entered(
+    state: IncrementalState, rows: Index, rules: Options, limits: Mapping[int, float]
+) -> tuple[IncrementalState, Verdicts]:
+    """Let observations enter that were left out; return the state, and verdicts.
+
+    What does not enter is where it was, with its first verdict. What is beyond its limit, and a
+    rejected observation that nothing tests, is taken from among them; the others enter without it.
+    """
+    before = state.ledger
+    rejected = before.having("rejected")
+    while len(rows):
+        ledger = before.moved(rows, "waiting", "tested again")
+        parts = np.array_split(rows, -(-len(rows) // AT_ONCE))
+        after, told = absorb(replace(state, ledger=ledger), [Task(p) for p in parts], rules)
+        thrown = np.intersect1d(rows, rejected)
+        waits = after.ledger.rows.among(thrown, "waiting").tolist()
+        inside = after.ledger.rows.among(rows, "accepted")
+        verdicts = {r: [told[i] for i in before.ids_of(np.array([r]))] for r in inside.tolist()}
+        beyond = [r for r, own in verdicts.items() if any(_largest(v) > limits[r] for v in own)]
+        untested = [
+            r for r in thrown.tolist() if not all(v.controlled for v in verdicts.get(r, ()))
+        ]
+        if not (waits or beyond or untested):
+            return _as_before(before, after, rows, told)
+        rows = np.setdiff1d(rows, [*waits, *beyond, *untested])
+    return state, {}
+
+
+def _largest(verdict: Verdict) -> float:
+    """Return the largest |w| of a verdict; 0 where nothing is tested."""
+    return 0.0 if verdict.w is None else float(np.max(np.nan_to_num(np.abs(verdict.w))))
+
+
+def _as_before(
+    before: Ledger, after: IncrementalState, rows: Index, told: Verdicts
+) -> tuple[IncrementalState, Verdicts]:
+    """Put what has failed its test again back where it was, with its first verdict."""
+    ledger = after.ledger
+    failed = np.union1d(ledger.rows.among(rows, "suspect"), ledger.rows.among(rows, "rejected"))
+    outcomes: tuple[Outcome, ...] = ("suspect", "rejected")
+    for outcome in outcomes:
+        mine = np.intersect1d(failed, before.having(outcome))
+        first: dict[str, Verdict] = {
+            v.id: v for row in mine.tolist() for v in before.rows.verdicts.get(row, ())
+        }
+        ledger = ledger.moved(mine, outcome, "tested again", first)
+    ids = set(ledger.ids_of(failed))
+    own = set(ledger.ids_of(rows))
+    fresh = {i: replace(v, entered=v.entered or i in own) for i, v in told.items() if i not in ids}
+    return replace(after, ledger=ledger), fresh

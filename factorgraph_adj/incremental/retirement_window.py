@@ -1,0 +1,131 @@
+"""The window of what is kept: what nothing new has touched for a time is due to be retired."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..graph.dependence import Variable
+from ..ledger.ledger import Ledger
+from ..ledger.row_store import GONE
+from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..network.entities import parameter_name
+from ..network.network import Network
+from ..types import Array
+
+LOT = 0.25
+"""Part of the photos that are kept which are retired together: each time all that remains is
+adjusted again."""
+
+
+def untouched(ledger: Ledger, since: int, *, later: int | None = None) -> list[Variable]:
+    """Return the free points, photos and orientations that nothing has touched for a time.
+
+    A photo stays as long as one of its points does: the linear rows would join all of these.
+
+    Args:
+        ledger: what has arrived.
+        since: number of the command from which on something is new.
+        later: the same for photos of which points remain; none: they stay.
+    """
+    rows, names = ledger.rows, ledger.names
+    there = np.flatnonzero(rows.status != GONE)
+    rays = rows.images(there)
+    latest: dict[Variable, int] = {}
+    for row, unit in rows.units(there):
+        for v in unit.variables:
+            latest[v] = max(latest.get(v, 0), int(rows.arrived[row]))
+    last: dict[str, Array] = {}
+    for kind, numbers, every in (
+        ("point", rows.point[rays], names.points),
+        ("pose", rows.photo[rays], names.photos),
+    ):
+        when = np.zeros(len(every), dtype=np.intp)
+        np.maximum.at(when, numbers, rows.arrived[rays])
+        known_by_units = [latest.get((kind, n), 0) for n in every]
+        last[kind] = np.maximum(when, np.array(known_by_units, dtype=np.intp))
+    old = (last["point"] > 0) & (last["point"] < since)
+    network = ledger.network
+    for number in np.flatnonzero(old).tolist():
+        name = names.points[number]
+        if not ledger.needs(("point", name))[0] or stated_at(network, name):
+            old[number] = False
+    keeps = np.zeros(len(names.photos), dtype=np.intp)
+    np.add.at(keeps, rows.photo[rays], ~old[rows.point[rays]])
+    gone = (last["pose"] > 0) & (last["pose"] < since) & (keeps == 0)
+    if later is not None:
+        gone |= (last["pose"] > 0) & (last["pose"] < later)
+    out: list[Variable] = [("point", names.points[i]) for i in np.flatnonzero(old).tolist()]
+    out += [("pose", names.photos[i]) for i in np.flatnonzero(gone).tolist()]
+    out += [
+        v
+        for v, when in latest.items()
+        if UNKNOWNS[v[0]].absent == "found" and when < since and not is_stated(network, *v)
+    ]
+    return out
+
+
+def between_given(ledger: Ledger, since: int) -> list[str]:
+    """Return the ids of observations in the graph that touch only what is given."""
+    rows = ledger.rows
+    inside = ledger.having("accepted")
+    old = inside[rows.arrived[inside] < since]
+    units = [u for _, u in rows.units(old)]
+    return [i for u in units if not any(ledger.needs(v)[0] for v in u.variables) for i in u.ids]
+
+
+def due(ledger: Ledger, keep: int) -> tuple[list[Variable], list[str]]:
+    """Return what is to be retired where the last ``keep`` photos are kept, several at once.
+
+    Returns:
+        The unknowns, and ids of observations between given points; none where nothing is due.
+    """
+    n = len(ledger.names.photos)
+    lot = max(1, round(LOT * keep))
+    if n < keep + lot:
+        return [], []
+    first = np.full(n, np.iinfo(np.intp).max)
+    rays = ledger.rows.images(np.flatnonzero(ledger.rows.status != GONE))
+    np.minimum.at(first, ledger.rows.photo[rays], ledger.rows.arrived[rays])
+    since, later = (int(first[n - k :].min()) if n >= k else 0 for k in (keep, 2 * keep))
+    found = untouched(ledger, since, later=later)
+    if sum(kind == "pose" for kind, _ in found) < lot:
+        return [], []
+    return found, between_given(ledger, since)
+
+
+def since_of(ledger: Ledger, before: str) -> int:
+    """Return the number of the command with which an observation, or the first of a photo, came.
+
+    Raises:
+        InputError: there is no such observation or photo.
+    """
+    rows = ledger.find([before])
+    number = ledger.names.photo.get(before)
+    if not len(rows) and number is not None:
+        rows = np.flatnonzero((ledger.rows.photo == number) & (ledger.rows.status != GONE))
+    if not len(rows):
+        told = ledger.unknown(before)
+        raise InputError(
+            Problem(f"{told.what}; before= takes one, or a photo with image points", told.where)
+        )
+    return int(ledger.rows.arrived[rows].min())
+
+
+def stated_at(network: Network, point: str) -> str:
+    """Say what was stated of a point beside itself; empty where nothing was."""
+    for kind in parameter_kinds():
+        for key, parameter in network.of_kind(kind.name).items():
+            name = parameter_name(key)
+            if parameter.origin == point:
+                return f"it is the origin of {kind.noun} {name!r}"
+            at = key if isinstance(key, str) else key[0]
+            if kind.at_point and at == point and is_stated(network, kind.name, name):
+                return f"{kind.noun} {name!r} was stated for it"
+    return ""
+
+
+def is_stated(network: Network, kind: VariableKind, name: str) -> bool:
+    """Return whether somebody has stated an unknown that need not be."""
+    stated = [p for k, p in network.of_kind(kind).items() if parameter_name(k) == name]
+    return any(any(p.fixed) or np.isfinite(p.sigma).any() for p in stated)

@@ -1,0 +1,413 @@
+"""What an incremental adjustment says of itself at any time.
+
+Among its doubts are photos that most of their image points contradict. Three image points leave up
+to four places of a photo. One that came by few of them may be at the wrong one, and its other image
+points are then suspects for good, however right they are: only points are looked for at other
+places (`nonlinear_tests`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from threading import RLock
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from ..blas_threads import one_at_a_time
+from ..errors import InputError, Problem, known
+from ..graph.dependence import Variable
+from ..ledger.archive import LastEstimate
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..ledger.retired import Retired
+from ..ledger.verdicts import Verdict
+from ..linear_system.isam2_system import ISAM2System
+from ..linear_system.rebase import known_network, solution_of
+from ..models.variables import UNKNOWNS, VariableKind
+from ..network.entities import Photo, Point
+from ..network.network import Network
+from ..observations import Observation
+from ..quality.reliability import Reliability, check_probabilities, reliability
+from ..solve.estimates import CalibrationEstimate, PoseEstimate
+from ..solve.solution import Solution
+from ..types import Array
+from ..validate.preliminary.copied_blocks import CopiedBlocks
+from . import nonlinear_tests, retirement
+from .arrival import Waiting, waiting_of
+from .worklist import IncrementalState
+
+if TYPE_CHECKING:
+    import gtsam
+
+
+def point_estimate(state: IncrementalState, name: str, solution: Callable[[], Solution]) -> Array:
+    """Return the coordinates of a point, (3,) metres.
+
+    Args:
+        state: the state.
+        name: the point.
+        solution: returns the whole solution, which a free network takes.
+
+    Raises:
+        InputError: no such point, or it is not determined yet.
+    """
+    _require(state, name)
+    system = state.system
+    value = None if system is None else system.value("point", name)
+    if value is None:
+        return np.array(state.ledger.network.points[name].coordinates)
+    free = system is not None and system.is_free
+    return solution().point(name) if free else value
+
+
+def point_covariance(
+    state: IncrementalState, a: str, b: str, solution: Callable[[], Solution]
+) -> Array:
+    """Return the covariance between two points, (3, 3) metres²; σ0 = 1.
+
+    Args:
+        state: the state.
+        a: a point.
+        b: a point; it may be the same.
+        solution: returns the whole solution, which a free network takes.
+
+    Raises:
+        InputError: no such point, or it is not determined yet.
+    """
+    for name in (a, b):
+        _require(state, name)
+    system, out = state.system, np.zeros((3, 3))
+    if system is None or not all(system.known("point", n) for n in (a, b)):
+        return out
+    if system.is_free:
+        return solution().covariance(a, b)
+    found = system.cofactors(("point", a), ("point", b))
+    out[: found.shape[0], : found.shape[1]] = found
+    return out
+
+
+def photo_pose(
+    state: IncrementalState, photo: str, solution: Callable[[], Solution]
+) -> PoseEstimate:
+    """Return the exterior orientation of a photo.
+
+    Args:
+        state: the state.
+        photo: the photo.
+        solution: returns the whole solution, which a free network takes.
+
+    Raises:
+        InputError: no such photo, or it is not determined yet.
+    """
+    _require(state, photo, "pose")
+    system = state.system
+    stored = None if system is None else system.value("pose", photo)
+    if system is None or stored is None or system.is_free:
+        return solution().pose(photo)
+    of_photo: Variable = ("pose", photo)
+    sigmas = np.sqrt(np.maximum(np.diag(system.cofactors(of_photo, of_photo)), 0.0))
+    return PoseEstimate(stored[9:].copy(), stored[:9].reshape(3, 3).copy(), sigmas)
+
+
+def _require(state: IncrementalState, name: str, kind: Literal["point", "pose"] = "point") -> None:
+    """Refuse a point, or a photo, that is not there, or not determined."""
+    network, system = state.ledger.network, state.system
+    described: Mapping[str, Point | Photo]
+    noun, described = ("point", network.points) if kind == "point" else ("photo", network.photos)
+    retired = state.ledger.retired
+    if name not in described and retired is not None and (told := retired.told((kind, name))):
+        what = (
+            f"{told}, and last_estimate({name!r}{', kind=' + repr(kind) if kind == 'pose' else ''})"
+        )
+        raise InputError(Problem(f"{what} returns what was known of it then", f"{noun} {name!r}"))
+    if name not in described:
+        text = f"unknown {noun} {name!r}; known: {known(described, meant=name)}"
+        raise InputError(text)
+    if (system is None or not system.known(kind, name)) and not all(described[name].fixed):
+        lacks = state.ledger.lacks.get((kind, name), "no observation has determined it yet")
+        raise InputError(Problem(f"is not determined: {lacks}", f"{noun} {name!r}"))
+
+
+MIN_SUSPECTS_OF_PHOTO = 3
+"""Smallest number of suspects of a photo that may be right against what is in."""
+
+
+def photo_doubts(ledger: Ledger) -> tuple[str, ...]:
+    """Return sentences on photos of which more image points are suspects than accepted."""
+    rows, names = ledger.rows, ledger.names
+    out, inside = rows.images(ledger.having("suspect")), rows.images(ledger.having("accepted"))
+    if len(out) < MIN_SUSPECTS_OF_PHOTO:
+        return ()
+    n = len(names.photos)
+    suspects = np.bincount(rows.photo[out], minlength=n)
+    accepted = np.bincount(rows.photo[inside], minlength=n)
+    told = np.flatnonzero((suspects >= MIN_SUSPECTS_OF_PHOTO) & (suspects > accepted))
+    return tuple(
+        f"{suspects[f]} of {suspects[f] + accepted[f]} image points of photo {names.photos[f]!r} "
+        "are suspects: it may be at the wrong one of two places; remove the image points that are "
+        "in, or adjust all of them at once (fga.adjust)"
+        for f in told.tolist()
+    )
+
+
+class Results:
+    """What an adjustment says of what has arrived, and of what it comes to."""
+
+    _lock: RLock
+    _rules: Options
+    _state: IncrementalState
+    _solution: tuple[IncrementalState, Solution] | None
+    _copies: CopiedBlocks
+    _next_try: int = 0
+    _not_retired: str = ""
+
+    @property
+    @one_at_a_time
+    def retired(self) -> Retired | None:
+        """What was retired; none: nothing was, or everything was taken back."""
+        return self._state.ledger.retired
+
+    @one_at_a_time
+    def last_estimate(self, name: str, *, kind: VariableKind = "point") -> LastEstimate:
+        """Return what was known of a point, or another unknown, when it was retired.
+
+        Raises:
+            InputError: it was not retired.
+        """
+        retired = self._state.ledger.retired
+        found = None if retired is None else retired.last_estimate((kind, name))
+        if found is None:
+            noun = UNKNOWNS[kind].noun if kind in UNKNOWNS else kind
+            raise InputError(Problem("was not retired", f"{noun} {name!r}"))
+        return found
+
+    @property
+    @one_at_a_time
+    def waiting(self) -> tuple[Waiting, ...]:
+        """What waits, and what it lacks."""
+        return tuple(waiting_of(self._state, self._state.ledger.having("waiting")))
+
+    @one_at_a_time
+    def latest_waiting(self, most: int) -> tuple[Waiting, ...]:
+        """Return what began to wait last, the latest first: ``most`` units at most."""
+        last = self._state.ledger.having("waiting")[-most:]
+        return tuple(waiting_of(self._state, last))[::-1][:most]
+
+    @property
+    @one_at_a_time
+    def n_waiting(self) -> int:
+        """Number of observations that wait."""
+        return self._state.ledger.count("waiting")
+
+    @property
+    @one_at_a_time
+    def suspects(self) -> tuple[Verdict, ...]:
+        """Observations beyond the critical value that are left out until they are decided on."""
+        return tuple(self._state.ledger.verdicts("suspect"))
+
+    @property
+    @one_at_a_time
+    def rejected(self) -> tuple[Verdict, ...]:
+        """Observations that were rejected."""
+        return tuple(self._state.ledger.verdicts("rejected"))
+
+    @property
+    @one_at_a_time
+    def doubts(self) -> tuple[str, ...]:
+        """Why the result may be wrong: points and photos at the wrong place, and copies.
+
+        The solution tells of the places.
+        """
+        inside = self._state.ledger.is_accepted
+        copied = self._copies.told(inside, lambda ident, _: repr(ident))
+        return (*self._places_in_doubt(), *self._doubts_of_retired(), *copied)
+
+    def _doubts_of_retired(self) -> tuple[str, ...]:
+        """Say where linear rows do not hold, and where something could not be retired."""
+        why = [self._not_retired] if self._not_retired else []
+        if told := retirement.doubt(self._state, self._rules):
+            why.append(told)
+        return tuple(why)
+
+    def _places_in_doubt(self) -> tuple[str, ...]:
+        ledger = self._state.ledger
+        return (*nonlinear_tests.side_doubts(ledger), *photo_doubts(ledger))
+
+    @one_at_a_time
+    def network(self) -> Network:
+        """Return the network as it stands: what is in the graph, to save or to adjust in batch.
+
+        Approximate values that were found stand in it as given ones. What was retired is in it,
+        too, which takes the memory of all that there has been.
+        """
+        if self._state.ledger.retired is not None:
+            return retirement.whole_network(self._state)
+        return known_network(self._state.ledger, self._state.system)
+
+    @one_at_a_time
+    def solution(self) -> Solution:
+        """Return the solution: the same as that of the batch adjustment.
+
+        What was retired is not in it but for the linear rows in its place, which count as rows of
+        a factor; its ``network`` alone is not that of the whole adjustment.
+
+        Raises:
+            InputError: nothing is in the graph.
+        """
+        if self._state.system is None:
+            raise InputError("nothing is determined yet: there is no solution")
+        if self._solution is None or self._solution[0] is not self._state:
+            found = solution_of(self._state.ledger, self._state.system, self._rules)
+            told = (*found.second_places, *self._places_in_doubt())
+            self._solution = self._state, replace(found, second_places=told)
+        return self._solution[1]
+
+    @one_at_a_time
+    def reliability(self, *, alpha: float | None = None, power: float = 0.80) -> Reliability:
+        """Return the reliability of every observation, linearised where everything is by now.
+
+        Raises:
+            InputError: a bad probability, or nothing is in the graph.
+            AdjustmentError: the network is too weak for it.
+        """
+        chosen = self._rules.alpha if alpha is None else alpha
+        check_probabilities(chosen, power)
+        return reliability(self.solution(), alpha=chosen, power=power)
+
+    @one_at_a_time
+    def estimate(self, name: str) -> Array:
+        """Return the coordinates of a point, (3,) metres.
+
+        In a free network they belong to the inner constraints, which takes a whole solution.
+
+        Raises:
+            InputError: no such point, or it is not determined yet.
+        """
+        return point_estimate(self._state, name, self.solution)
+
+    @one_at_a_time
+    def covariance(self, a: str, b: str | None = None) -> Array:
+        """Return the covariance of a point, or between two points, (3, 3) metres²; σ0 = 1.
+
+        Raises:
+            InputError: no such point, or it is not determined yet.
+        """
+        return point_covariance(self._state, a, a if b is None else b, self.solution)
+
+    @one_at_a_time
+    def standard_deviations(self, name: str) -> Array:
+        """Return the standard deviations of a point, (3,) metres."""
+        return np.sqrt(np.maximum(np.diag(self.covariance(name)), 0.0))
+
+    @one_at_a_time
+    def pose(self, photo: str) -> PoseEstimate:
+        """Return the exterior orientation of a photo, as `Solution.pose`."""
+        return photo_pose(self._state, photo, self.solution)
+
+    @one_at_a_time
+    def calibration(self, camera: str) -> CalibrationEstimate:
+        """Return the calibration of a camera, as `Solution.calibration`."""
+        return self.solution().calibration(camera)
+
+    @one_at_a_time
+    def observation(self, id: str) -> Observation:
+        """Return an observation by its id: in the graph, waiting, suspect or rejected.
+
+        Raises:
+            InputError: no such id.
+        """
+        return self._state.ledger.observation(id)
+
+    @property
+    @one_at_a_time
+    def described(self) -> Network:
+        """Everything that was described, with the observations in the graph; not to be changed."""
+        return self._state.ledger.described
+
+    @one_at_a_time
+    def determined(self, name: str) -> bool:
+        """Return whether a point is determined."""
+        return self._state.system is not None and self._state.system.known("point", name)
+
+    @property
+    @one_at_a_time
+    def n_observations(self) -> int:
+        """Number of scalar rows in the graph, weighted unknowns among them.
+
+        Rows that were retired count less the unknowns that they determined.
+        """
+        system = self._state.system
+        if system is None:
+            return 0
+        return self.solution().n_observations if system.doubt else system.n_rows
+
+    @property
+    @one_at_a_time
+    def redundancy(self) -> int:
+        """Redundancy of the network as it stands."""
+        system = self._state.system
+        if system is None:
+            return 0
+        return self.solution().redundancy if system.doubt else system.redundancy
+
+    @property
+    @one_at_a_time
+    def vtpv(self) -> float:
+        """VᵀPv, of the linear forms."""
+        return 0.0 if self._state.system is None else self._state.system.vtpv
+
+    @property
+    @one_at_a_time
+    def sigma0(self) -> float:
+        """Standard deviation of unit weight √(vᵀPv/r); NaN without redundancy."""
+        r = self.redundancy
+        return float(np.sqrt(self.vtpv / r)) if r > 0 else np.nan
+
+    @property
+    @one_at_a_time
+    def settled(self) -> bool:
+        """Whether nothing has changed since it was at rest."""
+        return self._state.settled
+
+    @one_at_a_time
+    def __len__(self) -> int:
+        """Return the number of observations in the graph."""
+        return self._state.ledger.count("accepted")
+
+    @property
+    @one_at_a_time
+    def engine(self) -> Literal["isam2", "fronts"]:
+        """What carries the network now: iSAM2, or fronts."""
+        return "isam2" if isinstance(self._state.system, ISAM2System) else "fronts"
+
+    @property
+    @one_at_a_time
+    def isam(self) -> gtsam.ISAM2:
+        """A copy of the live iSAM2: linear factors of whitened rows on movements δ of variables.
+
+        Covariances are those of σ0 = 1. For the nonlinear graph see `factorgraph_adj.build_graph`
+        and `factorgraph_adj.Isam`.
+
+        Raises:
+            InputError: fronts carry the network, see `engine`.
+        """
+        if not isinstance(self._state.system, ISAM2System):
+            raise InputError(
+                "fronts carry this network, and no iSAM2: engine='isam2' lets iSAM2 do it where "
+                "nothing is free and few image points are there; fga.Isam takes any network"
+            )
+        return self._state.system.tree.copied()
+
+    @one_at_a_time
+    def __repr__(self) -> str:
+        """Say what is in the graph, and what is not."""
+        return (
+            f"<IncrementalAdjustment of {self._state.ledger.network.name!r}: {len(self)} "
+            f"observations, redundancy {self.redundancy}, {self.n_waiting} waiting, "
+            f"{len(self.suspects)} suspects, {len(self.rejected)} rejected, "
+            f"{'iSAM2' if self.engine == 'isam2' else 'fronts'}"
+            f"{f'; {self.retired}' if self.retired else ''}"
+            f"{''.join(f', BUT {doubt}' for doubt in self.doubts)}>"
+        )

@@ -1,0 +1,486 @@
+"""The one loop: observations enter, are tested, wait, or are let go until nothing changes.
+
+A worklist holds tasks: observations to be looked at. Each round takes a task, finds what of it,
+and of what waits with it, is determined (`determinability`), puts that in, and tests it. Where no
+solution is reached, something waits on, and smaller tasks come onto the list. States are values;
+what goes wrong leaves the state from which the loop began.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..errors import AdjustmentError, InputError
+from ..graph.dependence import Variable
+from ..ledger.candidates import Candidates, known_in
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..ledger.verdicts import Verdict
+from ..linear_system.front_system import FrontSystem
+from ..linear_system.isam2_system import ISAM2System
+from ..linear_system.rebase import EFFORT, Draft
+from ..linear_system.renewal import Renewal, advanced
+from ..linear_system.section_choice import is_due
+from ..network.network import DatumChoice
+from ..solve.solution import Solution
+from ..types import NO_ROWS, Index
+from .determinability import Found, Search, find_in_parts, well_determined
+from .entry import Entered, Entering
+from .nonlinear_tests import MAX_UNITS_TESTED, contradicted, examined, tested_by_readjustment
+
+AT_ONCE = 50
+"""Largest number of suspects that are tested again together: they have room beside a base."""
+TOO_WEAK = "is determined too weakly yet: no solution was reached with it"
+OPEN = (
+    "it fixes a motion that the datum of the free network left open, and other parts of the "
+    "network need such observations too"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class IncrementalState:
+    """Everything that an incremental adjustment is; every command returns another one."""
+
+    ledger: Ledger
+    """What has arrived."""
+    system: FrontSystem | ISAM2System | None = None
+    """Where everything is; none: nothing is determined."""
+    settled: bool = True
+    """Whether nothing has changed since it was at rest."""
+    renewal: Renewal | None = None
+    """A new base in the making; none: there is none."""
+
+    @cached_property
+    def fronts(self) -> FrontSystem | None:
+        """The network in fronts, all of it in the base or a section.
+
+        Raises:
+            AdjustmentError: there is no minimum.
+        """
+        system = self.system
+        if isinstance(system, ISAM2System):
+            return system.fronts
+        if system is None or not system.border.unknowns:
+            return system
+        draft = Draft.of(self.ledger, system, "given")
+        found = draft.adjusted("given", tolerances=(EFFORT.close,))
+        return found if isinstance(found, FrontSystem) else system
+
+    def on_fronts(self) -> IncrementalState:
+        """Return the state with its network in fronts; errors as of `fronts`."""
+        return replace(self, system=self.fronts)
+
+    def recorded(self) -> IncrementalState:
+        """Return the state without what was noted for the journal."""
+        ledger, new = self.ledger.recorded()
+        if new is None:
+            return replace(self, ledger=ledger)
+        system = None if self.system is None else self.system.renumbered(new)
+        return replace(self, ledger=ledger, system=system, renewal=None)
+
+
+Verdicts: TypeAlias = dict[str, Verdict]
+"""The latest verdict on each tested observation, by id."""
+
+
+class Task(NamedTuple):
+    """Observations to be looked at."""
+
+    rows: Index
+    """The observations; they wait."""
+    fixed: Index = NO_ROWS
+    """Those that are in without a test."""
+    asked: bool = False
+    """Whether they have just arrived: it is an error if the geometry of one has no answer,
+    otherwise that one waits; and no other task takes them in before."""
+    most: float = np.inf
+    """Number of rows of what it was split from, because no solution was reached with all of it; it
+    is then looked at alone. Infinite: it was not split."""
+
+
+class Over(NamedTuple):
+    """Where a run stood before everything was begun anew."""
+
+    state: IncrementalState
+    """The state."""
+    told: Verdicts
+    """What had been said."""
+    tasks: list[Task]
+    """What was left to be looked at."""
+    fixed: Index
+    """What was in without a test."""
+    task: Task
+    """What arrived."""
+    noticing: Index
+    """What of it notices motions that the datum had left open."""
+
+
+def absorb(
+    state: IncrementalState,
+    tasks: Collection[Task],
+    rules: Options,
+    *,
+    start: Solution | None = None,
+    growing: bool = False,
+) -> tuple[IncrementalState, Verdicts]:
+    """Look at observations until nothing changes.
+
+    Args:
+        state: the state; the observations of the tasks wait in its ledger.
+        tasks: what is to be looked at first.
+        rules: the options.
+        start: where everything was, if that has been; approximate values are found otherwise.
+        growing: whether they arrive, so that the engine of the rules takes them.
+
+    Raises:
+        InputError: names observations whose geometry has no answer.
+    """
+    begun = planted(state, rules) if growing else state
+    return _Loop(begun, list(tasks), rules, start, growing).run()
+
+
+def planted(state: IncrementalState, rules: Options) -> IncrementalState:
+    """Return a state with its network in iSAM2, where that is the engine and suits it."""
+    system = state.system
+    if not isinstance(system, FrontSystem) or rules.engine == "fronts":
+        return state
+    tree = ISAM2System.of(system, state.ledger, rules)
+    return state if tree is None else replace(state, system=tree)
+
+
+class _Loop:
+    """One run of the loop."""
+
+    def __init__(
+        self,
+        state: IncrementalState,
+        tasks: list[Task],
+        rules: Options,
+        start: Solution | None,
+        growing: bool,
+    ) -> None:
+        self.state, self.tasks, self.rules, self.start = state, tasks, rules, start
+        self.growing = growing
+        self.told: Verdicts = {}
+        self.given = {i for t in tasks for i in state.ledger.ids_of(t.rows)}
+        self.fixed: Index = np.concatenate([NO_ROWS, *(t.fixed for t in tasks)])
+        self.over: Over | None = None
+        """What there was before everything was begun anew; none: it was not."""
+        self.anew = rules.datum == "free"
+        """Whether everything may be begun anew: once in a run."""
+
+    def run(self) -> tuple[IncrementalState, Verdicts]:
+        """Work the list off; where a new base was made, test again what had been left out."""
+        before = self.state
+        self._work()
+        self._test_by_adjusting(self.told)
+        if self.growing and isinstance(system := self.state.system, FrontSystem):
+            ledger = self.state.ledger
+            system, renewal = advanced(before.renewal, ledger, system, self.rules)
+            self.state = replace(self.state, system=system, renewal=renewal)
+        told = before.ledger.rows.verdicts
+        again = self._fitting_by_now(before.system)
+        if len(again):
+            ledger = self.state.ledger.moved(again, "waiting", "tested again")
+            self.state = replace(self.state, ledger=ledger)
+            parts = np.array_split(again, -(-len(again) // AT_ONCE))
+            self.tasks = [Task(part) for part in parts]
+            self._work()
+            self._test_by_adjusting(ledger.ids_of(again))
+            still = self.state.ledger.rows.among(again, "suspect")
+            first = {v.id: v for row in still.tolist() for v in told[row]}
+            ledger = self.state.ledger.moved(still, "suspect", "tested again", first)
+            self.state = replace(self.state, ledger=ledger)
+        if self.state.ledger.sides:
+            self.state = self.state.on_fronts()
+            ledger = examined(self.state.ledger, self.state.fronts, self.rules)
+            self.state = replace(self.state, ledger=ledger)
+        return self.state, self.told
+
+    def _work(self) -> None:
+        while self.tasks or self.over:
+            if self.tasks:
+                self._look_at(self.tasks.pop(0))
+                self._merge()
+            else:
+                self._decide_whether_anew()
+
+    def _test_by_adjusting(self, ids: Collection[str]) -> None:
+        """Test again by adjusting what failed on linear forms that do not hold that far."""
+        told = [self.told[i] for i in ids if i in self.told]
+        failed = [v.id for v in told if v.verdict == self.rules.failed and v.dof]
+        ledger, system = self.state.ledger, self.state.system
+        if system is None or not failed:
+            return
+        system = system.fronts if isinstance(system, ISAM2System) else system
+        ledger, found, entered = tested_by_readjustment(
+            ledger, system, ledger.find(failed), self.rules, self.given
+        )
+        self.told |= {v.id: v for v in entered}
+        if entered:
+            self.state = IncrementalState(ledger, found, settled=False)
+        self._name_contradicted(ledger, found, ledger.find(failed)[-MAX_UNITS_TESTED:])
+
+    def _name_contradicted(self, ledger: Ledger, system: FrontSystem, rows: Index) -> None:
+        """Name the readings that alone tell a side, without which others would fit."""
+        failed = self.rules.failed
+        for row in ledger.rows.among(rows, failed).tolist() if ledger.sides else ():
+            if doubt := contradicted(ledger, system, row, self.rules):
+                ids = ledger.unit(row).ids
+                told = {i: replace(self.told[i], doubt=doubt) for i in ids if i in self.told}
+                self.told |= told
+                ledger = ledger.moved(np.array([row]), failed, "tested by adjusting", told)
+        self.state = replace(self.state, ledger=ledger)
+
+    def _merge(self) -> None:
+        """Adjust the whole network where its sections have taken as long by now."""
+        ledger, system = self.state.ledger, self.state.system
+        if system is None or system.section is None or not is_due(system.section):
+            return
+        draft = Draft.of(ledger, system, self.rules.datum)
+        system.whole.base.forget()  # two of them may be more than there is memory for
+        close = min(EFFORT.again, self.rules.accuracy)
+        found = draft.adjusted(self.rules.datum, tolerances=(close,))
+        if not isinstance(found, FrontSystem):  # the section stands for the whole a little longer
+            found = replace(system, section=replace(system.section, work=0))
+        elif system.section.looked is not None:
+            found = replace(found, drift=system.section.looked.drift.anew())
+        self.state = replace(self.state, system=found)
+
+    def _fitting_by_now(self, before: FrontSystem | ISAM2System | None) -> Index:
+        """Return suspects that may fit now that a base is new.
+
+        Beside a new section only those are looked at of which it has everything.
+        """
+        ledger, system = self.state.ledger, self.state.system
+        if self.rules.policy != "flag" or (system is not None and system.doubt):
+            return NO_ROWS
+        suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(self.told))
+        if system is None or before is None or isinstance(system, ISAM2System):
+            return NO_ROWS
+        if isinstance(before, ISAM2System) or system.base is before.base:
+            return NO_ROWS
+        return Candidates(ledger, known_in(replace(system, section=None)), suspects).ready
+
+    # -- one task -----------------------------------------------------------------------------
+
+    def _look_at(self, task: Task) -> None:
+        """Find what of a task, and of what waits with it, is determined, and put it in."""
+        ledger, system = self.state.ledger, self.state.system
+        rows = ledger.rows.among(task.rows, "waiting")  # an earlier task may have taken some in
+        if not len(rows):
+            return
+        candidates = Candidates(ledger, known_in(system), rows)
+        begins = system is None and self.rules.datum == "free"
+        ready = NO_ROWS if begins else candidates.ready
+        late = rows if begins else candidates.late
+        if self._enters_at_once(task, candidates):
+            return
+        found = self._found(task, candidates, late, "free" if begins else "given")
+        if begins and len(found) > 1:  # a free network is one connected part
+            found = [max(found, key=lambda e: ledger.n_scalars(e.rows))]
+        if found or (len(ready) and system is not None):
+            self._enter(task, ready, found)
+        elif len(ready):  # beside weighted unknowns, if there are any
+            with suppress(AdjustmentError):
+                self._enter(task, ready, found)
+
+    def _enters_at_once(self, task: Task, candidates: Candidates) -> bool:
+        """Put a task into a tree without a local adjustment, if all of it fits there."""
+        system, ready, late = self.state.system, candidates.ready, candidates.late
+        if not isinstance(system, ISAM2System) or self.start is not None or not len(late):
+            return False
+        before = self.state
+        found = self._found(task, candidates, late, "given", at_once=True)
+        coming = np.concatenate([NO_ROWS, *(e.rows for e in found)])
+        if np.isin(late, coming).all():
+            fixed = np.append(task.fixed, self.fixed)
+            entering = Entering(before.ledger, system, ready, found, fixed, self.rules, self.given)
+            with suppress(AdjustmentError):
+                if (result := entering.at_once()) is not None:
+                    self._entered(task, ready, found, result)
+                    return True
+        self.state = before
+        return False
+
+    def _found(
+        self,
+        task: Task,
+        candidates: Candidates,
+        late: Index,
+        datum: DatumChoice,
+        *,
+        at_once: bool = False,
+    ) -> list[Found]:
+        """Return what of observations with open variables, and of what waits, may enter.
+
+        Args:
+            task: the task.
+            candidates: its observations.
+            late: those with open variables.
+            datum: ``free`` for the beginning of a free network.
+            at_once: whether only that is asked for which needs no adjustment of its own.
+        """
+        if not len(late):
+            return []
+        ledger = self.state.ledger
+        several = late
+        if task.most == np.inf:
+            coming = np.concatenate([candidates.rows, *(t.rows for t in self.tasks if t.asked)])
+            waiting = np.setdiff1d(ledger.having("waiting"), coming)
+            several = np.union1d(late, waiting)
+        lacks: dict[Variable | str, str] = {}
+        touched = candidates.only(late).counts
+        left = Search(candidates.only(several), datum, lacks).counted(touched)
+        parts = [p for p in left.only(left.late).parts() if np.isin(p, late).any()]
+        if at_once:
+            found = [Search(left.only(p), datum, lacks).at_once() for p in parts]
+        else:
+            found = find_in_parts(
+                left,
+                parts,  # of which something has just come
+                datum,
+                lacks,
+                blunders=self.rules.policy != "accept",
+                alpha=self.rules.alpha,
+                start=self.start,
+            )
+        self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
+        return found
+
+    def _enter(self, task: Task, ready: Index, found: list[Found]) -> None:
+        """Put observations in with what enters with them; see `entry`."""
+        before = self.state
+        fixed = np.append(task.fixed, self.fixed)
+        entering = Entering(
+            before.ledger, before.system, ready, found, fixed, self.rules, self.given
+        )
+        try:
+            result = entering.run()
+        except InputError as error:
+            if task.asked or not self._impossible(task, ready, error):
+                raise
+            return
+        if isinstance(result, Entered):
+            self._entered(task, ready, found, result)
+        elif result.loses_datum and self.anew and before.system is not None:
+            self._begin_anew(task, result.noticing)
+        else:
+            self._wait_on(task, ready, found)
+
+    def _entered(self, task: Task, ready: Index, found: list[Found], result: Entered) -> None:
+        """Take over what has entered, and look at what that awakes."""
+        before = self.state
+        self.told |= {v.id: v for v in result.verdicts}
+        self.state = IncrementalState(_with_oriented(result, found), result.system, settled=False)
+        if result.system is None:
+            return
+        # What lies between constants has waited for anything, and while there was no minimum
+        # whatever came with an unknown of its own has waited.
+        if before.system is None or (before.system.doubt and not result.system.doubt):
+            self.tasks.append(Task(result.ledger.having("waiting")))
+        else:
+            self._awake(result.new)
+        if found and len(ready):
+            self.tasks.insert(0, Task(ready, task.fixed))  # those that still wait
+
+    def _impossible(self, task: Task, ready: Index, error: InputError) -> bool:
+        """Let those wait whose geometry has no answer; return whether there are any."""
+        ledger = self.state.ledger
+        about: dict[str, str] = {}
+        for p in error.problems:  # they name an observation, or one of its components
+            where = p.where or ""
+            about |= {where: str(p), where.rpartition(" ")[0]: str(p)}
+        lacks: dict[Variable | str, str] = {}
+        bad: list[int] = []
+        for row, unit in zip(ready.tolist(), ledger.units(ready), strict=True):
+            told = [about[o.label()] for o in unit.observations if o.label() in about]
+            if told:
+                lacks[unit.ids[0]] = told[0]
+                bad.append(row)
+        if bad:
+            self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
+            self.tasks.insert(0, task._replace(rows=np.setdiff1d(task.rows, bad)))
+        return bool(bad)
+
+    def _awake(self, new: Collection[Variable]) -> None:
+        """Look at what waits and touches what has become known."""
+        if not new:
+            return
+        ledger = self.state.ledger
+        waiting = Candidates(ledger, known_in(self.state.system), ledger.having("waiting"))
+        if len(touching := waiting.touching(new)):
+            self.tasks.append(Task(touching))
+
+    def _wait_on(self, task: Task, ready: Index, found: Sequence[Found]) -> None:
+        """Let what was to enter wait; try what is ready alone, and what is left in parts."""
+        ledger, system = self.state.ledger, self.state.system
+        entering = np.unique(np.concatenate([NO_ROWS, *(e.rows for e in found)]))
+        if len(ready) and found:
+            self.tasks.insert(0, Task(ready, task.fixed))
+        candidates = Candidates(ledger, known_in(system), entering)
+        lacks = dict.fromkeys(candidates.counts, TOO_WEAK)
+        self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
+        doubted = system is not None and bool(system.doubt)
+        # Fewer each time, or it would not end; and nothing helps where there was no minimum before.
+        if not doubted and len(entering) < task.most:
+            for part in self._fewer(candidates, found):
+                self.tasks.append(Task(part, task.fixed, most=len(entering)))
+
+    @staticmethod
+    def _fewer(candidates: Candidates, found: Sequence[Found]) -> list[Index]:
+        """Split what reached no solution together: what is firm before the rest, or in halves."""
+        parts = [p for e in found for p in e.parts]
+        if len(parts) > 1:
+            half = len(parts) // 2
+            return [np.concatenate(some) for some in (parts[:half], parts[half:])]
+        inside = well_determined(candidates)
+        return [inside, np.setdiff1d(candidates.rows, inside)] if len(inside) else []
+
+    # -- beginning anew -----------------------------------------------------------------------
+
+    def _begin_anew(self, task: Task, noticing: Index) -> None:
+        """Find out anew what is determined, now that something notices what the datum left open.
+
+        Parts of a free network that do not notice it are loose then.
+        """
+        self.over = Over(self.state, dict(self.told), self.tasks, self.fixed, task, noticing)
+        self.anew = False
+        ledger = self.state.ledger
+        inside = ledger.having("accepted")
+        self.fixed = np.append(self.fixed, inside)
+        ledger = ledger.moved(inside, "waiting", "anew")
+        self.state = IncrementalState(ledger, None, settled=False)
+        self.tasks = [Task(ledger.having("waiting"))]
+
+    def _decide_whether_anew(self) -> None:
+        """Keep what was found anew where it is more than before.
+
+        Otherwise what notices motions that the datum left open waits, and the rest is looked at.
+        """
+        assert self.over is not None
+        (before, told, tasks, fixed, task, noticing), self.over = self.over, None
+        was, now = (s.ledger.n_scalars(s.ledger.having("accepted")) for s in (before, self.state))
+        if now > was and self.state.system is not None:
+            return
+        self.told, self.fixed, self.tasks = told, fixed, tasks
+        ledger = before.ledger
+        lacks = {ledger.rows.ids(ledger.names, row)[0]: OPEN for row in noticing.tolist()}
+        self.state = replace(before, ledger=ledger.with_lacks(lacks))
+        if len(noticing):
+            self.tasks.insert(0, task._replace(rows=np.setdiff1d(task.rows, noticing)))
+
+
+def _with_oriented(result: Entered, found: Sequence[Found]) -> Ledger:
+    """Return the ledger with how the photos that have entered were oriented."""
+    entered = {name for kind, name in result.new if kind == "pose"}
+    how = {name: words for e in found for name, words in e.oriented.items() if name in entered}
+    ledger = result.ledger
+    return replace(ledger, oriented={**ledger.oriented, **how}) if how else ledger

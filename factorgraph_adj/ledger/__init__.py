@@ -1,0 +1,1 @@
+"""What has arrived, what became of it, and the journal of that."""

@@ -1,0 +1,144 @@
+"""What is given to commands: one thing or several, each of the right sort."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, TypeVar
+
+from ..errors import InputError, Problem
+from ..graph.dependence import Variable
+from ..graph.made import MakesFactor
+from ..network.additions import UnknownsGiven
+from ..network.entities import Camera, Photo, Point, parameter_name
+from ..observations import AnyObservation, Correlated, Observation
+
+Thing = TypeVar("Thing")
+"""What is given to a command, alone or with others."""
+
+
+class Input(NamedTuple):
+    """What is given to an adjustment at once."""
+
+    observations: list[AnyObservation]
+    """Observations."""
+    points: list[Point]
+    """New points."""
+    photos: list[Photo]
+    """New photos."""
+    cameras: list[Camera]
+    """New cameras."""
+    unknowns: UnknownsGiven
+    """New unknowns of other kinds, by kind and key."""
+    factors: dict[str, MakesFactor]
+    """Functions that make factors, by name."""
+
+    def refuse_factors(self) -> None:
+        """Refuse what a journal cannot hold.
+
+        Raises:
+            InputError: there are factors.
+        """
+        if self.factors:
+            raise InputError(
+                "this adjustment keeps a journal, which cannot hold a factor: register a kind of "
+                "observation (register_observation), or do without the journal"
+            )
+
+    @property
+    def describes(self) -> bool:
+        """Whether there is anything besides observations and factors."""
+        return bool(self.points or self.photos or self.cameras or self.unknowns)
+
+    @property
+    def variables(self) -> list[Variable]:
+        """Kind and name of everything that is described."""
+        return [
+            *(("point", p.name) for p in self.points),
+            *(("pose", f.name) for f in self.photos),
+            *(("calibration", c.name) for c in self.cameras),
+            *((k, parameter_name(key)) for k, given in self.unknowns.items() for key in given),
+        ]
+
+    @classmethod
+    def of(
+        cls,
+        observations: object,
+        points: object,
+        photos: object,
+        cameras: object,
+        unknowns: object,
+        factors: Mapping[str, MakesFactor] | None,
+    ) -> Input:
+        """Return things, of each sort one or several; factors by name.
+
+        Raises:
+            InputError: everything that is of another sort.
+        """
+        noun = "observation: see factorgraph_adj.observations"
+        return cls(
+            listed(observations, noun, Observation, Correlated),
+            listed(points, "fga.Point", Point),
+            listed(photos, "fga.Photo", Photo),
+            listed(cameras, "fga.Camera", Camera),
+            _by_kind(unknowns),
+            _by_name(factors),
+        )
+
+
+def _by_kind(unknowns: object) -> UnknownsGiven:
+    """Return unknowns by kind and key, as ``Network.parameters`` has them.
+
+    Raises:
+        InputError: they are something else.
+    """
+    if unknowns is None:
+        return {}
+    if not isinstance(unknowns, Mapping) or not all(
+        isinstance(given, Mapping) for given in unknowns.values()
+    ):
+        raise InputError(
+            "give unknowns by kind and name, as the parameters of a scratch network: "
+            "unknowns=scratch.parameters"
+        )
+    return {kind: dict(given) for kind, given in unknowns.items() if given}
+
+
+def _by_name(factors: object) -> dict[str, MakesFactor]:
+    """Return functions that make factors, by name.
+
+    Raises:
+        InputError: they have no names.
+    """
+    if factors is None:
+        return {}
+    if not isinstance(factors, Mapping) or not all(n and isinstance(n, str) for n in factors):
+        raise InputError("give factors by name: factors={'name': lambda key: …}")
+    return dict(factors)
+
+
+def listed(given: object, noun: str, *kinds: type[Thing]) -> list[Thing]:
+    """Return one thing, or several, as a list.
+
+    Args:
+        given: the things.
+        noun: what each of them should be, for messages.
+        kinds: what each of them may be.
+
+    Raises:
+        InputError: everything that is something else.
+    """
+    several = isinstance(given, Iterable) and not isinstance(given, str)
+    items: list[Any] = list(given) if several else [given]  # type: ignore[call-overload]
+    problems = [Problem(f"is no {noun}", repr(i)[:80]) for i in items if not isinstance(i, kinds)]
+    if problems:
+        raise InputError(problems)
+    return items
+
+
+def ids_in(given: str | Iterable[str]) -> list[str]:
+    """Return ids as a list.
+
+    Raises:
+        InputError: everything that is no text.
+    """
+    return listed(given, "id: an id is a text", str)

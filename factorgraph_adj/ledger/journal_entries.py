@@ -1,0 +1,417 @@
+"""What stands in the lines of a journal, and how they are read back.
+
+The first line has the options and the network at the start as the files of a project. Every other
+line is one change that counts: what was asked (``do``), new points, photos, cameras and other
+``unknowns`` (records with their ``kind``), the observations that are new or changed, the ids that
+became ``gone``, ``accepted``, ``waiting``, ``suspect`` or ``rejected``, and why (``causes``); what
+is said of what waits (``lacks``); how photos without poses were oriented (``oriented``); which
+readings have moved points to their other sides (``sides``, all of them where that has changed);
+what was retired (``retired``), or that all of it was taken back (``taken_back``), see
+`retirement`. Image points stand in ``images``, those of a photo with the same outcome together.
+Reading back needs no test again.
+
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import MISSING, asdict, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, Problem, known
+from ..io.json_records import (
+    camera_fields,
+    camera_of,
+    network_files,
+    network_of,
+    observation_fields,
+    observation_of,
+    photo_fields,
+    photo_of,
+    point_fields,
+    point_of,
+    unknown_fields,
+    unknown_of,
+)
+from ..models.variables import VariableKind
+from ..network.entities import ImageTable, Key, Parameter
+from ..network.network import Network
+from ..observations import Correlated, Observation
+from ..observations.identity import identity
+from ..types import Array, Index
+from .input import Input
+from .ledger import Ledger
+from .options import Options
+from .row_store import GONE, Rows, Unit
+from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Side, Verdict
+
+_FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
+FIELDS = (
+    *("do", "cameras", "points", "unknowns", "photos", "observations", "images"),
+    *("gone", *OUTCOMES, "causes", "lacks", "found", "unweighted", "oriented", "sides"),
+    *("retired", "taken_back"),
+)
+"""Fields of a line after the first."""
+_TOLD = ("suspect", "rejected")
+"""Outcomes whose lines have the figures of verdicts."""
+
+
+def header(network: Network, options: Mapping[str, object]) -> dict[str, Any]:
+    """Return the first line."""
+    return {"options": dict(options), "files": network_files(network)}
+
+
+def start_of(
+    line: Mapping[str, Any], where: str, folder: Path, geoids: Collection[str], allow_outside: bool
+) -> tuple[Network, Options]:
+    """Return network and options of the first line.
+
+    Args:
+        line: the first line.
+        where: file and line.
+        folder: folder of the journal, in which a geoid may lie.
+        geoids: further paths of geoids that may be read.
+        allow_outside: whether the geoid may lie anywhere.
+
+    Raises:
+        InputError: the line has no network or options, or wrong ones.
+    """
+    files, options = (line.get(part) for part in ("files", "options"))
+    wanted = {f.name for f in fields(Options)}
+    if not isinstance(files, Mapping):
+        raise InputError(Problem("the line has no files of a network", where))
+    optional = {f.name for f in fields(Options) if f.default is not MISSING}
+    if not isinstance(options, Mapping) or not wanted - optional <= set(options) <= wanted:
+        what = f"the options must be {', '.join(sorted(wanted))}, not {options!r:.80}"
+        raise InputError(Problem(what, where))
+    network = network_of(files, home=folder, geoids=geoids, allow_outside=allow_outside)
+    return network, Options(**options)
+
+
+def entities(before: Network, after: Network, given: Input) -> dict[str, Any]:
+    """Return the fields of what is new beside observations, as a network has checked it.
+
+    Args:
+        before: the network before.
+        after: the network with what is new.
+        given: what is new, and approximate values of points that were there.
+    """
+    new = [after.points[p.name] for p in given.points if p.name not in before.points]
+    found = {
+        "cameras": [camera_fields(after.cameras[c.name]) for c in given.cameras],
+        "points": [point_fields(p) for p in new],
+        "unknowns": [
+            unknown_fields(kind, key, p)
+            for kind, of in given.unknowns.items()
+            for key, p in of.items()
+        ],
+        "photos": [photo_fields(after.photos[f.name]) for f in given.photos],
+    }
+    return {k: v for k, v in found.items() if v}
+
+
+# -- writing --------------------------------------------------------------------------------------
+
+
+def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
+    """Return what a line says of a change: everything that is not where or what it was.
+
+    Args:
+        before: the ledger of the last line.
+        after: the ledger now, with its changes since then.
+    """
+    n, rows = before.rows.n, after.rows
+    was = np.append(before.rows.status, np.full(rows.n - n, GONE, dtype=np.int8))
+    changed = np.flatnonzero(was != rows.status)
+    out: dict[str, Any] = {}
+    defined: list[dict[str, Any]] = []
+    causes: dict[str, list[str]] = {}
+    for row, unit in rows.units(changed):
+        code, cause = int(rows.status[row]), after.causes[row]
+        ids = list(unit.ids) if code != GONE else after.missing(unit.ids)
+        if row >= n:
+            defined.append(definition(unit))
+        outcome = "gone" if code == GONE else OUTCOMES[code]
+        if outcome in _TOLD:
+            told = {v.id: figures(v) for v in rows.verdicts.get(row, ())}
+            out.setdefault(outcome, {}).update({i: told.get(i, {}) for i in ids})
+        elif ids:
+            out.setdefault(outcome, []).extend(ids)
+        if ids and cause != "arrival":
+            causes.setdefault(cause, []).extend(ids)
+    images = _images(after, rows.images(changed), n)
+    more = {"observations": defined, "images": images, "causes": causes}
+    more["found"] = {kind: dict(values) for kind, values in after.filled.items()}
+    more["unweighted"] = list(after.unweighted)
+    more["oriented"] = dict(after.oriented)
+    more["lacks"] = _lacks(before, after)
+    if after.sides != before.sides:
+        out["sides"] = {ident: asdict(side) for ident, side in after.sides.items()}
+    return out | {name: found for name, found in more.items() if found}
+
+
+def everything_of(
+    ledger: Ledger, rows: Index, points: Collection[str], photos: Collection[str]
+) -> dict[str, Any]:
+    """Return the line that takes some rows, points and photos in again, as they are.
+
+    Args:
+        ledger: where they are.
+        rows: the rows.
+        points: names of the points.
+        photos: names of the photos.
+    """
+    status = np.full(ledger.rows.n, GONE, dtype=np.int8)
+    status[rows] = ledger.rows.status[rows]
+    told = ledger.rows.verdicts
+    causes = {r: told[r][0].cause if told.get(r) else "" for r in rows.tolist()}
+    mine = replace(
+        ledger,
+        rows=replace(ledger.rows, status=status),
+        causes={r: cause or "arrival" for r, cause in causes.items()},
+        filled={},
+        unweighted=(),
+        oriented={},
+    )
+    network = ledger.network
+    found = {
+        "points": [point_fields(p) for n, p in network.points.items() if n in points],
+        "photos": [photo_fields(f) for n, f in network.photos.items() if n in photos],
+    }
+    return {k: v for k, v in found.items() if v} | difference(replace(mine, rows=Rows()), mine)
+
+
+def _lacks(before: Ledger, after: Ledger) -> list[list[str]]:
+    """Return why variables (kind, name, why) and observations (id, why) wait, where that is new.
+
+    The reason is empty where it is none any more.
+    """
+    was, now = before.lacks, after.lacks
+    if was is now:
+        return []
+    changed = {key: why for key, why in now.items() if was.get(key) != why}
+    changed |= dict.fromkeys(was.keys() - now.keys(), "")
+    return [[*((key,) if isinstance(key, str) else key), why] for key, why in changed.items()]
+
+
+def _images(after: Ledger, changed: Index, first: int) -> list[dict[str, Any]]:
+    """Return the image points that changed, by photo, outcome and cause.
+
+    Args:
+        after: the ledger now.
+        changed: rows of the image points.
+        first: the first row that the last line did not have.
+    """
+    rows, names = after.rows, after.names
+    parts: dict[tuple[int, int, str, bool], list[int]] = {}
+    for row in changed.tolist():
+        key = int(rows.photo[row]), int(rows.status[row]), after.causes[row], row >= first
+        parts.setdefault(key, []).append(row)
+    records = []
+    for (photo, status, cause, is_new), mine in parts.items():
+        record: dict[str, Any] = {
+            "photo": names.photos[photo],
+            "outcome": "gone" if status == GONE else OUTCOMES[status],
+            "points": [names.points[p] for p in rows.point[mine].tolist()],
+        }
+        if cause != "arrival":
+            record["cause"] = cause
+        if is_new:
+            record |= {"xy": rows.xy[mine].tolist(), "sigma": rows.sigma[mine].tolist()}
+            sources = rows.room.sources
+            given = {str(i): sources[r] for i, r in enumerate(mine) if r in sources}
+            record |= {"sources": given} if given else {}
+        own = {str(i): rows.room.ids[r] for i, r in enumerate(mine) if r in rows.room.ids}
+        record |= {"ids": own} if own else {}
+        told = [figures(v) for r in mine for v in rows.verdicts.get(r, (None,))]
+        if any(told):
+            record["figures"] = told
+        records.append(record)
+    return records
+
+
+def definition(unit: Unit) -> dict[str, Any]:
+    """Return the fields of a unit, with the ids of its observations."""
+    ids = unit.ids if isinstance(unit.item, Correlated) else unit.ids[0]
+    return dict(observation_fields(unit.item, id=ids if isinstance(ids, str) else list(ids)))
+
+
+def figures(verdict: Verdict | None) -> dict[str, Any]:
+    """Return the numbers of a verdict, if there is one; those that are not finite are left out."""
+    if verdict is None:
+        return {}
+    out: dict[str, Any] = {"components": list(verdict.components), "dof": verdict.dof}
+    for name in _FIGURES:
+        values = getattr(verdict, name)
+        if values is not None:
+            out[name] = [x if math.isfinite(x) else None for x in values.tolist()]
+    for name in ("t2", "critical"):
+        value = getattr(verdict, name)
+        if math.isfinite(value):
+            out[name] = value
+    return out | ({"doubt": verdict.doubt} if verdict.doubt else {})
+
+
+# -- reading back ---------------------------------------------------------------------------------
+
+
+def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
+    """Return the ledger after a line.
+
+    Raises:
+        InputError: it has a field that no line has, names observations that no line before it
+            has, or something is wrong with what it defines.
+    """
+    if unknown := [name for name in line if name not in FIELDS]:
+        raise InputError(
+            Problem(f"unknown field {name!r}; valid: {known(FIELDS, meant=name)}", where)
+            for name in unknown
+        )
+    with reading(where):
+        return _after(line, ledger, where)
+
+
+@contextmanager
+def reading(where: str) -> Iterator[None]:
+    """Say in every error where the line stands that is read.
+
+    Raises:
+        InputError: what is wrong with the line.
+    """
+    try:
+        yield
+    except InputError as error:
+        told = [p if p.where.startswith(where) else p.at(where) for p in error.problems]
+        raise InputError(told) from None
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        what = f"the line is damaged: {type(error).__name__} {error!s:.80}"
+        raise InputError(Problem(what, where)) from error
+
+
+def _after(line: Mapping[str, Any], ledger: Ledger, where: str) -> Ledger:
+    cameras = [camera_of(c) for c in line.get("cameras", ())]
+    points = [point_of(p, frame=ledger.network.frame) for p in line.get("points", ())]
+    photos = [photo_of(f, frame=ledger.network.frame) for f in line.get("photos", ())]
+    unknowns: dict[VariableKind, dict[Key, Parameter]] = {}
+    for record in line.get("unknowns", ()):
+        kind, key, stated = unknown_of(record)
+        unknowns.setdefault(kind, {})[key] = stated
+    if cameras or points or photos or unknowns:
+        ledger = ledger.with_entities(points, photos, cameras, unknowns)
+    items = [observation_of(fields) for fields in line.get("observations", ())]
+    members = [o for i in items for o in (i.observations if isinstance(i, Correlated) else (i,))]
+    for o in members:
+        ledger.network.check_names(o, set())
+    ids = [identity(o) or "" for o in members]
+    ledger = ledger.moved(ledger.find([*ids, *line.get("gone", ())]), None, "journal")
+    ledger, _ = ledger.appended(items, "journal")
+    numbers = [int(i) + 1 for i in ids if i.isdecimal()]
+    ledger = replace(ledger, next=max([ledger.next, *numbers]))
+    causes = {i: cause for cause, ids in line.get("causes", {}).items() for i in ids}
+    for outcome in OUTCOMES:
+        told = line.get(outcome, ())
+        if missing := ledger.missing(told):
+            what = f"observation {missing[0]!r} is not known here: a line before is missing"
+            raise InputError(Problem(what, where))
+        ledger = _moved(ledger, ledger.find(told), outcome, told, causes)
+    for record in line.get("images", ()):
+        ledger = _replay_images(ledger, record, where)
+    if line.get("unweighted"):
+        ledger = ledger.without_weights(line["unweighted"])
+    for kind, values in line.get("found", {}).items():
+        found = {n: np.array(v, dtype=float) for n, v in values.items()}
+        ledger = ledger.with_values(kind, found)
+    changed = {tuple(key) if len(key) > 1 else key[0]: why for *key, why in line.get("lacks", ())}
+    kept = {key: why for key, why in ({**ledger.lacks, **changed}).items() if why}
+    if "sides" in line:
+        ledger = replace(ledger, sides={i: _side(s) for i, s in line["sides"].items()})
+    return replace(ledger, lacks=kept).recorded()[0]
+
+
+def _side(given: Mapping[str, Any]) -> Side:
+    x, y, z = (float(value) for value in given["other"])
+    return Side(str(given["point"]), (x, y, z), float(given["moved"]), bool(given["alone"]))
+
+
+def _moved(
+    ledger: Ledger,
+    rows: Index,
+    outcome: Outcome,
+    told: Mapping[str, Any] | Sequence[str],
+    causes: Mapping[str, str],
+) -> Ledger:
+    """Return the ledger where rows have an outcome, with the figures and causes of verdicts."""
+    verdicts: dict[str, Verdict] = {}
+    figures_of = told if isinstance(told, Mapping) else {}
+    for unit in ledger.units(rows) if figures_of else ():
+        for i, o in zip(unit.ids, unit.observations, strict=True):
+            found = _verdict(i, o, unit.points, outcome, figures_of.get(i, {}))
+            cause = causes.get(i, "")
+            verdicts[i] = replace(found, cause=cause) if cause in TOLD_CAUSES else found
+    return ledger.moved(rows, outcome, "journal", verdicts)
+
+
+def _replay_images(ledger: Ledger, record: Mapping[str, Any], where: str) -> Ledger:
+    """Return the ledger after a record of image points."""
+    names, photo = ledger.names, record["photo"]
+    points = [names.point.get(n, -1) for n in record["points"]]
+    if photo not in names.photo or -1 in points:
+        what = f"photo {photo!r} or a point of its is not known: a line before is missing"
+        raise InputError(Problem(what, where))
+    if "xy" in record:
+        table = ImageTable()
+        xy, sigma = (np.array(record[c], dtype=float) for c in ("xy", "sigma"))
+        of_photo = np.full(len(points), names.photo[photo], dtype=np.intp)
+        table.append(of_photo, np.array(points, dtype=np.intp), xy, sigma)
+        table.ids = {int(i): name for i, name in record.get("ids", {}).items()}
+        table.sources = {int(i): name for i, name in record.get("sources", {}).items()}
+        ledger, rows = ledger.with_images(table, "journal")
+    else:
+        measured = ledger.rows.measured(names.photo[photo], np.array(points, dtype=np.intp))
+        # A point may have been measured again after it was rejected: ids tell the two apart.
+        own = ledger.rows.room.ids
+        row_of = {(int(ledger.rows.point[r]), own.get(r)): r for r in measured.tolist()}
+        given = record.get("ids", {})
+        keys = [(p, given.get(str(i))) for i, p in enumerate(points)]
+        if not row_of.keys() >= set(keys):
+            what = f"an image point in {photo!r} is not known: a line before is missing"
+            raise InputError(Problem(what, where))
+        rows = np.array([row_of[k] for k in keys], dtype=np.intp)
+    if record["outcome"] == "gone":
+        return ledger.moved(rows, None, "journal")
+    ids = ledger.ids_of(rows)
+    told = dict(zip(ids, record.get("figures", ()), strict=False))
+    causes = dict.fromkeys(ids, record.get("cause", ""))
+    return _moved(ledger, rows, record["outcome"], told or (), causes)
+
+
+def _verdict(
+    ident: str, o: Observation, points: tuple[str, ...], outcome: Outcome, given: Mapping[str, Any]
+) -> Verdict:
+    known: dict[str, Any] = {name: _array(given.get(name)) for name in _FIGURES}
+    if known["sigma"] is not None:
+        known["sigma"] = np.where(np.isnan(known["sigma"]), np.inf, known["sigma"])
+    return Verdict(
+        ident,
+        o.kind,
+        o.label(),
+        outcome,
+        tuple(given.get("components", ())),
+        t2=given.get("t2", np.nan),
+        dof=given.get("dof", 0),
+        critical=given.get("critical", np.nan),
+        doubt=str(given.get("doubt", "")),
+        points=points,
+        **known,
+    )
+
+
+def _array(values: Sequence[float | None] | None) -> Array | None:
+    if values is None:
+        return None
+    return np.array([np.nan if x is None else x for x in values], dtype=float)

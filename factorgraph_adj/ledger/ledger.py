@@ -1,0 +1,475 @@
+"""The ledger: every observation that has arrived, what became of it, and why.
+
+A ledger is a value: every change returns another one, and notes the change with its cause. What is
+noted becomes a line of the journal.
+
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import isnan
+from typing import Any
+
+import numpy as np
+
+from ..errors import MOST_COMPARED, InputError, Problem, similar
+from ..graph.dependence import Variable, components
+from ..models.variables import UNKNOWNS, VariableKind
+from ..network.additions import NO_UNKNOWNS, UnknownsGiven, add_entities
+from ..network.entities import Camera, ImageTable, Photo, Point, parameter_name, triple
+from ..network.network import Network
+from ..network.selection import without
+from ..observations import AnyObservation, Correlated, ImagePoint, Observation
+from ..observations.identity import identity, named
+from ..types import Array, Index
+from .retired import Retired
+from .row_store import CODE, GONE, Names, Room, Rows, Unit
+from .verdicts import OUTCOMES, Outcome, Side, Verdict
+
+
+@dataclass(frozen=True, eq=False)
+class Ledger:
+    """Everything that was described and observed."""
+
+    network: Network
+    """Points, photos and other unknowns; it has no observations."""
+    names: Names
+    """Names of its photos and points."""
+    rows: Rows
+    """Observations, correlated groups and image points, in the order of arrival."""
+    lacks: Mapping[Variable | str, str] = field(default_factory=dict)
+    """Why variables are not determined, and why observations, by their first ids, still wait."""
+    next: int = 1
+    """Number from which ids are given to observations without one."""
+    causes: Mapping[int, str] = field(default_factory=dict)
+    """Why rows have changed since the last line of the journal."""
+    filled: Mapping[VariableKind, Mapping[str, Sequence[float]]] = field(default_factory=dict)
+    """Approximate values that were found since then."""
+    unweighted: tuple[str, ...] = ()
+    """Weighted unknowns that lost their weights since then."""
+    oriented: Mapping[str, str] = field(default_factory=dict)
+    """How photos without poses were oriented since then, by name."""
+    sides: Mapping[str, Side] = field(default_factory=dict)
+    """Points that readings have moved to their other sides, by the first id of the reading."""
+    sizes: dict[Variable, tuple[int, int]] = field(default_factory=dict)
+    """What `needs` has found for this network."""
+    clock: int = 1
+    """Number of the command in hand."""
+    retired: Retired | None = None
+    """What stands for all that was retired; none: nothing was."""
+
+    @classmethod
+    def of(cls, network: Network) -> Ledger:
+        """Return a ledger with the observations of a network, all accepted."""
+        bare = network.copy()
+        bare.observations, bare.clusters, bare.images = {}, [], ImageTable()
+        group = {i: (ids, cov) for ids, cov in network.clusters for i in ids}
+        units: dict[str, Unit] = {}
+        for ident in network.observations:
+            ids, covariance = group.get(ident, ((ident,), None))
+            if ids[0] not in units:
+                found = [named(network.observations[i], i) for i in ids]
+                units[ids[0]] = Unit.of(network, found, covariance)
+        rows = Rows().with_more(Room.of_units(units.values()), "accepted")
+        return cls(bare, Names.of(bare), rows.with_more(Room(network.images), "accepted"))
+
+    # -- arrivals -----------------------------------------------------------------------------
+
+    def with_entities(
+        self,
+        points: Sequence[Point],
+        photos: Sequence[Photo],
+        cameras: Sequence[Camera],
+        unknowns: UnknownsGiven = NO_UNKNOWNS,
+    ) -> Ledger:
+        """Return the ledger with new points, photos, cameras and other unknowns.
+
+        A point that is there without coordinates takes those of one that has nothing else, as
+        approximate values.
+
+        Raises:
+            InputError: every other name that is there already, unknown cameras and points, and
+                unknowns that observations that are there would notice.
+        """
+        network = self.network.copy()
+        placed = {p.name: p for p in points if self._places(p)}
+        new = [p for p in points if placed.get(p.name) is not p]
+        problems = add_entities(
+            network, points=new, photos=photos, cameras=cameras, unknowns=unknowns
+        )
+        problems += self._noticed_late(network, unknowns)
+        if self.retired is not None:
+            problems += self.retired.named_again(points, photos)
+        if problems:
+            raise InputError(problems)
+        out = replace(self, network=network, names=Names.of(network), sizes={})
+        return out.with_values("point", {n: np.array(p.coordinates) for n, p in placed.items()})
+
+    def _noticed_late(self, network: Network, unknowns: UnknownsGiven) -> Iterator[Problem]:
+        """Yield unknowns that need not be stated, where observations that are there notice them."""
+        late = {
+            (kind, parameter_name(key)): UNKNOWNS[kind].noun
+            for kind, given in unknowns.items()
+            if kind in UNKNOWNS
+            for key in given
+            if UNKNOWNS[kind].absent != "refused" or not key
+        }
+        rows = np.flatnonzero(self.rows.status != GONE) if late else ()
+        for _, unit in self.rows.units(np.asarray(rows, dtype=np.intp)):
+            now = Unit.of(network, unit.observations, unit.covariance).variables
+            for v in late.keys() & {*now, *unit.variables}:
+                what = (
+                    f"observation {unit.ids[0]!r} depends on it: state it before the first one "
+                    "that does, or remove these, and add them again"
+                )
+                yield Problem(what, f"{late.pop(v)} {v[1]!r}")
+
+    def _places(self, point: Point) -> bool:
+        """Return whether a point only has approximate values for one without coordinates."""
+        there = self.network.points.get(point.name)
+        if there is None or not any(map(isnan, there.coordinates)):
+            return False
+        if any(point.fixed) or point.sigma is not None or point.datum or point.check is not None:
+            return False
+        at = triple(point.coordinates, "coordinates", f"point {point.name!r}")
+        return not any(map(isnan, at))
+
+    def taken(self, observations: Sequence[AnyObservation]) -> tuple[Ledger, Index]:
+        """Take new observations in as waiting, each with an id; return their rows in order.
+
+        Raises:
+            InputError: unknown names, ids that are there, points measured twice in a photo: all.
+        """
+        self._refuse(observations)
+        items, number = self._numbered(observations)
+        ids = (identity(o) or "" for item in items for o in _members(item))
+        again = self.find(ids)  # rejected, or `_refuse` had refused it
+        ledger = replace(self, next=number).moved(again, None, "replaced")
+        return ledger.appended(items, "arrival")
+
+    def _numbered(self, observations: Sequence[AnyObservation]) -> tuple[list[AnyObservation], int]:
+        """Return observations that all have ids, and the next number."""
+        used = {identity(o) for item in observations for o in _members(item)}
+        number = self.next
+
+        def with_id(o: Observation) -> Observation:
+            nonlocal number
+            ident = identity(o)
+            if ident is None:
+                while str(number) in used or self.status(str(number)) != "gone":
+                    number += 1
+                ident, number = str(number), number + 1
+            return named(o, ident)
+
+        items: list[AnyObservation] = []
+        for item in observations:
+            if isinstance(item, Correlated):
+                items.append(replace(item, observations=tuple(map(with_id, item.observations))))
+            else:
+                items.append(with_id(item))
+        return items, number
+
+    def appended(self, items: Sequence[AnyObservation], cause: str) -> tuple[Ledger, Index]:
+        """Take observations in as waiting, which bear their ids; return their rows in order."""
+        is_ray = np.array([isinstance(item, ImagePoint) for item in items], dtype=bool)
+        table = ImageTable()
+        if is_ray.any():
+            table = self._table([o for o in items if isinstance(o, ImagePoint)])
+        units = []
+        for item in items:
+            if not isinstance(item, ImagePoint):
+                covariance = np.asarray(item.covariance) if isinstance(item, Correlated) else None
+                units.append(Unit.of(self.network, _members(item), covariance))
+        ledger = replace(
+            self, rows=self.rows.with_more(Room.of_units(units), "waiting", self.clock)
+        )
+        ledger, rays = ledger.with_images(table, cause)
+        n = self.rows.n
+        rows = np.empty(len(items), dtype=np.intp)
+        rows[~is_ray], rows[is_ray] = n + np.arange(len(units)), rays
+        return ledger.moved(rows, "waiting", cause), rows
+
+    def with_images(self, table: ImageTable, cause: str) -> tuple[Ledger, Index]:
+        """Take image points in as waiting; return their rows."""
+        n = self.rows.n
+        ledger = replace(self, rows=self.rows.with_more(Room(table), "waiting", self.clock))
+        rows = n + np.arange(table.size)
+        return ledger.moved(rows, "waiting", cause), rows
+
+    def _table(self, rays: Sequence[ImagePoint]) -> ImageTable:
+        out, names = ImageTable(), self.names
+        out.append(
+            np.array([names.photo[o.photo] for o in rays], dtype=np.intp),
+            np.array([names.point[o.point] for o in rays], dtype=np.intp),
+            np.array([(o.x, o.y) for o in rays], dtype=float),
+            np.array([np.broadcast_to(np.asarray(o.sigma, dtype=float), 2) for o in rays]),
+        )
+        out.ids = {i: o.id for i, o in enumerate(rays) if o.id is not None}
+        out.sources = {i: o.source for i, o in enumerate(rays) if o.source is not None}
+        return out
+
+    def _refuse(self, observations: Sequence[AnyObservation]) -> None:
+        """Refuse bad observations, all together."""
+        problems: list[Problem] = []
+        seen: set[str] = set()
+        there: dict[str, set[str]] = {}
+        every = [m for item in observations for m in _members(item)]
+        named_here = Counter(i for o in every if (i := identity(o)) is not None)
+        rows = self.find(named_here)
+        rejected = self.rows.status[rows] == CODE["rejected"]
+        used = set(self.ids_of(rows[~rejected]))
+        for _, unit in self.rows.units(rows[rejected]):
+            left = [i for i in unit.ids if i not in named_here]
+            if left:
+                what = f"is of a rejected group: remove {left[0]!r} and the others first"
+                problems += [
+                    Problem(what, f"observation {i!r}") for i in unit.ids if i in named_here
+                ]
+        for o in every:
+            gone = [] if self.retired is None else self.retired.named_by(o, self.network)
+            if gone:
+                problems.extend(gone)
+                continue
+            try:
+                self.network.check_names(o, seen)
+            except InputError as error:
+                problems.extend(error.problems)
+                continue
+            ident = identity(o) or ""
+            if isinstance(o, ImagePoint):
+                if o.photo not in there:
+                    there[o.photo] = self._measured(o.photo)
+                if o.point in there[o.photo]:
+                    what = "the point is measured in this photo already"
+                    problems.append(Problem(what, o.label()))
+                    continue
+                there[o.photo].add(o.point)
+            if ident in used or named_here[ident] > 1:
+                problems.append(Problem(self._duplicate(ident), o.label()))
+        if problems:
+            raise InputError(problems)
+
+    def _duplicate(self, ident: str) -> str:
+        if self.status(ident) == "gone":
+            return f"duplicate id {ident!r}"
+        return (
+            f"duplicate id {ident!r}: there is an observation with this id already; give the new "
+            "one another id, or put it in the place of the old one (replace)"
+        )
+
+    def _measured(self, photo: str) -> set[str]:
+        """Return the points that are measured in a photo, rejected image points apart."""
+        status, number = self.rows.status, self.names.photo[photo]
+        there = (self.rows.photo == number) & (status != GONE)
+        there &= status != OUTCOMES.index("rejected")
+        return {self.names.points[p] for p in self.rows.point[there].tolist()}
+
+    # -- changes ------------------------------------------------------------------------------
+
+    def moved(
+        self,
+        rows: Index,
+        outcome: Outcome | None,
+        cause: str,
+        verdicts: Mapping[str, Verdict] | None = None,
+    ) -> Ledger:
+        """Return the ledger where some rows have an outcome.
+
+        Args:
+            rows: the rows.
+            outcome: what becomes of them; none: they are taken out.
+            cause: why.
+            verdicts: verdicts on suspects and rejected observations by id.
+        """
+        if not len(rows):
+            return self
+        told: dict[int, tuple[Verdict, ...]] = {}
+        if verdicts:
+            for row in rows.tolist():
+                ids = self.rows.ids(self.names, row)
+                told[row] = tuple(verdicts[i] for i in ids if i in verdicts)
+        causes = {**self.causes, **dict.fromkeys(rows.tolist(), cause)}
+        return replace(self, rows=self.rows.moved(rows, outcome, told), causes=causes)
+
+    def without_weights(self, ids: Sequence[str]) -> Ledger:
+        """Return the ledger where weighted unknowns have lost their weights, by their names."""
+        if not ids:
+            return self
+        network = without(self.network, list(ids))
+        return replace(self, network=network, unweighted=(*self.unweighted, *ids), sizes={})
+
+    def with_lacks(self, lacks: Mapping[Any, str]) -> Ledger:
+        """Return the ledger where variables, or observations, lack what is said of them."""
+        return replace(self, lacks={**self.lacks, **lacks}) if lacks else self
+
+    def without_lacks(self, gone: Index) -> Ledger:
+        """Return the ledger without what is said of variables that nothing observes any more."""
+        of_ids = {u.ids[0] for u in self.units(gone)} & self.lacks.keys()
+        lost = {v for u in self.units(gone) for v in u.variables if v in self.lacks}
+        if not lost and not of_ids:
+            return self
+        there = np.flatnonzero(self.rows.status != GONE)
+        for _, unit in self.rows.units(there):
+            lost.difference_update(unit.variables)
+        seen = self.rows.point[self.rows.images(there)]
+        lost = {v for v in lost if v[0] != "point" or self.names.point[v[1]] not in seen}
+        dropped = lost | of_ids
+        return replace(self, lacks={v: w for v, w in self.lacks.items() if v not in dropped})
+
+    def with_values(self, kind: VariableKind, found: Mapping[str, Array]) -> Ledger:
+        """Return the ledger with approximate values where none were given."""
+        entities = self.network.points if kind == "point" else self.network.photos
+        changed: dict[str, Point | Photo] = {}
+        for name, value in found.items():
+            entity = _filled(entities[name], value)
+            if entity is not None:
+                changed[name] = entity
+        if not changed:
+            return self
+        network = self.network.copy()
+        (network.points if kind == "point" else network.photos).update(changed)  # type: ignore[arg-type]
+        values = {n: np.asarray(found[n]).tolist() for n in changed}
+        filled = {**self.filled, kind: {**self.filled.get(kind, {}), **values}}
+        return replace(self, network=network, filled=filled)
+
+    def recorded(self) -> tuple[Ledger, Index | None]:
+        """Return the ledger without what was noted for the journal, and new numbers of its rows."""
+        rows, new = self.rows.compacted()
+        noted: dict[str, Any] = {"causes": {}, "filled": {}, "unweighted": (), "oriented": {}}
+        return replace(self, **noted, rows=rows, clock=self.clock + 1), new
+
+    # -- questions ----------------------------------------------------------------------------
+
+    def needs(self, variable: Variable) -> tuple[int, int]:
+        """Return how many free components a variable has, and how many of them are weighted."""
+        found = self.sizes.get(variable)
+        if found is None:
+            found = self.sizes[variable] = components(self.network, variable)
+        return found
+
+    def having(self, outcome: Outcome) -> Index:
+        """Return all rows with an outcome."""
+        return self.rows.having(outcome)
+
+    def count(self, outcome: Outcome) -> int:
+        """Return the number of observations with an outcome."""
+        found = self.having(outcome)
+        return len(self.rows.images(found)) + sum(len(u.ids) for _, u in self.rows.units(found))
+
+    def find(self, ids: Iterable[str]) -> Index:
+        """Return the rows of ids, correlated groups as a whole."""
+        return self.rows.find(self.names, ids)
+
+    def missing(self, ids: Iterable[str]) -> list[str]:
+        """Return those of some ids that no observation has."""
+        every = list(ids)
+        there = set(self.ids_of(self.find(every)))
+        return [i for i in every if i not in there]
+
+    def unknown(self, ident: str) -> Problem:
+        """Return the problem that no observation has an id."""
+        if told := self.told_of_retired(ident):
+            return Problem(told, f"observation {ident!r}")
+        there = np.flatnonzero(self.rows.status != GONE)
+        meant = similar(ident, self.ids_of(there)) if len(there) <= MOST_COMPARED else ""
+        return Problem(f"unknown observation{meant}", f"observation {ident!r}")
+
+    def told_of_retired(self, ident: str) -> str:
+        """Say that an observation was retired, and what to do; empty where it was not."""
+        return "" if self.retired is None else self.retired.of_id(ident)
+
+    def status(self, ident: str) -> str:
+        """Return what became of an id; ``gone`` where there is none."""
+        rows = self.find([ident])
+        return OUTCOMES[int(self.rows.status[rows[0]])] if len(rows) else "gone"
+
+    def is_accepted(self, ident: str) -> bool:
+        """Return whether the observation with an id is in the graph."""
+        return self.status(ident) == "accepted"
+
+    def unit(self, row: int) -> Unit:
+        """Return a row as a unit."""
+        return self.rows.unit(self.network, self.names, row)
+
+    def units(self, rows: Index) -> list[Unit]:
+        """Return rows as units."""
+        return [self.unit(row) for row in rows.tolist()]
+
+    def ids_of(self, rows: Index) -> list[str]:
+        """Return the ids of the observations of rows."""
+        return [i for row in rows.tolist() for i in self.rows.ids(self.names, row)]
+
+    def n_scalars(self, rows: Index) -> int:
+        """Return the number of scalar rows."""
+        rays = self.rows.images(rows)
+        return 2 * len(rays) + sum(u.n_scalars for _, u in self.rows.units(rows))
+
+    def observation(self, ident: str) -> Observation:
+        """Return an observation by its id.
+
+        Raises:
+            InputError: no such id.
+        """
+        rows = self.find([ident])
+        if not len(rows):
+            raise InputError(self.unknown(ident))
+        unit = self.unit(int(rows[0]))
+        return unit.observations[unit.ids.index(ident)]
+
+    def observations(self, first: int = 0) -> list[tuple[str, Observation]]:
+        """Return ids and observations of rows from a number on, in their order, no image points."""
+        rows = np.arange(first, self.rows.n)
+        rows = rows[self.rows.status[rows] != GONE]
+        return [
+            pair
+            for _, unit in self.rows.units(rows)
+            for pair in zip(unit.ids, unit.observations, strict=True)
+        ]
+
+    def verdicts(self, outcome: Outcome) -> Iterator[Verdict]:
+        """Iterate over the verdicts on suspects, or on rejected observations."""
+        for row in self.having(outcome).tolist():
+            yield from self.rows.verdicts.get(row, ())
+
+    @property
+    def everything(self) -> Network:
+        """Everything that was described or is named by an observation; it has no observations."""
+        out = self.network.copy()
+        for _, unit in self.rows.units(np.flatnonzero(self.rows.status != GONE)):
+            for o in unit.observations:
+                out.state_found(o)
+        return out
+
+    @cached_property
+    def described(self) -> Network:
+        """Everything that was described, with the observations in the graph."""
+        out, inside = self.network.copy(), self.having("accepted")
+        if self.retired is not None:
+            self.retired.state_found(out)
+        for _, unit in self.rows.units(inside):
+            unit.insert_into(out)
+        out.images = self.rows.table(self.rows.images(inside))
+        return out
+
+
+def _members(item: AnyObservation) -> tuple[Observation, ...]:
+    return item.observations if isinstance(item, Correlated) else (item,)
+
+
+def _filled(entity: Point | Photo, value: Array) -> Point | Photo | None:
+    """Return a point or photo with an approximate value; none where all of it is given."""
+    if isinstance(entity, Point):
+        given = entity.coordinates
+        if not isnan(sum(given)):
+            return None
+        x, y, z = (v if isnan(g) else g for g, v in zip(given, value.tolist(), strict=True))
+        return replace(entity, coordinates=(x, y, z))
+    if entity.position is not None and entity.rotation is not None:
+        return None
+    position = entity.position or tuple(np.asarray(value)[9:].tolist())
+    rotation = np.array(value[:9]).reshape(3, 3) if entity.rotation is None else entity.rotation
+    return replace(entity, position=position, rotation=rotation)

@@ -1,0 +1,399 @@
+"""All that has arrived, by rows: a row is an observation, a correlated group or an image point.
+
+A unit is what arrives together or not at all: an observation, or a correlated group. Image points
+stand in arrays, so that millions of them need no objects. An image point of a correlated group
+belongs to its group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..graph.dependence import Variable, variables_of
+from ..graph.variables import calibration_name
+from ..models.variables import UNKNOWNS, VariableKind
+from ..network.entities import FREE_ORIENTATION, ImageTable, Key
+from ..network.network import Network
+from ..observations import AnyObservation, Correlated, ImagePoint, Observation
+from ..observations.identity import identity
+from ..stochastic import StandardDeviation
+from ..types import Array, Index, Mask
+from .verdicts import OUTCOMES, Outcome, Verdict
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """One observation, or a correlated group."""
+
+    ids: tuple[str, ...]
+    """Ids of its observations."""
+    observations: tuple[Observation, ...]
+    """They, each with its id (image points: where it has one of its own)."""
+    covariance: Array | None
+    """Joint covariance of a group."""
+    variables: tuple[Variable, ...]
+    """What they depend on."""
+
+    @classmethod
+    def of(
+        cls, network: Network, observations: Iterable[Observation], covariance: Array | None
+    ) -> Unit:
+        """Return the unit of observations that bear their ids."""
+        found = tuple(observations)
+        variables = dict.fromkeys(v for o in found for v in variables_of(network, o))
+        # A photo is in a network only with its calibration.
+        photos = [name for kind, name in variables if kind == "pose"]
+        variables |= {("calibration", calibration_name(network, f)): None for f in photos}
+        return cls(tuple(identity(o) or "" for o in found), found, covariance, tuple(variables))
+
+    @cached_property
+    def n_scalars(self) -> int:
+        """Number of scalar rows."""
+        return sum(len(o.component_names()) for o in self.observations)
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points that it touches."""
+        return tuple(name for kind, name in self.variables if kind == "point")
+
+    @property
+    def item(self) -> AnyObservation:
+        """The observation or group, as the network takes it."""
+        if self.covariance is None:
+            return self.observations[0]
+        return Correlated(self.observations, self.covariance)
+
+    @cached_property
+    def _found(self) -> tuple[tuple[VariableKind, Key], ...]:
+        """Kind and key of the unknowns that nobody has to state, such as orientations."""
+        every = (p for o in self.observations for p in o.parameters())
+        return tuple((kind, key) for kind, key in every if UNKNOWNS[kind].absent == "found")
+
+    def insert_into(self, network: Network) -> None:
+        """Add the observation or group to a network; its names have been checked."""
+        for kind, key in self._found:
+            network.of_kind(kind).setdefault(key, FREE_ORIENTATION)
+        for ident, o in zip(self.ids, self.observations, strict=True):
+            if isinstance(o, ImagePoint):
+                network.insert(o)
+            else:
+                network.observations[ident] = o
+        if self.covariance is not None:
+            network.clusters.append((self.ids, self.covariance))
+
+    def without(self, network: Network, gone: set[str]) -> Unit | None:
+        """Return what remains of a group without some ids; none where nothing does."""
+        stays = [i not in gone for i in self.ids]
+        if self.covariance is None or not any(stays):
+            return None
+        sizes = [len(o.component_names()) for o in self.observations]
+        rows = np.flatnonzero(np.repeat(stays, sizes))
+        left = [o for o, s in zip(self.observations, stays, strict=True) if s]
+        return Unit.of(network, left, self.covariance[np.ix_(rows, rows)])
+
+    def scaled(self, by: float) -> AnyObservation:
+        """Return the observation or group with its standard deviations multiplied."""
+        scaled = tuple(_scaled(o, by) for o in self.observations)
+        if self.covariance is None:
+            return scaled[0]
+        return Correlated(scaled, self.covariance * by**2)
+
+
+def _scaled(o: Observation, by: float) -> Observation:
+    changes: dict[str, Any] = {}
+    sigma = getattr(o, "sigma", None)
+    if isinstance(sigma, StandardDeviation):
+        changes["sigma"] = sigma.scaled(by)
+    elif isinstance(sigma, tuple):
+        changes["sigma"] = tuple(s * by for s in sigma)
+    elif sigma is not None:
+        changes["sigma"] = sigma * by
+    covariance = getattr(o, "covariance", None)
+    if covariance is not None:
+        changes["covariance"] = np.asarray(covariance) * by**2
+    return replace(o, **changes)
+
+
+GONE = -1
+"""Status of a row that was taken out; its room is given back by `Rows.compacted`."""
+CODE: dict[Outcome, int] = {outcome: number for number, outcome in enumerate(OUTCOMES)}
+"""Status of a row by what became of it."""
+NO_PHOTO = -1
+"""Number of the photo of rows that are no image points."""
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names and numbers of the photos and points of a network."""
+
+    photos: tuple[str, ...]
+    """Names of the photos, by number."""
+    points: tuple[str, ...]
+    """Names of the points, by number."""
+    photo: Mapping[str, int]
+    """Numbers of the photos, by name."""
+    point: Mapping[str, int]
+    """Numbers of the points, by name."""
+
+    @classmethod
+    def of(cls, network: Network) -> Names:
+        """Return the names of a network."""
+        numbers = network.photo_number, network.point_number
+        return cls(tuple(network.photos), tuple(network.points), *numbers)
+
+
+class Room:
+    """What rows hold, shared by several tables: each uses the rows up to its own end.
+
+    A table appends in place if no other table has used the rows after its end, otherwise to a
+    copy. Rows in use are never changed.
+    """
+
+    def __init__(self, table: ImageTable | None = None) -> None:
+        """Take over image points."""
+        self.columns: list[Any] = [c.copy() for c in (table or ImageTable()).columns()]
+        """Numbers of photo and point, coordinates, standard deviations, and when each arrived,
+        (n, …) each."""
+        self.used = len(self.columns[0])
+        self.columns.append(np.zeros(self.used, dtype=np.intp))
+        self.ids: dict[int, str] = dict(table.ids) if table else {}
+        """Ids of image points that differ from photo/point."""
+        self.sources: dict[int, str] = dict(table.sources) if table else {}
+        """Sources of image points."""
+        self.units: dict[int, Unit] = {}
+        """Observations and groups by row."""
+        self.rows: dict[str, list[int]] = {}
+        """Rows by all ids but photo/point, the latest last."""
+        self.made: dict[int, Unit] = {}
+        """Image points that have been made units since the last line of the journal."""
+        for row, ident in self.ids.items():
+            self.rows.setdefault(ident, []).append(row)
+
+    @classmethod
+    def of_units(cls, units: Iterable[Unit]) -> Room:
+        """Return the room of units."""
+        found = list(units)
+        out, n = cls(), len(found)
+        nobody = np.full(n, NO_PHOTO, dtype=np.intp)
+        nothing = np.zeros((n, 2))
+        out.columns = [nobody, nobody.copy(), nothing, nothing.copy(), np.zeros(n, dtype=np.intp)]
+        out.used = n
+        out._name(0, dict(enumerate(found)), {}, {})
+        return out
+
+    def _name(
+        self, n: int, units: Mapping[int, Unit], ids: Mapping[int, str], sources: Mapping[int, str]
+    ) -> None:
+        """Take over what rows hold beside numbers, by their places after row n."""
+        for row, source in sources.items():
+            self.sources[n + row] = source
+        for row, ident in ids.items():
+            self.ids[n + row] = ident
+            self.rows.setdefault(ident, []).append(n + row)
+        for row, unit in units.items():
+            self.units[n + row] = unit
+            for ident in unit.ids:
+                self.rows.setdefault(ident, []).append(n + row)
+
+    def kept(self, there: Mask) -> Room:
+        """Return a room with some of the first rows, (n,)."""
+        new = (np.cumsum(there) - 1).tolist()
+        out = Room()
+        out.columns = [c[: len(there)][there] for c in self.columns]
+        out.used = len(out.columns[0])
+        maps = (
+            {new[r]: x for r, x in given.items() if r < len(there) and there[r]}
+            for given in (self.units, self.ids, self.sources)
+        )
+        out._name(0, *maps)  # type: ignore[arg-type]
+        return out
+
+    def appended(self, n: int, more: Room) -> Room:
+        """Return a room with more rows after the first n."""
+        end = n + more.used
+        room = self if self.used == n else self.kept(np.ones(n, dtype=bool))
+        if end > len(room.columns[0]):
+            size = max(end, 2 * n, 64)
+            grown = [np.empty((size, *c.shape[1:]), c.dtype) for c in room.columns]
+            for new, old in zip(grown, room.columns, strict=True):
+                new[:n] = old[:n]
+            room.columns = grown
+        for column, rows in zip(room.columns, more.columns, strict=True):
+            column[n:end] = rows
+        room._name(n, more.units, more.ids, more.sources)
+        room.used = end
+        return room
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows and what became of them; a value: every change returns another table."""
+
+    status: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
+    """What became of each, `CODE` or `GONE`, (n,)."""
+    room: Room = field(default_factory=Room)
+    """What they hold."""
+    verdicts: Mapping[int, tuple[Verdict, ...]] = field(default_factory=dict)
+    """Verdicts on suspect and rejected rows."""
+
+    @property
+    def n(self) -> int:
+        """Number of rows, taken out ones among them."""
+        return len(self.status)
+
+    @property
+    def photo(self) -> Index:
+        """Number of the photo of image points, `NO_PHOTO` of other rows, (n,)."""
+        return np.asarray(self.room.columns[0][: self.n])
+
+    @property
+    def point(self) -> Index:
+        """Number of the point of image points, (n,)."""
+        return np.asarray(self.room.columns[1][: self.n])
+
+    @property
+    def xy(self) -> Array:
+        """Measured coordinates, (n, 2) image units."""
+        return np.asarray(self.room.columns[2][: self.n])
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations, (n, 2) image units."""
+        return np.asarray(self.room.columns[3][: self.n])
+
+    @property
+    def arrived(self) -> Index:
+        """When each arrived, a number that grows, (n,)."""
+        return np.asarray(self.room.columns[4][: self.n])
+
+    def having(self, outcome: Outcome) -> Index:
+        """Return the rows that have an outcome."""
+        return np.flatnonzero(self.status == CODE[outcome])
+
+    def among(self, rows: Index, outcome: Outcome) -> Index:
+        """Return those of some rows that have an outcome."""
+        return np.asarray(rows[self.status[rows] == CODE[outcome]])
+
+    def images(self, rows: Index) -> Index:
+        """Return those of some rows that are image points."""
+        return np.asarray(rows[self.photo[rows] != NO_PHOTO])
+
+    def units(self, rows: Index) -> Iterator[tuple[int, Unit]]:
+        """Iterate over those of some rows that are units."""
+        for row in rows[self.photo[rows] == NO_PHOTO].tolist():
+            yield row, self.room.units[row]
+
+    # -- changes ------------------------------------------------------------------------------
+
+    def with_more(self, more: Room, outcome: Outcome, arrived: int = 0) -> Rows:
+        """Return the table with more rows."""
+        more.columns[4][: more.used] = arrived
+        status = np.full(self.n + more.used, CODE[outcome], dtype=np.int8)
+        status[: self.n] = self.status
+        return replace(self, status=status, room=self.room.appended(self.n, more))
+
+    def moved(
+        self, rows: Index, outcome: Outcome | None, told: Mapping[int, tuple[Verdict, ...]]
+    ) -> Rows:
+        """Return the table with another outcome of some rows; none: they are taken out."""
+        status = self.status.copy()
+        status[rows] = GONE if outcome is None else CODE[outcome]
+        verdicts = self.verdicts
+        if verdicts or told:
+            left = set(rows.tolist())
+            verdicts = {r: v for r, v in verdicts.items() if r not in left} | dict(told)
+        return replace(self, status=status, verdicts=verdicts)
+
+    def compacted(self) -> tuple[Rows, Index | None]:
+        """Return the table without the rows that were taken out, where these are many.
+
+        Returns:
+            The table, and the new numbers of its rows; none: they are as they were.
+        """
+        self.room.made.clear()
+        there = self.status != GONE
+        if self.n < 64 or 2 * int(there.sum()) > self.n:
+            return self, None
+        new = np.where(there, np.cumsum(there) - 1, GONE)
+        told = {int(new[r]): v for r, v in self.verdicts.items()}
+        return Rows(self.status[there], self.room.kept(there), told), new
+
+    def only(self, there: Mask, photo: Index, point: Index) -> Rows:
+        """Return the table with some of its rows, (n,), and new numbers of photos and points."""
+        new = np.where(there, np.cumsum(there) - 1, GONE)
+        told = {int(new[r]): v for r, v in self.verdicts.items() if there[r]}
+        room = self.room.kept(there)
+        for column, number in zip(room.columns, (photo, point), strict=False):
+            rays = column != NO_PHOTO
+            column[rays] = number[column[rays]]
+        return Rows(self.status[there], room, told)
+
+    # -- questions ----------------------------------------------------------------------------
+
+    def table(self, rows: Index) -> ImageTable:
+        """Return image points as a table of a network."""
+        out = ImageTable()
+        out.append(self.photo[rows], self.point[rows], self.xy[rows], self.sigma[rows])
+        for given, found in ((self.room.ids, out.ids), (self.room.sources, out.sources)):
+            if given:
+                found |= {i: given[r] for i, r in enumerate(rows.tolist()) if r in given}
+        return out
+
+    def find(self, names: Names, ids: Iterable[str]) -> Index:
+        """Return the rows of ids, in ascending order; ids without a row are passed over."""
+        out: list[int] = []
+        wanted: dict[int, list[int]] = {}
+        for ident in ids:
+            own = [r for r in self.room.rows.get(ident, ()) if r < self.n and self.status[r] >= 0]
+            if own:
+                out.append(own[-1])
+                continue
+            at = ident.find("/")
+            while at >= 0:
+                photo, point = names.photo.get(ident[:at]), names.point.get(ident[at + 1 :])
+                if photo is not None and point is not None:
+                    wanted.setdefault(photo, []).append(point)
+                at = ident.find("/", at + 1)
+        found = [np.array(out, dtype=np.intp)]
+        for photo, points in wanted.items():
+            rows = self.measured(photo, np.array(points))
+            if self.room.ids:
+                rows = rows[np.array([int(r) not in self.room.ids for r in rows], dtype=bool)]
+            # A rejected image point may have been measured again: the later one counts.
+            _, last = np.unique(self.point[rows][::-1], return_index=True)
+            found.append(rows[::-1][last])
+        return np.unique(np.concatenate(found))
+
+    def measured(self, photo: int, points: Index) -> Index:
+        """Return the rows of some points in a photo, those that were taken out apart."""
+        rows = np.flatnonzero((self.photo == photo) & (self.status != GONE))
+        return np.asarray(rows[np.isin(self.point[rows], points)])
+
+    def ids(self, names: Names, row: int) -> tuple[str, ...]:
+        """Return the ids of a row."""
+        unit = self.room.units.get(row)
+        if unit is not None:
+            return unit.ids
+        own = self.room.ids.get(row)
+        return (own or f"{names.photos[self.photo[row]]}/{names.points[self.point[row]]}",)
+
+    def unit(self, network: Network, names: Names, row: int) -> Unit:
+        """Return a row as a unit."""
+        unit = self.room.units.get(row) or self.room.made.get(row)
+        if unit is not None:
+            return unit
+        photo, point = names.photos[self.photo[row]], names.points[self.point[row]]
+        (x, y), (sx, sy) = self.xy[row].tolist(), self.sigma[row].tolist()
+        own, source = self.room.ids.get(row), self.room.sources.get(row)
+        o = ImagePoint(photo, point, x, y, sigma=(sx, sy), id=own, source=source)
+        lens = calibration_name(network, photo)
+        variables = ("pose", photo), ("calibration", lens), ("point", point)
+        unit = Unit((own or f"{photo}/{point}",), (o,), None, variables)
+        self.room.made[row] = unit
+        return unit

@@ -1,0 +1,1 @@
+"""The network as linear equations that grow: in iSAM2, and in fronts."""

@@ -1,0 +1,231 @@
+"""New unknowns beside a base: what has become known since it was made.
+
+They border the low-rank update, see `factorgraph_adj.solve.update`: nothing is known of them but
+what the rows say that touch them. Each stands at the value where these rows were linearised; the
+update says how far it has moved since. Rows are watched: what their linear forms miss moves
+estimates by at most √Σ|Δv|² of σ.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..graph.dependence import Variable
+from ..graph.variables import State, Unknowns
+from ..models.variables import UNKNOWNS, VariableKind
+from ..types import NO_ROWS, Array, Index
+from .linear_forms import LinearForms
+
+MARGIN = 4.0
+"""Factor by which what forms miss may grow faster with movement than where they were looked at."""
+
+
+class NewUnknown(NamedTuple):
+    """A variable that the base does not have."""
+
+    value: Array
+    """Its value as in a state, where its rows were linearised, (width,)."""
+    columns: Index
+    """Its columns among those of the border; none for a constant."""
+    tangent: int
+    """Largest number of components of its kind."""
+    moving: Array
+    """Flags of the values that an adjustment may change, (width,)."""
+
+
+class Look(NamedTuple):
+    """How far linear forms were found to hold."""
+
+    movement: Array
+    """Movement of new unknowns that they touch, (n,)."""
+    gap: float
+    """What they missed, |Δv|."""
+    change: float
+    """Bound of the relative change of variances by the change of their partials."""
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """Rows that touch new unknowns."""
+
+    forms: LinearForms
+    """Their linear forms."""
+    new: Index
+    """Which of their columns are free ones of new unknowns, (n,)."""
+    place: Index
+    """Numbers of these, (n,)."""
+    last: Look | None = None
+    """The last look at them; none: there was none."""
+    half: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """R⁻¹ with the cofactors R Rᵀ of the new unknowns at the first look, (n, n)."""
+    bend: float = 0.0
+    """What the forms miss after a movement of σ."""
+    turn: float = 0.0
+    """The change of variances after it."""
+
+    @classmethod
+    def of(cls, forms: LinearForms, border: Border, first: int) -> Watched:
+        """Watch forms.
+
+        Args:
+            forms: the forms.
+            border: the border with the new unknowns.
+            first: number of columns before its own.
+        """
+        mine = np.flatnonzero(forms.columns >= first)
+        place = border.place[forms.columns[mine] - first]
+        return cls(forms, mine[place >= 0], place[place >= 0])
+
+    def ahead(self, movement: Array) -> Look | None:
+        """Return what a look would tell after a movement (m,); none: that is not known yet."""
+        last, here = self.last, movement[self.new]
+        if last is None:
+            return None
+        since = float(np.linalg.norm(self.half @ (here - last.movement)))
+        gap = (np.sqrt(last.gap) + np.sqrt(MARGIN * self.bend) * since) ** 2
+        return Look(here, float(gap), last.change + MARGIN * self.turn * since)
+
+    def looked(self, movement: Array, cofactors: Array) -> Watched:
+        """Return the rows after a look at them; see `Border.looked`."""
+        values, vectors = np.linalg.eigh(cofactors[np.ix_(self.place, self.place)])
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        now = self._look(movement, root)
+        if self.last is not None:
+            return replace(self, last=now)
+        # Along every axis of their error ellipsoid by σ.
+        size = np.sqrt(len(values))
+        step = np.zeros(len(movement))
+        step[self.new] = root.sum(axis=1)
+        there = self._look(movement + step, root)
+        half = vectors.T / np.sqrt(np.maximum(values, np.finfo(float).tiny))[:, None]
+        bend, turn = max(there.gap, now.gap) / size**2, max(there.change, now.change) / size
+        return replace(self, last=now, half=half, bend=bend, turn=turn)
+
+    def _look(self, movement: Array, root: Array) -> Look:
+        gap, change = self.forms.missed(movement)
+        by_new = float(np.linalg.norm(change[:, self.new] @ root))
+        relative = float(np.hypot(self.forms.relative(change), 2.0 * by_new))
+        return Look(movement[self.new], gap, relative)
+
+
+@dataclass(frozen=True, eq=False)
+class Border:
+    """New unknowns beside a base."""
+
+    unknowns: Mapping[Variable, NewUnknown] = field(default_factory=dict)
+    """The unknowns."""
+    place: Index = field(default_factory=lambda: NO_ROWS)
+    """Number of each column among the free ones, (k,); −1: it is held."""
+    watched: tuple[Watched, ...] = ()
+    """Rows that touch them."""
+
+    @property
+    def n(self) -> int:
+        """Number of free columns."""
+        return int((self.place >= 0).sum())
+
+    def names(self, kind: VariableKind) -> set[str]:
+        """Return the names of the new unknowns of a kind."""
+        return {name for k, name in self.unknowns if k == kind}
+
+    def with_unknowns(
+        self, unknowns: Unknowns, state: State, known: Callable[[VariableKind, str], bool]
+    ) -> Border:
+        """Return the border with those variables of a network that are not known yet.
+
+        Args:
+            unknowns: the unknowns of the network.
+            state: their values.
+            known: returns whether a variable is known.
+        """
+        moving, found, place = unknowns.moving(), dict(self.unknowns), self.place
+        for kind, table in unknowns.tables.items():
+            for number, name in enumerate(table.names):
+                if known(kind, name):
+                    continue
+                at = unknowns.columns(kind, number)
+                columns = len(place) + np.arange(len(at))
+                free = unknowns.free[at]
+                order = np.cumsum(free) + int((place >= 0).sum()) - 1
+                place = np.append(place, np.where(free, order, -1))
+                value, tangent = np.array(state[kind][number]), table.free.shape[1]
+                new = NewUnknown(value, columns, tangent, moving[kind][number])
+                found[kind, name] = new
+        return replace(self, unknowns=found, place=place.astype(np.intp))
+
+    def watching(self, rows: Watched) -> Border:
+        """Return the border with more rows that are watched, if they touch it."""
+        return replace(self, watched=(*self.watched, rows)) if len(rows.new) else self
+
+    def value(self, variable: Variable, movement: Array) -> Array:
+        """Return the value of a new unknown after a movement of its columns."""
+        new = self.unknowns[variable]
+        if not len(movement):
+            return np.array(new.value)
+        step = np.zeros(new.tangent)
+        step[: len(movement)] = movement
+        return np.asarray(UNKNOWNS[variable[0]].retract(new.value[None], step[None])[0])
+
+    def carried(
+        self, unknowns: Unknowns, state: State, value: Callable[[VariableKind, str], Array | None]
+    ) -> State:
+        """Return a state with values of the new unknowns.
+
+        Args:
+            unknowns: the unknowns of the state.
+            state: the state.
+            value: returns the value of a variable.
+        """
+        out = dict(state)
+        for kind in {kind for kind, _ in self.unknowns}:
+            table, values = unknowns[kind], state[kind].copy()
+            for name in self.names(kind) & table.number.keys():
+                found, moving = value(kind, name), self.unknowns[kind, name].moving
+                assert found is not None
+                width = min(values.shape[1], len(found))
+                row = values[table.number[name], :width]
+                row[:] = np.where(moving[:width], found[:width], row)
+            out[kind] = values
+        return out
+
+    def looked(
+        self, moved: Callable[[Index], Array], cofactors: Array, gap: float, change: float
+    ) -> tuple[Border, float, float]:
+        """Look at the rows, as long as it is not known that their forms hold.
+
+        Args:
+            moved: returns the movement of columns.
+            cofactors: Q_bb, (n, n).
+            gap: largest √Σ|Δv|² of the rows.
+            change: largest relative change of variances.
+
+        Returns:
+            The border that knows how far the forms hold, √Σ|Δv|², and a bound of the relative
+            change of variances.
+
+        Raises:
+            InputError: names observations whose geometry has no answer there.
+        """
+        watched = list(self.watched)
+        movements = [moved(w.forms.columns) for w in watched]
+        told = [w.ahead(m) for w, m in zip(watched, movements, strict=True)]
+        looked: set[int] = set()
+        while len(looked) < len(watched):
+            sizes = [
+                np.inf if t is None else np.hypot(t.gap / gap, t.change / change) for t in told
+            ]
+            if np.linalg.norm(sizes) <= 1.0 or any(sizes[i] > 1.0 for i in looked):
+                break
+            i = max(set(range(len(watched))) - looked, key=sizes.__getitem__)
+            watched[i] = watched[i].looked(movements[i], cofactors)
+            told[i] = watched[i].last
+            looked.add(i)
+        gaps = [np.inf if t is None else t.gap for t in told]
+        changes = [np.inf if t is None else t.change for t in told]
+        found = replace(self, watched=tuple(watched))
+        return found, float(np.linalg.norm(gaps)), float(np.linalg.norm(changes))

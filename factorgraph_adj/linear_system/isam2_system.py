@@ -1,0 +1,388 @@
+"""The network in iSAM2: what arrives costs what it touches.
+
+A system in a tree answers what an arrival asks. Whatever else is asked takes the network's fronts,
+see `front_system`: they are adjusted from where everything is, once, when something first asks for
+them.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..factor_graph.linear_rows import Arriving
+from ..factor_graph.together import Together
+from ..factor_graph.tree import MOST_TURNS, Mark, Tree
+from ..graph.dependence import Variable
+from ..graph.equations import Equations, compile_rows
+from ..graph.variables import State, Unknowns
+from ..ledger.candidates import excerpt
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..ledger.row_store import Unit
+from ..models.variables import VariableKind
+from ..quality.leave_out import Tested
+from ..solve.ambiguous_points import standing_free, weakest_directions
+from ..solve.linear import LinearSystem
+from ..solve.mirrors import mirror_midpoints
+from ..solve.run import Looked
+from ..solve.solution import Solution
+from ..solve.standing import standing
+from ..solve.start import Start
+from ..types import NO_ROWS, Array, Index, Mask
+from .front_system import FrontSystem
+from .linear_forms import rows_of
+from .rebase import EFFORT, Draft
+from .test_statistics import MOVES, TIED, Place
+
+MOST_RAYS = 64
+"""Largest number of image points that arrive together in a tree; more of them are for fronts."""
+SAMPLED = 1.5
+"""Factor that makes upper bounds of standard deviations that come from samples."""
+SHARE = 0.5
+"""Part of the promised accuracy that gaps of rows may have: their bound is of first order."""
+
+
+class ISAM2System:
+    """A network at its minimum, in iSAM2."""
+
+    def __init__(
+        self, tree: Tree, ledger: Ledger, rules: Options, beside: FrontSystem | None = None
+    ) -> None:
+        """Take a tree over as it stands.
+
+        Args:
+            tree: the tree.
+            ledger: what is in.
+            rules: the options.
+            beside: the network adjusted at once, where it has been; none: it has not.
+        """
+        self._tree, self._ledger, self._rules, self._beside = tree, ledger, rules, beside
+        self._version = tree.version
+        self._mark: Mark | None = None
+        self.section: None = None
+        self.doubt = ""
+
+    @classmethod
+    def of(cls, system: FrontSystem, ledger: Ledger, rules: Options) -> ISAM2System | None:
+        """Put a network into iSAM2; none where fronts are better, or where the tree is not."""
+        base = system.base
+        if (
+            system.section is not None
+            or system.doubt
+            or not base.converged
+            or rules.datum == "free"
+            or base.extra.rows
+            or base.equations.n_rays > _most_rays(rules)
+        ):
+            return None
+        tree = Tree(base.equations.network.frame, accuracy=SHARE * rules.accuracy)
+        draft = Draft.of(ledger, system, rules.datum)
+        try:
+            state = draft.start.state
+            tree.enter([Arriving(draft.equations.weighted_at(state), state)])
+            tree.bound(base.equations.unknowns, SAMPLED * system.lifted.sigma)
+            tree.follow()
+        except AdjustmentError:
+            return None
+        return cls(tree, ledger, rules, None if system.changed else system)
+
+    # -- what is known ------------------------------------------------------------------------
+
+    @property
+    def tree(self) -> Tree:
+        """The tree as this system has it: what came since is undone."""
+        if self._tree.version != self._version:
+            assert self._mark is not None
+            self._tree.restore(self._mark)
+            self._mark = None
+        return self._tree
+
+    @cached_property
+    def fronts(self) -> FrontSystem:
+        """The network's fronts, adjusted from where everything is; linearised there, if that fails.
+
+        Raises:
+            AdjustmentError: the network is singular to working precision.
+        """
+        if self._beside is not None:
+            return self._beside
+        draft = Draft.of(self._ledger, self, self._rules.datum)
+        found = draft.adjusted(self._rules.datum, tolerances=(EFFORT.close,))
+        if isinstance(found, FrontSystem):
+            return found
+        within = self._rules.accuracy
+        reason = f"within {within:.0%} of each σ of the minimum"
+        there = standing(
+            draft.equations,
+            draft.start,
+            None,
+            reason=reason,
+            within=within,
+            doubt="",
+            extra=draft.extra,
+        )
+        return FrontSystem.of(there, rows=draft.rows)
+
+    @property
+    def base(self) -> Solution:
+        """The network, adjusted at once; see `fronts`."""
+        return self.fronts.base
+
+    def known(self, kind: VariableKind, name: str) -> bool:
+        """Return whether a variable is determined, or a constant."""
+        table = self.tree.tables.get(kind)
+        return table is not None and name in table.number
+
+    def names(self, kind: VariableKind) -> set[str]:
+        """Return the names of the known variables of a kind."""
+        table = self.tree.tables.get(kind)
+        return set() if table is None else set(table.number)
+
+    def value(self, kind: VariableKind, name: str) -> Array | None:
+        """Return the value of a variable as in a state; none: it is not known."""
+        return self.tree.value(kind, name) if self.known(kind, name) else None
+
+    def places(self) -> list[tuple[Unknowns, State, State]]:
+        """Return unknowns, state and start values: nothing; see `carried`."""
+        return []
+
+    def carried(self, unknowns: Unknowns, state: State) -> State:
+        """Return a state with the values of all known variables."""
+        return self.tree.carried(unknowns, state)
+
+    def cofactors(self, a: Variable, b: Variable) -> Array:
+        """Return the joint cofactors of the components of two variables, (i, j)."""
+        tree = self.tree
+        columns = [tree.columns(*v) for v in (a, b)]
+        out = np.zeros((len(columns[0]), len(columns[1])))
+        free = [c >= 0 for c in columns]
+        if not free[0].any() or not free[1].any():
+            return out
+        keys = [tree.key(v) for v in (a, b)]
+        if a == b:
+            found = tree.covariance(a)
+        else:
+            joint = tree.covariance_of(sorted(keys))
+            n = int(free[0].sum()) if keys[0] < keys[1] else int(free[1].sum())
+            found = joint[:n, n:] if keys[0] < keys[1] else joint[n:, :n]
+        out[np.ix_(free[0], free[1])] = found
+        return out
+
+    @property
+    def vtpv(self) -> float:
+        """VᵀPv of the linear forms."""
+        return self.tree.vtpv
+
+    @property
+    def n_rows(self) -> int:
+        """Number of scalar rows, weighted unknowns among them."""
+        return self.tree.n_rows
+
+    @property
+    def redundancy(self) -> int:
+        """Redundancy."""
+        return self.tree.n_rows - self.tree.n_unknowns
+
+    @property
+    def n_rays(self) -> int:
+        """Number of image points: few, see `MOST_RAYS`."""
+        return 0
+
+    @property
+    def looked(self) -> Mapping[str, Looked]:
+        """Shapes that were fitted anew in vain: none is known."""
+        return {}
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it is a free network: these are adjusted in fronts."""
+        return False
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything has changed since everything was adjusted at once."""
+        return self._beside is None
+
+    def renumbered(self, new: Index) -> ISAM2System:
+        """Return the system after the rows of the ledger have got new numbers (n,)."""
+        if self._beside is not None:
+            self._beside = self._beside.renumbered(new)
+        return self
+
+    def prepared(self) -> ISAM2System:
+        """Return the system: its first arrival waits for nothing."""
+        return self
+
+    # -- what arrives -------------------------------------------------------------------------
+
+    def entered(self, ledger: Ledger, rows: Index, found: Sequence[Start]) -> EnteredRows | None:
+        """Put observations into the tree; none where it cannot take them.
+
+        Args:
+            ledger: the ledger with them.
+            rows: the observations.
+            found: where the variables are that enter with them.
+
+        Raises:
+            InputError: names observations whose geometry has no answer.
+        """
+        if len(ledger.rows.images(rows)) > _most_rays(self._rules):
+            return None
+        units = ledger.units(rows)
+        if any(o.kind == "factor" for unit in units for o in unit.observations):
+            return None
+        equations = compile_rows(excerpt(ledger, self, rows, hold=False))
+        state = equations.unknowns.start()
+        moving = equations.unknowns.moving()
+        for start in found:
+            state = equations.unknowns.carried(state, start.unknowns, start.state, where=moving)
+        if any(np.isnan(x).any() for x in state.values()):
+            return None
+        equations = equations.weighted_at(self.carried(equations.unknowns, state))
+        tree = self.tree
+        new = any(
+            name not in tree.tables[kind].number if kind in tree.tables else True
+            for kind, table in equations.unknowns.tables.items()
+            for name in table.names
+        )
+        self._mark = tree.mark(whole=new)
+        with suppress(AdjustmentError):
+            tree.enter([Arriving(equations, state)])
+            return EnteredRows.of(tree, equations, tuple(units))
+        _ = self.tree  # it goes back
+        return None
+
+    def without(self, ids: Sequence[str], ledger: Ledger) -> ISAM2System | None:
+        """Return the system without units; none where they alone determine something.
+
+        Args:
+            ids: first ids of the units.
+            ledger: the ledger without them.
+        """
+        tree = self.tree
+        units = np.array([tree.unit[i] for i in ids], dtype=np.intp)
+        redundancy = tree.together(units).least_redundancy
+        if redundancy <= TIED:
+            return None
+        self._mark = tree.mark()
+        with suppress(AdjustmentError):
+            tree.leave(units, redundancy)
+            if tree.follow_to_rest():
+                return ISAM2System(tree, ledger, self._rules)
+        _ = self.tree  # it goes back
+        return None
+
+    def at_rest(self, beside: FrontSystem) -> ISAM2System | None:
+        """Return the system at rest; none where the tree comes to rest elsewhere, or not at all.
+
+        Args:
+            beside: the network at rest, adjusted at once.
+        """
+        tree = self.tree
+        self._mark = tree.mark()
+        with suppress(AdjustmentError):
+            if tree.settle() < MOST_TURNS and tree.agrees(beside.unknowns, beside.state):
+                return ISAM2System(tree, self._ledger, self._rules, beside)
+        _ = self.tree  # it goes back
+        return None
+
+    def after(self, entered: EnteredRows, ledger: Ledger) -> ISAM2System | None:
+        """Return the system with what has entered; none where linear forms come to no rest."""
+        tree = entered.tree
+
+        def before() -> None:
+            assert self._mark is not None
+            self._mark = tree.completed(self._mark)
+
+        tree.bound_new(entered.together)
+        with suppress(AdjustmentError):
+            if tree.follow_to_rest(before):
+                return ISAM2System(tree, ledger, self._rules)
+        _ = self.tree  # it goes back
+        return None
+
+
+def _most_rays(rules: Options) -> int:
+    """Return the largest number of image points in a tree: fronts are made for photos."""
+    return MOST_RAYS if rules.engine == "isam2" else 0
+
+
+@dataclass(frozen=True, eq=False)
+class EnteredRows:
+    """Units that have entered a tree, as `judging.Joint`."""
+
+    tree: Tree
+    """The tree with them."""
+    units: tuple[Unit, ...]
+    """The units."""
+    raw: tuple[Array, ...]
+    """L of each unit with Σ = L Lᵀ, (d, d)."""
+    numbers: Index
+    """Their numbers in the tree."""
+    equations: Equations
+    """The units alone."""
+    together: Together
+    """The units with the joint covariance of what they touch, before anything is evaluated anew: a
+    gross error bends everything that it touches, and linear forms do not hold that far."""
+
+    @classmethod
+    def of(cls, tree: Tree, equations: Equations, units: tuple[Unit, ...]) -> EnteredRows:
+        """Find units that have just entered."""
+        raw = rows_of(units, equations)[1]
+        numbers = np.array([tree.unit[u.ids[0]] for u in units], dtype=np.intp)
+        return cls(tree, units, raw, numbers, equations, tree.together(numbers))
+
+    def tested(self) -> Tested:
+        """Return the units, to be tested against everything else."""
+        return self.together.tested()
+
+    def tested_anew(self) -> Tested:
+        """Return the units, to be tested where everything is by now."""
+        return self.tree.together(self.numbers).tested()
+
+    def spread(self, i: int, columns: Index) -> Array:
+        """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""
+        return self.together.spread(i, columns)
+
+    def place(self, name: str) -> Place:
+        """Return a point with all units in."""
+        columns = self.tree.columns("point", name)
+        free: Mask = columns >= 0
+        if not free.any():
+            return Place(NO_ROWS, free, np.zeros(0))
+        return Place(columns, free, self.together.variance(columns))
+
+    def images(self, new: Collection[Variable]) -> bool:
+        """Return whether new points may fit on other sides too; see `solve.ambiguous_points`."""
+        equations = self.equations
+        unknowns = equations.unknowns
+        mine = np.array([("point", name) in new for name in unknowns["point"].names], dtype=bool)
+        candidates = standing_free(equations) & mine
+        if not candidates.any():
+            return False
+        state = self.tree.carried(unknowns, unknowns.start())
+        if len(weakest_directions(LinearSystem(equations, state), candidates).points):
+            return True
+        return bool(mirror_midpoints(equations, state, candidates))
+
+    def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
+        """Return which of new variables combinations (d, n) of a unit's rows determine."""
+        out: set[Variable] = set()
+        mine = set(self.units[i].variables)
+        for kind, name in new:
+            columns = self.tree.columns(kind, name)
+            columns = columns[columns >= 0]
+            if (kind, name) not in mine or not len(columns):
+                continue
+            motion = self.spread(i, columns) @ combinations
+            far = np.abs(motion).max(axis=1) * self.tree.weight(columns)
+            if (far > MOVES).any():
+                out.add((kind, name))
+        return out

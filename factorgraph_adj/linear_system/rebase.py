@@ -1,0 +1,475 @@
+"""A new base: the batch adjustment of what is in the graph, from where everything is."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..block_orientation.begin import start_of
+from ..errors import AdjustmentError, DatumError
+from ..graph.dependence import Variable, components
+from ..graph.equations import Equations, compile_network
+from ..graph.variables import MaskState, State, Unknowns
+from ..ledger.candidates import Known
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..models.variables import UNKNOWNS, VariableKind
+from ..network.network import DatumChoice, Network
+from ..network.selection import filtered
+from ..solve.ambiguous_points import standing_free
+from ..solve.anywhere import anywhere, narrow
+from ..solve.datum import generators, middle
+from ..solve.extra import NOTHING_MORE, Extra
+from ..solve.linear import LinearSystem
+from ..solve.minimum import OFF_DATUM, adjust_from
+from ..solve.mirrors import mirror_midpoints
+from ..solve.normal import NormalEquations, Solver
+from ..solve.prior import Prior
+from ..solve.run import Looked
+from ..solve.second_start import describe_other_minimum
+from ..solve.singular import SingularError
+from ..solve.solution import Solution
+from ..solve.standing import standing
+from ..solve.start import Start
+from ..types import Array, Index
+from .front_system import FrontSystem
+from .section import Section
+from .section_choice import section_of
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How far a new base goes, and how long it is looked for."""
+
+    close: float = 1e-4
+    """Bound of the last step relative to σ after an arrival."""
+    again: float = 1e-2
+    """The same where the whole is adjusted again at values that its sections have found: such a
+    step leaves less than a tenth of its length."""
+    at_rest: tuple[float, ...] = (1e-7, 1e-6, 1e-5)
+    """The bounds that are tried to settle: rounding may keep weak networks from smaller ones."""
+    most: int = 200
+    """Largest number of iterations."""
+    quick: int = 20
+    """Number of iterations after which points with narrow rays are let go, if there are any."""
+    few: int = 20
+    """Smallest of the largest numbers of iterations where there was no minimum before."""
+    work: int = 60_000
+    """Iterations times unknowns there, which small networks may take more of."""
+
+
+EFFORT = Effort()
+"""The effort of every rebase."""
+NOTICED = 1e-6
+"""|A g| relative to Σ|A||g| from which on a row notices a motion g of a free network."""
+
+
+class Placed(Known, Protocol):
+    """A network whose variables have their places."""
+
+    @property
+    def base(self) -> Solution:
+        """It, adjusted at once."""
+        ...
+
+    @property
+    def section(self) -> Section | None:
+        """What that knows of the rest, if it is a section of the network."""
+        ...
+
+    @property
+    def doubt(self) -> str:
+        """Why this is not the minimum; empty if it is."""
+        ...
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything has changed since it was adjusted at once."""
+        ...
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it is a free network."""
+        ...
+
+    @property
+    def looked(self) -> Mapping[str, Looked]:
+        """Shapes that were fitted anew in vain, see `solve.shapes_anew`."""
+        ...
+
+    def names(self, kind: VariableKind) -> set[str]:
+        """Return the names of the known variables of a kind."""
+        ...
+
+    def places(self) -> list[tuple[Unknowns, State, State]]:
+        """Return unknowns, state and start values: what stands later has been adjusted later."""
+        ...
+
+    def carried(self, unknowns: Unknowns, state: State) -> State:
+        """Return a state with the values of what `places` does not have."""
+        ...
+
+
+@dataclass(frozen=True)
+class Failure:
+    """No minimum was found."""
+
+    reason: str
+    """Why."""
+    loose: tuple[Variable, ...] | None = None
+    """What is not determined, where that is why."""
+    singular: bool = False
+    """Whether it is not determined even to first order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A network that is to be adjusted, and where it starts."""
+
+    equations: Equations
+    """The network."""
+    start: Start
+    """Values of its unknowns."""
+    rows: Index
+    """Rows of the ledger in it."""
+    section: Section | None = None
+    """What it knows of the rest, if it is a section of the network; none: it is the whole."""
+    looked: Mapping[str, Looked] = field(default_factory=dict)
+    """Shapes that were fitted anew in vain before, by name, see `solve.shapes_anew`; none: every
+    shape that does not fit is fitted anew."""
+    extra: Extra = NOTHING_MORE
+    """What is known beside the observations: what the rest says of a section, which counts what was
+    retired, or what was retired says of the whole."""
+
+    @classmethod
+    def of(
+        cls,
+        ledger: Ledger,
+        system: Placed | None,
+        datum: DatumChoice,
+        *,
+        new: Collection[Variable] = (),
+        dropped: Collection[Variable] = (),
+        found: Sequence[Solution | Start] = (),
+        there: Mapping[Variable, Array] | None = None,
+    ) -> Draft:
+        """Compile what is in the graph.
+
+        Args:
+            ledger: what is in the graph.
+            system: where the known variables are; none: nothing is known.
+            datum: given or free.
+            new: variables that enter.
+            dropped: variables that are not known any more.
+            found: where those are that enter.
+            there: where variables are of which nothing else tells it; none: there are none.
+
+        Raises:
+            InputError: there is nothing to adjust.
+            ApproximationError: something has no approximate value.
+        """
+        extra = NOTHING_MORE if ledger.retired is None else ledger.retired.prior
+        there = there or {}
+        if isinstance(extra, Prior):
+            there = {**extra.references(), **there}
+            new, dropped = {*new, *there}, {*dropped} - {*there}
+        network = known_network(ledger, system, new=new, dropped=dropped)
+        equations = compile_network(network)
+        start = _started(equations, datum, system, found, there)
+        looked = {} if system is None else system.looked
+        return cls(equations, start, ledger.having("accepted"), looked=looked, extra=extra)
+
+    @classmethod
+    def of_section(
+        cls,
+        ledger: Ledger,
+        system: FrontSystem | None,
+        *,
+        new: Collection[Variable] = (),
+        dropped: Collection[Variable] = (),
+        found: Sequence[Solution | Start] = (),
+    ) -> Draft | None:
+        """Compile what arrivals touch; none where the whole has to be adjusted; see `of`."""
+        if system is None or any(system.whole.known(*v) for v in dropped):
+            return None
+        made = section_of(ledger, system)
+        if made is None:
+            return None
+        equations, section = made
+        unknowns = equations.unknowns
+        if any(name not in unknowns[kind].number for kind, name in new):
+            return None
+        try:
+            start = _started(equations, "given", system, found)
+        except AdjustmentError:
+            return None
+        return cls(equations, start, section.inside, section, extra=section.known.prior)
+
+    def normal(self, constraint: Solution | None) -> tuple[NormalEquations, np.ndarray]:
+        """Return the normal equations at the start, and what a minimal datum adds to them.
+
+        Args:
+            constraint: a solution whose minimal datum holds a free network; none: there is none.
+        """
+        equations, state = self.equations.weighted_at(self.start.state), self.start.state
+        rows = self.extra.at(equations, state).rows
+        normal = NormalEquations(Solver.of(equations, rows), state, rows)
+        added = np.zeros(equations.unknowns.n_columns)
+        if constraint is not None:
+            there = constraint.equations.unknowns
+            for column in np.flatnonzero(constraint.constraint).tolist():
+                kind, name, _ = there.describe(column)
+                table, old = equations.unknowns[kind], there[kind]
+                if name in table.number:
+                    component = column - int(old.offset[old.number[name]])
+                    first = int(table.offset[table.number[name]])
+                    added[first + component] = constraint.constraint[column]
+        return normal, added
+
+    def noticing(self, base: Solution, ids: Sequence[Sequence[str]]) -> list[bool]:
+        """Return which units notice a motion that the datum of a free network leaves open.
+
+        Args:
+            base: the free network without them.
+            ids: ids of each unit.
+        """
+        assert base.datum is not None
+        about = middle(base.state)
+        before = generators(base.equations, base.state, about)
+        amounts = np.linalg.lstsq(before, base.datum.motions, rcond=None)[0]
+        motions = generators(self.equations, self.start.state, about) @ amounts
+        system = LinearSystem(self.equations.weighted_at(self.start.state), self.start.state)
+        out = []
+        for unit in ids:
+            a = system.sparse(np.concatenate(self.equations.find(unit)))
+            out.append(notices(a, motions))
+        return out
+
+    def adjusted(
+        self,
+        datum: DatumChoice,
+        *,
+        tolerances: Sequence[float] = (EFFORT.close,),
+        doubted: bool = False,
+        other_sides: bool = True,
+        solver: Solver | None = None,
+    ) -> FrontSystem | Failure:
+        """Adjust; a failure says why there is no minimum.
+
+        Args:
+            datum: given or free.
+            tolerances: bounds of the last step, of which the first that is reached is enough.
+            doubted: whether there was no minimum before, and nothing has left since.
+            other_sides: whether points may go to their other sides where vᵀPv is smaller there.
+            solver: the network in the order of its elimination; none: it is put in order.
+        """
+        n = self.equations.unknowns.n_columns
+        most = EFFORT.most
+        if doubted:
+            most = min(max(EFFORT.few, EFFORT.work // n), EFFORT.most)
+        start, slow = self.start, bool(self.equations.rays)
+        for tolerance in (tolerances[0], *tolerances) if slow else tolerances:
+            try:
+                solution = adjust_from(
+                    self.equations,
+                    start,
+                    free=datum == "free",
+                    extra=self.extra,
+                    tolerance=tolerance,
+                    max_iterations=EFFORT.quick if slow else most,
+                    looked=self.looked,
+                    other_sides=other_sides,
+                    solver=solver,
+                )
+                # Where a free network lies changes no observation.
+                if solution.converged or solution.reason == OFF_DATUM:
+                    return FrontSystem.of(solution, rows=self.rows, section=self.section)
+            except DatumError as error:
+                return Failure(str(error), tuple(error.unknowns), singular=True)
+            except (AdjustmentError, SingularError) as error:
+                return Failure(str(error))
+            start = Start(solution.equations.unknowns, solution.state, solution.start)
+            layers = solution.solver.layers
+            if slow and (points := narrow(solution.equations, solution.state, layers)):
+                # Of rays that are nearly parallel, those of points that ran away are the reason.
+                away = [p for p in _vague(solution) if p in points]
+                return Failure(solution.reason, tuple(("point", n) for n in away or points))
+            slow = False
+        vague = tuple(("point", name) for name in _vague(solution))
+        return Failure(solution.reason, solution.drifting or vague or None)
+
+
+def _vague(solution: Solution) -> list[str]:
+    """Return the points that may be anywhere; none where an observation has no answer."""
+    with suppress(AdjustmentError):
+        return [p.name for p in anywhere(solution)]
+    return []
+
+
+def _started(
+    equations: Equations,
+    datum: DatumChoice,
+    system: Placed | None,
+    found: Sequence[Solution | Start],
+    there: Mapping[Variable, Array] | None = None,
+) -> Start:
+    """Return values of the unknowns: those that are known, those that were found, or approximate.
+
+    Where variables are ``there``, they are if nothing else tells it.
+
+    Raises:
+        ApproximationError: something has no approximate value.
+    """
+    unknowns = equations.unknowns
+    state = origin = unknowns.start()
+    moving = unknowns.moving()  # an excerpt need not know the constants of the network
+    state = _placed(unknowns, state, moving, there or {})
+    origin = {k: np.where(np.isnan(x), state[k], x) for k, x in origin.items()}
+    starts = (Start.of(s) for s in found)
+    sources = [(s.unknowns, s.state, s.origin) for s in starts]
+    if system is not None:
+        sources += system.places()
+    for table, values, given in sources:
+        state = unknowns.carried(state, table, values, where=moving)
+        origin = unknowns.carried(origin, table, given, where=moving)
+    if system is not None:
+        state, origin = system.carried(unknowns, state), system.carried(unknowns, origin)
+    if any(np.isnan(x).any() for s in (state, origin) for x in s.values()):
+        return start_of(equations, datum, Start(unknowns, state, origin))
+    return Start(unknowns, state, origin)
+
+
+def _placed(
+    unknowns: Unknowns, state: State, moving: MaskState, there: Mapping[Variable, Array]
+) -> State:
+    """Return a state with what may move of some variables where they are."""
+    out = {kind: values.copy() for kind, values in state.items()} if there else state
+    for (kind, name), value in there.items():
+        number = unknowns[kind].number[name]
+        width = min(len(value), out[kind].shape[1])
+        on = moving[kind][number, :width]
+        out[kind][number, :width] = np.where(on, value[:width], out[kind][number, :width])
+    return out
+
+
+def known_network(
+    ledger: Ledger,
+    system: Placed | None,
+    *,
+    new: Collection[Variable] = (),
+    dropped: Collection[Variable] = (),
+) -> Network:
+    """Return the network of what is in the graph, without what is not determined.
+
+    Args:
+        ledger: what is in the graph.
+        system: what is known; none: only ``new``.
+        new: variables that enter.
+        dropped: variables that are not known any more.
+    """
+    network = ledger.described
+    inside: dict[VariableKind, set[str]] = {kind: set() for kind in UNKNOWNS}
+    if system is not None:
+        inside = {kind: system.names(kind) for kind in UNKNOWNS}
+    for kind, name in new:
+        inside[kind].add(name)
+    for kind, name in dropped:
+        inside[kind].discard(name)
+
+    def determined(kind: VariableKind, name: str) -> bool:
+        """Return whether nothing of an unknown needs an observation: all is held or weighted."""
+        if kind == "point" and (point := network.points[name]).sigma is None:
+            return all(point.fixed)
+        free, weighted = components(network, (kind, name))
+        return free == weighted
+
+    return filtered(network, determined, inside=inside)
+
+
+def solution_of(ledger: Ledger, system: Placed, rules: Options) -> Solution:
+    """Return the solution as it stands; a free network's on its inner constraints.
+
+    All observations are linearised there. Where the step that is left is more than was promised,
+    or observations notice the way to the inner constraints a little, as verticals on the curved
+    Earth do, it is adjusted from there; so it is where points may fit on their other sides, see
+    `solve.mirrors`, which the solution tells.
+    """
+    if system.section is None and not system.changed and not system.doubt:
+        return system.base
+    draft = Draft.of(ledger, system, rules.datum)
+    constraint = None if not system.is_free else draft.normal(system.base)[1]
+    found = standing(
+        draft.equations,
+        draft.start,
+        constraint,
+        reason=f"within {rules.accuracy:.0%} of each σ of the minimum",
+        within=rules.accuracy,
+        doubt=system.doubt,
+        extra=draft.extra,
+    )
+    if system.doubt:
+        return found
+    far = found.reason == OFF_DATUM or _left(found) > rules.accuracy
+    images = mirror_midpoints(found.equations, found.state, standing_free(found.equations))
+    if far or images:
+        with suppress(AdjustmentError):
+            adjusted = adjust_from(
+                draft.equations,
+                draft.start,
+                free=rules.datum == "free",
+                tolerance=EFFORT.close,
+                extra=draft.extra,
+            )
+            if adjusted.converged:
+                return adjusted if far else _with_second_places(found, adjusted, images)
+    return found
+
+
+def _with_second_places(
+    ours: Solution, adjusted: Solution, images: Mapping[int, Array]
+) -> Solution:
+    """Return a solution that tells where points fit as well, or better, on their other sides.
+
+    Args:
+        ours: where everything is.
+        adjusted: the adjustment from there, which may have gone to the other side of points.
+        images: middles between points and their other sides, by number.
+    """
+    here, there = ours.state["point"], adjusted.state["point"]
+    aside = [
+        np.linalg.norm(there[n] - here[n]) > np.linalg.norm(middle - here[n])
+        for n, middle in images.items()
+    ]
+    told = (describe_other_minimum(ours, adjusted),) if any(aside) else adjusted.second_places
+    return replace(ours, second_places=told)
+
+
+def _left(solution: Solution) -> float:
+    """Return a bound √(gᵀQg) of the step of every unknown that is left, relative to its σ.
+
+    Where residuals are large the minimum is further away, see `holding.SHARE`.
+    """
+    g = solution.normal().gradient
+    left = float(np.sqrt(max(float(g @ solution.factor.solve(g[:, None])[:, 0]), 0.0)))
+    r = solution.redundancy
+    return left * max(1.0, float(np.sqrt(solution.vtpv / r)) if r > 0 else 1.0)
+
+
+def notices(a: Array | csr_array, motions: Array) -> bool:
+    """Return whether rows notice motions: |A g| > `NOTICED` Σ|A||g|.
+
+    Args:
+        a: partials of the rows, (k, m).
+        motions: the motions, (m, d).
+    """
+    return bool(np.any(np.abs(a @ motions) > NOTICED * (abs(a) @ np.abs(motions)) + 1e-300))
+
+
+def with_doubt(system: FrontSystem, reason: str) -> FrontSystem:
+    """Return a system that is not the minimum of everything in the graph."""
+    return replace(system, doubt=reason)

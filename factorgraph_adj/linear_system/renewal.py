@@ -1,0 +1,107 @@
+"""A new base, made in stages beside arrivals, before there is no room beside the old one.
+
+Every arrival with which rows beside the base have become many adds one stage: the network as it
+stands is compiled, then put in order for its elimination and moved by the first step, then
+adjusted; then what has come since is put beside it. No arrival waits for all of them.
+
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..solve.normal import Solver
+from ..solve.start import Start
+from ..types import Index
+from .front_system import FrontSystem
+from .joint_tests import RowsBesideBase
+from .linearisation_error import near_minimum
+from .rebase import EFFORT, Draft
+
+BEGIN = 0.65
+"""Part of the largest number of rows beside a base from which on a new one is made: there is room
+for some arrivals until it is there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Renewal:
+    """A new base in the making."""
+
+    old: FrontSystem
+    """A system beside the base that it will replace."""
+    draft: Draft
+    """The network when it was begun."""
+    solver: Solver | None = None
+    """It in the order of its elimination; none: that is the next stage."""
+    made: FrontSystem | None = None
+    """It adjusted; none: it is not yet."""
+
+
+def advanced(
+    renewal: Renewal | None, ledger: Ledger, system: FrontSystem, rules: Options
+) -> tuple[FrontSystem, Renewal | None]:
+    """Return the system and the renewal of its base after the next stage.
+
+    Args:
+        renewal: the renewal; none: none has begun.
+        ledger: what is in the graph.
+        system: the system of that.
+        rules: the options.
+    """
+    many = len(system.update.signs) >= BEGIN * system.most_beside
+    if not many or system.section is not None or system.doubt or system.is_free:
+        return system, None
+    with suppress(AdjustmentError):
+        inside = ledger.having("accepted")
+        if (
+            renewal is None
+            or renewal.old.base is not system.base
+            or not np.isin(renewal.draft.rows, inside).all()
+        ):
+            return system, Renewal(system, Draft.of(ledger, system, rules.datum))
+        if renewal.solver is None:
+            draft, solver = _stepped(renewal.draft)
+            return system, replace(renewal, draft=draft, solver=solver)
+        if renewal.made is None:
+            found = renewal.draft.adjusted(
+                rules.datum, tolerances=(EFFORT.close,), solver=renewal.solver
+            )
+            made = found.prepared() if isinstance(found, FrontSystem) else None
+            return system, None if made is None else replace(renewal, made=made)
+        since = np.setdiff1d(inside, renewal.draft.rows)
+        return _with(renewal.made, ledger, since, system, rules) or system, None
+    return system, None
+
+
+def _stepped(draft: Draft) -> tuple[Draft, Solver]:
+    """Return a network after a Gauss-Newton step, and its solver, which knows its order."""
+    normal, nothing = draft.normal(None)
+    step = normal.factorise(nothing).solve(-normal.gradient[:, None])[:, 0]
+    unknowns, start = draft.equations.unknowns, draft.start
+    moved = Start(unknowns, unknowns.retract(start.state, step), start.origin)
+    return replace(draft, start=moved), normal.solver
+
+
+def _with(
+    made: FrontSystem, ledger: Ledger, rows: Index, old: FrontSystem, rules: Options
+) -> FrontSystem | None:
+    """Return a new base with what has come since; none where it does not stand beside it.
+
+    Args:
+        made: the base.
+        ledger: what is in the graph.
+        rows: what has come since.
+        old: where everything is.
+        rules: the options.
+    """
+    if not len(rows):
+        return made
+    found = made.bordered(ledger, rows, old.carried)
+    joint = None if found is None else RowsBesideBase.of(*found)
+    return None if joint is None else near_minimum(ledger, joint.after, rules, joint.forms)

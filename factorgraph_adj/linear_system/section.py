@@ -1,0 +1,197 @@
+"""A section of a large network: what arrivals touch, adjusted anew beside the rest.
+
+A photo that arrives in a block of thousands touches some hundred points. With all observations of
+these points it is a small network of its own; what everything else says of its cameras stands in
+the last adjustment of the whole (`factorgraph_adj.solve.prior`). Its adjustment is that of the
+whole network, where the rest is linear, and the rest follows the cameras of the section:
+
+    dx = K d,  K = Q_·T Q_TT⁻¹,   Q'_ab = Q_ab + K_a (Q'_TT − Q_TT) K_bᵀ.
+
+Everything that arrives after the adjustment of the whole belongs to the section, which therefore
+grows until the whole is adjusted again. Single rows need not make it grow: they may touch unknowns
+outside, which follow T and coordinates u of their own,
+
+    dx = K d + G u,   Q_oo − K_o Q_TT K_oᵀ = G_o G_oᵀ,   G = (Q_·o − K Q_To) G_o⁻ᵀ,
+
+where u are independent of T and of one another and have the covariance I. Beside the section such
+rows are rows on T and u.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from ..solve.drift import Drift
+from ..solve.lifted import ROOM, Lifted
+from ..solve.prior import VANISHED, Marginal
+from ..solve.solution import Solution
+from ..types import NO_ROWS, Array, Index
+
+MOST_WAITS = 15
+"""Largest number of adjustments of the whole from one attempt to adjust a section to the next."""
+ROUNDING = 1e-13
+"""A difference of variances that is less than this part of them is rounding."""
+
+
+class Attempts(NamedTuple):
+    """Attempts to adjust sections while the whole moves farther than its linear forms hold.
+
+    A block that grows by much with every photo takes an adjustment of the whole for each, and that
+    of a section is in vain. After k failures in a row the next 2ᵏ⁻¹ − 1 adjustments are of the
+    whole without an attempt, at most `MOST_WAITS`.
+    """
+
+    failures: int = 0
+    """Failures in a row."""
+    waits: int = 0
+    """Number of adjustments until the next attempt."""
+
+    def failed(self) -> Attempts:
+        """Return the attempts after another failure."""
+        return Attempts(self.failures + 1, min(2**self.failures - 1, MOST_WAITS))
+
+    def passed(self) -> Attempts:
+        """Return the attempts after an adjustment of the whole."""
+        return self._replace(waits=max(self.waits - 1, 0))
+
+
+class Looked(NamedTuple):
+    """A look at how far the linear forms of the whole hold."""
+
+    movement: Array | None
+    """Movement of the whole at that moment, (n_columns,); none: it had not moved."""
+    drift: Drift
+    """What was seen."""
+    u: Array = np.zeros(0)
+    """Coordinates u at that moment, (n,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """What a section knows of the rest."""
+
+    base: Solution
+    """The whole network, as it was adjusted last."""
+    lifted: Lifted
+    """Its cofactors."""
+    inside: Index
+    """Rows of the ledger in it."""
+    drift: Drift | None
+    """How far its linear forms were found to hold; none: that is not known."""
+    columns: Index
+    """Columns of T in it, (m,)."""
+    spread: Array
+    """Cofactors of its coordinates with T, (size, m)."""
+    known: Marginal
+    """What everything but the observations of the section says of T."""
+    rows: Index
+    """Rows of the whole network that the section has."""
+    work: int
+    """Rays of all sections that have been adjusted since the whole was."""
+    looked: Looked | None = None
+    """The last look at how far the linear forms of the whole hold; none: there was none."""
+    reached: Index = field(default_factory=lambda: NO_ROWS)
+    """Columns of the whole outside the section that rows beside it touch."""
+    slots: Mapping[int, int] = field(default_factory=dict)
+    """Slots of their points, as those of a system."""
+    own: Array | None = None
+    """G, (size, n); none: there are no u."""
+
+    @property
+    def vtpv(self) -> float:
+        """VᵀPv of the whole less that of the section."""
+        return self.base.vtpv - self.known.vtpv
+
+    @property
+    def redundancy(self) -> int:
+        """Redundancy of the whole less that of the section."""
+        return self.base.redundancy - self.known.redundancy
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows of the whole less that of the section."""
+        return self.base.n_observations - self.known.n_rows
+
+    def renumbered(self, new: Index) -> Section:
+        """Return the section after the rows of the ledger have got new numbers (n,)."""
+        return replace(self, inside=renumbered(self.inside, new))
+
+    @property
+    def n_own(self) -> int:
+        """Number of coordinates u."""
+        return 0 if self.own is None else self.own.shape[1]
+
+    @cached_property
+    def root(self) -> Array:
+        """Root of the cofactors of T and u in the rest: L and I, (m + n, m + n)."""
+        m = len(self.columns)
+        out = np.eye(m + self.n_own)
+        out[:m, :m] = self.known.root
+        return out
+
+    def reaching(self, columns: Index) -> Section | None:
+        """Return the section beside which rows may touch more columns of the whole.
+
+        None: there is no room for them.
+        """
+        new = np.setdiff1d(columns, self.reached)
+        slots = self.lifted.with_slots(new, self.slots)
+        if len(slots) > ROOM:
+            return None
+        f = self.lifted.expand(new, np.eye(len(new)), slots)
+        q = self.lifted.times(f.at, f.b)
+        before = np.einsum("ij,ji->i", f.b, q[f.at])
+        q -= self.spread @ cho_solve((self.known.root, True), (f.b @ self.spread[f.at]).T)
+        if self.own is not None:
+            q -= self.own @ (f.b @ self.own[f.at]).T
+        c = f.b @ q[f.at]
+        # What T leaves may be far less than a weak datum makes of all of it together.
+        least = np.maximum(ROUNDING * before, np.finfo(float).tiny)
+        sigma = np.sqrt(np.maximum(np.diag(c), least))
+        c = c / np.outer(sigma, sigma)
+        values, vectors = np.linalg.eigh(0.5 * (c + c.T))
+        on = values > VANISHED  # the others follow T
+        own = (q / sigma) @ (vectors[:, on] / np.sqrt(values[on]))
+        if self.own is not None:
+            own = np.concatenate([self.own, own], axis=1)
+        return replace(self, reached=np.append(self.reached, new), slots=slots, own=own)
+
+    def movement(self, d: Array, u: Array) -> Array:
+        """Return how the whole follows the movement d (m,) of T, and u (n,), (n_columns,)."""
+        z = self.spread @ cho_solve((self.known.root, True), d)
+        if self.own is not None:
+            z += self.own @ u
+        return self.lifted.unknowns(z, self.slots)
+
+    def coordinates(self, g: Array) -> Array:
+        """Return a gradient by the coordinates of the whole (size,) as one by T and u, (m + n,)."""
+        of_t = cho_solve((self.known.root, True), self.spread.T @ g)
+        return np.asarray(of_t if self.own is None else np.append(of_t, self.own.T @ g))
+
+    def length(self, d: Array, u: Array) -> float:
+        """Return the length √(dᵀ Q_TT⁻¹ d + uᵀu) of a movement, relative to σ."""
+        return float(np.sqrt(max(self.inner(d, u, d, u), 0.0)))
+
+    def inner(self, d: Array, u: Array, other: Array, own: Array) -> float:
+        """Return the inner product of two movements whose squares are those of their lengths."""
+        whitened = cho_solve((self.known.root, True), other)
+        return float(d @ whitened + u @ own)
+
+    def carried(self, columns: Index) -> Array:
+        """Return K and G of unknowns outside the section, beside one another, (k, m + n)."""
+        f = self.lifted.expand(columns, np.eye(len(columns)), self.slots)
+        k = cho_solve((self.known.root, True), (f.b @ self.spread[f.at]).T).T
+        return np.asarray(k if self.own is None else np.hstack([k, f.b @ self.own[f.at]]))
+
+
+def renumbered(rows: Index, new: Index) -> Index:
+    """Return rows by their new numbers (n,); none where one of them is no more in the ledger."""
+    found = new[rows]
+    return NO_ROWS if (found < 0).any() else found

@@ -1,0 +1,40 @@
+"""Which units stay: the choice comes to an end whatever the units are said to hold."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from factorgraph_adj.graph.dependence import Variable
+from factorgraph_adj.linear_system.test_statistics import decide
+from factorgraph_adj.quality import leave_out
+
+LOST: Variable = ("point", "P")
+
+
+class Two:
+    """Two units, of which the second is far off, and is said to hold a point by its last digits."""
+
+    units = ()
+    raw = (np.eye(2), np.eye(2))
+
+    def tested(self) -> leave_out.Tested:
+        m = np.diag([0.5, 0.5, 0.5, 1e-9])
+        rows = [np.array([0, 1]), np.array([2, 3])]
+        return leave_out.Tested(rows, np.array([0.1, 0.1, 50.0, 0.0]), lambda u: m[:, u])
+
+    def held_by(self, i: int, combinations: object, new: Collection[Variable]) -> set[Variable]:
+        return {LOST}
+
+
+def test_what_is_said_to_hold_what_nothing_joins_any_more_is_left_out_by_itself() -> None:
+    """It was asked for ever again, as nothing that joined the point was left to leave with it."""
+    decision = decide(Two(), 0.001, np.zeros(2, dtype=bool), {LOST}, lambda i, lost: False)  # type: ignore[arg-type]
+    assert decision.stay == [0]
+    assert set(decision.out) == {1} and not decision.back and not decision.loose
+
+
+def test_what_joins_what_would_be_lost_goes_back_together() -> None:
+    decision = decide(Two(), 0.001, np.zeros(2, dtype=bool), {LOST}, lambda i, lost: bool(lost))  # type: ignore[arg-type]
+    assert decision.back == [0, 1] and decision.loose == {LOST} and not decision.out
