@@ -20,7 +20,7 @@ from ..graph.variables import State, Unknowns
 from ..graph.weights import Cluster
 from ..models.variables import VariableKind
 from ..network.network import DatumChoice, Network
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..solve.stiff import eased
 from ..types import Array
 from .inner_constraints import inner_constraints
@@ -91,7 +91,7 @@ def build_graph(
     assert origin is not None
     state = {kind: values.copy() for kind, values in state.items()}  # the factors keep the state
     equations = equations.weighted_at(state)
-    system = LinearSystem(equations, state)
+    system = LinearisedEquations(equations, state)
     diagonal = system.diagonal()
     eased_equations = with_eased_ties(equations, system, diagonal)
     unknowns = equations.unknowns
@@ -109,7 +109,9 @@ def build_graph(
     return Graph(graph, values_of(equations, state), keys, equations)
 
 
-def with_eased_ties(equations: Equations, system: LinearSystem, diagonal: Array) -> Equations:
+def with_eased_ties(
+    equations: Equations, system: LinearisedEquations, diagonal: Array
+) -> Equations:
     """Return equations whose ties weigh no more than `STIFFEST` says."""
     _, shares = eased(system, diagonal)
     factors = np.minimum(shares[: equations.n_rows] ** 2 * STIFFEST, 1.0)

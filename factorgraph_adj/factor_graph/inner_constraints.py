@@ -10,7 +10,7 @@ from ..graph.keys import KeyMap, insert, to_gtsam
 from ..graph.variables import State
 from ..solve.datum import FreeDatum, find_defects
 from ..solve.free_network import datum_columns
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..types import Array
 
 STIFFEST = 2.0**20
@@ -18,7 +18,7 @@ STIFFEST = 2.0**20
 
 
 def inner_constraints(
-    system: LinearSystem, diagonal: Array, origin: State, keys: KeyMap
+    system: LinearisedEquations, diagonal: Array, origin: State, keys: KeyMap
 ) -> gtsam.LinearContainerFactor | None:
     """Return the inner constraints of a free network over its datum points.
 

@@ -29,7 +29,7 @@ from ..observations import AnyObservation
 from ..quality.groups import noncentrality_of_group
 from ..quality.leave_out import Tested, critical_t2
 from ..quality.reliability import UNCONTROLLED, check_probabilities
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..types import Array, Index
 from .build import held_sigmas, observation_parts, with_eased_ties
 from .inner_constraints import inner_constraints
@@ -133,7 +133,7 @@ class Isam:
         equations = compile_network(self.network)
         chosen = network.datum if datum is None else datum
         start = start_of(equations, chosen, None)
-        system = LinearSystem(equations.weighted_at(start.state), start.state)
+        system = LinearisedEquations(equations.weighted_at(start.state), start.state)
         self._equations = system.equations
         more = {}
         if chosen == "free":
@@ -233,7 +233,7 @@ class Isam:
         if any(np.isnan(x).any() for x in state.values()):
             placed = _with_start(equations, state)
             state = approximate(placed)
-        system = LinearSystem(equations.weighted_at(state), state)
+        system = LinearisedEquations(equations.weighted_at(state), state)
         before = self._equations, dict(self._slots)
         self._equations = system.equations
         try:
@@ -289,7 +289,7 @@ class Isam:
         equations = self._equations.weighted_at(state)
         if equations.weighs_as(self._equations):
             return False
-        system = LinearSystem(equations, state)
+        system = LinearisedEquations(equations, state)
         diagonal = system.diagonal()
         old = {name: parts for name, parts, _ in observation_parts(self._equations)}
         changed: dict[str, gtsam.NonlinearFactor] = {}
@@ -398,7 +398,7 @@ class Isam:
     def _take(
         self,
         network: Network,
-        system: LinearSystem,
+        system: LinearisedEquations,
         more: Mapping[str, gtsam.NonlinearFactor],
     ) -> tuple[str, ...]:
         """Put what is new in; return its names."""

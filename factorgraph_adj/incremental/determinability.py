@@ -31,7 +31,7 @@ from ..ledger.candidates import Candidates, Nothing, excerpt
 from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..solve.anywhere import anywhere, anywhere_at
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..solve.minimum import adjust_from
 from ..solve.normal import Solver
 from ..solve.rank import DENSE, UNDETERMINED, loose
@@ -186,7 +186,7 @@ class Search:
             if problems:
                 return nothing
             state = beside_lines(equations, origin)
-            system = LinearSystem(equations.weighted_at(state), state)
+            system = LinearisedEquations(equations.weighted_at(state), state)
             weak = loose(system, state, free=False, least=LIMITS.share) or anywhere_at(system)
             if not weak:
                 with np.errstate(over="ignore", invalid="ignore"):
@@ -327,7 +327,7 @@ class Search:
         if lost:
             return lost
         weighted = equations.weighted_at(beside := beside_lines(equations, state))
-        system = LinearSystem(weighted, beside)
+        system = LinearisedEquations(weighted, beside)
         solver = Solver.of(weighted) if equations.unknowns.n_columns > DENSE else None
         found = loose(
             system,

@@ -27,7 +27,7 @@ from ..observations import ControlPoint, PhotoPosition
 from ..observations.own import OwnFactor
 from ..quality.snooping import snoop
 from ..solve.datum import parts as parts_of
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..solve.solution import Solution
 from ..types import Mask
 
@@ -65,7 +65,7 @@ LIMITS = Limits()
 """The limits of `find` and `determined`."""
 
 
-def gauss_newton_steps(system: LinearSystem) -> State | None:
+def gauss_newton_steps(system: LinearisedEquations) -> State | None:
     """Return the state after a few Gauss-Newton steps; none where they do not become short."""
     equations, state = system.equations, system.state
     for _ in range(LIMITS.steps):
@@ -80,7 +80,7 @@ def gauss_newton_steps(system: LinearSystem) -> State | None:
         state = equations.unknowns.retract(state, whole)
         if np.abs(step).max(initial=0.0) < LIMITS.near:
             return state
-        system = LinearSystem(equations.weighted_at(state), state)
+        system = LinearisedEquations(equations.weighted_at(state), state)
     return None
 
 

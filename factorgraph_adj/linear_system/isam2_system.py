@@ -29,7 +29,7 @@ from ..ledger.row_store import Unit
 from ..models.variables import VariableKind
 from ..quality.leave_out import Tested
 from ..solve.ambiguous_points import standing_free, weakest_directions
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..solve.mirrors import mirror_midpoints
 from ..solve.run import Looked
 from ..solve.solution import Solution
@@ -368,7 +368,7 @@ class EnteredRows:
         if not candidates.any():
             return False
         state = self.tree.carried(unknowns, unknowns.start())
-        if len(weakest_directions(LinearSystem(equations, state), candidates).points):
+        if len(weakest_directions(LinearisedEquations(equations, state), candidates).points):
             return True
         return bool(mirror_midpoints(equations, state, candidates))
 

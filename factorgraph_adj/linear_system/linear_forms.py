@@ -12,7 +12,7 @@ from ..graph.variables import State
 from ..ledger.row_store import Unit
 from ..models.variables import VariableKind
 from ..observations import ImagePoint
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..solve.starts_on_lines import beside_lines
 from ..types import NO_ROWS, Array, Index
 
@@ -33,7 +33,7 @@ class LinearForms:
     """Partials, (k, m)."""
     raw: tuple[Array, ...]
     """L of each unit with Σ = L Lᵀ: what whitening is undone with, (d, d)."""
-    at: LinearSystem
+    at: LinearisedEquations
     """The excerpt of the network, linearised."""
     chosen: Index
     """Rows of the excerpt, (k,)."""
@@ -64,7 +64,7 @@ class LinearForms:
             InputError: names observations whose geometry has no answer.
         """
         state = beside_lines(equations, state)
-        system = LinearSystem(equations.weighted_at(state), state)
+        system = LinearisedEquations(equations.weighted_at(state), state)
         unknowns = equations.unknowns
         a = np.zeros((len(system.residual), 0))
         if unknowns.n_columns:
@@ -110,7 +110,7 @@ class LinearForms:
         unknowns = self.at.unknowns
         whole = np.zeros(unknowns.n_columns)
         whole[self.own] = step
-        there = LinearSystem(self.at.equations, unknowns.retract(self.at.state, whole))
+        there = LinearisedEquations(self.at.equations, unknowns.retract(self.at.state, whole))
         gap = there.residual[self.chosen] - (self.v + self.a @ step)
         if not len(whole):
             return 0.0, self.a

@@ -20,7 +20,7 @@ from ..errors import AdjustmentError
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..solve.drift import Drift, missed, turned
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..solve.singular import SingularError
 from ..types import NO_ROWS, Array
 from .front_system import FrontSystem
@@ -154,7 +154,7 @@ def _look(
     apart = NO_ROWS if part is None or part.section is None else part.section.rows
     here = system.base.normal().system
     extra = system.base.extra.at(here.equations, system.state).rows
-    there = LinearSystem(here.equations, system.state, extra)
+    there = LinearisedEquations(here.equations, system.state, extra)
     g = missed(here, there, system.movement, apart)
     if system.followed is not None:
         g = g - system.followed

@@ -25,7 +25,7 @@ from ..solve.ambiguous_points import standing_free
 from ..solve.anywhere import anywhere, narrow
 from ..solve.datum import generators, middle
 from ..solve.extra import NOTHING_MORE, Extra
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..solve.minimum import OFF_DATUM, adjust_from
 from ..solve.mirrors import mirror_midpoints
 from ..solve.normal import NormalEquations, Solver
@@ -243,7 +243,7 @@ class Draft:
         before = generators(base.equations, base.state, about)
         amounts = np.linalg.lstsq(before, base.datum.motions, rcond=None)[0]
         motions = generators(self.equations, self.start.state, about) @ amounts
-        system = LinearSystem(self.equations.weighted_at(self.start.state), self.start.state)
+        system = LinearisedEquations(self.equations.weighted_at(self.start.state), self.start.state)
         out = []
         for unit in ids:
             a = system.sparse(np.concatenate(self.equations.find(unit)))

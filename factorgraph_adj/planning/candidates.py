@@ -18,7 +18,7 @@ from ..network.entities import Camera, Key, Parameter, Photo, Point, parameter_n
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
 from ..observations.identity import identity, named
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..types import Array, Index
 from .readings import as_planned
 
@@ -254,7 +254,7 @@ def linearise(
     equations = compile_network(as_planned(network))
     state = equations.unknowns.start()
     equations = equations.weighted_at(state)
-    a = partials(LinearSystem(equations, state))
+    a = partials(LinearisedEquations(equations, state))
     column = np.full(design.unknowns.n_columns, -1, dtype=np.intp)
     for kind, table in design.unknowns.tables.items():
         other = equations.unknowns[kind]
@@ -307,7 +307,7 @@ def _owners(equations: Equations, candidates: Sequence[Candidate]) -> Index:
     return owner
 
 
-def partials(system: LinearSystem) -> csr_array:
+def partials(system: LinearisedEquations) -> csr_array:
     """Return the whitened partials of all rows, (n_rows, n_columns)."""
     equations = system.equations
     values: list[Array] = []

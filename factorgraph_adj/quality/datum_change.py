@@ -30,7 +30,7 @@ from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns
 from ..solve.datum import FreeDatum, find_defects, generators
 from ..solve.free_network import carry, datum_columns, held_gradient
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..solve.normal import NormalEquations
 from ..solve.rank import describe_defects
 from ..solve.reference_datum import ReferenceDatum
@@ -248,7 +248,7 @@ def _undetermined(
 ) -> tuple[Array, tuple[str, ...]]:
     """Return G of the motions that only coordinates determine, and the names of these motions."""
     extra = [replace(e, columns=place[e.columns]) for e in solution.normal().system.extra]
-    system = LinearSystem(freed, solution.state, extra)
+    system = LinearisedEquations(freed, solution.state, extra)
     diagonal = system.diagonal()
     diagonal[diagonal < UNOBSERVED] = 0.0
     defects = find_defects(system, solution.state, diagonal, free=True)

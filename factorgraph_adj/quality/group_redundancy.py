@@ -27,7 +27,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..solve.linear import LinearSystem
+from ..solve.linear import LinearisedEquations
 from ..solve.solution import Solution
 from ..types import Array
 from .observation_groups import ObservationGroups
@@ -191,7 +191,7 @@ def _logarithms(solution: Solution) -> Array:
     return np.log(solution.weights)
 
 
-def _with_extra(groups: ObservationGroups, system: LinearSystem) -> ObservationGroups:
+def _with_extra(groups: ObservationGroups, system: LinearisedEquations) -> ObservationGroups:
     """Append the rows of factors that the user added; these rows are in no group."""
     added = sum(len(e.a) for e in system.extra)
     return replace(groups, of_row=np.append(groups.of_row, np.full(added, -1, dtype=np.intp)))

@@ -24,7 +24,7 @@ from ..graph.variables import State
 from ..types import Array, Index, Mask
 from .datum import middle
 from .iterate import Ended
-from .linear import ExtraRows, LinearSystem
+from .linear import ExtraRows, LinearisedEquations
 from .linear_block import LinearBlock
 from .mirrors import mirror_midpoints
 from .normal import NormalEquations
@@ -109,7 +109,7 @@ def standing_free(equations: Equations) -> Mask:
     return np.asarray(out & (table.free.sum(axis=1) > 1))
 
 
-def weakest_directions(system: LinearSystem, candidates: Mask) -> Weakest:
+def weakest_directions(system: LinearisedEquations, candidates: Mask) -> Weakest:
     """Return the points that are determined in one direction much worse than in another.
 
     Args:

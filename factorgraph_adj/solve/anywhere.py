@@ -16,7 +16,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..observations import observation_kind
 from .elimination import Layers, first_point
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .solution import Solution
 
 WITHIN = 3.0
@@ -63,7 +63,7 @@ def anywhere(solution: Solution) -> list[Anywhere]:
     return anywhere_at(solution.normal().system)
 
 
-def anywhere_at(system: LinearSystem) -> list[Anywhere]:
+def anywhere_at(system: LinearisedEquations) -> list[Anywhere]:
     """Return the points that may be anywhere, where a network has been linearised."""
     equations, state = system.equations, system.state
     points = equations.unknowns["point"]

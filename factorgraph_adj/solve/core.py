@@ -20,7 +20,7 @@ from ..graph.variables import State
 from ..models.variables import VariableKind
 from ..types import Array, Index
 from .datum import generators
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 
 FOLLOWS = 1e-6
 """Largest difference of a scaled null vector from a motion that counts as rounding."""
@@ -31,7 +31,7 @@ NEIGHBOURS = 8
 
 
 def core(
-    system: LinearSystem, state: State, z: Array, scale: Array
+    system: LinearisedEquations, state: State, z: Array, scale: Array
 ) -> set[tuple[VariableKind, str]]:
     """Return the variables of the largest part that null vectors move as a whole.
 
@@ -67,7 +67,7 @@ def core(
 
 
 def _seeds(
-    system: LinearSystem, active: list[tuple[VariableKind, int]], columns: list[Index]
+    system: LinearisedEquations, active: list[tuple[VariableKind, int]], columns: list[Index]
 ) -> list[tuple[int, int, int]]:
     """Return triples of points and photos that share observations, by their numbers."""
     variable = np.full(system.unknowns.n_columns, -1, dtype=np.intp)

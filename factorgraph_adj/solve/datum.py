@@ -32,7 +32,7 @@ from ..models.height import heights
 from ..models.motions import Motions
 from ..models.variables import UNKNOWNS
 from ..types import Array, Index, Mask
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .shrinking import without_shrinking
 from .stations import by_stations, places_of, still_places
 from .stiff import eased
@@ -227,7 +227,7 @@ class Defect:
 
 
 def find_defects(
-    system: LinearSystem,
+    system: LinearisedEquations,
     state: State,
     diagonal: Array,
     *,
@@ -305,7 +305,7 @@ def unnoticed_ratio(equations: Equations, about: About, *, free: bool) -> float:
 
 
 def _unnoticed(
-    system: LinearSystem,
+    system: LinearisedEquations,
     g: Array,
     diagonal: Array,
     threshold: float,
@@ -404,7 +404,7 @@ class _Rows:
         return self.azimuths | self.surfaces
 
     @classmethod
-    def of(cls, system: LinearSystem) -> _Rows:
+    def of(cls, system: LinearisedEquations) -> _Rows:
         """Return the rows of a linearised network."""
         places = np.ones(len(system.every_residual), dtype=bool)
         azimuths, surfaces = np.zeros_like(places), np.zeros_like(places)

@@ -16,7 +16,7 @@ from ..errors import AdjustmentError, InputError, Problem, known
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..types import Array, Mask
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 
 MAX_ROUNDING = 0.1
 """Largest rounding error of a computed value, relative to its σ."""
@@ -38,7 +38,7 @@ MAX_PROBLEMS = 50
 _UNITS = {"m": " m", "rad": " rad"}
 
 
-def check_numerical_precision(system: LinearSystem, resolution: float) -> None:
+def check_numerical_precision(system: LinearisedEquations, resolution: float) -> None:
     """Refuse observations whose σ is below what double precision carries at their coordinates.
 
     The computed value of row i has a rounding error of ½ √(Σⱼ aᵢⱼ² δⱼ²) σ, with the whitened
@@ -60,7 +60,7 @@ def check_numerical_precision(system: LinearSystem, resolution: float) -> None:
         raise _rounded(system, errors, MAX_ROUNDING)
 
 
-def _rounded(system: LinearSystem, errors: Array, limit: float) -> InputError:
+def _rounded(system: LinearisedEquations, errors: Array, limit: float) -> InputError:
     """Return the error that names rows with rounding errors above a limit."""
     equations, state = system.equations, system.state
     worst = _worst(equations, errors > limit, errors)
@@ -81,7 +81,7 @@ def _rounded(system: LinearSystem, errors: Array, limit: float) -> InputError:
     return InputError(_listed(problems, len(worst)))
 
 
-def _rounding(system: LinearSystem) -> Array:
+def _rounding(system: LinearisedEquations) -> Array:
     """Return the rounding error of the computed value of each row, relative to its σ, (n_rows,)."""
     squares = system.unknowns.spacing(system.state) ** 2
     return np.concatenate([0.5 * np.sqrt(a.power(2) @ squares) for a in _pieces(system)])
@@ -109,7 +109,7 @@ def lost_rows(
     if weights is not None:
         equations = equations.reweighted(weights)
     try:
-        system = LinearSystem(equations, state)
+        system = LinearisedEquations(equations, state)
     except InputError:
         return None
 
@@ -155,14 +155,14 @@ def lost_rows(
     return InputError(_listed(problems, len(worst)))
 
 
-def _pieces(system: LinearSystem) -> Iterator[csr_array]:
+def _pieces(system: LinearisedEquations) -> Iterator[csr_array]:
     """Return the whitened partials of all rows, some at a time."""
     n = system.equations.n_rows
     for first in range(0, n, ROWS_AT_ONCE):
         yield system.sparse(np.arange(first, min(first + ROWS_AT_ONCE, n)))
 
 
-def _largest(system: LinearSystem, scale: Array) -> Array:
+def _largest(system: LinearisedEquations, scale: Array) -> Array:
     """Return the largest element |aᵢⱼ| sⱼ of each row, (n_rows,)."""
     by_column = diags_array(scale)
     parts = [abs(a @ by_column).max(axis=1).toarray().ravel() for a in _pieces(system)]

@@ -24,7 +24,7 @@ import numpy as np
 
 from ..types import NO_ROWS, Array, Index
 from .factor import Factor
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 
 SEED = 1
 """Seed of the first vector of the power iteration."""
@@ -93,7 +93,7 @@ class Drift:
 
 
 def missed(
-    here: LinearSystem, there: LinearSystem, movement: Array, apart: Index = NO_ROWS
+    here: LinearisedEquations, there: LinearisedEquations, movement: Array, apart: Index = NO_ROWS
 ) -> Array:
     """Return what the linear forms miss of the gradient, (n_columns,).
 
@@ -110,8 +110,8 @@ def missed(
 
 
 def turned(
-    here: LinearSystem,
-    there: LinearSystem,
+    here: LinearisedEquations,
+    there: LinearisedEquations,
     factor: Factor,
     start: Array | None,
     apart: Index = NO_ROWS,

@@ -11,7 +11,7 @@ from ..graph.equations import Equations
 from ..types import Array, Index
 from .elimination import Layers
 from .fronts import BlockMatrix, Fronts
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .node_sums import NodeRows
 from .nodes import Nodes
 from .ray_sums import RaySums
@@ -45,7 +45,7 @@ class Plan:
         rows = NodeRows(equations, nodes) if layers.in_fronts else None
         return cls(layers, nodes, rays, rows)
 
-    def sums(self, system: LinearSystem) -> RaySums | None:
+    def sums(self, system: LinearisedEquations) -> RaySums | None:
         """Return the products of the rays of a linearisation; none: there is no first layer."""
         return None if self.rays is None else RaySums(self.rays, system)
 
@@ -102,7 +102,7 @@ class Factor:
         self,
         nodes: Nodes,
         plan: Plan,
-        system: LinearSystem,
+        system: LinearisedEquations,
         rest: list[Remainder],
         extra: Array,
     ) -> Fronts:

@@ -24,7 +24,7 @@ from ..types import Array, Index, Mask
 from .datum import FreeDatum, minimal_datum
 from .elimination import Layers
 from .factor import Factor, Plan
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .linear_block import LinearBlock
 from .linear_rays import LinearRays
 from .node_sums import NodeRows
@@ -91,7 +91,9 @@ class Leverages:
         return [b.hat for b in self.blocks], [c.hat for c in self.clusters]
 
 
-def leverages(system: LinearSystem, factor: Factor, transform: STransform | None) -> Leverages:
+def leverages(
+    system: LinearisedEquations, factor: Factor, transform: STransform | None
+) -> Leverages:
     """Compute A Q Aᵀ of all observations.
 
     Args:
@@ -138,7 +140,7 @@ def leverages(system: LinearSystem, factor: Factor, transform: STransform | None
 
 
 def point_leverages(
-    system: LinearSystem, factor: Factor, datum: FreeDatum | None
+    system: LinearisedEquations, factor: Factor, datum: FreeDatum | None
 ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
     """Return A2 N22⁻¹ A2ᵀ of every block (n, d, d), and of every cluster (k, k), whitened.
 
@@ -199,7 +201,9 @@ def _empty(lb: LinearBlock | LinearRays) -> BlockLeverage:
     return BlockLeverage(np.zeros((n, d, d)), np.zeros((n, d, d)), np.zeros((n, 3 * points, d)))
 
 
-def _split(system: LinearSystem, reduced: object, factor: Factor) -> list[tuple[Index, Index]]:
+def _split(
+    system: LinearisedEquations, reduced: object, factor: Factor
+) -> list[tuple[Index, Index]]:
     """Return, for each block, its rows with points of the first layer and its other rows."""
     out = []
     clustered = system.equations.in_cluster
@@ -276,7 +280,7 @@ def _from_points(
 
 
 def _dense(
-    columns: Index, a: Array, inverse: SelectedInverse, system: LinearSystem
+    columns: Index, a: Array, inverse: SelectedInverse, system: LinearisedEquations
 ) -> ClusterLeverage:
     """Return the leverages of rows (k, m) over any number of columns (m,)."""
     joint = inverse.joint(columns[None])[0]
@@ -286,7 +290,7 @@ def _dense(
     return ClusterLeverage(a @ own, a1 @ joint[np.ix_(other, other)] @ a1.T, columns, own)
 
 
-def _of_points(system: LinearSystem) -> Mask:
+def _of_points(system: LinearisedEquations) -> Mask:
     """Return which columns are coordinates of points, (n_columns,)."""
     out = np.zeros(system.unknowns.n_columns, dtype=bool)
     offset = system.unknowns["point"].offset
@@ -298,7 +302,7 @@ def _of_points(system: LinearSystem) -> Mask:
 
 
 def _points_alone(
-    system: LinearSystem, only: LinearSystem, factor: Factor, datum: FreeDatum | None
+    system: LinearisedEquations, only: LinearisedEquations, factor: Factor, datum: FreeDatum | None
 ) -> Factor | None:
     """Return N22 of the points that are not in the first layer, factorised; none: there are none.
 
@@ -358,7 +362,7 @@ class STransform:
     square: Array
     """E = B_Dᵀ F (d, d)."""
 
-    def blocks(self, system: LinearSystem, blocks: list[BlockLeverage]) -> None:
+    def blocks(self, system: LinearisedEquations, blocks: list[BlockLeverage]) -> None:
         """Transform the parts of single unknowns of blocks, in place."""
         of_f = system.times(self.cross)
         others = system.only([k for k in system.unknowns.tables if k != "point"])
@@ -380,7 +384,7 @@ class STransform:
                 number += 1
 
     def dense(
-        self, system: LinearSystem, columns: Index, a: Array, c: ClusterLeverage
+        self, system: LinearisedEquations, columns: Index, a: Array, c: ClusterLeverage
     ) -> ClusterLeverage:
         """Return the transformed leverages of dense rows."""
         other = ~_of_points(system)[columns]

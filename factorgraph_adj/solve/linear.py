@@ -37,7 +37,7 @@ class ExtraRows:
     """Name of the factor."""
 
 
-class LinearSystem:
+class LinearisedEquations:
     """Whitened residuals v and partials A of all observations at one state."""
 
     def __init__(
@@ -83,7 +83,7 @@ class LinearSystem:
                 v[c.rows] = c.whitener @ raw[c.rows]
         self.residual = v
 
-    def only(self, kinds: Collection[VariableKind]) -> LinearSystem:
+    def only(self, kinds: Collection[VariableKind]) -> LinearisedEquations:
         """Return the system with the other kinds of variables held."""
         out = copy(self)
         out.blocks = [lb.only(kinds) for lb in self.blocks]

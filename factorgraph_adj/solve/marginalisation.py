@@ -31,7 +31,7 @@ from scipy.sparse import csr_array
 
 from ..types import Array, Index
 from .drift import missed
-from .linear import ExtraRows, LinearSystem
+from .linear import ExtraRows, LinearisedEquations
 from .normal import NormalEquations
 from .prior import Prior, groups_of
 from .singular import SingularError
@@ -124,7 +124,7 @@ def _missed(
     for movement in factor.solve(here.transposed(noise)).T:
         state = unknowns.retract(here.state, movement)
         extra = () if before is None else before.at(here.equations, state).rows
-        there = LinearSystem(here.equations, state, extra)
+        there = LinearisedEquations(here.equations, state, extra)
         g = missed(here, there, movement, np.flatnonzero(others))
         left = float(np.sqrt(max(float(g @ factor.solve(g[:, None])[:, 0]), 0.0)))
         on = sigma > 0

@@ -18,7 +18,7 @@ from ..models.variables import VariableKind
 from ..types import Array, Index, Mask
 from .elimination import outside
 from .fronts import BlockMatrix
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .linear_block import LinearBlock
 from .linear_rays import LinearRays
 from .nodes import Nodes
@@ -171,7 +171,7 @@ class NodeRows:
         )
         return np.asarray(codes[codes // n != codes % n], dtype=np.intp)
 
-    def add_to(self, matrix: BlockMatrix, system: LinearSystem) -> None:
+    def add_to(self, matrix: BlockMatrix, system: LinearisedEquations) -> None:
         """Add AᵀA of all observations to the reduced system, in place."""
         for block in self.blocks:
             self._add(matrix, system.blocks[block.place], block)

@@ -15,7 +15,7 @@ from ..types import Array
 from .datum import FreeDatum
 from .elimination import Layers, layers_of
 from .factor import Factor, Plan
-from .linear import ExtraRows, LinearSystem
+from .linear import ExtraRows, LinearisedEquations
 from .ray_sums import RaySums
 from .singular import SingularError
 from .stiff import eased_diagonal
@@ -85,9 +85,9 @@ class NormalEquations:
         extra: Sequence[ExtraRows] = (),
         evaluated: Mapping[int, Linearised] | None = None,
     ) -> None:
-        """Linearise at ``state``; the arguments are those of `LinearSystem`."""
+        """Linearise at ``state``; the arguments are those of `LinearisedEquations`."""
         self.solver, self.state = solver, state
-        self.system = LinearSystem(solver.equations, state, extra, evaluated)
+        self.system = LinearisedEquations(solver.equations, state, extra, evaluated)
         self.gradient = self.system.gradient()
         self.diagonal = self.system.diagonal()
         self._factors: TreeFactors | None = None

@@ -15,7 +15,7 @@ from .core import core
 from .datum import UNNOTICED, Defect, find_defects, generators, in_part, middle
 from .elimination import layers_of
 from .factor import Factor, Plan
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .singular import SingularError
 from .stiff import eased_diagonal
 from .tree import TreeFactors
@@ -59,13 +59,13 @@ LISTED = 12
 """Largest number of unknowns that a message names."""
 
 
-def _scale(system: LinearSystem, diagonal: Array) -> Array:
+def _scale(system: LinearisedEquations, diagonal: Array) -> Array:
     """Return √diag N without the stiffness of rigid mounts, 1 where it is zero, (n_columns,)."""
     eased = eased_diagonal(system, diagonal)
     return np.where(diagonal > 0, np.sqrt(np.maximum(eased, 0.0)), 1.0)
 
 
-def null_space(system: LinearSystem, diagonal: Array) -> Array:
+def null_space(system: LinearisedEquations, diagonal: Array) -> Array:
     """Return an orthonormal basis (n_columns, d) of the null space of N, scaled by √diagonal.
 
     The method is inverse iteration with a block of vectors on the regularised normal equations;
@@ -106,7 +106,7 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
 
 
 def unnoticed(
-    system: LinearSystem, diagonal: Array, factor: Factor, defects: Sequence[Defect]
+    system: LinearisedEquations, diagonal: Array, factor: Factor, defects: Sequence[Defect]
 ) -> Array:
     """Return the undetermined combinations of a factorised network beside its datum defects.
 
@@ -142,7 +142,7 @@ def unnoticed(
     return np.asarray(z @ right[noticed < UNNOTICED].T)
 
 
-def _is_bound(diagonal: Array, system: LinearSystem, z: Array) -> bool:
+def _is_bound(diagonal: Array, system: LinearisedEquations, z: Array) -> bool:
     """Return whether a search found as many combinations as it looks for: there may be more.
 
     Args:
@@ -171,7 +171,7 @@ def _beside(z: Array, motions: Array) -> Array:
 
 
 def undetermined(
-    system: LinearSystem,
+    system: LinearisedEquations,
     diagonal: Array,
     defects: Sequence[Defect],
     *,
@@ -265,7 +265,9 @@ curved Earth: attitudes of a photo flight notice a shift by 2e-5 to 6e-5. Where 
 move together, their combination resembles a motion that is noticed by 5e-4 and more."""
 
 
-def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Defect | None, Array]:
+def _nearly_unnoticed(
+    system: LinearisedEquations, z: Array, scale: Array
+) -> tuple[Defect | None, Array]:
     """Return the motions of the network among undetermined combinations, and the others.
 
     On the curved Earth a shift also turns the horizons, by 1/R: attitudes notice it so little that
@@ -385,7 +387,7 @@ def _moved_along(
     return out
 
 
-def _support(system: LinearSystem, kind: str, number: int, diagonal: Array) -> str:
+def _support(system: LinearisedEquations, kind: str, number: int, diagonal: Array) -> str:
     """Return the numbers of observations of a variable by kind, in words."""
     counts: dict[str, int] = {}
     for lb in system.blocks:
@@ -403,7 +405,7 @@ def _support(system: LinearSystem, kind: str, number: int, diagonal: Array) -> s
 
 
 def loose(
-    system: LinearSystem,
+    system: LinearisedEquations,
     state: State,
     *,
     free: bool,
@@ -444,7 +446,7 @@ def loose(
     )
 
 
-def _is_determined(system: LinearSystem, diagonal: Array, plan: Plan) -> bool:
+def _is_determined(system: LinearisedEquations, diagonal: Array, plan: Plan) -> bool:
     """Return whether the pivots of N say that all is determined.
 
     Rounding leaves pivots up to 10⁻¹⁰ in a singular N, see `iterate.Iteration.poor`.
@@ -468,7 +470,7 @@ def _moved(
     }
 
 
-def _whole_null_space(system: LinearSystem, diagonal: Array) -> Array:
+def _whole_null_space(system: LinearisedEquations, diagonal: Array) -> Array:
     """Return a basis of all that is undetermined, scaled by √diagonal, (n_columns, d)."""
     n = system.unknowns.n_columns
     if n > DENSE:

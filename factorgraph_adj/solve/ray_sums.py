@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..types import Array, Index
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .linear_rays import LinearRays
 from .point_cholesky import ELEMENTS
 from .rays import Rays
@@ -15,7 +15,7 @@ from .spokes import add_to_points
 class RaySums:
     """Products of partials, summed over the rays of each node and of each point."""
 
-    def __init__(self, rays: Rays, system: LinearSystem) -> None:
+    def __init__(self, rays: Rays, system: LinearisedEquations) -> None:
         """Sum the products of one linearisation."""
         self.rays, self.system = rays, system
         n, p = rays.places.n, rays.n_points

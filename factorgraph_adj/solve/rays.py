@@ -16,7 +16,7 @@ from ..graph.equations import Equations
 from ..graph.image_chunks import RAYS, PointSums
 from ..graph.order import stable_order
 from ..types import Array, Index
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .linear_rays import OF_POINT, LinearRays, add_components, photo_products
 from .nodes import Nodes
 from .spokes import SpokeRows, Spokes, find_spokes
@@ -45,28 +45,28 @@ class RayPart:
     camera: int
     """Place of the calibration that all rays share; −1: each photo has its own."""
 
-    def of(self, system: LinearSystem) -> LinearRays:
+    def of(self, system: LinearisedEquations) -> LinearRays:
         """Return the block of the rays."""
         block = system.blocks[self.place]
         assert isinstance(block, LinearRays)
         return block
 
-    def partials(self, system: LinearSystem) -> Array:
+    def partials(self, system: LinearisedEquations) -> Array:
         """Return the partials of the rays, (6 + k, 2, m), see `RayPartials`."""
         return self._rows(system)[:-1]
 
-    def _rows(self, system: LinearSystem) -> Array:
+    def _rows(self, system: LinearisedEquations) -> Array:
         """Return [A v] of the rays, (7 + k, 2, m)."""
         rows = self.of(system).parts[self.number].rows
         return rows if self.chosen is None else rows[:, :, self.chosen]
 
-    def products(self, system: LinearSystem) -> Sequence[Array]:
+    def products(self, system: LinearisedEquations) -> Sequence[Array]:
         """Return [A v]ᵀ[A v] (7 + k, 7 + k) of each run."""
         if self.chosen is None:
             return self.of(system).photos[self.number]
         return photo_products(self._rows(system), [(start, stop) for _, start, stop in self.runs])
 
-    def cross(self, system: LinearSystem) -> Array:
+    def cross(self, system: LinearisedEquations) -> Array:
         """Return JᵀA of each point with the parameters of the lens, (u, 3, k)."""
         a = self.partials(system)
         k = len(a) - 6

@@ -15,7 +15,7 @@ from ..types import Array, Mask
 from .datum import Defect, FreeDatum
 from .extra import NOTHING_MORE, Extra
 from .extrapolation import NONE_TAKEN, Extrapolated
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .normal import NormalEquations, Solver
 
 
@@ -114,7 +114,7 @@ class Run:
             InputError: an observation cannot be computed there.
         """
         extra = self.extra.at(self.equations, state).rows
-        return LinearSystem(self.equations, state, extra).gradient()
+        return LinearisedEquations(self.equations, state, extra).gradient()
 
     def whitened(self, state: State) -> Array:
         """Return whitened residuals at any state, extra rows at the end, (rows,).

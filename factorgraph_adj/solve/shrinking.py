@@ -12,10 +12,10 @@ import numpy as np
 
 from ..graph.blocks import Block
 from ..types import Array, Mask
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 
 
-def lengths_of_zero(system: LinearSystem) -> Iterator[tuple[Block, Mask]]:
+def lengths_of_zero(system: LinearisedEquations) -> Iterator[tuple[Block, Mask]]:
     """Yield blocks of lengths, and which of their observations (n,) are lengths of zero."""
     for block in system.equations.blocks:
         if block.unit == "m" and block.fixes == "nothing" and not block.prior:
@@ -24,7 +24,7 @@ def lengths_of_zero(system: LinearSystem) -> Iterator[tuple[Block, Mask]]:
                 yield block, zero
 
 
-def without_shrinking(system: LinearSystem, noticed: Array, scale: Array) -> Array:
+def without_shrinking(system: LinearisedEquations, noticed: Array, scale: Array) -> Array:
     """Return what rows notice without the shrinking of lengths that should be zero.
 
     Such a length grows with the object: A g is v times the change of ln scale.

@@ -17,7 +17,7 @@ from ..graph.equations import Equations
 from ..graph.image_chunks import PointSums
 from ..types import Array, Index
 from .elimination import first_point
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .node_sums import Slot, slots_of
 from .nodes import Nodes
 
@@ -64,7 +64,7 @@ class SpokeRows:
     border: tuple[tuple[int, Index], ...]
     """Place of each variable, and those of its components in the border, (m, k); −1: held."""
 
-    def arrays(self, system: LinearSystem) -> tuple[Array, ...]:
+    def arrays(self, system: LinearisedEquations) -> tuple[Array, ...]:
         """Return the whitened partials by each variable, (m, d, k)."""
         lb = system.blocks[self.place]
         if len(self.rows) == lb.block.n:

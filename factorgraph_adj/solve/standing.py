@@ -11,7 +11,7 @@ from ..types import Array
 from .datum import Defect, FreeDatum, find_defects
 from .extra import NOTHING_MORE, Extra
 from .free_network import MOTION, datum_columns, is_nothing, moved_from, onto_constraints
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .minimum import OFF_DATUM
 from .normal import Solver
 from .solution import Solution
@@ -82,7 +82,7 @@ def _on_datum(
     """Return the values moved onto the inner constraints, the defect, and the constraints."""
     columns = None
     for _ in range(MOTION.transformations):
-        system = LinearSystem(equations, values)
+        system = LinearisedEquations(equations, values)
         defects = find_defects(system, values, system.diagonal(), free=True)
         if len(defects) != 1:
             raise DatumError(

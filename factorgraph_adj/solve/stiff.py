@@ -17,18 +17,18 @@ from ..observations.registry import KINDS
 from ..types import Array, Index
 
 if TYPE_CHECKING:
-    from .linear import LinearSystem
+    from .linear import LinearisedEquations
 
 ROUNDING = 1e-13
 """Share of a sum below which a difference of two sums is rounding."""
 
 
-def eased_diagonal(system: LinearSystem, diagonal: Array) -> Array:
+def eased_diagonal(system: LinearisedEquations, diagonal: Array) -> Array:
     """Return the diagonal of N (n_columns,) with eased ties; ``diagonal``: that of N."""
     return eased(system, diagonal)[0]
 
 
-def eased(system: LinearSystem, diagonal: Array) -> tuple[Array, Array]:
+def eased(system: LinearisedEquations, diagonal: Array) -> tuple[Array, Array]:
     """Return the diagonal of N with eased ties (n_columns,), and a factor of every row of A.
 
     Args:
@@ -76,7 +76,7 @@ def eased(system: LinearSystem, diagonal: Array) -> tuple[Array, Array]:
     return out, rows
 
 
-def _largest(system: LinearSystem, kind: str, diagonal: Array) -> Array:
+def _largest(system: LinearisedEquations, kind: str, diagonal: Array) -> Array:
     """Return the largest element of each component of a kind; infinite where there is none."""
     table = system.unknowns[kind]
     on = np.flatnonzero(table.offset >= 0)

@@ -19,7 +19,7 @@ from ..graph.variables import Unknowns
 from ..models.variables import UNKNOWNS
 from ..types import Array, Index
 from .elimination import Layers, outside
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .linear_block import LinearBlock
 from .linear_rays import LinearRays
 from .remainder import Remainder
@@ -72,7 +72,7 @@ def up(cliques: Sequence[Clique], halves: Sequence[Array], x: Array) -> None:
 class TreeFactors:
     """The factors that GTSAM eliminates; each linearisation makes them once."""
 
-    def __init__(self, layers: Layers, system: LinearSystem) -> None:
+    def __init__(self, layers: Layers, system: LinearisedEquations) -> None:
         """Turn the rows outside the first layer into GTSAM's Jacobian factors."""
         self.layers = layers
         self.system = system

@@ -18,7 +18,7 @@ from scipy.linalg import qr
 from ..types import Array, Index
 from .datum import FreeDatum
 from .factor import Factor
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 
 FEW = 2
 """Number of probes of the first check. The probability that both show less than ε/1000 is 6e-7."""
@@ -42,7 +42,7 @@ WEAKEST = 5
 
 
 def sample(
-    system: LinearSystem, factor: Factor, n: int, source: np.random.Generator | None = None
+    system: LinearisedEquations, factor: Factor, n: int, source: np.random.Generator | None = None
 ) -> Array:
     """Return n estimates X = Q AᵀZ from white noise of the observations, (n_columns, n).
 
@@ -57,7 +57,7 @@ def sample(
     return factor.solve(system.transposed(source.standard_normal((rows, n))))
 
 
-def uncertainty(system: LinearSystem, factor: Factor) -> float:
+def uncertainty(system: LinearisedEquations, factor: Factor) -> float:
     """Return the relative error of variances from a factorisation: the largest |H H z − H z|.
 
     Covariances may be returned if the error is at most `TRUSTED`. A factorisation without error
@@ -71,7 +71,7 @@ def uncertainty(system: LinearSystem, factor: Factor) -> float:
     return found if found <= CLEAN else _error(system, factor, MANY)
 
 
-def _error(system: LinearSystem, factor: Factor, n: int) -> float:
+def _error(system: LinearisedEquations, factor: Factor, n: int) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
         once = system.times(sample(system, factor, n))
         twice = system.times(factor.solve(system.transposed(once)))
@@ -117,7 +117,7 @@ def _size(x: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(x**2, axis=1)))
 
 
-def refusal(system: LinearSystem, factor: Factor, diagonal: Array) -> str:
+def refusal(system: LinearisedEquations, factor: Factor, diagonal: Array) -> str:
     """Return the reason why covariances are refused, with the most weakly determined unknowns.
 
     Args:

@@ -7,11 +7,11 @@ import numpy as np
 from ..models.variables import UNKNOWNS
 from ..observations import KINDS
 from ..types import Array, Mask
-from .linear import LinearSystem
+from .linear import LinearisedEquations
 from .stations import places_of
 
 
-def without_turns(system: LinearSystem, noticed: Array) -> Array:
+def without_turns(system: LinearisedEquations, noticed: Array) -> Array:
     """Return what rows notice without turns of residuals across an axis about it.
 
     The frame of a line is held about its axis, so that its two residuals v turn with the object:
@@ -45,7 +45,7 @@ def without_turns(system: LinearSystem, noticed: Array) -> Array:
     return out
 
 
-def turning_rows(system: LinearSystem) -> Mask:
+def turning_rows(system: LinearisedEquations) -> Mask:
     """Return which rows, extra rows last, are residuals in two directions across an axis."""
     out = np.zeros(len(system.every_residual), dtype=bool)
     for block in system.equations.blocks:
@@ -54,7 +54,9 @@ def turning_rows(system: LinearSystem) -> Mask:
     return out
 
 
-def without_turned_deflections(system: LinearSystem, noticed: Array, radians: Array) -> Array:
+def without_turned_deflections(
+    system: LinearisedEquations, noticed: Array, radians: Array
+) -> Array:
     """Return what rows notice without turns of weighted deflections about the vertical.
 
     A deflection (ξ, η) turns with the object about the vertical. Where it is expected to be zero,

@@ -30,7 +30,7 @@ from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
 from factorgraph_adj.solve.batch import adjust
-from factorgraph_adj.solve.linear import LinearSystem
+from factorgraph_adj.solve.linear import LinearisedEquations
 from factorgraph_adj.solve.linear_rays import LinearRays
 from factorgraph_adj.version import __version__
 
@@ -136,13 +136,13 @@ def figures(network: Network) -> Figures:
 def _counted() -> Iterator[list[None]]:
     """Count linearisations; the list has one entry for each."""
     calls: list[None] = []
-    plain = LinearSystem.__init__
+    plain = LinearisedEquations.__init__
 
-    def counting(self: LinearSystem, *arguments: Any, **named: Any) -> None:
+    def counting(self: LinearisedEquations, *arguments: Any, **named: Any) -> None:
         calls.append(None)
         plain(self, *arguments, **named)
 
-    with patch.object(LinearSystem, "__init__", counting):
+    with patch.object(LinearisedEquations, "__init__", counting):
         yield calls
 
 

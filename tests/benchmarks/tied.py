@@ -14,7 +14,7 @@ from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from factorgraph_adj.quality.reliability import Reliability
-from factorgraph_adj.solve.linear import LinearSystem
+from factorgraph_adj.solve.linear import LinearisedEquations
 from factorgraph_adj.types import Array, Index
 
 from .blocks import simulate_tied
@@ -46,7 +46,7 @@ class Tied:
     """Largest difference of a redundancy number."""
 
 
-def sparse_rows(system: LinearSystem) -> csr_array:
+def sparse_rows(system: LinearisedEquations) -> csr_array:
     """Return the whitened partials A of all observations, (n_rows, n_columns).
 
     The network has no clusters and no factors of a user.
@@ -71,7 +71,7 @@ def sparse_rows(system: LinearSystem) -> csr_array:
 class SparseNormal:
     """Independent solutions of AᵀA x = y by SuperLU, scaled to a unit diagonal."""
 
-    def __init__(self, system: LinearSystem) -> None:
+    def __init__(self, system: LinearisedEquations) -> None:
         """Factorise."""
         self.a = sparse_rows(system)
         self.free = np.flatnonzero(system.unknowns.free)

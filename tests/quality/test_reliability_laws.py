@@ -29,7 +29,7 @@ from factorgraph_adj.factor_graph.build import build_graph
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.observations import AnyObservation, Correlated
 from factorgraph_adj.solve.datum import Defect, minimal_datum
-from factorgraph_adj.solve.linear import LinearSystem
+from factorgraph_adj.solve.linear import LinearisedEquations
 from factorgraph_adj.types import Array, Index, Mask
 from tests.networks.adjusted import ADJUSTED, camcal_free, held_photos
 from tests.networks.gama import FOLDER, solved
@@ -99,7 +99,7 @@ def solution_of(name: str) -> fga.Solution:
 # -- the whitened design matrix, and what comes from it alone -------------------------------------
 
 
-def design(system: LinearSystem) -> csr_array:
+def design(system: LinearisedEquations) -> csr_array:
     """Return the whitened A (rows, n_columns), rows of extra factors at the end."""
     rows, columns, values = [], [], []
     clustered = system.equations.in_cluster
@@ -183,7 +183,7 @@ class Case:
         return cls(solution, fga.reliability(solution))
 
     @property
-    def system(self) -> LinearSystem:
+    def system(self) -> LinearisedEquations:
         return self.solution.normal().system
 
     @cached_property

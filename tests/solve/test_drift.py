@@ -16,7 +16,7 @@ import pytest
 from scipy.linalg import eigvalsh
 
 from factorgraph_adj.solve.drift import FARTHER, GAINED, Drift, missed, turned
-from factorgraph_adj.solve.linear import LinearSystem
+from factorgraph_adj.solve.linear import LinearisedEquations
 from factorgraph_adj.types import Array
 from tests.networks.eliminated import CASES, Eliminated, eliminated
 from tests.support.differences import whitened_system
@@ -38,8 +38,8 @@ class Moved:
     case: Eliminated
     movement: Array
     """Movement of all unknowns, (n_columns,)."""
-    here: LinearSystem
-    there: LinearSystem
+    here: LinearisedEquations
+    there: LinearisedEquations
     a: Array
     """Whitened partials at the new state, (n_rows, n_columns)."""
     gap: Array
@@ -52,7 +52,7 @@ class Moved:
         noise = np.random.default_rng(1).normal(size=len(dense.a))
         movement = sigmas * (dense.q @ (dense.a.T @ noise))
         equations = here.equations
-        there = LinearSystem(equations, equations.unknowns.retract(here.state, movement))
+        there = LinearisedEquations(equations, equations.unknowns.retract(here.state, movement))
         a, v = whitened_system(equations, there.state)
         a = np.where(dense.free, a, 0.0)
         linear = equations.residuals(here.state) + dense.a @ movement

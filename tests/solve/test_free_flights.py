@@ -12,7 +12,7 @@ from factorgraph_adj.frames import LocalFrame
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.observations import NavigationAttitude, PhotoAttitude
 from factorgraph_adj.solve.datum import generators
-from factorgraph_adj.solve.linear import LinearSystem
+from factorgraph_adj.solve.linear import LinearisedEquations
 from tests.networks.small_flight import OFFSETS, SHIFT, TURNS, Plan, observed, plan_of
 
 
@@ -20,7 +20,7 @@ def unnoticed(network: fga.Network) -> np.ndarray:
     """Return |A g| / |√diag(N) g| of the seven motions."""
     equations = compile_network(network)
     state = equations.unknowns.start()
-    system = LinearSystem(equations, state)
+    system = LinearisedEquations(equations, state)
     g = generators(equations, state)
     scale = np.sqrt(system.diagonal())[:, None]
     noticed = np.linalg.norm(system.times(g), axis=0)

@@ -9,7 +9,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.graph.variables import State
 from factorgraph_adj.solve.datum import FreeDatum, find_defects, middle
 from factorgraph_adj.solve.free_network import datum_columns, moved_from, onto_constraints
-from factorgraph_adj.solve.linear import LinearSystem
+from factorgraph_adj.solve.linear import LinearisedEquations
 from factorgraph_adj.solve.similarity import transform
 from factorgraph_adj.types import Array
 from tests.networks.free import FREE, adjusted
@@ -40,7 +40,7 @@ def carried(
     rng = np.random.default_rng(seed)
 
     def defect_at(state: State):
-        system = LinearSystem(equations, state)
+        system = LinearisedEquations(equations, state)
         (defect,) = find_defects(system, state, system.diagonal(), free=True)
         return defect
 

@@ -19,7 +19,7 @@ from factorgraph_adj.observations import (
     HeightDifference,
     SlopeDistance,
 )
-from factorgraph_adj.solve.linear import LinearSystem
+from factorgraph_adj.solve.linear import LinearisedEquations
 from factorgraph_adj.types import Array, Index
 from tests.networks.simulated import NETWORKS
 from tests.networks.small_block import small_block
@@ -54,11 +54,11 @@ CASES: dict[str, Callable[[], fga.Network]] = {
 every_case = pytest.mark.parametrize("name", CASES)
 
 
-def linearised(name: str) -> tuple[LinearSystem, Array]:
+def linearised(name: str) -> tuple[LinearisedEquations, Array]:
     """Return a network linearised at its approximate values, and the dense partials."""
     equations = compile_network(CASES[name]())
     state = equations.unknowns.start()
-    system = LinearSystem(equations.weighted_at(state), state)
+    system = LinearisedEquations(equations.weighted_at(state), state)
     a = whitened_system(system.equations, state)[0]
     return system, np.where(equations.unknowns.free, a, 0.0)
 
@@ -66,7 +66,7 @@ def linearised(name: str) -> tuple[LinearSystem, Array]:
 case = cache(linearised)
 
 
-def assert_rows_are(system: LinearSystem, a: Array, rows: Index) -> None:
+def assert_rows_are(system: LinearisedEquations, a: Array, rows: Index) -> None:
     found = system.sparse(rows)
     assert found.shape == (len(rows), system.unknowns.n_columns)
     scale = np.abs(a[rows]).max(axis=1, keepdims=True, initial=1e-300)

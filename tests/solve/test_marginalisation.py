@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve.linear import LinearSystem
+from factorgraph_adj.solve.linear import LinearisedEquations
 from factorgraph_adj.solve.marginalisation import marginalised
 from factorgraph_adj.solve.normal import NormalEquations, Solver
 from factorgraph_adj.solve.singular import SingularError
 from tests.networks.small_block import small_block
 
 
-def dense(system: LinearSystem) -> tuple[np.ndarray, np.ndarray]:
+def dense(system: LinearisedEquations) -> tuple[np.ndarray, np.ndarray]:
     n = system.unknowns.n_columns
     return system.times(np.eye(n)), system.every_residual
 

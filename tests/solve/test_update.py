@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import factorgraph_adj as fga
 from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
-from factorgraph_adj.solve.linear import LinearSystem
+from factorgraph_adj.solve.linear import LinearisedEquations
 from factorgraph_adj.solve.update import LIMITS, Solved, Update, statistics, whitener
 
 ROUNDING = 1e-9
@@ -328,7 +328,7 @@ def test_observations_leave_a_factorised_network():
     update = update.with_rows(at, a[:, at], system.residual[rows], sign=-1)
     assert update.trusted
     fewer = fga.adjust(fga.without(network, ids), start=solution, max_iterations=0)
-    there = LinearSystem(fewer.equations, solution.state)
+    there = LinearisedEquations(fewer.equations, solution.state)
     dense, free = there.times(np.eye(size)), there.unknowns.free
     q = np.zeros((size, size))
     q[np.ix_(free, free)] = np.linalg.inv(dense[:, free].T @ dense[:, free])

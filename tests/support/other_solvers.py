@@ -16,7 +16,7 @@ from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import ControlPoint
 from factorgraph_adj.rotation import TURN_ABOUT_X as TURN
 from factorgraph_adj.rotation import exp_rotation, right_jacobian_inverse
-from factorgraph_adj.solve.linear import LinearSystem
+from factorgraph_adj.solve.linear import LinearisedEquations
 from factorgraph_adj.solve.sides import behind
 from factorgraph_adj.types import Array
 
@@ -61,7 +61,7 @@ def by_trf(equations: Equations, start: State, *, loss: str = "linear") -> State
     def partials(x: Array) -> Array | csr_array:
         step = np.zeros(unknowns.n_columns)
         step[free] = x
-        a = LinearSystem(equations, state_of(x)).sparse(rows)
+        a = LinearisedEquations(equations, state_of(x)).sparse(rows)
         a = (a @ csr_array(_by_tangent_at_start(equations, step)))[:, free]
         return a.toarray() if dense else csr_array(a)
 

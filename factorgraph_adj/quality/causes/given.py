@@ -15,7 +15,7 @@ from scipy.sparse import csc_array, csr_array
 from ...graph.equations import Equations
 from ...graph.variables import DEFAULT, Unknowns
 from ...models.variables import ENTITIES, UNKNOWNS, VariableKind
-from ...solve.linear import LinearSystem
+from ...solve.linear import LinearisedEquations
 from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 from .columns import Explained, explain_pieces, in_pieces
@@ -76,7 +76,7 @@ def given_values(solution: Solution) -> tuple[GivenValue, ...]:
     held = held_components(solution.equations)
     unknowns = solution.equations.unknowns.freed(held)
     equations = replace(solution.equations, unknowns=unknowns)
-    system = LinearSystem(equations, solution.state)
+    system = LinearisedEquations(equations, solution.state)
     # What no observation depends on, such as x and y in levelling, was not given.
     noticed = system.diagonal() > 0
     named = [

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csc_array, csr_array
 
-from ...solve.linear import LinearSystem
+from ...solve.linear import LinearisedEquations
 from ...solve.solution import Solution
 from ...types import Index
 from .columns import Explained, explain_pieces, in_pieces
@@ -59,7 +59,7 @@ def axis_scales(solution: Solution) -> list[AxisScale]:
         return []
     unknowns = solution.equations.unknowns.freed({"point": held})
     equations = replace(solution.equations, unknowns=unknowns)
-    system = LinearSystem(equations, solution.state)
+    system = LinearisedEquations(equations, solution.state)
     points = np.flatnonzero(held.any(axis=1))
     first = np.array([unknowns.columns("point", p)[0] for p in points.tolist()])
     ratio = [np.where(held[points, a], at[points, a], np.nan) for a in wide]
