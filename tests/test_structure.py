@@ -255,6 +255,7 @@ def test_only_rooms_of_the_graph_and_its_solution_know_gtsam():
         "graph",
         "solve",
         "factor_graph",
+        "linear_system",
         "incremental",
     }
 

@@ -8,7 +8,7 @@ of its own, because two observations contradict each other, waits on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -17,17 +17,17 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
-from ..graph.variables import State, Unknowns
-from ..ledger.candidates import Candidates, Nothing, known_in
+from ..ledger.candidates import Candidates, known_in
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.row_store import NO_PHOTO
 from ..ledger.verdicts import Verdict
+from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
-from ..linear_system.isam2_system import ISAM2System
 from ..linear_system.joint_tests import RowsBesideBase, RowsInBase
-from ..linear_system.linearisation_error import is_small, near_minimum, with_rest
-from ..linear_system.rebase import EFFORT, Draft, Failure, notices, with_doubt
+from ..linear_system.linear_system import LinearSystem
+from ..linear_system.linearisation_error import with_rest
+from ..linear_system.rebase import EFFORT, Draft, Failure, with_doubt
 from ..linear_system.section import Attempts
 from ..linear_system.test_statistics import Joint, accepted, decide, left_out, untested
 from ..observations.base import is_condition
@@ -55,7 +55,7 @@ class Entered:
 
     ledger: Ledger
     """The ledger with them."""
-    system: FrontSystem | ISAM2System | None
+    system: LinearSystem | None
     """The system with them; none: nothing is determined."""
     verdicts: tuple[Verdict, ...]
     """Verdicts on those that were tested."""
@@ -79,7 +79,7 @@ class Entering:
 
     ledger: Ledger
     """Where they wait."""
-    system: FrontSystem | ISAM2System | None
+    system: LinearSystem | None
     """Where everything is; none: nothing is known."""
     ready: Index
     """Observations between known variables."""
@@ -106,24 +106,21 @@ class Entering:
         Raises:
             InputError: names observations between known variables whose geometry has no answer.
         """
-        before = self.ledger
+        before, asked = self.ledger, self.system
         self._begin()
-        if (
-            isinstance(self.system, ISAM2System)
-            and (entered := self._in_tree(self.system)) is not None
-        ):
+        if self.system is not None and (entered := self._joined(self.system)) is not None:
             return entered
         base = self._fronts()
-        doubted = base is not None and bool(base.doubt)
-        if base is not None and (entered := self._beside(base)):
+        if base is not None and base is not asked and (entered := self._joined(base)) is not None:
             return entered
+        doubted = base is not None and bool(base.doubt)
         draft, ahead = self._prepared(base, doubted)
         for _ in range(MOST_JUDGED):
             if not len(self.stay):
                 return Entered(self.ledger, self.system, tuple(self.verdicts))
             result = ahead or self._adjusted(draft, base, doubted)
-            if isinstance(result, FrontSystem) and self.found and not result.base.converged:
-                result = Failure(result.base.reason)  # it misses its inner constraints
+            if isinstance(result, FrontSystem) and self.found and not result.converged:
+                result = Failure(result.reason)  # it misses its inner constraints
             if isinstance(result, Failure):
                 if doubted or not self._let_go(result):
                     return self._refused(before, result)
@@ -136,24 +133,17 @@ class Entering:
         return self._refused(before, Failure(DISAGREE))
 
     def at_once(self) -> Entered | None:
-        """Put everything into a tree; none where anything fails its test or may be elsewhere.
+        """Put everything in without a local adjustment; none where it takes one.
 
         All of it is tested, whatever the policy: where something stands out, it takes a closer
         look at what enters to find out why.
         """
-        base = self.system
-        assert isinstance(base, ISAM2System)
+        assert self.system is not None
         self._begin()
-        joint = base.entered(self.ledger, self.stay, self._starts())
-        if joint is None or not self._fits(joint.tested()):
-            return None
-        version = joint.tree.version
-        after = base.after(joint, self.ledger)
-        if after is None or joint.images(self.new):
-            return None
-        if joint.tree.version != version and not self._fits(joint.tested_anew()):
-            return None
-        return self._entered(after, joint)
+        found = engines.joined_at_once(
+            self.system, self.ledger, self.stay, self._starts(), self.new, self._fits
+        )
+        return None if found is None else self._entered(*found)
 
     def _fits(self, tested: Tested) -> bool:
         return bool((tested.ratios(self.rules.alpha) <= 1.0).all())
@@ -173,51 +163,47 @@ class Entering:
 
     def _fronts(self) -> FrontSystem | None:
         """Return the network in fronts, from which everything goes on."""
-        if isinstance(self.system, ISAM2System):
-            self.system = self.system.fronts
-        return self.system
+        self.system = found = engines.in_fronts(self.system)
+        return found
 
-    def _in_tree(self, base: ISAM2System) -> Entered | None:
-        """Put everything into the tree; none where fronts have to take it, as it was before."""
-        starts = self._starts()
-        return self._judged_inside(
-            base,
-            lambda: base.entered(self.ledger, self.stay, starts),
-            lambda joint: base.after(joint, self.ledger),
-        )
-
-    def _judged_inside(
-        self,
-        base: FrontSystem | ISAM2System,
-        enter: Callable[[], _J | None],
-        after: Callable[[_J], FrontSystem | ISAM2System | None],
-    ) -> Entered | None:
-        """Put everything in and judge it there, until nothing is left out.
+    def _joined(self, base: LinearSystem) -> Entered | None:
+        """Join everything to a system and judge it there, until nothing is left out.
 
         None: only a new base can take it in; everything is as it was before then.
-
-        Args:
-            base: the system without it.
-            enter: puts what is still in into the system; none: the system cannot take it.
-            after: returns the system with it at its minimum; none: it is not near enough.
         """
         before = replace(self, new=set(self.new), dropped=set(self.dropped), verdicts=[])
-        with suppress(AdjustmentError):
-            for _ in range(MOST_JUDGED):
-                if not len(self.stay):
-                    return Entered(self.ledger, base, tuple(self.verdicts))
-                joint = enter()
-                if joint is None:
-                    break
+        for _ in range(MOST_JUDGED):
+            if not len(self.stay):
+                return Entered(self.ledger, base, tuple(self.verdicts))
+            try:
+                joint = engines.joined(
+                    base, self.ledger, self.stay, self._starts(), new=bool(self.found)
+                )
+            except AdjustmentError:
+                if base.engine == "fronts" and not self.found:
+                    raise  # the engine for all networks says what is wrong with them
+                break
+            if joint is None:
+                break
+            with suppress(AdjustmentError):
                 if self._tests() and self._leave_out(joint):
                     continue  # the others enter without it
-                found = after(joint)
-                if found is None:
-                    break
-                return self._entered(found, joint)
+                found = self._absorbed(base, joint)
+                if found is not None:
+                    return self._entered(found, joint)
+            break
         self.ledger, self.stay, self.verdicts = before.ledger, before.stay, []
         self.new, self.dropped = before.new, before.dropped
         return None
+
+    def _absorbed(self, base: LinearSystem, joint: Joint) -> LinearSystem | None:
+        """Return the system with what has joined it; none where a new base has to take it in."""
+        found = None if base.doubt else engines.absorbed(base, joint, self.ledger, self.rules)
+        if found is not None or self.found or not isinstance(joint, RowsBesideBase):
+            return found
+        after = joint.system if base.doubt else joint.after
+        result = self._adjusted(self._draft(after), after, bool(base.doubt))
+        return result if isinstance(result, FrontSystem) else base if base.doubt else None
 
     def _prepared(
         self, base: FrontSystem | None, doubted: bool
@@ -243,74 +229,10 @@ class Entering:
             or any(np.abs(v).max() > LIMITS.gross for v in residuals)
         )
 
-    def _entered(self, system: FrontSystem | ISAM2System, joint: Joint) -> Entered:
+    def _entered(self, system: LinearSystem, joint: Joint) -> Entered:
         gains = self.rules.datum == "given"
         told = accepted(joint, self.rules.alpha, self.given, gains=gains)
         return Entered(self.ledger, system, (*self.verdicts, *told), frozenset(self.new))
-
-    def _beside(self, system: FrontSystem) -> Entered | None:
-        """Put everything in beside the system; none where only a new base can take it in."""
-        if self.ledger.n_scalars(self.stay) > system.most_beside:
-            return None
-        if self.found:
-            return self._bordering(system)
-        if system.section is not None:
-            variables = Candidates(self.ledger, Nothing(), self.stay).links.variables
-            reaching = system.reaching(variables)
-            if reaching is None:
-                return None
-            system = reaching
-        forms = system.forms(self.ledger, self.stay)
-        datum = system.base.datum
-        if datum is not None and notices(forms.a, datum.motions[forms.columns]):
-            return None
-        joint = RowsBesideBase.of(system, forms)
-        if joint is None:
-            return None
-        if self._tests():
-            every = self.stay
-            self._leave_out(joint)
-            if not len(self.stay):
-                return Entered(self.ledger, system, tuple(self.verdicts))
-            joint = joint.some(np.flatnonzero(np.isin(every, self.stay)).tolist())
-            if joint is None:
-                return None
-        doubted = bool(system.doubt)
-        try:
-            held = None
-            if not doubted:
-                held = near_minimum(self.ledger, joint.after, self.rules, joint.forms)
-        except AdjustmentError:
-            return None
-        if held is None:
-            after = system if doubted else joint.after
-            found = self._adjusted(self._draft(after), after, doubted)
-            held = found if isinstance(found, FrontSystem) else system if doubted else None
-        return None if held is None else self._entered(held, joint)
-
-    def _bordering(self, system: FrontSystem) -> Entered | None:
-        """Put new unknowns in beside the system; none where only a new base can take them in."""
-        if system.section is not None or system.doubt or system.is_free:
-            return None
-        if is_small(system):
-            return None  # a new base takes little time there, and is linearised where everything is
-
-        def values(unknowns: Unknowns, state: State) -> State:
-            moving = unknowns.moving()
-            for e in self.found:
-                assert e.solution is not None
-                there = e.solution.equations.unknowns
-                state = unknowns.carried(state, there, e.solution.state, where=moving)
-            return state
-
-        def enter() -> RowsBesideBase | None:
-            found = system.bordered(self.ledger, self.stay, values)
-            return None if found is None else RowsBesideBase.of(*found)
-
-        def after(joint: RowsBesideBase) -> FrontSystem | None:
-            return near_minimum(self.ledger, joint.after, self.rules, joint.forms)
-
-        return self._judged_inside(system, enter, after)
 
     def _agreed(self, draft: Draft) -> FrontSystem | None:
         """Return the base where what looked disturbed beside known variables agrees with them.
@@ -390,13 +312,12 @@ class Entering:
         return not self._untested().all()
 
     def _inside(self, base: FrontSystem) -> RowsInBase:
-        return RowsInBase.of(
-            base.base.normal(), base.base.factor, self.ledger.units(self.stay), base.base
-        )
+        return RowsInBase.of_system(base, self.ledger.units(self.stay))
 
     def _judged_before(self, draft: Draft, base: FrontSystem | None) -> bool:
         """Judge on linear forms before anything moves; return whether anything was left out."""
-        held = base.base if base else self.found[0].solution if self.found else None
+        held = self.found[0].solution if self.found and base is None else None
+        held = base.datum_solution if base is not None else held
         try:
             normal, constraint = draft.normal(held)
             factor = normal.factorise(constraint)
@@ -474,7 +395,8 @@ class Entering:
         if system is None:
             return NO_ROWS
         ids = [u.ids for u in self.ledger.units(self.stay)]
-        return self.stay[self._draft(system).noticing(system.base, ids)]
+        assert system.datum_solution is not None
+        return self.stay[self._draft(system).noticing(system.datum_solution, ids)]
 
 
 def _with(found: FrontSystem | Failure, attempts: Attempts) -> FrontSystem | Failure:

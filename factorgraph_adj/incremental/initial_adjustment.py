@@ -15,12 +15,12 @@ from ..ledger.candidates import Candidates, Nothing
 from ..ledger.journal_entries import reading, replay
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
+from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
-from ..linear_system.isam2_system import ISAM2System
 from ..linear_system.rebase import EFFORT, Draft, Failure, known_network
 from ..models.variables import VariableKind
 from ..network.network import Network
-from ..solve.anywhere import anywhere, narrow
+from ..solve.anywhere import narrow
 from ..solve.minimum import adjust_from
 from ..solve.solution import Solution
 from ..solve.start import Start
@@ -29,7 +29,7 @@ from .determinability import Reached, Search
 from .entry import rays_alone
 from .retirement import retired_again, with_everything
 from .second_minimum import smaller_minimum
-from .worklist import IncrementalState, Task, absorb, planted
+from .worklist import IncrementalState, Task, absorb, in_chosen_engine
 
 MOST_LET_GO = 5
 """Largest number of adjustments at the start, each without points that the one before named."""
@@ -118,7 +118,7 @@ def adjusted(
         ledger = _without(ledger, inside, stay.rows)
         system = _adjusted(ledger, stay, rules, start, reached)
         if isinstance(system, FrontSystem):
-            vague: list[Variable] = [("point", p.name) for p in anywhere(system.base)]
+            vague: list[Variable] = [("point", p.name) for p in system.points_anywhere()]
             gone = stay.touching(vague)
         elif system is None or not system.loose:
             break
@@ -146,7 +146,7 @@ def _entered(state: IncrementalState, inside: Index, rules: Options) -> Incremen
         state, _ = absorb(state, [Task(waiting, inside)], rules)
     if state.system is not None:
         state.system.prepared()
-    return planted(state, rules)
+    return in_chosen_engine(state, rules)
 
 
 def replayed(
@@ -187,7 +187,8 @@ def _restored(ledger: Ledger, begun: IncrementalState, rules: Options) -> Increm
     inside = ledger.having("accepted")
     if not len(inside):
         return IncrementalState(ledger)
-    start = None if begun.system is None else begun.system.base
+    fronts = engines.in_fronts(begun.system)
+    start = None if fronts is None else fronts.solution
     every = Candidates(ledger, Nothing(), inside)
     system = _adjusted(ledger, every, rules, start)
     if isinstance(system, FrontSystem):
@@ -207,8 +208,7 @@ def settled(state: IncrementalState, rules: Options) -> IncrementalState:
         return state.on_fronts()
     if state.ledger.retired is None:  # what was retired says where everything is
         found = smaller_minimum(draft, found, rules.datum, tolerances=EFFORT.at_rest)
-    tree = state.system.at_rest(found) if isinstance(state.system, ISAM2System) else None
-    return IncrementalState(state.ledger, tree or found.prepared(), settled=True)
+    return IncrementalState(state.ledger, engines.converged(state.system, found), settled=True)
 
 
 def _draft(
@@ -265,11 +265,10 @@ def _at_its_start(
 
 def _with_values(state: IncrementalState) -> IncrementalState:
     """Write approximate values that were found into the ledger, where none were given."""
-    if state.system is None:
-        return state
-    base, ledger = state.system.base, state.ledger
+    ledger = state.ledger
     kinds: tuple[VariableKind, ...] = ("point", "pose")
-    for kind in kinds:
-        table = base.equations.unknowns[kind]
-        ledger = ledger.with_values(kind, dict(zip(table.names, base.start[kind], strict=True)))
-    return IncrementalState(ledger, state.system, state.settled)
+    for unknowns, _, start in () if state.system is None else state.system.places():
+        for kind in kinds:
+            values = dict(zip(unknowns[kind].names, start[kind], strict=True))
+            ledger = ledger.with_values(kind, values)
+    return replace(state, ledger=ledger)

@@ -80,7 +80,7 @@ def without(
         found = replace(draft, start=begin).adjusted(datum, other_sides=False)
     except AdjustmentError:
         return None
-    return found if isinstance(found, FrontSystem) and found.base.converged else None
+    return found if isinstance(found, FrontSystem) and found.converged else None
 
 
 def other_sides(
@@ -213,8 +213,7 @@ def tested_by_readjustment(
     for part in [bent, *([row] for row in bent if len(bent) > 1)]:
         out = np.setdiff1d(np.array(part, dtype=np.intp), ledger.having("accepted"))
         if len(out) and (found := _with(ledger, system, out, rules, images)):
-            base = found[1].base
-            joint = RowsInBase.of(base.normal(), base.factor, found[0].units(out), base)
+            joint = RowsInBase.of_system(found[1], found[0].units(out))
             verdicts = list(accepted(joint, rules.alpha, given, gains=rules.datum == "given"))
             # One that contradicts must not hide in the sum of those that fit.
             if not any(v.test > 1.0 for v in verdicts):
@@ -230,7 +229,7 @@ def _weakest(system: FrontSystem, name: str) -> Array | None:
     if not system.known("point", name) or not len(columns):
         return None
     values, vectors = np.linalg.eigh(system.cofactors(("point", name), ("point", name)))
-    extent = float(np.linalg.norm(np.ptp(system.base.state["point"], axis=0)))
+    extent = float(np.linalg.norm(np.ptp(system.state["point"], axis=0)))
     farthest = min(
         MAX_MOVE_IN_SIGMA * np.sqrt(max(float(values[-1]), 0.0)), MAX_MOVE_IN_EXTENTS * extent
     )
@@ -242,8 +241,9 @@ def _images(ledger: Ledger, system: FrontSystem, rows: Index, rules: Options) ->
 
     Everything in the graph tells of images, and nothing that has left it.
     """
-    equations, state = system.base.equations, system.base.state
-    if system.changed:
+    if (solution := system.adjusted_solution) is not None:
+        equations, state = solution.equations, solution.state
+    else:
         try:
             draft = Draft.of(ledger, system, rules.datum)
         except AdjustmentError:
@@ -305,7 +305,7 @@ def _with(
         found = draft.adjusted(rules.datum)
     except AdjustmentError:
         return None
-    if not isinstance(found, FrontSystem) or not found.base.converged:
+    if not isinstance(found, FrontSystem) or not found.converged:
         return None
     here = without(ledger, found, rows, rules.datum, {})
     sides = [] if here is None else other_sides(system, found, here, points)

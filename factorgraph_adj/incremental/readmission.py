@@ -28,14 +28,15 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import AdjustmentError
-from ..ledger.candidates import Candidates, Nothing, known_in
+from ..ledger.candidates import Candidates, known_in
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.row_store import GONE
 from ..ledger.verdicts import DISCARDED, SNOOPED, Outcome, Verdict
+from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.joint_tests import RowsBesideBase
-from ..linear_system.rebase import Draft, notices
+from ..linear_system.rebase import Draft
 from ..linear_system.test_statistics import decide
 from ..quality.leave_out import critical_t2
 from ..types import NO_ROWS, Index
@@ -204,20 +205,10 @@ def _besides(
 
 
 def _beside(ledger: Ledger, system: FrontSystem, rows: Index) -> RowsBesideBase | None:
-    if system.section is not None:
-        variables = Candidates(ledger, Nothing(), rows).links.variables
-        reaching = system.reaching(variables)
-        if reaching is None:
-            return None
-        system = reaching
     try:
-        forms = system.forms(ledger, rows)
+        return engines.rows_beside(system, ledger, rows)
     except AdjustmentError:
         return None
-    datum = system.base.datum
-    if datum is not None and notices(forms.a, datum.motions[forms.columns]):
-        return None
-    return RowsBesideBase.of(system, forms)
 
 
 def _whole(ledger: Ledger, system: FrontSystem, rules: Options) -> FrontSystem | None:
@@ -226,7 +217,7 @@ def _whole(ledger: Ledger, system: FrontSystem, rules: Options) -> FrontSystem |
         found = Draft.of(ledger, system, rules.datum).adjusted(rules.datum)
     except AdjustmentError:
         return None
-    return found if isinstance(found, FrontSystem) and found.base.converged else None
+    return found if isinstance(found, FrontSystem) and found.converged else None
 
 
 # -- entering -------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.retired import Retired
 from ..ledger.row_store import GONE
-from ..linear_system.front_system import FrontSystem
+from ..linear_system import engines
 from ..linear_system.rebase import EFFORT, Draft, Failure, known_network
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.entities import Key, parameter_name
@@ -183,8 +183,6 @@ def retire(
         "rest": rest.fields(),
     }
     after = without(ledger, leaving, rest, estimates)
-    if not isinstance(system, FrontSystem) and system is not None:
-        system = system.fronts
     if system is None:
         return IncrementalState(after, None, settled=False), line
     if not len(after.having("accepted")):
@@ -242,8 +240,12 @@ def doubt(state: IncrementalState, rules: Options) -> str:
     retired, system = state.ledger.retired, state.system
     if retired is None or system is None:
         return ""
-    solution = system.solution if isinstance(system, FrontSystem) else system.fronts.solution
-    missed = retired.missed_at(solution.equations, solution.state)
+    fronts = engines.in_fronts(system)
+    missed = (
+        0.0
+        if fronts is None
+        else retired.missed_at(fronts.solution.equations, fronts.solution.state)
+    )
     if missed <= rules.accuracy:
         return ""
     return (

@@ -54,7 +54,7 @@ def smaller_minimum(
         values = start_of(draft.equations, datum, None).state
         begin = Start(draft.equations.unknowns, values, draft.start.origin)
         anew = replace(draft, start=begin).adjusted(datum, tolerances=tolerances)
-        if isinstance(anew, FrontSystem) and anew.base.converged:
+        if isinstance(anew, FrontSystem) and anew.converged:
             least = LOWER * (1.0 + min(found.vtpv, anew.vtpv))
             if anew.vtpv < found.vtpv - least:
                 return _with_other(anew, found)
@@ -65,10 +65,7 @@ def smaller_minimum(
 
 def _with_other(system: FrontSystem, other: FrontSystem) -> FrontSystem:
     """Return a system at rest whose solution tells of another minimum."""
-    ours = system.base
-    told = describe_other_minimum(ours, other.base)
-    base = replace(ours, second_places=(*ours.second_places, told))
-    return FrontSystem.of(base, rows=system.rows, section=system.section)
+    return system.with_second_place(describe_other_minimum(system.solution, other.solution))
 
 
 def exceeds_chance(system: FrontSystem) -> bool:

@@ -23,7 +23,7 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.retired import Retired
 from ..ledger.verdicts import Verdict
-from ..linear_system.isam2_system import ISAM2System
+from ..linear_system import engines
 from ..linear_system.rebase import known_network, solution_of
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import Photo, Point
@@ -380,7 +380,7 @@ class Results:
     @one_at_a_time
     def engine(self) -> Literal["isam2", "fronts"]:
         """What carries the network now: iSAM2, or fronts."""
-        return "isam2" if isinstance(self._state.system, ISAM2System) else "fronts"
+        return "fronts" if self._state.system is None else self._state.system.engine
 
     @property
     @one_at_a_time
@@ -393,12 +393,12 @@ class Results:
         Raises:
             InputError: fronts carry the network, see `engine`.
         """
-        if not isinstance(self._state.system, ISAM2System):
+        if (found := engines.copied_isam2(self._state.system)) is None:
             raise InputError(
                 "fronts carry this network, and no iSAM2: engine='isam2' lets iSAM2 do it where "
                 "nothing is free and few image points are there; fga.Isam takes any network"
             )
-        return self._state.system.tree.copied()
+        return found
 
     @one_at_a_time
     def __repr__(self) -> str:

@@ -23,8 +23,9 @@ from ..ledger.candidates import Candidates, known_in
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.verdicts import Verdict
+from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
-from ..linear_system.isam2_system import ISAM2System
+from ..linear_system.linear_system import LinearSystem
 from ..linear_system.rebase import EFFORT, Draft
 from ..linear_system.renewal import Renewal, advanced
 from ..linear_system.section_choice import is_due
@@ -50,7 +51,7 @@ class IncrementalState:
 
     ledger: Ledger
     """What has arrived."""
-    system: FrontSystem | ISAM2System | None = None
+    system: LinearSystem | None = None
     """Where everything is; none: nothing is determined."""
     settled: bool = True
     """Whether nothing has changed since it was at rest."""
@@ -64,14 +65,7 @@ class IncrementalState:
         Raises:
             AdjustmentError: there is no minimum.
         """
-        system = self.system
-        if isinstance(system, ISAM2System):
-            return system.fronts
-        if system is None or not system.border.unknowns:
-            return system
-        draft = Draft.of(self.ledger, system, "given")
-        found = draft.adjusted("given", tolerances=(EFFORT.close,))
-        return found if isinstance(found, FrontSystem) else system
+        return engines.in_base(self.system, self.ledger)
 
     def on_fronts(self) -> IncrementalState:
         """Return the state with its network in fronts; errors as of `fronts`."""
@@ -142,17 +136,14 @@ def absorb(
     Raises:
         InputError: names observations whose geometry has no answer.
     """
-    begun = planted(state, rules) if growing else state
+    begun = in_chosen_engine(state, rules) if growing else state
     return _Loop(begun, list(tasks), rules, start, growing).run()
 
 
-def planted(state: IncrementalState, rules: Options) -> IncrementalState:
-    """Return a state with its network in iSAM2, where that is the engine and suits it."""
-    system = state.system
-    if not isinstance(system, FrontSystem) or rules.engine == "fronts":
-        return state
-    tree = ISAM2System.of(system, state.ledger, rules)
-    return state if tree is None else replace(state, system=tree)
+def in_chosen_engine(state: IncrementalState, rules: Options) -> IncrementalState:
+    """Return a state whose network is in the engine that the options choose, if it suits it."""
+    system = engines.chosen(state.system, state.ledger, rules)
+    return state if system is state.system else replace(state, system=system)
 
 
 class _Loop:
@@ -217,9 +208,8 @@ class _Loop:
         told = [self.told[i] for i in ids if i in self.told]
         failed = [v.id for v in told if v.verdict == self.rules.failed and v.dof]
         ledger, system = self.state.ledger, self.state.system
-        if system is None or not failed:
+        if not failed or (system := engines.in_fronts(system)) is None:
             return
-        system = system.fronts if isinstance(system, ISAM2System) else system
         ledger, found, entered = tested_by_readjustment(
             ledger, system, ledger.find(failed), self.rules, self.given
         )
@@ -242,10 +232,12 @@ class _Loop:
     def _merge(self) -> None:
         """Adjust the whole network where its sections have taken as long by now."""
         ledger, system = self.state.ledger, self.state.system
-        if system is None or system.section is None or not is_due(system.section):
+        if not isinstance(system, FrontSystem) or system.section is None:
+            return
+        if not is_due(system.section):
             return
         draft = Draft.of(ledger, system, self.rules.datum)
-        system.whole.base.forget()  # two of them may be more than there is memory for
+        system.whole.forget()  # two of them may be more than there is memory for
         close = min(EFFORT.again, self.rules.accuracy)
         found = draft.adjusted(self.rules.datum, tolerances=(close,))
         if not isinstance(found, FrontSystem):  # the section stands for the whole a little longer
@@ -254,7 +246,7 @@ class _Loop:
             found = replace(found, drift=system.section.looked.drift.anew())
         self.state = replace(self.state, system=found)
 
-    def _fitting_by_now(self, before: FrontSystem | ISAM2System | None) -> Index:
+    def _fitting_by_now(self, before: LinearSystem | None) -> Index:
         """Return suspects that may fit now that a base is new.
 
         Beside a new section only those are looked at of which it has everything.
@@ -263,9 +255,9 @@ class _Loop:
         if self.rules.policy != "flag" or (system is not None and system.doubt):
             return NO_ROWS
         suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(self.told))
-        if system is None or before is None or isinstance(system, ISAM2System):
+        if not isinstance(system, FrontSystem) or not isinstance(before, FrontSystem):
             return NO_ROWS
-        if isinstance(before, ISAM2System) or system.base is before.base:
+        if system.has_base_of(before):
             return NO_ROWS
         return Candidates(ledger, known_in(replace(system, section=None)), suspects).ready
 
@@ -295,7 +287,7 @@ class _Loop:
     def _enters_at_once(self, task: Task, candidates: Candidates) -> bool:
         """Put a task into a tree without a local adjustment, if all of it fits there."""
         system, ready, late = self.state.system, candidates.ready, candidates.late
-        if not isinstance(system, ISAM2System) or self.start is not None or not len(late):
+        if system is None or system.engine == "fronts" or self.start is not None or not len(late):
             return False
         before = self.state
         found = self._found(task, candidates, late, "given", at_once=True)

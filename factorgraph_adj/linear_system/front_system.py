@@ -21,6 +21,7 @@ from ..graph.variables import State, Unknowns
 from ..ledger.candidates import excerpt
 from ..ledger.ledger import Ledger
 from ..models.variables import UNKNOWNS, VariableKind
+from ..solve.anywhere import Anywhere, anywhere
 from ..solve.drift import Drift
 from ..solve.lifted import Function, Lifted
 from ..solve.run import Looked
@@ -29,6 +30,7 @@ from ..solve.update import Update
 from ..types import NO_ROWS, Array, Index, Mask
 from .border import Border
 from .linear_forms import LinearForms
+from .linear_system import EngineName
 from .section import Attempts, Section, renumbered
 
 MOST_BESIDE = 256
@@ -313,6 +315,49 @@ class FrontSystem:
     def changed(self) -> bool:
         """Whether anything has changed since the base was made."""
         return len(self.update.signs) > 0 or self.offset is not None
+
+    @property
+    def engine(self) -> EngineName:
+        """What has the system."""
+        return "fronts"
+
+    @property
+    def converged(self) -> bool:
+        """Whether the adjustment of the base converged."""
+        return self.base.converged
+
+    @property
+    def reason(self) -> str:
+        """Why the adjustment of the base ended."""
+        return self.base.reason
+
+    def points_anywhere(self) -> list[Anywhere]:
+        """Return the points of the base of which observations do not tell where they are."""
+        return anywhere(self.base)
+
+    def with_second_place(self, sentence: str) -> FrontSystem:
+        """Return the system of an adjusted network whose solution reports another minimum."""
+        base = replace(self.base, second_places=(*self.base.second_places, sentence))
+        return FrontSystem.of(base, rows=self.rows, section=self.section)
+
+    def has_base_of(self, other: FrontSystem) -> bool:
+        """Return whether both systems have the same base."""
+        return self.base is other.base
+
+    def forget(self) -> None:
+        """Let what was computed of the base go."""
+        self.base.forget()
+
+    @property
+    def adjusted_solution(self) -> Solution | None:
+        """The batch solution of everything; none: something has changed since there was one."""
+        whole = self.section is None and not self.changed and not self.doubt
+        return self.base if whole else None
+
+    @property
+    def datum_solution(self) -> Solution | None:
+        """The solution whose minimal datum holds a free network; none: the datum is given."""
+        return self.base if self.is_free else None
 
     @property
     def vtpv(self) -> float:

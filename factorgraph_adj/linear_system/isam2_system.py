@@ -38,6 +38,7 @@ from ..solve.start import Start
 from ..types import NO_ROWS, Array, Index, Mask
 from .front_system import FrontSystem
 from .linear_forms import rows_of
+from .linear_system import EngineName
 from .rebase import EFFORT, Draft
 from .test_statistics import MOVES, TIED, Place
 
@@ -66,7 +67,6 @@ class ISAM2System:
         self._tree, self._ledger, self._rules, self._beside = tree, ledger, rules, beside
         self._version = tree.version
         self._mark: Mark | None = None
-        self.section: None = None
         self.doubt = ""
 
     @classmethod
@@ -129,11 +129,6 @@ class ISAM2System:
             extra=draft.extra,
         )
         return FrontSystem.of(there, rows=draft.rows)
-
-    @property
-    def base(self) -> Solution:
-        """The network, adjusted at once; see `fronts`."""
-        return self.fronts.base
 
     def known(self, kind: VariableKind, name: str) -> bool:
         """Return whether a variable is determined, or a constant."""
@@ -206,9 +201,19 @@ class ISAM2System:
         return False
 
     @property
-    def changed(self) -> bool:
-        """Whether anything has changed since everything was adjusted at once."""
-        return self._beside is None
+    def engine(self) -> EngineName:
+        """What has the system."""
+        return "isam2"
+
+    @property
+    def adjusted_solution(self) -> Solution | None:
+        """The batch solution of everything; none: something has changed since there was one."""
+        return None if self._beside is None else self._beside.adjusted_solution
+
+    @property
+    def datum_solution(self) -> Solution | None:
+        """None: the datum is given."""
+        return None
 
     def renumbered(self, new: Index) -> ISAM2System:
         """Return the system after the rows of the ledger have got new numbers (n,)."""
@@ -267,6 +272,8 @@ class ISAM2System:
             ledger: the ledger without them.
         """
         tree = self.tree
+        if not all(i in tree.unit for i in ids):  # weights of unknowns are in no unit
+            return None
         units = np.array([tree.unit[i] for i in ids], dtype=np.intp)
         redundancy = tree.together(units).least_redundancy
         if redundancy <= TIED:
@@ -279,11 +286,11 @@ class ISAM2System:
         _ = self.tree  # it goes back
         return None
 
-    def at_rest(self, beside: FrontSystem) -> ISAM2System | None:
-        """Return the system at rest; none where the tree comes to rest elsewhere, or not at all.
+    def converged(self, beside: FrontSystem) -> ISAM2System | None:
+        """Return the system converged; none where the tree converges elsewhere, or does not.
 
         Args:
-            beside: the network at rest, adjusted at once.
+            beside: the network adjusted at once.
         """
         tree = self.tree
         self._mark = tree.mark()
@@ -316,7 +323,7 @@ def _most_rays(rules: Options) -> int:
 
 @dataclass(frozen=True, eq=False)
 class EnteredRows:
-    """Units that have entered a tree, as `judging.Joint`."""
+    """Units that have entered a tree, as `test_statistics.Joint`."""
 
     tree: Tree
     """The tree with them."""

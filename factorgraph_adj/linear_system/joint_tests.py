@@ -31,7 +31,7 @@ from .test_statistics import MOVES, Place
 
 @dataclass(frozen=True, eq=False)
 class RowsBesideBase:
-    """Units as rows beside a system, as `judging.Joint`."""
+    """Units as rows beside a system, as `test_statistics.Joint`."""
 
     system: FrontSystem
     """The system without them."""
@@ -132,7 +132,7 @@ AT_ONCE = 64
 
 @dataclass(frozen=True, eq=False)
 class RowsInBase:
-    """Units and their rows in a factorised network, as `judging.Joint`."""
+    """Units and their rows in a factorised network, as `test_statistics.Joint`."""
 
     normal: NormalEquations
     """The normal equations, the units among them."""
@@ -164,6 +164,12 @@ class RowsInBase:
         rows, every = stacked(found)
         a = normal.system.sparse(every)
         return cls(normal, factor, base, tuple(units), rows, raw, every, a)
+
+    @classmethod
+    def of_system(cls, system: FrontSystem, units: Sequence[Unit]) -> RowsInBase:
+        """Find the rows of units in the base of a system."""
+        base = system.base
+        return cls.of(base.normal(), base.factor, units, base)
 
     def tested(self) -> Tested:
         """Return the units; residuals are those after the Gauss-Newton step, if any is left."""

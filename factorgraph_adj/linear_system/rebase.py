@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -15,7 +14,6 @@ from ..errors import AdjustmentError, DatumError
 from ..graph.dependence import Variable, components
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import MaskState, State, Unknowns
-from ..ledger.candidates import Known
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..models.variables import UNKNOWNS, VariableKind
@@ -38,6 +36,7 @@ from ..solve.standing import standing
 from ..solve.start import Start
 from ..types import Array, Index
 from .front_system import FrontSystem
+from .linear_system import LinearSystem
 from .section import Section
 from .section_choice import section_of
 
@@ -67,52 +66,6 @@ EFFORT = Effort()
 """The effort of every rebase."""
 NOTICED = 1e-6
 """|A g| relative to Σ|A||g| from which on a row notices a motion g of a free network."""
-
-
-class Placed(Known, Protocol):
-    """A network whose variables have their places."""
-
-    @property
-    def base(self) -> Solution:
-        """It, adjusted at once."""
-        ...
-
-    @property
-    def section(self) -> Section | None:
-        """What that knows of the rest, if it is a section of the network."""
-        ...
-
-    @property
-    def doubt(self) -> str:
-        """Why this is not the minimum; empty if it is."""
-        ...
-
-    @property
-    def changed(self) -> bool:
-        """Whether anything has changed since it was adjusted at once."""
-        ...
-
-    @property
-    def is_free(self) -> bool:
-        """Whether it is a free network."""
-        ...
-
-    @property
-    def looked(self) -> Mapping[str, Looked]:
-        """Shapes that were fitted anew in vain, see `solve.shapes_anew`."""
-        ...
-
-    def names(self, kind: VariableKind) -> set[str]:
-        """Return the names of the known variables of a kind."""
-        ...
-
-    def places(self) -> list[tuple[Unknowns, State, State]]:
-        """Return unknowns, state and start values: what stands later has been adjusted later."""
-        ...
-
-    def carried(self, unknowns: Unknowns, state: State) -> State:
-        """Return a state with the values of what `places` does not have."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -150,7 +103,7 @@ class Draft:
     def of(
         cls,
         ledger: Ledger,
-        system: Placed | None,
+        system: LinearSystem | None,
         datum: DatumChoice,
         *,
         new: Collection[Variable] = (),
@@ -314,7 +267,7 @@ def _vague(solution: Solution) -> list[str]:
 def _started(
     equations: Equations,
     datum: DatumChoice,
-    system: Placed | None,
+    system: LinearSystem | None,
     found: Sequence[Solution | Start],
     there: Mapping[Variable, Array] | None = None,
 ) -> Start:
@@ -359,7 +312,7 @@ def _placed(
 
 def known_network(
     ledger: Ledger,
-    system: Placed | None,
+    system: LinearSystem | None,
     *,
     new: Collection[Variable] = (),
     dropped: Collection[Variable] = (),
@@ -391,7 +344,7 @@ def known_network(
     return filtered(network, determined, inside=inside)
 
 
-def solution_of(ledger: Ledger, system: Placed, rules: Options) -> Solution:
+def solution_of(ledger: Ledger, system: LinearSystem, rules: Options) -> Solution:
     """Return the solution as it stands; a free network's on its inner constraints.
 
     All observations are linearised there. Where the step that is left is more than was promised,
@@ -399,10 +352,11 @@ def solution_of(ledger: Ledger, system: Placed, rules: Options) -> Solution:
     Earth do, it is adjusted from there; so it is where points may fit on their other sides, see
     `solve.mirrors`, which the solution tells.
     """
-    if system.section is None and not system.changed and not system.doubt:
-        return system.base
+    if (adjusted := system.adjusted_solution) is not None:
+        return adjusted
     draft = Draft.of(ledger, system, rules.datum)
-    constraint = None if not system.is_free else draft.normal(system.base)[1]
+    held = system.datum_solution
+    constraint = None if held is None else draft.normal(held)[1]
     found = standing(
         draft.equations,
         draft.start,
@@ -418,15 +372,15 @@ def solution_of(ledger: Ledger, system: Placed, rules: Options) -> Solution:
     images = mirror_midpoints(found.equations, found.state, standing_free(found.equations))
     if far or images:
         with suppress(AdjustmentError):
-            adjusted = adjust_from(
+            again = adjust_from(
                 draft.equations,
                 draft.start,
                 free=rules.datum == "free",
                 tolerance=EFFORT.close,
                 extra=draft.extra,
             )
-            if adjusted.converged:
-                return adjusted if far else _with_second_places(found, adjusted, images)
+            if again.converged:
+                return again if far else _with_second_places(found, again, images)
     return found
 
 
@@ -452,7 +406,7 @@ def _with_second_places(
 def _left(solution: Solution) -> float:
     """Return a bound √(gᵀQg) of the step of every unknown that is left, relative to its σ.
 
-    Where residuals are large the minimum is further away, see `holding.SHARE`.
+    Where residuals are large the minimum is further away, see `linearisation_error.SHARE_OF_FORMS`.
     """
     g = solution.normal().gradient
     left = float(np.sqrt(max(float(g @ solution.factor.solve(g[:, None])[:, 0]), 0.0)))

@@ -61,7 +61,7 @@ def advanced(
         inside = ledger.having("accepted")
         if (
             renewal is None
-            or renewal.old.base is not system.base
+            or not renewal.old.has_base_of(system)
             or not np.isin(renewal.draft.rows, inside).all()
         ):
             return system, Renewal(system, Draft.of(ledger, system, rules.datum))

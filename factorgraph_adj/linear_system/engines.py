@@ -1,0 +1,224 @@
+"""What changes a linear system, in either engine: rows enter and leave, and it is adjusted again.
+
+Functions of a system, which stays as it is; they return another one, or none where only a new batch
+adjustment can do it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from ..errors import AdjustmentError
+from ..graph.dependence import Variable
+from ..graph.variables import State, Unknowns
+from ..ledger.candidates import Candidates, Nothing
+from ..ledger.ledger import Ledger
+from ..ledger.options import Options
+from ..quality.leave_out import Tested
+from ..solve.start import Start
+from ..types import Index
+from . import row_removal
+from .front_system import FrontSystem
+from .isam2_system import EnteredRows, ISAM2System
+from .joint_tests import RowsBesideBase
+from .linear_system import LinearSystem
+from .linearisation_error import is_small, near_minimum
+from .rebase import EFFORT, Draft, notices
+from .test_statistics import Joint
+
+if TYPE_CHECKING:
+    import gtsam
+
+
+def chosen(system: LinearSystem | None, ledger: Ledger, rules: Options) -> LinearSystem | None:
+    """Return a system in the engine that the options choose, where it suits the network."""
+    if not isinstance(system, FrontSystem) or rules.engine == "fronts":
+        return system
+    return ISAM2System.of(system, ledger, rules) or system
+
+
+def in_fronts(system: LinearSystem | None) -> FrontSystem | None:
+    """Return a system in fronts; none: nothing is known.
+
+    Raises:
+        AdjustmentError: there is no minimum.
+    """
+    if isinstance(system, ISAM2System):
+        return system.fronts
+    return system if isinstance(system, FrontSystem) else None
+
+
+def in_base(system: LinearSystem | None, ledger: Ledger) -> FrontSystem | None:
+    """Return a system in fronts that has all unknowns in its base or section; see `in_fronts`.
+
+    Raises:
+        AdjustmentError: there is no minimum.
+    """
+    found = in_fronts(system)
+    if found is None or not found.border.unknowns:
+        return found
+    draft = Draft.of(ledger, found, "given")
+    result = draft.adjusted("given", tolerances=(EFFORT.close,))
+    return result if isinstance(result, FrontSystem) else found
+
+
+def converged(system: LinearSystem, found: FrontSystem) -> LinearSystem:
+    """Return a system that has converged, in its engine if that comes to the same place.
+
+    Args:
+        system: the system.
+        found: the batch adjustment of it.
+    """
+    tree = system.converged(found) if isinstance(system, ISAM2System) else None
+    return tree or found.prepared()
+
+
+def copied_isam2(system: LinearSystem | None) -> gtsam.ISAM2 | None:
+    """Return a copy of the tree of a system; none: it is in fronts."""
+    return system.tree.copied() if isinstance(system, ISAM2System) else None
+
+
+# -- rows enter -----------------------------------------------------------------------------------
+
+
+def joined(
+    system: LinearSystem, ledger: Ledger, rows: Index, starts: Sequence[Start], *, new: bool
+) -> Joint | None:
+    """Return observations joined to a system, to be tested; none where it cannot take them.
+
+    Args:
+        system: the system.
+        ledger: the ledger with them.
+        rows: the observations.
+        starts: values of the variables that enter with them.
+        new: whether any do.
+
+    Raises:
+        InputError: names observations whose geometry has no answer.
+    """
+    if isinstance(system, ISAM2System):
+        return system.entered(ledger, rows, starts)
+    if not isinstance(system, FrontSystem) or ledger.n_scalars(rows) > system.most_beside:
+        return None
+    return _bordered(system, ledger, rows, starts) if new else rows_beside(system, ledger, rows)
+
+
+def rows_beside(system: FrontSystem, ledger: Ledger, rows: Index) -> RowsBesideBase | None:
+    """Return observations between known variables beside a base; none where it cannot take them.
+
+    Raises:
+        InputError: names observations whose geometry has no answer.
+    """
+    if system.section is not None:
+        variables = Candidates(ledger, Nothing(), rows).links.variables
+        reaching = system.reaching(variables)
+        if reaching is None:
+            return None
+        system = reaching
+    forms = system.forms(ledger, rows)
+    held = system.datum_solution
+    datum = None if held is None else held.datum
+    if datum is not None and notices(forms.a, datum.motions[forms.columns]):
+        return None
+    return RowsBesideBase.of(system, forms)
+
+
+def _bordered(
+    system: FrontSystem, ledger: Ledger, rows: Index, starts: Sequence[Start]
+) -> RowsBesideBase | None:
+    """Put new unknowns beside a base with the rows that determine them.
+
+    A small network gets a new base: it takes little time there, and is linearised where everything
+    is.
+    """
+    if system.section is not None or system.doubt or system.is_free or is_small(system):
+        return None
+
+    def values(unknowns: Unknowns, state: State) -> State:
+        moving = unknowns.moving()
+        for start in starts:
+            state = unknowns.carried(state, start.unknowns, start.state, where=moving)
+        return state
+
+    found = system.bordered(ledger, rows, values)
+    return None if found is None else RowsBesideBase.of(*found)
+
+
+def absorbed(
+    system: LinearSystem, joint: Joint, ledger: Ledger, rules: Options
+) -> LinearSystem | None:
+    """Return a system at its minimum with what has joined it; none where it is not near enough.
+
+    Args:
+        system: the system without it.
+        joint: what has joined.
+        ledger: the ledger with it.
+        rules: the options.
+
+    Raises:
+        InputError: names observations whose geometry has no answer at the present state.
+    """
+    if isinstance(joint, RowsBesideBase):
+        return near_minimum(ledger, joint.after, rules, joint.forms)
+    if isinstance(system, ISAM2System) and isinstance(joint, EnteredRows):
+        return system.after(joint, ledger)
+    return None
+
+
+def joined_at_once(
+    system: LinearSystem,
+    ledger: Ledger,
+    rows: Index,
+    starts: Sequence[Start],
+    new: Collection[Variable],
+    fits: Callable[[Tested], bool],
+) -> tuple[LinearSystem, Joint] | None:
+    """Join observations with new variables that need no local adjustment before: in iSAM2 alone.
+
+    None: they need one, as something does not fit or may be on the other side of its readings.
+
+    Args:
+        system: the system.
+        ledger: the ledger with them.
+        rows: the observations.
+        starts: values of the variables that enter with them.
+        new: these.
+        fits: returns whether tests show no gross error.
+    """
+    if not isinstance(system, ISAM2System):
+        return None
+    joint = system.entered(ledger, rows, starts)
+    if joint is None or not fits(joint.tested()):
+        return None
+    version = joint.tree.version
+    after = system.after(joint, ledger)
+    if after is None or joint.images(new):
+        return None
+    if joint.tree.version != version and not fits(joint.tested_anew()):
+        return None
+    return after, joint
+
+
+# -- rows leave -----------------------------------------------------------------------------------
+
+
+def without(
+    system: LinearSystem, ids: Sequence[str], ledger: Ledger, rules: Options
+) -> LinearSystem | None:
+    """Return a system at its minimum without observations; none where something is lost with them.
+
+    Args:
+        system: the system.
+        ids: first ids of units, ids of image points, and names of weighted unknowns.
+        ledger: the ledger without them.
+        rules: the options.
+    """
+    with suppress(AdjustmentError):
+        if isinstance(system, ISAM2System):
+            return system.without(ids, ledger)
+        if isinstance(system, FrontSystem) and not system.doubt and not system.border.unknowns:
+            after = row_removal.without(system, ids)
+            return None if after is None else near_minimum(ledger, after, rules)
+    return None
