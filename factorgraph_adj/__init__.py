@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from .export.ply import write_ply
     from .export.results import results_schema, write_results
     from .factor_graph.build import build_graph
-    from .factor_graph.isam import FactorTests, Isam
+    from .factor_graph.factor_tests import FactorTests
+    from .factor_graph.isam import Isam
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
@@ -386,7 +387,7 @@ _MODULES = {
     "adjusted_lines": "quality.lines",
     "as_models": "triangulation.models",
     "build_graph": "factor_graph.build",
-    "FactorTests": "factor_graph.isam",
+    "FactorTests": "factor_graph.factor_tests",
     "Isam": "factor_graph.isam",
     "block_motion": "epochs.blocks",
     "causes": "quality.causes.search",

@@ -16,22 +16,23 @@ import numpy as np
 from ..approximate import approximate
 from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError, InputError, Problem, known
+from ..graph.dependence import stated_late
 from ..graph.equations import Equations, compile_network
 from ..graph.factors import Part, held_factor, observation_factor
 from ..graph.keys import KeyMap, insert, state_of
 from ..graph.made import MakesFactor, made
 from ..graph.variables import State, Unknowns
 from ..models.variables import VariableKind
-from ..network.additions import add_entities
+from ..network.additions import UnknownsGiven, add_entities, unknowns_by_kind
 from ..network.entities import Camera, Photo, Point
 from ..network.network import DatumChoice, Network
+from ..network.selection import without
 from ..observations import AnyObservation
-from ..quality.groups import noncentrality_of_group
-from ..quality.leave_out import Tested, critical_t2
-from ..quality.reliability import UNCONTROLLED, check_probabilities
+from ..quality.reliability import check_probabilities
 from ..solve.linear import LinearisedEquations
-from ..types import Array, Index
+from ..types import Array
 from .build import held_sigmas, observation_parts, with_eased_ties
+from .factor_tests import FactorTests, factor_tests
 from .inner_constraints import inner_constraints
 
 THRESHOLD, SKIP = 0.01, 1
@@ -46,32 +47,28 @@ AT_REST = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class FactorTests:
-    """Tests of n factors with k whitened rows, each factor against everything else."""
+class _Entered:
+    """A factor in iSAM2."""
 
-    names: tuple[str, ...]
-    """Names of the factors."""
-    t2: Array
-    """T² = vᵀ M⁺ v of all rows of a factor, with M = I − A Q Aᵀ, (n,)."""
-    dof: Index
-    """Its degrees of freedom, the rank of M, (n,)."""
-    critical: Array
-    """Its critical value, the quantile 1 − α of χ², (n,); NaN where nothing else controls it."""
-    rows: tuple[Index, ...]
-    """Rows of each factor."""
-    w: Array
-    """Test values v / √M_ii of the rows, (k,); NaN where nothing else controls them."""
-    redundancy_numbers: Array
-    """M_ii, (k,)."""
-    mdb: Array
-    """Smallest detectable errors δ0 / √M_ii of the rows, in their σ, (k,); infinite where nothing
-    else controls them."""
+    factor: gtsam.NonlinearFactor
+    """The factor."""
+    arrival: int
+    """Number of the update with which it came."""
+    ids: tuple[str, ...] = ()
+    """Ids of its observations; none of your own factors."""
+    sigmas: tuple[Array, ...] = ()
+    """Their standard deviations with the lengths of sights at which the factor was made."""
+    keeps: int | None = None
+    """Key of the variable whose held components it keeps."""
+    slot: int = -1
+    """Index in iSAM2."""
 
-    @property
-    def suspects(self) -> tuple[str, ...]:
-        """Names of the factors beyond their critical values, the worst first."""
-        ratio = np.nan_to_num(self.t2 / self.critical)
-        return tuple(self.names[i] for i in np.argsort(-ratio).tolist() if ratio[i] > 1.0)
+    def weighs_as(self, parts: Sequence[Part]) -> bool:
+        """Return whether its standard deviations are those of observations, within 1e-7."""
+        return all(
+            np.allclose(a, b, rtol=1e-7, atol=0.0)
+            for a, b in zip(self.sigmas, _sigmas(parts), strict=True)
+        )
 
 
 class Isam:
@@ -123,13 +120,10 @@ class Isam:
         """GTSAM's object: yours to ask, and to update with factors of your own."""
         self.network = network.copy()
         """The network with all that has arrived."""
-        self._factors: dict[str, gtsam.NonlinearFactor] = {}
-        self._slots: dict[str, int] = {}
+        self._entered: dict[str, _Entered] = {}
         self._numbers: dict[VariableKind, dict[str, int]] = {}
-        self._since: tuple[gtsam.NonlinearFactorGraph, gtsam.Values] = (
-            gtsam.NonlinearFactorGraph(),
-            gtsam.Values(),
-        )
+        self._starts: list[gtsam.Values] = []
+        self._handed_out = 0
         equations = compile_network(self.network)
         chosen = network.datum if datum is None else datum
         start = start_of(equations, chosen, None)
@@ -143,8 +137,6 @@ class Isam:
                 more["inner constraints"] = constraints
         self._take(self.network, system, more)
 
-    # -- what there is ------------------------------------------------------------------------
-
     @property
     def graph(self) -> gtsam.NonlinearFactorGraph:
         """The factors in iSAM2, those of your own among them."""
@@ -157,8 +149,11 @@ class Isam:
 
     @property
     def state(self) -> State:
-        """The estimate in arrays by kind, in the order of ``keys.unknowns``."""
-        return state_of(self._equations, self.values, self.keys)
+        """The estimate in arrays by kind, in the order of ``keys.unknowns``.
+
+        What no factor depends on has its start values, or its last estimate.
+        """
+        return state_of(self._equations, self.values, self.keys, partly=True)
 
     @property
     def keys(self) -> KeyMap:
@@ -168,11 +163,11 @@ class Isam:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the factors: ids of observations, and names of your own factors."""
-        return tuple(self._slots)
+        return tuple(self._entered)
 
     def __len__(self) -> int:
         """Return the number of factors with a name."""
-        return len(self._slots)
+        return len(self._entered)
 
     def __repr__(self) -> str:
         """Return what it holds."""
@@ -185,13 +180,15 @@ class Isam:
         """Return the covariance of a variable as `Solution` has it, see `KeyMap.covariance`.
 
         Raises:
-            InputError: the network has no such variable, or it is held altogether.
+            InputError: the network has no such variable, it is held altogether, or no factor
+                depends on it.
         """
         keys = self.keys
-        marginal = self.isam.marginalCovariance(keys.key(kind, name))
+        key = keys.key(kind, name)
+        if not self.isam.getLinearizationPoint().exists(key):
+            raise InputError(Problem("no factor depends on it", f"{kind} {name!r}"))
+        marginal = self.isam.marginalCovariance(key)
         return keys.covariance(kind, name, marginal, self.values)
-
-    # -- what comes and goes ------------------------------------------------------------------
 
     def add(
         self,
@@ -200,6 +197,7 @@ class Isam:
         points: Iterable[Point] = (),
         photos: Iterable[Photo] = (),
         cameras: Iterable[Camera] = (),
+        unknowns: UnknownsGiven | None = None,
         factors: Mapping[str, MakesFactor] | None = None,
     ) -> tuple[str, ...]:
         """Put observations and factors in with one update; return the names of their factors.
@@ -211,6 +209,8 @@ class Isam:
             points: new points.
             photos: new photos.
             cameras: new cameras.
+            unknowns: new frames, mounts, shapes and unknowns of any other kind, by kind and name,
+                as a scratch network states them: ``unknowns=scratch.parameters``.
             factors: GTSAM factors by name, each as a function of ``key(kind, name)``.
 
         Raises:
@@ -218,30 +218,42 @@ class Isam:
             ApproximationError: new unknowns have no start values.
             AdjustmentError: something is not determined with them.
         """
+        stated = unknowns_by_kind(unknowns)
         network = self.network.copy()
         problems = add_entities(
-            network, points=tuple(points), photos=tuple(photos), cameras=tuple(cameras)
+            network,
+            points=tuple(points),
+            photos=tuple(photos),
+            cameras=tuple(cameras),
+            unknowns=stated,
         )
+        problems.extend(stated_late(self.network, network, stated))
         if problems:
             raise InputError(problems)
         given = observations if isinstance(observations, Sequence) else (observations,)
-        network.add(*given)
+        made_here = dict(factors or {})
+        ids = network.add(*given)
+        taken = [
+            n for n in (*ids, *made_here) if n in self._entered or (n in ids and n in made_here)
+        ]
+        if taken:
+            raise InputError([Problem("is the name of another factor", repr(n)) for n in taken])
         equations = compile_network(network)
-        unknowns = equations.unknowns
         here = self.state
-        state = unknowns.carried(unknowns.start(), self._equations.unknowns, here)
+        table = equations.unknowns
+        state = table.carried(table.start(), self._equations.unknowns, here)
         if any(np.isnan(x).any() for x in state.values()):
             placed = _with_start(equations, state)
             state = approximate(placed)
         system = LinearisedEquations(equations.weighted_at(state), state)
-        before = self._equations, dict(self._slots)
+        before = self._equations
         self._equations = system.equations
         try:
-            self._number(unknowns)
-            made_ones = {n: made(n, make, self.keys) for n, make in (factors or {}).items()}
+            self._number(equations.unknowns)
+            made_ones = {n: made(n, make, self.keys) for n, make in made_here.items()}
             return self._take(network, system, made_ones)
         except BaseException:
-            self._equations, self._slots = before
+            self._equations = before
             raise
 
     def remove(self, names: str | Iterable[str]) -> None:
@@ -251,12 +263,25 @@ class Isam:
             InputError: every name that there is not; nothing has changed then.
             AdjustmentError: something would not be determined without them.
         """
-        wanted = self._known(names)
+        wanted = dict.fromkeys(self._known(names))
+        rest = [e for n, e in self._entered.items() if n not in wanted and e.keeps is None]
+        touched = {key for e in rest for key in list(e.factor.keys())}
+        wanted |= {
+            n: None
+            for n, e in self._entered.items()
+            if e.keeps is not None and e.keeps not in touched
+        }
+        gone = [self._entered[n] for n in wanted]
+        network = without(self.network, [i for e in gone for i in e.ids])
+        equations, here = compile_network(network), self.state
+        state = equations.unknowns.carried(
+            equations.unknowns.start(), self._equations.unknowns, here
+        )
         copy = gtsam.ISAM2(self.isam)
-        self._update(copy, gtsam.NonlinearFactorGraph(), gtsam.Values(), wanted)
-        self.isam = copy
+        self._update(copy, gtsam.NonlinearFactorGraph(), gtsam.Values(), gone)
+        self.isam, self.network, self._equations = copy, network, _with_start(equations, state)
         for name in wanted:
-            del self._slots[name], self._factors[name]
+            del self._entered[name]
 
     def settle(self) -> int:
         """Relinearise everything until nothing moves; return the number of updates.
@@ -287,37 +312,67 @@ class Isam:
         """Replace factors whose weights have changed with the lengths of sights."""
         state, keys = self.state, self.keys
         equations = self._equations.weighted_at(state)
-        if equations.weighs_as(self._equations):
-            return False
         system = LinearisedEquations(equations, state)
         diagonal = system.diagonal()
-        old = {name: parts for name, parts, _ in observation_parts(self._equations)}
-        changed: dict[str, gtsam.NonlinearFactor] = {}
+        changed: dict[str, _Entered] = {}
+        graph = gtsam.NonlinearFactorGraph()
         for name, parts, noise in observation_parts(with_eased_ties(equations, system, diagonal)):
-            if name in self._slots and not _weigh_alike(parts, old[name]):
-                changed[name] = observation_factor(
+            old = self._entered.get(name)
+            if old is not None and not old.weighs_as(parts):
+                factor = observation_factor(
                     self.network.frame, equations.unknowns, state, parts, noise(), keys
                 )
-        graph = gtsam.NonlinearFactorGraph()
-        for factor in changed.values():
-            graph.push_back(factor)
+                graph.push_back(factor)
+                changed[name] = replace(old, factor=factor, sigmas=_sigmas(parts))
+        if not changed:
+            return False
         copy = gtsam.ISAM2(self.isam)
-        slots = self._update(copy, graph, gtsam.Values(), list(changed))
+        gone = [self._entered[n] for n in changed]
+        slots = self._update(copy, graph, gtsam.Values(), gone)
         self.isam, self._equations = copy, equations
-        self._slots |= dict(zip(changed, slots, strict=True))
-        self._factors |= changed
+        self._entered |= {
+            name: replace(e, slot=slot)
+            for (name, e), slot in zip(changed.items(), slots, strict=True)
+        }
         return True
 
-    def new_factors(self) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-        """Return factors and start values that came since the last call, for a solver of yours.
+    @property
+    def n_arrivals(self) -> int:
+        """Number of times that factors have come; the first are those of the network."""
+        return len(self._starts)
+
+    def new_factors(
+        self, *, since: int | None = None
+    ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+        """Return factors and start values that came since some moment, for a solver of yours.
 
         Keys stay the same, so that they may go into another ISAM2, a fixed-lag smoother or a batch
-        optimiser as they come.
-        """
-        out, self._since = self._since, (gtsam.NonlinearFactorGraph(), gtsam.Values())
-        return out
+        optimiser as they come. What has been removed in the meantime is left out, and weights are
+        those of now; a solver that had a factor before keeps it.
 
-    # -- tests --------------------------------------------------------------------------------
+        Args:
+            since: `n_arrivals` at that moment, 0 for everything; by default at the last call.
+
+        Raises:
+            InputError: there was no such moment.
+        """
+        first = self._handed_out if since is None else since
+        if not 0 <= first <= self.n_arrivals:
+            raise InputError(f"since must be between 0 and {self.n_arrivals}, not {since}")
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        for entered in self._entered.values():
+            if entered.arrival >= first:
+                graph.push_back(entered.factor)
+        there = self.isam.getLinearizationPoint()
+        for starts in self._starts[first:]:
+            for key in starts.keys():  # noqa: SIM118 - it is no mapping
+                if values.exists(key):
+                    values.erase(key)
+            values.insert(starts)
+        for key in [k for k in values.keys() if not there.exists(k)]:  # noqa: SIM118
+            values.erase(key)
+        self._handed_out = self.n_arrivals
+        return graph, values
 
     def test(
         self, names: str | Iterable[str] | None = None, *, alpha: float = 0.001, power: float = 0.8
@@ -341,48 +396,18 @@ class Isam:
         """
         check_probabilities(alpha, power)
         wanted = self._known(self.names if names is None else names)
-        values = self.values
-        own_keys = {n: list(self._factors[n].keys()) for n in wanted}
-        keys = list(dict.fromkeys(k for own in own_keys.values() for k in own))
-        first = dict(zip(keys, _starts(values, keys), strict=True))
-        a, v, rows, at = [], [], [], 0
-        size = sum(_size(values, k) for k in keys)
-        for name in wanted:
-            part, b = gtsam.JacobianFactor(self._factors[name].linearize(values)).jacobian()
-            wide = np.zeros((len(b), size))
-            column = 0
-            for key in own_keys[name]:
-                own = _size(values, key)
-                wide[:, first[key] : first[key] + own] += part[:, column : column + own]
-                column += own
-            a.append(wide)
-            v.append(-np.asarray(b))
-            rows.append(np.arange(at, at + len(b)))
-            at += len(b)
-        q = self.isam.jointMarginalCovariance(keys).fullMatrix()
-        every = np.vstack(a)
-        m = np.eye(at) - every @ q @ every.T
-        residual = np.concatenate(v)
-        tested = Tested(rows, residual, lambda u: m[:, u])
-        t2, dof = tested.statistics()
-        r = np.diag(m)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            root = np.sqrt(np.where(r > UNCONTROLLED, r, np.nan))
-            w, mdb = residual / root, np.sqrt(noncentrality_of_group(alpha, power, 1)) / root
-        critical = np.array([critical_t2(alpha, int(k)) for k in dof])
-        return FactorTests(
-            tuple(wanted), t2, dof, critical, tuple(rows), w, r, np.nan_to_num(mdb, nan=np.inf)
+        factors = {n: self._entered[n].factor for n in wanted}
+        return factor_tests(
+            factors, self.values, self.isam.jointMarginalCovariance, alpha=alpha, power=power
         )
-
-    # -- helpers ------------------------------------------------------------------------------
 
     def _known(self, names: str | Iterable[str]) -> list[str]:
         wanted = list(dict.fromkeys([names] if isinstance(names, str) else names))
-        missing = [n for n in wanted if n not in self._slots]
+        missing = [n for n in wanted if n not in self._entered]
         if missing:
             raise InputError(
                 [
-                    Problem(f"is no factor here; known: {known(self._slots, meant=n)}", repr(n))
+                    Problem(f"is no factor here; known: {known(self._entered, meant=n)}", repr(n))
                     for n in missing
                 ]
             )
@@ -406,34 +431,40 @@ class Isam:
         unknowns, diagonal = equations.unknowns, system.diagonal()
         self._number(unknowns)
         keys = self.keys
-        added: dict[str, gtsam.NonlinearFactor] = {}
+        at = self.n_arrivals
+        added: dict[str, _Entered] = {}
         for name, part, noise in observation_parts(with_eased_ties(equations, system, diagonal)):
-            if name not in self._slots:
-                added[name] = observation_factor(
-                    network.frame, unknowns, state, part, noise(), keys
-                )
+            if name not in self._entered:
+                factor = observation_factor(network.frame, unknowns, state, part, noise(), keys)
+                ids = tuple(p.block.ids[i] for p in part for i in p.chosen.tolist())
+                added[name] = _Entered(factor, at, ids, _sigmas(part))
+        added |= {name: _Entered(factor, at) for name, factor in more.items()}
+        touched = {k for e in added.values() for k in list(e.factor.keys())}
         for (kind, number), sigma in held_sigmas(unknowns, diagonal).items():
-            name = f"held components of {kind} {unknowns[kind].names[number]}"
-            if name not in self._slots:
-                added[name] = held_factor(unknowns, state, kind, number, sigma, keys)
-        added |= more
+            name, key = (
+                f"held components of {kind} {unknowns[kind].names[number]}",
+                keys.at(kind, number),
+            )
+            if name not in self._entered and key in touched:
+                factor = held_factor(unknowns, state, kind, number, sigma, keys)
+                added[name] = _Entered(factor, at, keeps=key)
         there = self.isam.getLinearizationPoint()
-        new = [v for v in unknowns.active() if not there.exists(keys.at(*v))]
-        touched = {k for f in added.values() for k in list(f.keys())}
-        new = [v for v in new if keys.at(*v) in touched]
+        new = [
+            v for v in unknowns.active() if (k := keys.at(*v)) in touched and not there.exists(k)
+        ]
         values = gtsam.Values()
         insert(values, unknowns, state, new, [keys.at(*v) for v in new])
         graph = gtsam.NonlinearFactorGraph()
-        for factor in added.values():
-            graph.push_back(factor)
+        for e in added.values():
+            graph.push_back(e.factor)
         copy = gtsam.ISAM2(self.isam)
         slots = self._update(copy, graph, values, ())
         self.isam, self.network = copy, network
-        self._slots |= dict(zip(added, slots, strict=True))
-        self._factors |= added
-        for factor in added.values():
-            self._since[0].push_back(factor)
-        self._since[1].insert(values)
+        self._entered |= {
+            name: replace(e, slot=slot)
+            for (name, e), slot in zip(added.items(), slots, strict=True)
+        }
+        self._starts.append(values)
         return tuple(added)
 
     def _update(
@@ -441,11 +472,11 @@ class Isam:
         isam: gtsam.ISAM2,
         graph: gtsam.NonlinearFactorGraph,
         values: gtsam.Values,
-        gone: Sequence[str],
+        gone: Sequence[_Entered],
     ) -> list[int]:
         """Update a copy of iSAM2, which an error leaves without a tree."""
         try:
-            result = isam.update(graph, values, [self._slots[n] for n in gone])
+            result = isam.update(graph, values, [e.slot for e in gone])
         except RuntimeError as error:
             what = str(error).strip().splitlines()
             raise AdjustmentError(
@@ -454,26 +485,11 @@ class Isam:
         return list(result.getNewFactorsIndices())
 
 
-def _weigh_alike(a: Sequence[Part], b: Sequence[Part]) -> bool:
-    """Return whether observations have the same standard deviations within 1e-7."""
-    return all(
-        np.allclose(p.block.sigma[p.chosen], q.block.sigma[q.chosen], rtol=1e-7, atol=0.0)
-        for p, q in zip(a, b, strict=True)
-    )
+def _sigmas(parts: Sequence[Part]) -> tuple[Array, ...]:
+    """Return the standard deviations of observations, part by part."""
+    return tuple(part.block.sigma[part.chosen] for part in parts)
 
 
 def _with_start(equations: Equations, state: State) -> Equations:
     """Return equations whose unknowns start at a state, NaN where unknown."""
     return replace(equations, unknowns=equations.unknowns.starting_at(state))
-
-
-def _size(values: gtsam.Values, key: int) -> int:
-    try:
-        return len(values.atVector(key))
-    except RuntimeError:
-        return 6
-
-
-def _starts(values: gtsam.Values, keys: Sequence[int]) -> list[int]:
-    ends = np.cumsum([_size(values, k) for k in keys], dtype=np.intp)
-    return [0, *(int(e) for e in ends[:-1])]

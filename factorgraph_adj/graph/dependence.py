@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
+from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
 
+from ..errors import Problem
 from ..frames import LocalFrame
 from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
+from ..network.additions import UnknownsGiven
 from ..network.entities import FREE_ORIENTATION, Parameter, parameter_name
 from ..network.network import Network
 from ..observations import KINDS, Observation
@@ -76,6 +79,35 @@ def _zero(kind: VariableKind) -> Array:
     record = UNKNOWNS[kind]
     values = record.store(np.zeros((1, record.size)))
     return np.concatenate([values, np.zeros((1, len(record.constants)))], axis=1)
+
+
+def stated_late(before: Network, after: Network, unknowns: UnknownsGiven) -> Iterator[Problem]:
+    """Yield unknowns that need not be stated, where earlier observations depend on them.
+
+    Their factors have the default value of such an unknown as a constant.
+
+    Args:
+        before: network with the earlier observations.
+        after: the same network, in which the unknowns are stated.
+        unknowns: what is stated, by kind and key.
+    """
+    late = {
+        (kind, parameter_name(key)): UNKNOWNS[kind].noun
+        for kind, given in unknowns.items()
+        if kind in UNKNOWNS
+        for key in given
+        if UNKNOWNS[kind].absent != "refused" or not key
+    }
+    earlier = chain(
+        before.observations.items(), ((f"{o.photo}/{o.point}", o) for o in before.image_points())
+    )
+    for ident, o in earlier if late else ():
+        for v in late.keys() & {*variables_of(before, o), *variables_of(after, o)}:
+            what = (
+                f"observation {ident!r} depends on it: state it before the first one that does, "
+                "or remove these, and add them again"
+            )
+            yield Problem(what, f"{late.pop(v)} {v[1]!r}")
 
 
 def components(network: Network, variable: Variable) -> tuple[int, int]:

@@ -234,31 +234,37 @@ def values_of(equations: Equations, state: State) -> gtsam.Values:
     return values
 
 
-def state_of(equations: Equations, values: gtsam.Values, keys: KeyMap | None = None) -> State:
+def state_of(
+    equations: Equations,
+    values: gtsam.Values,
+    keys: KeyMap | None = None,
+    *,
+    partly: bool = False,
+) -> State:
     """Return the state that ``values`` describe; held variables keep their given values.
 
     Args:
         equations: the network.
         values: values of its variables.
         keys: their keys; none: as `values_of` gives them.
+        partly: whether variables that ``values`` lack keep their start values.
 
     Raises:
         InputError: ``values`` lack variables; the message names all of them.
     """
     unknowns = equations.unknowns
     keys = KeyMap(unknowns) if keys is None else keys
-    missing = [
-        Problem("has no value", f"{kind} {unknowns[kind].names[number]!r}")
-        for kind, number in unknowns.active()
-        if not values.exists(keys.at(kind, number))
-    ]
+    state = unknowns.start()
+    missing = []
+    for kind, number in unknowns.active():
+        key = keys.at(kind, number)
+        if values.exists(key):
+            row = stored_row(values, kind, key, unknowns.graph_scale(kind, number))
+            state[kind][number, : len(row)] = row
+        elif not partly:
+            missing.append(Problem("has no value", f"{kind} {unknowns[kind].names[number]!r}"))
     if missing:
         raise InputError(missing)
-    state = unknowns.start()
-    for kind, table in unknowns.tables.items():
-        for i in np.flatnonzero(table.offset >= 0).tolist():
-            row = stored_row(values, kind, keys.at(kind, i), unknowns.graph_scale(kind, i))
-            state[kind][i, : len(row)] = row
     return state
 
 

@@ -20,6 +20,24 @@ UnknownsGiven: TypeAlias = Mapping[VariableKind, Mapping[Any, Parameter]]
 NO_UNKNOWNS: UnknownsGiven = MappingProxyType({})
 
 
+def unknowns_by_kind(given: object) -> UnknownsGiven:
+    """Return unknowns by kind and key, as ``Network.parameters`` has them; None: none.
+
+    Raises:
+        InputError: they are something else.
+    """
+    if given is None:
+        return NO_UNKNOWNS
+    if not isinstance(given, Mapping) or not all(
+        isinstance(of_kind, Mapping) for of_kind in given.values()
+    ):
+        raise InputError(
+            "give unknowns by kind and name, as the parameters of a scratch network: "
+            "unknowns=scratch.parameters"
+        )
+    return {kind: dict(of_kind) for kind, of_kind in given.items() if of_kind}
+
+
 def add_entities(
     network: Network,
     *,

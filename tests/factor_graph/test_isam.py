@@ -13,10 +13,13 @@ from factorgraph_adj.graph.made import KeyOf
 from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.network.selection import without
 from factorgraph_adj.observations import SlopeDistance
+from factorgraph_adj.simulation.simulate import measure
 from tests.networks.building_site import site
+from tests.networks.deformed_models import deformed_block
 from tests.networks.simulated import simulate_industry_block
 from tests.networks.small_block import small_block
-from tests.support.arrivals import ids_of, items
+from tests.networks.three_frames import three_frames
+from tests.support.arrivals import ids_of, items, split
 
 PROMISE, AT_REST = 0.01, 1e-6
 
@@ -192,3 +195,180 @@ def ids_touching(isam: fga.Isam, point: str) -> list[str]:
     return [
         i for o in items(isam.network) for i in ids_of(o) if point in getattr(o, "names", list)()
     ]
+
+
+LATE = {
+    "a scanner": (three_frames, "frame", "scan"),
+    "a model of unknown scale": (three_frames, "frame", "model"),
+    "a levelled station": (three_frames, "frame", "station"),
+    "a deformation of models": (
+        lambda: measure(deformed_block(), seed=2),
+        "model_deformation",
+        "left",
+    ),
+}
+
+
+@pytest.mark.parametrize(("make", "kind", "name"), LATE.values(), ids=[*LATE])
+def test_an_unknown_of_any_kind_arrives_with_its_observations(make, kind, name) -> None:
+    network = make()
+    first, later = split(network, kind, name)
+    seen = {p for o in first.observations.values() for p in o.points()}
+    seen |= {f.origin for f in first.frames.values() if f.origin in first.points}
+    new = [first.points.pop(p) for p in list(first.points) if p not in seen]
+    for point in new:
+        del first.point_number[point.name]
+    isam = fga.Isam(first)
+    before = {p: isam.keys.key("point", p) for p in seen if not any(first.points[p].fixed)}
+    isam.add(later, points=new, unknowns={kind: {name: network.of_kind(kind)[name]}})
+    assert {p: isam.keys.key("point", p) for p in before} == before
+    assert isam.keys.key(kind, name) in list(isam.values.keys())
+    isam.settle()
+    solution = fga.adjust(network, tolerance=1e-9)
+    moved, scatter = apart(isam, solution)
+    assert moved < AT_REST
+    assert scatter < AT_REST
+    q = solution.variable_covariance((kind, name))
+    found = isam.covariance(kind, name)
+    np.testing.assert_allclose(found, q, rtol=1e-5, atol=1e-6 * np.abs(q).max())
+
+
+def test_unknowns_that_cannot_be_stated_are_refused_together() -> None:
+    isam = fga.Isam(three_frames())
+    scratch = fga.Network()
+    scratch.add_frame("scan")
+    scratch.add_frame("next")
+    given = {"frame": {**scratch.frames, "odd": 1}, "fame": {"x": 1}}
+    with pytest.raises(fga.InputError) as error:
+        isam.add(points=[Point("P0", (0.0, 0.0, 0.0))], unknowns=given)
+    for words in ("'P0'", "frame 'scan': is stated already", "'odd'", "did you mean 'frame'?"):
+        assert words in str(error.value)
+    with pytest.raises(fga.InputError, match="as the parameters of a scratch network"):
+        isam.add(unknowns=scratch.frames)
+    with pytest.raises(fga.ApproximationError, match="next"):
+        isam.add(unknowns={"frame": {"next": scratch.frames["next"]}})
+    assert "next" not in isam.network.frames
+
+
+def test_what_observations_depend_on_already_is_not_stated_after_them() -> None:
+    isam = fga.Isam(site_network())
+    scratch = fga.Network()
+    scratch.set_refraction(value=0.13, fixed=True)
+    with pytest.raises(fga.InputError, match="depends on it: state it before"):
+        isam.add(unknowns=scratch.parameters)
+
+
+def test_what_was_removed_does_not_come_back_and_its_name_is_free() -> None:
+    network = site_network()
+    isam = fga.Isam(network)
+    wrong = SlopeDistance("S0", "T8", 1.0, sigma=0.001, id="wrong")
+    isam.add(wrong)
+    isam.remove("wrong")
+    o = next(o for o in network.observations.values() if o.kind == "slope_distance")
+    assert isam.add(replace(o, id="again")) == ("again",)
+    assert "wrong" not in isam.network.observations
+    isam.add(replace(o, id="wrong"))
+    whole = network.copy()
+    whole.add(replace(o, id="again"), replace(o, id="wrong"))
+    isam.settle()
+    assert apart(isam, fga.adjust(whole, tolerance=1e-9))[0] < AT_REST
+
+
+def test_a_point_without_factors_leaves_and_returns_with_new_readings() -> None:
+    network = site_network()
+    own = [i for i, o in network.observations.items() if "T9" in o.names()]
+    isam = fga.Isam(network)
+    key, size = isam.keys.key("point", "T9"), isam.values.size()
+    last = isam.state["point"][isam.keys.unknowns["point"].number["T9"]]
+    isam.remove(own)
+    isam.settle()
+    assert not isam.values.exists(key)
+    np.testing.assert_array_equal(
+        isam.state["point"][isam.keys.unknowns["point"].number["T9"]], last
+    )
+    with pytest.raises(fga.InputError, match="no factor depends on it"):
+        isam.covariance("point", "T9")
+    isam.add([replace(network.observations[i], id=i) for i in own])
+    assert isam.values.size() == size and isam.keys.key("point", "T9") == key
+    isam.settle()
+    moved, scatter = apart(isam, fga.adjust(network, tolerance=1e-9))
+    assert max(moved, scatter) < AT_REST
+
+
+def test_a_partly_held_point_leaves_with_what_keeps_its_held_components() -> None:
+    network = fga.Network("a plan")
+    for name, x in {"A": (0, 0, 0), "B": (100, 0, 0), "C": (0, 80, 0)}.items():
+        network.add_point(name, x, fixed="xyz")
+    for name in "PQ":
+        network.add_point(name, (60.0, 50.0, 0.0), fixed="z")
+        network.add(
+            *(SlopeDistance(s, name, 78.1, sigma=0.1, id=f"{s}{name}") for s in "AB"),
+            SlopeDistance("C", name, 67.1, sigma=0.1, id=f"C{name}"),
+        )
+    isam = fga.Isam(network)
+    kept = "held components of point Q"
+    assert kept in isam.names
+    isam.remove([f"{s}Q" for s in "ABC"])
+    assert kept not in isam.names
+    assert isam.values.size() == 1
+
+
+def test_a_name_that_a_factor_has_is_refused() -> None:
+    isam = fga.Isam(site_network())
+
+    def prior(key: KeyOf) -> gtsam.NonlinearFactor:
+        noise = gtsam.noiseModel.Isotropic.Sigma(3, 1.0)
+        return gtsam.PriorFactorVector(key("point", "T8"), isam.state["point"][14], noise)
+
+    isam.add(factors={"prior": prior})
+    n = isam.graph.nrFactors()
+    o = SlopeDistance("S0", "T8", 50.0, sigma=1.0, id="prior")
+    for given in ({"factors": {"prior": prior}}, {"observations": o}):
+        with pytest.raises(fga.InputError, match="'prior': is the name of another factor"):
+            isam.add(**given)
+    with pytest.raises(fga.InputError, match="'both': is the name of another factor"):
+        isam.add(replace(o, id="both"), factors={"both": prior})
+    assert isam.graph.nrFactors() == n
+
+
+def test_each_solver_reads_from_its_own_moment() -> None:
+    network = site_network()
+    isam = fga.Isam(network)
+    assert isam.n_arrivals == 1
+    everything = isam.new_factors()[0].size()
+    distance = next(o for o in network.observations.values() if o.kind == "slope_distance")
+    isam.add(replace(distance, id="first"))
+    isam.add([replace(distance, id="second"), replace(distance, id="third")])
+    isam.remove("second")
+    assert isam.new_factors(since=2)[0].size() == 1
+    assert isam.new_factors(since=1)[0].size() == 2
+    graph, values = isam.new_factors(since=0)
+    assert graph.size() == everything + 2
+    assert values.size() == isam.values.size()
+    assert isam.new_factors()[0].size() == 0
+    with pytest.raises(fga.InputError, match="between 0 and 3, not 4"):
+        isam.new_factors(since=4)
+
+
+def test_weights_follow_the_lengths_of_sights_after_an_arrival_too() -> None:
+    centred = fga.StandardDeviation(1e-4, centring_target=0.002)
+    network = fga.Network("short sights")
+    true = {"A": (0.0, 0.0, 0.0), "B": (30.0, 0.0, 0.0), "C": (10.0, 25.0, 0.0)}
+    p = np.array((12.0, 9.0, 0.0))
+    for name, x in true.items():
+        network.add_point(name, x, fixed="xyz")
+    network.add_point("P", (18.0, 3.0, 0.0), fixed="z")
+    for name, error in zip(true, (3e-4, -2e-4, 4e-4), strict=True):
+        azimuth = float(np.arctan2(*(p - true[name])[:2])) + error
+        network.add(fga.observations.Azimuth(name, "P", azimuth, sigma=centred, id=f"at {name}"))
+    later = [SlopeDistance("A", "P", 15.0, sigma=10.0, id=f"paced {i}") for i in range(6)]
+    params = gtsam.ISAM2Params()
+    params.setRelinearizeThreshold(0.0)
+    params.relinearizeSkip = 1
+    isam = fga.Isam(network, params=params)
+    for o in later:
+        isam.add(o)
+    isam.settle()
+    network.add(*later)
+    moved, scatter = apart(isam, fga.adjust(network, tolerance=1e-9))
+    assert max(moved, scatter) < AT_REST

@@ -12,17 +12,16 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.graph.dependence import variables_of
 from factorgraph_adj.network.entities import parameter_name
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import AnyObservation, SlopeDistance, ZenithAngle
+from factorgraph_adj.observations import SlopeDistance, ZenithAngle
 from factorgraph_adj.simulation.simulate import measure
 from tests.networks.deformed_models import deformed_block
 from tests.networks.hall import hall
 from tests.networks.rigs import rig
 from tests.networks.three_frames import three_frames
 from tests.support import journals
-from tests.support.arrivals import difference, ids_of, items
+from tests.support.arrivals import difference, items, split
 
 AT_REST = 1e-6
 """Largest deviation of a settled state from the batch adjustment, relative to σ."""
@@ -43,19 +42,6 @@ MORE: dict[str, Case] = {
     "a camera of a rig": (lambda: measure(rig(3, held_points=30), seed=1), "mount", "back"),
     "the water of a tube": (hall, "level", "water"),
 }
-
-
-def split(network: Network, kind: str, name: str) -> tuple[Network, list[AnyObservation]]:
-    """Return the network without an unknown, and what depends on it."""
-    late = {i for i, o in network.observations.items() if (kind, name) in variables_of(network, o)}
-    assert late
-    first = network.copy()
-    later = [item for item in items(network) if late & set(ids_of(item))]
-    gone = {i for item in later for i in ids_of(item)}
-    first.observations = {i: o for i, o in network.observations.items() if i not in gone}
-    first.clusters = [c for c in network.clusters if gone.isdisjoint(c[0])]
-    del first.of_kind(kind)[name]
-    return first, later
 
 
 def arrives(case: Case, journal: Path | None) -> tuple[fga.IncrementalAdjustment, Network]:

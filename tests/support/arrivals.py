@@ -9,6 +9,7 @@ import numpy as np
 
 from factorgraph_adj import IncrementalAdjustment, Network, Solution, adjust, reliability
 from factorgraph_adj.errors import AdjustmentError
+from factorgraph_adj.graph.dependence import variables_of
 from factorgraph_adj.models.base import wrap
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint
@@ -39,6 +40,19 @@ def items(network: Network) -> list[AnyObservation]:
             members = tuple(replace(network.observations[i], id=i) for i in ids)
             out.append(Correlated(members, covariance))
     return [*out, *network.image_points()]
+
+
+def split(network: Network, kind: str, name: str) -> tuple[Network, list[AnyObservation]]:
+    """Return the network without an unknown, and what depends on it."""
+    late = {i for i, o in network.observations.items() if (kind, name) in variables_of(network, o)}
+    assert late
+    first = network.copy()
+    later = [item for item in items(network) if late & set(ids_of(item))]
+    gone = {i for item in later for i in ids_of(item)}
+    first.observations = {i: o for i, o in network.observations.items() if i not in gone}
+    first.clusters = [c for c in network.clusters if gone.isdisjoint(c[0])]
+    del first.of_kind(kind)[name]
+    return first, later
 
 
 def ids_of(item: AnyObservation) -> list[str]:
