@@ -8,7 +8,7 @@ and not supposed: the gap g = v(x) − (v(θ) + A(θ) δ) of whitened rows moves
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from ..graph.dependence import Variable
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns, Variables
 from ..models.variables import UNKNOWNS, VariableKind
-from ..types import Array, Index, Mask
+from ..types import NO_ROWS, Array, Index, Mask
 from .rows import Grown, Rows, Sort, sort_of
 
 OF_SIGMA = 0.5
@@ -58,13 +58,17 @@ class Table:
             each.cut(n)
 
 
-class Member(NamedTuple):
-    """An observation of a unit."""
+class Stacked(NamedTuple):
+    """Units as one system of rows, correlated ones whitened."""
 
-    sort: Sort
-    """Where it stands."""
-    row: int
-    """Its number there."""
+    a: Array
+    """Partials, (n, m)."""
+    v: Array
+    """Residuals at θ, (n,)."""
+    columns: Index
+    """Columns of the variables that they touch, ascending, (m,)."""
+    rows: list[Index]
+    """Rows of each unit."""
 
 
 class LinearRows:
@@ -78,13 +82,18 @@ class LinearRows:
         """
         self.frame = frame
         self.tables: dict[VariableKind, Table] = {}
-        self.sorts: dict[Sort, Rows] = {}
-        self.units: list[tuple[Member, ...]] = []
-        """Observations of each unit."""
+        self.sorts: dict[Sort, int] = {}
+        """Number of each sort."""
+        self.rows: list[Rows] = []
+        """Observations of each sort."""
         self.unit: dict[str, int] = {}
         """Unit of the observation with an id; of weighted unknowns, by their names."""
-        self._named: list[tuple[str, int | None]] = []
-        """Ids in the order in which they got units, with the units that they had before."""
+        self._named: list[tuple[str, int, int | None]] = []
+        """Ids in the order in which they got units, with these and the units before."""
+        self._members = Grown(2, dtype=np.intp)
+        """Sort and row of each observation, by units."""
+        self._first_member = Grown(dtype=np.intp)
+        """First member of each unit; its last is before the first of the next unit."""
         self._whitener: dict[int, Array] = {}
         """What whitens a correlated unit."""
         self._gap = Grown()
@@ -102,54 +111,63 @@ class LinearRows:
         self._bound = Grown(fill=np.nan)
         """Upper bound of the standard deviation of each column, as far as it is known."""
 
-    def _place(self, arriving: Arriving, new: dict[Sort, list[Index]]) -> None:
+    # -- observations and variables that are added, and dropped ----------------------------------
+
+    def _place(self, arriving: Arriving, new: dict[int, list[Index]]) -> None:
         """Give observations their places, and note their rows by sort."""
         equations, state = arriving
-        unknowns = equations.unknowns
-        places = {
-            kind: self._numbers(kind, table, state[kind]) for kind, table in unknowns.tables.items()
-        }
+        tables = equations.unknowns.tables
+        places = {kind: self._numbers(kind, table, state[kind]) for kind, table in tables.items()}
         group = np.full(equations.n_rows, -1)
         for number, cluster in enumerate(equations.clusters):
             group[cluster.rows] = number
-        of_unit: dict[str | int, int] = {}
+        begin, of_unit = self._first_member.n, dict[str | int, int]()
+        unit, member = [NO_ROWS], [np.zeros((0, 2), dtype=np.intp)]
         for block in equations.blocks:
             if not block.n:
                 continue
-            sort = sort_of(block)
-            rows = self.sorts.setdefault(sort, Rows(block))
+            sort = self.sorts.setdefault(sort_of(block), len(self.rows))
+            if sort == len(self.rows):
+                self.rows.append(Rows(block))
             joint = group[block.rows].reshape(block.n, -1)[:, 0]
-            units = []
-            for ident, number in zip(block.ids, joint.tolist(), strict=True):
-                # Several axes of an observation of coordinates are one unit, and so is a group.
-                name = f"{block.kind} {ident}" if number < 0 else number
-                if name not in of_unit:
-                    of_unit[name] = len(self.units)
-                    self.units.append(())
-                self._named.append((ident, self.unit.get(ident)))
-                self.unit[ident] = of_unit[name]
-                units.append(of_unit[name])
+            # Several axes of an observation of coordinates are one unit, and so is a group.
+            names = (
+                f"{block.kind} {ident}" if number < 0 else number
+                for ident, number in zip(block.ids, joint.tolist(), strict=True)
+            )
+            found = [of_unit.setdefault(name, begin + len(of_unit)) for name in names]
+            for ident, number in dict(zip(block.ids, found, strict=True)).items():
+                self._named.append((ident, number, self.unit.get(ident)))
+                self.unit[ident] = number
+            units = np.array(found, dtype=np.intp)
             numbers = [places[kind][index] for kind, index in block.variables]
-            at = rows.extend(block, numbers, np.array(units), joint >= 0, equations.network)
-            for unit, row in zip(units, at.tolist(), strict=True):
-                self.units[unit] += (Member(sort, row),)
+            at = self.rows[sort].extend(block, numbers, units, joint >= 0, equations.network)
             new.setdefault(sort, []).append(at)
+            unit.append(units)
+            member.append(np.stack([np.full(block.n, sort), at], axis=1))
+        units = np.concatenate(unit)
+        order = np.argsort(units, kind="stable")
+        count = np.bincount(units - begin, minlength=len(of_unit))
+        self._first_member.extend(self._members.n + np.cumsum(count) - count)
+        self._members.extend(np.concatenate(member)[order])
         for number, cluster in enumerate(equations.clusters):
             self._whitener[of_unit[number]] = cluster.whitener[:, np.argsort(cluster.rows)]
 
     def _forget(self, n: int) -> None:
         """Drop all units but the first n, which are out."""
-        for rows in self.sorts.values():
+        for rows in self.rows:
             rows.cut(int(np.searchsorted(rows.unit.values, n)))
-        while self._named and self.unit[self._named[-1][0]] >= n:
-            ident, before = self._named.pop()
+        while self._named and self._named[-1][1] >= n:
+            ident, _, before = self._named.pop()
             if before is None:
                 del self.unit[ident]
             else:
                 self.unit[ident] = before
-        for unit in range(n, len(self.units)):
-            self._whitener.pop(unit, None)
-        del self.units[n:]
+        for unit in [u for u in self._whitener if u >= n]:
+            del self._whitener[unit]
+        if n < self._first_member.n:
+            self._members.cut(int(self._first_member.values[n]))
+            self._first_member.cut(n)
 
     def _numbers(self, kind: VariableKind, table: Variables, values: Array) -> Index:
         """Return the numbers of variables; those that are new get one."""
@@ -160,32 +178,34 @@ class LinearRows:
             mine = self.tables[kind] = Table({}, theta, column, Grown(dtype=np.intp))
         mine.theta.widen(values.shape[1])
         mine.column.widen(table.free.shape[1])
-        out = np.empty(len(table.names), dtype=np.intp)
-        for i, name in enumerate(table.names):
-            number = mine.number.get(name)
-            if number is None:
-                number = mine.number[name] = self._new(mine, table, i, values[i])
-            out[i] = number
+        there = len(mine.number)
+        names = mine.number
+        out = np.array([names.setdefault(n, len(names)) for n in table.names], dtype=np.intp)
+        self._extend(mine, table, values, np.flatnonzero(out >= there))
         return out
 
-    def _new(self, mine: Table, table: Variables, i: int, value: Array) -> int:
-        """Return the number of a variable that is added to a table."""
-        free = np.flatnonzero(table.free[i, : table.size[i]])
-        key = self._first.n if len(free) else -1
-        column = np.full(mine.column.values.shape[1], -1)
-        if len(free):
-            self._first.extend(np.array([self._key.n]))
-            self._size.extend(np.array([len(free)]))
-            self._alive.extend(np.array([False]))
-            column[free] = self._key.extend(np.full(len(free), key))
-            for each in (self._delta, self._looked, self._diagonal):
-                each.extend(np.zeros(len(free)))
-            self._bound.extend(np.full(len(free), np.nan))
-        stored = np.zeros(mine.theta.values.shape[1])
-        stored[: len(value)] = value
-        mine.theta.extend(stored[None])
-        mine.column.extend(column[None])
-        return int(mine.key.extend(np.array([key]))[0])
+    def _extend(self, mine: Table, table: Variables, values: Array, new: Index) -> None:
+        """Append variables to a table, with keys and columns where something of them is free."""
+        width = np.arange(table.free.shape[1])
+        free = table.free[new] & (width < table.size[new, None])
+        size = free.sum(axis=1)
+        own = size[size > 0]
+        keys = np.where(size > 0, self._first.n + np.cumsum(size > 0) - 1, -1)
+        self._first.extend(self._key.n + np.cumsum(own) - own)
+        self._size.extend(own)
+        self._alive.extend(np.zeros(len(own), dtype=bool))
+        column = np.full((len(new), mine.column.values.shape[1]), -1)
+        column[:, : len(width)][free] = self._key.extend(np.repeat(keys[size > 0], own))
+        for each in (self._delta, self._looked, self._diagonal):
+            each.extend(np.zeros(int(own.sum())))
+        self._bound.extend(np.full(int(own.sum()), np.nan))
+        stored = np.zeros((len(new), mine.theta.values.shape[1]))
+        stored[:, : values.shape[1]] = values[new]
+        mine.theta.extend(stored)
+        mine.column.extend(column)
+        mine.key.extend(keys)
+
+    # -- values ----------------------------------------------------------------------------------
 
     def _theta(self) -> State:
         return {kind: table.theta.values for kind, table in self.tables.items()}
@@ -198,12 +218,12 @@ class LinearRows:
 
     def carried(self, unknowns: Unknowns, state: State) -> State:
         """Return a state of some unknowns with the values of all variables that are here."""
-        out, moving, own = dict(state), unknowns.moving(), self.state()
+        out, moving = dict(state), unknowns.moving()
         for kind, here, there in self._shared(unknowns):
-            values = out[kind].copy()
-            width = min(values.shape[1], own[kind].shape[1])
+            values, own = out[kind].copy(), self._moved(kind, there)
+            width = min(values.shape[1], own.shape[1])
             values[here, :width] = np.where(
-                moving[kind][here, :width], own[kind][there, :width], values[here, :width]
+                moving[kind][here, :width], own[:, :width], values[here, :width]
             )
             out[kind] = values
         return out
@@ -243,77 +263,83 @@ class LinearRows:
         step = np.where(columns >= 0, self._delta.values[columns], 0.0)
         return UNKNOWNS[kind].retract(theta, step)
 
-    def _forms(self, sort: Sort, rows: Index) -> Iterable[tuple[Array, Index]]:
+    # -- rows ------------------------------------------------------------------------------------
+
+    def _members_of(self, units: Index) -> tuple[Index, Index, Index]:
+        """Return the members of units: place of the unit, sort and row, by unit."""
+        ends = np.append(self._first_member.values[1:], self._members.n)
+        first = self._first_member.values[units]
+        count = ends[units] - first
+        place = np.repeat(np.arange(len(units)), count)
+        at = np.arange(len(place)) + (first - np.cumsum(count) + count)[place]
+        sort, row = self._members.values[at].T
+        return place, sort, row
+
+    def _by_sort(self, sort: Index, row: Index) -> Iterable[tuple[int, Index, Index]]:
+        """Iterate over sorts with their rows, and the places of these."""
+        for each in np.unique(sort).tolist():
+            at = np.flatnonzero(sort == each)
+            yield each, row[at], at
+
+    def _forms(self, sort: int, rows: Index) -> Iterable[tuple[Array, Index]]:
         """Iterate over the partials (k, d, s) and columns (k, s), −1 held, of each variable."""
-        own = self.sorts[sort]
+        own = self.rows[sort]
         for j, kind in enumerate(own.kinds):
             a = own.a[j].values[rows] if own.a else np.zeros((len(rows), 1, 0))
             columns = self.tables[kind].column.values[own.index.values[rows, j]]
             yield a, columns[:, : a.shape[2]]
 
-    def _weigh(self, sort: Sort, rows: Index, sign: float) -> None:
+    def _linear(self, sort: int, rows: Index) -> Array:
+        """Return v + A δ of rows, (k, d), whitened as `Rows.v`."""
+        out: Array = self.rows[sort].v.values[rows].copy()
+        for a, at in self._forms(sort, rows):
+            out += np.einsum("nij,nj->ni", a, np.where(at >= 0, self._delta.values[at], 0.0))
+        return out
+
+    def _weigh(self, sort: int, rows: Index, sign: float) -> None:
         """Add rows to the diagonal of N, or take them from it; groups are for `_weigh_groups`."""
-        rows = rows[~self.sorts[sort].joint.values[rows]]
+        rows = rows[~self.rows[sort].joint.values[rows]]
         for a, columns in self._forms(sort, rows):
             on = columns >= 0
             np.add.at(self._diagonal.values, columns[on], sign * (a**2).sum(axis=1)[on])
 
+    def _groups(self, units: Index) -> list[int]:
+        """Return which of some units are correlated."""
+        return [u for u in units.tolist() if u in self._whitener] if self._whitener else []
+
     def _weigh_groups(self, units: Index, sign: float) -> None:
         """Add correlated units to the diagonal of N, or take them from it."""
-        groups = np.array([u for u in units.tolist() if u in self._whitener], dtype=np.intp)
-        for terms, _ in self._parts(groups).values():
-            for key, a in terms.items():
-                first = int(self._first.values[key])
-                self._diagonal.values[first : first + a.shape[1]] += sign * (a**2).sum(axis=0)
+        for unit in self._groups(units):
+            group = self._stacked(np.array([unit]))
+            self._diagonal.values[group.columns] += sign * (group.a**2).sum(axis=0)
 
-    def _parts(self, units: Index) -> dict[int, tuple[dict[int, Array], Array]]:
-        """Return partials by key, and residuals at θ, of units."""
-        rows: dict[Sort, list[int]] = {}
-        for unit in units.tolist():
-            for sort, row in self.units[unit]:
-                rows.setdefault(sort, []).append(row)
-        found: dict[Member, tuple[list[tuple[int, Array]], Array]] = {}
-        first, key_of = self._first.values, self._key.values
-        for sort, own in rows.items():
-            at = np.array(own)
-            v = self.sorts[sort].v.values[at]
-            terms: list[list[tuple[int, Array]]] = [[] for _ in own]
-            for a, columns in self._forms(sort, at):
-                free: Mask = columns >= 0
-                some, every = np.asarray(free.any(axis=1)), np.asarray(free.all(axis=1))
-                keys = np.where(some, key_of[columns.max(axis=1, initial=0)], -1).tolist()
-                for i, key in enumerate(keys):
-                    if key < 0:
-                        continue
-                    wide = a[i]
-                    if not every[i] or wide.shape[1] != self._size.values[key]:
-                        wide = np.zeros((a.shape[1], int(self._size.values[key])))
-                        wide[:, columns[i][free[i]] - first[key]] = a[i][:, free[i]]
-                    terms[i].append((key, wide))
-            for i, row in enumerate(own):
-                found[Member(sort, row)] = terms[i], v[i]
-        return {u: self._joined(u, [found[m] for m in self.units[u]]) for u in units.tolist()}
+    def _stacked(self, units: Index) -> Stacked:
+        """Return units as one system of rows."""
+        place, sort, row = self._members_of(units)
+        size = np.array([own.v.values.shape[1] for own in self.rows], dtype=np.intp)[sort]
+        ends = np.cumsum(size)
+        v, found = np.zeros(int(size.sum())), list[tuple[Index, Array, Index]]()
+        touched = np.zeros(self._first.n, dtype=bool)
+        for each, rows, at in self._by_sort(sort, row):
+            lines = (ends - size)[at][:, None] + np.arange(size[at[0]])
+            v[lines] = self.rows[each].v.values[rows]
+            for a, columns in self._forms(each, rows):
+                touched[self._key.values[columns[columns >= 0]]] = True
+                found.append((lines, a, columns))
+        every = np.flatnonzero(touched[self._key.values])
+        out = np.zeros((len(v), len(every)))
+        for lines, a, columns in found:
+            i, j = np.nonzero(columns >= 0)
+            out[lines[i], np.searchsorted(every, columns[i, j])[:, None]] += a[i, :, j]
+        last = np.cumsum(np.bincount(place, size, minlength=len(units))).astype(np.intp)
+        rows_of = np.split(np.arange(len(v)), last[:-1]) if len(units) else []
+        if self._whitener:
+            for unit, own in zip(units.tolist(), rows_of, strict=True):
+                if (w := self._whitener.get(unit)) is not None:
+                    out[own], v[own] = w @ out[own], w @ v[own]
+        return Stacked(out, v, every, rows_of)
 
-    def _joined(
-        self, unit: int, members: Sequence[tuple[list[tuple[int, Array]], Array]]
-    ) -> tuple[dict[int, Array], Array]:
-        """Return partials by key, and residuals, of one unit of some observations."""
-        if len(members) == 1 and unit not in self._whitener:
-            terms, v = members[0]
-            return dict(terms), v
-        v = np.concatenate([m[1] for m in members])
-        joined: dict[int, Array] = {}
-        at = 0
-        for terms, own in members:
-            for key, a in terms:
-                joined.setdefault(key, np.zeros((len(v), a.shape[1])))[at : at + len(own)] += a
-            at += len(own)
-        w = self._whitener.get(unit)
-        if w is None:
-            return joined, v
-        return {key: w @ a for key, a in joined.items()}, w @ v
-
-    def _look(self, moved: float, sigma: Callable[[Index], Array]) -> None:
+    def _look(self, moved: float, bounds: Callable[[Index], Array]) -> None:
         """Measure the gaps of rows whose variables have moved since the last look.
 
         Partials change too, by dA. With s = |dA Q^½| of a row, standard deviations change by no
@@ -321,7 +347,7 @@ class LinearRows:
 
         Args:
             moved: movement in conditional standard deviations from which on rows are looked at.
-            sigma: returns upper bounds of the standard deviations of columns.
+            bounds: returns upper bounds of the standard deviations of columns.
         """
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
         columns = np.abs(self._delta.values - self._looked.values) * weight > moved
@@ -329,56 +355,53 @@ class LinearRows:
             return
         self._looked.values[columns] = self._delta.values[columns]
         state = self.state()
-        groups: dict[int, dict[Member, tuple[Array, float]]] = {}
+        groups: dict[int, dict[tuple[int, int], tuple[Array, float]]] = {}
         for sort, rows in self._touching(columns):
-            own = self.sorts[sort]
+            own = self.rows[sort]
             units = own.unit.values[rows]
-            linear = own.v.values[rows].copy()
             v, partials = own.evaluated(rows, self.frame, state)
             alone = ~own.joint.values[rows]
             scale = np.where(alone[:, None], 1.0, own.weight(rows))
             s = np.zeros_like(v)
             for (a, at), new in zip(self._forms(sort, rows), partials, strict=True):
-                linear += np.einsum("nij,nj->ni", a, np.where(at >= 0, self._delta.values[at], 0.0))
                 change = np.where((at >= 0)[:, None, :], np.abs(new - a), 0.0)
-                some = np.unique(at[(change > 0.0).any(axis=1)])
-                bound = np.zeros(len(self._delta.values) + 1)  # the last one is that of −1
-                bound[some] = sigma(some)
-                s += scale * np.einsum("nij,nj->ni", change, bound[at])
+                some = (change > 0.0).any(axis=1)
+                bound = np.zeros(at.shape)
+                bound[some] = bounds(at[some])
+                s += scale * np.einsum("nij,nj->ni", change, bound)
             far = np.linalg.norm(s, axis=1)
             far *= np.maximum(np.linalg.norm(scale * v, axis=1), OF_SIGMA)
-            gap = v - linear
+            gap = v - self._linear(sort, rows)
             whole = np.linalg.norm(gap, axis=1) + far
             self._gap.values[units[alone]] = whole[alone] ** 2
-            for unit, row, g, f in zip(
-                units.tolist(), rows.tolist(), gap, far.tolist(), strict=True
-            ):
-                if unit in self._whitener:
-                    groups.setdefault(unit, {})[Member(sort, row)] = g, f
+            for i in np.flatnonzero(~alone).tolist():
+                member = sort, int(rows[i])
+                groups.setdefault(int(units[i]), {})[member] = gap[i], float(far[i])
         for unit, parts in groups.items():
-            found = [parts[m] for m in self.units[unit]]
+            _, sorts, of_unit = self._members_of(np.array([unit]))
+            found = [parts[m] for m in zip(sorts.tolist(), of_unit.tolist(), strict=True)]
             g = self._whitener[unit] @ np.concatenate([g for g, _ in found])
             both = np.linalg.norm(g) + np.linalg.norm([f for _, f in found])
             self._gap.values[unit] = float(both**2)
 
-    def _touching(self, columns: Mask) -> Iterable[tuple[Sort, Index]]:
+    def _touching(self, columns: Mask) -> Iterable[tuple[int, Index]]:
         """Iterate over the rows inside that touch flagged columns, by sort; groups as wholes."""
         touched = {
             kind: ((table.column.values >= 0) & columns[table.column.values]).any(axis=1)
             for kind, table in self.tables.items()
         }
-        hits = {}
-        grouped = np.zeros(len(self.units), dtype=bool)
-        for sort, own in self.sorts.items():
+        hits = []
+        grouped = np.zeros(self._inside.n, dtype=bool)
+        for own in self.rows:
             index = own.index.values
             hit = np.zeros(len(index), dtype=bool)
             for j, kind in enumerate(own.kinds):
                 hit |= touched[kind][index[:, j]]
-            hits[sort] = hit
+            hits.append(hit)
             if self._whitener:
                 grouped[own.unit.values[hit & own.joint.values]] = True
-        for sort, own in self.sorts.items():
-            hit, units = hits[sort], own.unit.values
+        for sort, (own, hit) in enumerate(zip(self.rows, hits, strict=True)):
+            units = own.unit.values
             if self._whitener:
                 hit = hit | grouped[units]
             rows = np.flatnonzero(hit & self._inside.values[units])
@@ -390,7 +413,7 @@ class LinearRows:
         """Number of scalar rows."""
         return sum(
             int(self._inside.values[rows.unit.values].sum()) * rows.v.values.shape[1]
-            for rows in self.sorts.values()
+            for rows in self.rows
         )
 
     @property
@@ -401,11 +424,13 @@ class LinearRows:
     @property
     def vtpv(self) -> float:
         """VᵀPv of the linear rows."""
-        units = np.flatnonzero(self._inside.values)
         total = 0.0
-        for terms, v in self._parts(units).values():
-            r = v + sum(a @ self._delta.values[self._columns_of(k)] for k, a in terms.items())
-            total += float(r @ r)
+        for sort, own in enumerate(self.rows):
+            on = self._inside.values[own.unit.values] & ~own.joint.values
+            total += float((self._linear(sort, np.flatnonzero(on)) ** 2).sum())
+        for unit in self._groups(np.flatnonzero(self._inside.values)):
+            group = self._stacked(np.array([unit]))
+            total += float(((group.v + group.a @ self._delta.values[group.columns]) ** 2).sum())
         return total
 
     def key(self, variable: Variable) -> int:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -118,7 +120,8 @@ class Rows:
         self.joint = Grown(dtype=bool)
         """Whether an observation is one of a correlated group, which is whitened as a whole."""
         self._ids: list[str] = []
-        self._labels: list[str] = []
+        self._labels: list[tuple[int, Callable[[int], str]]] = []
+        """First row of each block that was appended, and the names of its rows."""
         self._of_parts: dict[int, Observation] = {}
         """Observations whose standard deviations have parts that depend on lengths, by number."""
 
@@ -153,20 +156,10 @@ class Rows:
         for k, v in self._constants.items():
             v.extend(block.constants[k])
         self._ids += block.ids
-        self._labels += [block.labels(i) for i in range(block.n)]
+        self._labels.append((int(rows[0]), block.labels))
         for i in of_parts(network, block).tolist():
             self._of_parts[int(rows[i])] = network.observations[block.ids[i]]
         return rows
-
-    def forms(self) -> tuple[NDArray[Any], ...]:
-        """Return copies of the linear forms."""
-        return tuple(each.values.copy() for each in (self.v, *self.a))
-
-    def put_back(self, before: Sequence[NDArray[Any]]) -> None:
-        """Take copies of linear forms, and drop the observations that came since."""
-        self.cut(len(before[0]))
-        for each, copied in zip((self.v, *self.a), before, strict=False):
-            each.put_back(copied)
 
     def cut(self, n: int) -> None:
         """Drop all observations but the first n."""
@@ -174,7 +167,9 @@ class Rows:
         own = () if self._whitener is None else (self._whitener,)
         for each in (*numeric, *own, *self.a, *self._constants.values()):
             each.cut(n)
-        del self._ids[n:], self._labels[n:]
+        del self._ids[n:]
+        while self._labels and self._labels[-1][0] >= n:
+            self._labels.pop()
         self._of_parts = {row: o for row, o in self._of_parts.items() if row < n}
 
     def block(self, rows: Index) -> Block:
@@ -187,12 +182,16 @@ class Rows:
             observed=self._observed.values[rows],
             sigma=self._sigma.values[rows],
             ids=[self._ids[i] for i in own],
-            labels=lambda i: self._labels[own[i]],
+            labels=lambda i: self._label(own[i]),
             whitener=None if self._whitener is None else self._whitener.values[rows],
             constants={k: v.values[rows] for k, v in self._constants.items()},
             axes=None,
             first_row=0,
         )
+
+    def _label(self, row: int) -> str:
+        first, labels = self._labels[bisect_right(self._labels, row, key=itemgetter(0)) - 1]
+        return labels(row - first)
 
     def weight(self, rows: Index) -> Array:
         """Return 1/σ of some observations when they arrived, (k, d)."""

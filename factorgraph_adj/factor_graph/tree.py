@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from itertools import count
-from typing import NamedTuple
+from weakref import WeakSet
 
 import gtsam
 import numpy as np
@@ -20,9 +21,9 @@ from ..frames import Frame
 from ..graph.dependence import Variable
 from ..graph.variables import Unknowns
 from ..models.variables import VariableKind
-from ..types import NO_ROWS, Array, Index, Mask
+from ..types import NO_ROWS, Array, Index
 from .linear_rows import Arriving, LinearRows
-from .rows import Grown, Sort
+from .rows import Grown
 from .together import Together
 
 MOST_TURNS = 10
@@ -36,6 +37,8 @@ NEAR, SHRINKING = 1e-6, 0.9
 """Norm of all gaps, and ratio of it to the last one, from which on it is rounding."""
 MOST_MISFIT = 1e9
 """Largest residual of a row that enters, in its σ: what it adds hides 10⁻⁷ σ of the others."""
+MOST_TERMS = 3
+"""Largest number of keys with which iSAM2 takes a factor in one call from Python."""
 AT_REST = 1e-7
 """Norm of all gaps at which `Tree.settle` ends."""
 
@@ -47,36 +50,26 @@ class IndeterminateError(AdjustmentError):
     """Rows do not determine all of their unknowns."""
 
 
-class Snapshot(NamedTuple):
-    """Everything that arrivals change; copies."""
-
-    isam: gtsam.ISAM2
-    """The tree."""
-    forms: dict[Sort, tuple[Array, ...]]
-    """Linear forms of each sort."""
-    theta: dict[VariableKind, Array]
-    """Points of linearisation."""
-    of_units: tuple[Array, ...]
-    """What there is of each unit, key and column."""
-
-
-class Mark(NamedTuple):
-    """A tree before an arrival."""
+@dataclass(eq=False)
+class Mark:
+    """A tree before something is done to it, and what was replaced in it since then."""
 
     version: int
     """Its version."""
-    changes: int
-    """Number of its changes other than rows between known variables."""
     counts: dict[VariableKind, int]
     """Number of variables of each kind."""
-    n_keys: int
-    """Number of keys."""
-    inside: Mask
-    """Which units are in."""
-    diagonal: Array
-    """Diagonal of N."""
-    snapshot: Snapshot | None
-    """The tree then, or after rows had entered between known variables; none: there is no copy."""
+    of_units: tuple[Array, ...]
+    """Whether each unit is in, and its gap."""
+    of_keys: tuple[Array, ...]
+    """Which keys have rows."""
+    of_columns: tuple[Array, ...]
+    """δ, δ at the last look, diagonal of N and bound of each column."""
+    units: list[Index] = field(default_factory=list)
+    """Units whose rows were evaluated anew."""
+    forms: list[tuple[int, Index, list[Array]]] = field(default_factory=list)
+    """Sort and numbers of their rows, with residuals and partials before."""
+    theta: list[tuple[VariableKind, Index, Array]] = field(default_factory=list)
+    """Kind and numbers of variables, with their points of linearisation before."""
 
 
 class Tree(LinearRows):
@@ -103,10 +96,10 @@ class Tree(LinearRows):
         """Slot of each unit in iSAM2; −1: it is out, or touches constants alone."""
         self.relinearised = 0
         """Number of units that were evaluated anew."""
-        self._changes = 0
-        """Number of changes other than rows that entered between known variables."""
-        self._lost = False
+        self.lost = False
         """Whether an update has failed, which leaves iSAM2 without use."""
+        self._marks: WeakSet[Mark] = WeakSet()
+        """Marks that may be gone back to."""
 
     # -- what enters and leaves ---------------------------------------------------------------
 
@@ -123,139 +116,107 @@ class Tree(LinearRows):
                 restored.
         """
         self.version = next(_VERSIONS)
-        begin, first_key = len(self.units), self._first.n
-        new: dict[Sort, list[Index]] = {}
+        begin = self._slot.n
+        new: dict[int, list[Index]] = {}
         for arriving in arrivals:
             self._place(arriving, new)
-        units = np.arange(begin, len(self.units))
+        units = np.arange(begin, self._first_member.n)
         self._slot.extend(np.full(len(units), -1))
         self._gap.extend(np.zeros(len(units)))
         self._inside.extend(np.ones(len(units), dtype=bool))
         theta = self._theta()
         for sort, rows in new.items():
             own = np.concatenate(rows)
-            self.sorts[sort].linearise(own, self.frame, theta)
-            if not (np.abs(self.sorts[sort].v.values[own]) < MOST_MISFIT).all():
+            self.rows[sort].linearise(own, self.frame, theta)
+            if not (np.abs(self.rows[sort].v.values[own]) < MOST_MISFIT).all():
                 raise AdjustmentError("a reading is too far from everything else for iSAM2")
             self._weigh(sort, own, 1.0)
         self._weigh_groups(units, 1.0)
-        graph, having = self._factors(units)
-        self._changes += self._first.n > first_key
-        values = gtsam.Values()
-        for key in range(first_key, self._first.n):
-            if self._alive.values[key]:
-                values.insert(key, np.zeros(int(self._size.values[key])))
-        self._update(graph, having, values, [])
+        self._update(units, [])
         return units
 
+    # -- what is undone -----------------------------------------------------------------------
+
     @property
-    def _numbered(self) -> tuple[Grown, ...]:
-        of_keys = self._first, self._size, self._alive
-        of_columns = self._key, self._delta, self._looked, self._diagonal, self._bound
-        return self._slot, self._gap, self._inside, *of_keys, *of_columns
+    def _by_unit(self) -> tuple[Grown, ...]:
+        return self._inside, self._gap
 
-    def mark(self, *, whole: bool = True) -> Mark:
-        """Return what `restore` needs to undo what is done from now on.
+    @property
+    def _by_column(self) -> tuple[Grown, ...]:
+        return self._delta, self._looked, self._diagonal, self._bound
 
-        Args:
-            whole: whether to copy everything. Without a copy rows between known variables leave by
-                their factors; where anything else was done the tree is planted anew.
-        """
-        return Mark(
+    def mark(self) -> Mark:
+        """Return what `restore` needs to undo what is done from now on."""
+        mark = Mark(
             self.version,
-            self._changes,
             {kind: len(table.number) for kind, table in self.tables.items()},
-            self._first.n,
-            self._inside.values.copy(),
-            self._diagonal.values.copy(),
-            self._snapshot() if whole else None,
+            _copies(self._by_unit),
+            _copies((self._alive,)),
+            _copies(self._by_column),
         )
-
-    def completed(self, mark: Mark) -> Mark:
-        """Return a mark with a copy, after rows have entered between known variables."""
-        same = mark.snapshot is not None or mark.changes != self._changes
-        return mark if same else mark._replace(snapshot=self._snapshot())
-
-    def _snapshot(self) -> Snapshot:
-        return Snapshot(
-            self.copied(),
-            {sort: rows.forms() for sort, rows in self.sorts.items()},
-            {kind: table.theta.values.copy() for kind, table in self.tables.items()},
-            tuple(each.values.copy() for each in self._numbered),
-        )
+        self._marks.add(mark)
+        return mark
 
     def restore(self, mark: Mark) -> None:
         """Undo what was done since a mark was made; the mark serves once.
 
-        Raises:
-            IndeterminateError: the tree was lost, and what was in it is too weak for Cholesky.
+        Rows that have entered leave, those that have left enter, and those that were evaluated anew
+        are replaced by what they were, in one update. Where an update has failed the tree is
+        planted anew; where that fails, too, values are as they were and the tree is `lost`.
         """
-        n = len(mark.inside)
-        if mark.snapshot is not None:
-            self._put_back(mark.snapshot)
-        entered = np.arange(n, self._slot.n)
-        planted = mark.snapshot is not None or self._changes == mark.changes
-        if planted and not self._lost:
-            with suppress(IndeterminateError):
-                if (self._slot.values[entered] >= 0).any():
-                    self.leave(entered)
+        n, inside = len(mark.of_units[0]), mark.of_units[0]
+        for sort, rows, (v, *partials) in reversed(mark.forms):
+            self.rows[sort].v.values[rows] = v
+            for mine, a in zip(self.rows[sort].a, partials, strict=True):
+                mine.values[rows] = a
+        for kind, numbers, theta in reversed(mark.theta):
+            self.tables[kind].theta.values[numbers] = theta
+        changed = self._inside.values.copy()
+        changed[:n] ^= inside
+        changed[np.concatenate([NO_ROWS, *mark.units])] = True
+        slots = self._slot.values[changed]
+        gone = slots[slots >= 0].tolist()
+        again = np.flatnonzero(changed[:n] & inside)
+        self._slot.values[changed] = -1
         self._forget(n)
-        for each in (self._slot, self._gap, self._inside):
-            each.cut(n)
-        if self._lost or not planted:
-            self._cut(mark)
-            self._plant(np.flatnonzero(mark.inside))
-        elif mark.snapshot is None:
-            self._diagonal.put_back(mark.diagonal)
-        self.version, self._changes = mark.version, mark.changes
-
-    def _cut(self, mark: Mark) -> None:
-        """Drop the variables that are new since a mark, and put in what was in then."""
+        self._slot.cut(n)
         for kind, table in self.tables.items():
             table.cut(mark.counts.get(kind, 0))
-        for each in (self._first, self._size, self._alive):
-            each.cut(mark.n_keys)
-        for each in (self._key, self._delta, self._looked, self._diagonal, self._bound):
-            each.cut(len(mark.diagonal))
-        self._inside.put_back(mark.inside)
-        self._diagonal.values[:] = 0.0
-        for sort, rows in self.sorts.items():
-            self._weigh(sort, np.flatnonzero(self._inside.values[rows.unit.values]), 1.0)
-        self._weigh_groups(np.flatnonzero(mark.inside), 1.0)
+        for each in (self._first, self._size):
+            each.cut(len(mark.of_keys[0]))
+        self._key.cut(len(mark.of_columns[0]))
+        every = *self._by_unit, self._alive, *self._by_column
+        before = *mark.of_units, *mark.of_keys, *mark.of_columns
+        for grown, values in zip(every, before, strict=True):
+            grown.put_back(values)
+        self._marks.clear()
+        with suppress(IndeterminateError):
+            if not self.lost and (len(gone) or len(again)):
+                self._update(again, gone)
+        if self.lost:
+            self._plant()
+        if self.lost:
+            self._delta.put_back(mark.of_columns[0])
+        self.version = mark.version
 
-    def _put_back(self, snapshot: Snapshot) -> None:
-        self.isam, self._lost = snapshot.isam, False
-        for sort in [s for s in self.sorts if s not in snapshot.forms]:
-            del self.sorts[sort]
-        for sort, forms in snapshot.forms.items():
-            self.sorts[sort].put_back(forms)
-        for kind, table in self.tables.items():
-            before = snapshot.theta.get(kind)
-            table.cut(0 if before is None else len(before))
-            if before is not None:
-                table.theta.values[:, : before.shape[1]] = before
-        for each, copied in zip(self._numbered, snapshot.of_units, strict=True):
-            each.put_back(copied)
-        self._forget(self._slot.n)
-
-    def _plant(self, units: Index) -> None:
-        """Put units into a new tree."""
-        self.isam, self._lost = gtsam.ISAM2(self.isam.params()), False
-        graph, having = self._factors(units)
-        values = gtsam.Values()
-        for key in np.flatnonzero(self._alive.values).tolist():
-            values.insert(key, np.zeros(int(self._size.values[key])))
-        self._update(graph, having, values, [])
+    def _plant(self) -> None:
+        """Put what is in into a new tree."""
+        self.isam, self.lost = gtsam.ISAM2(self.isam.params()), False
+        self._alive.values[:] = False
+        with suppress(IndeterminateError):
+            self._update(np.flatnonzero(self._inside.values), [])
 
     def bound(self, unknowns: Unknowns, sigma: Array) -> None:
         """Take over upper bounds of standard deviations, by the columns of some unknowns."""
         for kind, here, there in self._shared(unknowns):
-            for i, number in zip(here.tolist(), there.tolist(), strict=True):
-                own = self.tables[kind].column.values[number]
-                columns = unknowns.columns(kind, i)
-                n = min(len(own), len(columns))
-                on = np.flatnonzero(own[:n] >= 0)
-                self._bound.values[own[on]] = sigma[columns[on]]
+            own = self.tables[kind].column.values[there]
+            table = unknowns[kind]
+            columns = np.where(table.has_column, 0, -1)
+            columns[table.has_column] = np.arange(table.columns.start, table.columns.stop)
+            n = min(own.shape[1], columns.shape[1])
+            own, columns = own[:, :n], columns[here, :n]
+            on = (own >= 0) & (columns >= 0)
+            self._bound.values[own[on]] = sigma[columns[on]]
 
     def bound_new(self, entered: Together) -> None:
         """Take over the standard deviations of columns that had no bounds before units entered."""
@@ -281,55 +242,115 @@ class Tree(LinearRows):
         Raises:
             IndeterminateError: the rest is too weak for Cholesky; `restore` brings the tree back.
         """
-        self._changes += 1
+        self.version = next(_VERSIONS)
         slots = self._slot.values[units]
-        gone = slots[slots >= 0].tolist()
-        for unit in units[slots >= 0].tolist():
-            for sort, row in self.units[unit]:
-                self._weigh(sort, np.array([row]), -1.0)
-        self._weigh_groups(units[slots >= 0], -1.0)
+        units = units[slots >= 0]
+        _, sort, row = self._members_of(units)
+        for each, rows, _ in self._by_sort(sort, row):
+            self._weigh(each, rows, -1.0)
+        self._weigh_groups(units, -1.0)
         self._slot.values[units] = -1
         self._inside.values[units] = False
         self._gap.values[units] = 0.0
         self._bound.values[:] /= np.sqrt(redundancy)
-        self._update(gtsam.NonlinearFactorGraph(), NO_ROWS, gtsam.Values(), gone)
+        self._update(NO_ROWS, slots[slots >= 0].tolist())
+
+    # -- factors ------------------------------------------------------------------------------
 
     def _factors(self, units: Index) -> tuple[gtsam.NonlinearFactorGraph, Index]:
         """Return the factors of units, and which units have one: the others touch constants."""
-        graph, having = gtsam.NonlinearFactorGraph(), []
-        parts = self._parts(units)
-        for unit in units.tolist():
-            terms, v = parts[unit]
-            if not terms:
-                continue
-            keys = list(terms)
-            at = gtsam.Values()
-            for key in keys:
-                at.insert(key, np.zeros(terms[key].shape[1]))
-            unit_noise = gtsam.noiseModel.Unit.Create(len(v))
-            # A JacobianFactor takes three keys at most in Python; a conditional takes any number.
-            linear = gtsam.GaussianConditional(list(terms.items()), 1, -v, unit_noise)
-            graph.add(gtsam.LinearContainerFactor(linear, at))
-            having.append(unit)
-            self._alive.values[keys] = True
-        return graph, np.array(having, dtype=np.intp)
+        graph, having = gtsam.GaussianFactorGraph(), [NO_ROWS]
+        place, sort, row = self._members_of(units)
+        alone = np.bincount(place, minlength=len(units)) == 1
+        if self._whitener:
+            alone &= ~np.isin(units, self._groups(units))
+        on = alone[place]
+        for each, rows, at in self._by_sort(sort[on], row[on]):
+            own = units[place[on][at]]
+            for these, terms in self._terms(each, rows):
+                self._add(graph, terms, -self.rows[each].v.values[rows[these]])
+                having.append(own[these])
+        for unit in units[~alone].tolist():
+            rows_of = self._stacked(np.array([unit]))
+            keys, first = np.unique(self._key.values[rows_of.columns], return_index=True)
+            if len(keys):
+                parts = np.split(rows_of.a, first[1:], axis=1)
+                one = [(keys[i : i + 1], a[None]) for i, a in enumerate(parts)]
+                self._add(graph, one, -rows_of.v[None])
+                having.append(np.array([unit]))
+        # They need no point of linearisation, as they are never evaluated elsewhere.
+        return gtsam.LinearContainerFactor.ConvertLinearGraph(graph), np.concatenate(having)
 
-    def _update(
-        self,
-        graph: gtsam.NonlinearFactorGraph,
-        units: Index,
-        values: gtsam.Values,
-        gone: list[int],
+    def _terms(self, sort: int, rows: Index) -> Iterable[tuple[Index, list[tuple[Index, Array]]]]:
+        """Iterate over rows of a sort that touch variables of equal numbers of columns.
+
+        Returns:
+            Places of the rows, and for each variable that is no constant keys and partials (k, d,
+            s) by all of its columns.
+        """
+        slots, code = list[tuple[Index, Array, Index]](), np.zeros(len(rows), dtype=np.intp)
+        for a, columns in self._forms(sort, rows):
+            free = columns >= 0
+            keys = np.where(free.any(axis=1), columns.max(axis=1, initial=-1), -1)
+            keys[keys >= 0] = self._key.values[keys[keys >= 0]]
+            size = np.where(keys >= 0, self._size.values[keys], 0) if self._first.n else 0 * keys
+            most = int(size.max(initial=0))
+            i, j = np.nonzero(free)
+            wide = np.zeros((len(a), a.shape[1], most))
+            wide[i, :, columns[i, j] - self._first.values[keys[i]]] = a[i, :, j]
+            slots.append((keys, wide, size))
+            code = code * (most + 1) + size
+        for each in np.unique(code).tolist():
+            at = np.flatnonzero(code == each)
+            sizes = [int(size[at[0]]) for _, _, size in slots]
+            found = [
+                (keys[at], wide[at, :, :size])
+                for (keys, wide, _), size in zip(slots, sizes, strict=True)
+                if size
+            ]
+            if found:
+                yield at, found
+
+    def _add(
+        self, graph: gtsam.GaussianFactorGraph, terms: list[tuple[Index, Array]], b: Array
     ) -> None:
+        """Add a factor for each row (k, d) of b, with its keys (k,) and partials (k, d, s)."""
+        noise = gtsam.noiseModel.Unit.Create(b.shape[1])
+        for keys, _ in terms:
+            self._alive.values[keys] = True
+        if len(terms) <= MOST_TERMS:
+            lists = [each for keys, a in terms for each in (keys.tolist(), a)]
+            add: Callable[..., None] = graph.add
+            for *parts, own in zip(*lists, b, strict=True):
+                add(*parts, own, noise)
+            return
+        named = [list(zip(keys.tolist(), a, strict=True)) for keys, a in terms]
+        for *of_keys, own in zip(*named, b, strict=True):
+            graph.push_back(gtsam.GaussianConditional(of_keys, 1, own, noise))
+
+    def _update(self, units: Index, gone: list[int]) -> None:
+        """Put units into iSAM2, and take factors out; `lost` is set where that fails.
+
+        Raises:
+            IndeterminateError: not everything is determined.
+        """
         self.version = next(_VERSIONS)
+        if self.lost:
+            raise IndeterminateError("the tree is lost")
+        there = self._alive.values.copy()
+        graph, having = self._factors(units)
+        values = gtsam.Values()
+        for key in np.flatnonzero(self._alive.values & ~there).tolist():
+            values.insert(key, np.zeros(int(self._size.values[key])))
+        self.lost = True  # an error, or an interruption, leaves no tree
         try:
             result = self.isam.update(graph, values, gone)
         except RuntimeError as error:
-            self._lost = True
             raise IndeterminateError(str(error).strip().splitlines()[0]) from error
-        self._slot.values[units] = list(result.getNewFactorsIndices())
+        self._slot.values[having] = list(result.getNewFactorsIndices())
         present = np.flatnonzero(self._alive.values[self._key.values])
         self._delta.values[present] = self.isam.getDelta().vector()
+        self.lost = False
 
     def copied(self) -> gtsam.ISAM2:
         """Return a copy of iSAM2."""
@@ -337,16 +358,11 @@ class Tree(LinearRows):
 
     # -- what linear rows miss ----------------------------------------------------------------
 
-    def follow(
-        self,
-        accuracy: float | None = None,
-        before: Callable[[], None] = lambda: None,
-    ) -> int:
+    def follow(self, accuracy: float | None = None) -> int:
         """Evaluate rows anew until their gaps are small; return the number of updates.
 
         Args:
             accuracy: largest norm of all gaps; none: that of the tree.
-            before: what is called before the first of them.
         """
         allowed = self.accuracy if accuracy is None else accuracy
         moved = MOVED if accuracy is None else 0.0
@@ -358,8 +374,6 @@ class Tree(LinearRows):
             if whole <= allowed or (whole <= NEAR and whole > SHRINKING * last):
                 return turn
             last = whole
-            if not turn:
-                before()
             self._anew(_largest(gap, (KEPT * allowed) ** 2), moved)
         return MOST_TURNS
 
@@ -367,13 +381,13 @@ class Tree(LinearRows):
         """Evaluate rows anew until nothing is missed; return the number of updates."""
         return self.follow(AT_REST)
 
-    def follow_to_rest(self, before: Callable[[], None] = lambda: None) -> bool:
+    def follow_to_rest(self) -> bool:
         """Evaluate rows anew until their gaps are small; return whether they are.
 
         Where they are not, the tree may be lost: `restore` brings it back.
         """
         with suppress(IndeterminateError):
-            return self.follow(before=before) < MOST_TURNS
+            return self.follow() < MOST_TURNS
         return False
 
     def _anew(self, units: Index, moved: float) -> None:
@@ -381,66 +395,61 @@ class Tree(LinearRows):
 
         All rows that touch them are replaced.
         """
-        self._changes += 1
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
         far = np.abs(self._delta.values) * weight > moved
         keys, touched = np.zeros((2, self._first.n), dtype=bool)
-        for unit in units.tolist():
-            for sort, row in self.units[unit]:
-                for _, columns in self._forms(sort, np.array([row])):
-                    own = columns[columns >= 0]
-                    touched[self._key.values[own]] = True
-                    keys[self._key.values[own[far[own]]]] = True
+        _, sort, row = self._members_of(units)
+        for each, rows, _ in self._by_sort(sort, row):
+            for _, columns in self._forms(each, rows):
+                own = columns[columns >= 0]
+                touched[self._key.values[own]] = True
+                keys[self._key.values[own[far[own]]]] = True
         keys = keys if keys.any() else touched
         columns = keys[self._key.values]
         for kind, table in self.tables.items():
             own_keys = table.key.values
             numbers = np.flatnonzero((own_keys >= 0) & keys[own_keys])
             if len(numbers):
+                for mark in self._marks:
+                    mark.theta.append((kind, numbers, table.theta.values[numbers]))
                 table.theta.values[numbers] = self._moved(kind, numbers)
         self._delta.values[columns] = 0.0
         self._looked.values[columns] = 0.0
         theta = self._theta()
         anew = list(self._touching(columns))
-        found = [self.sorts[sort].unit.values[rows] for sort, rows in anew]
+        found = [self.rows[sort].unit.values[rows] for sort, rows in anew]
         touching = np.unique(np.concatenate([NO_ROWS, *found]))
+        for mark in self._marks:
+            mark.units.append(touching)
+            for of_sort, rows in anew:
+                forms = (self.rows[of_sort].v, *self.rows[of_sort].a)
+                mark.forms.append((of_sort, rows, [f.values[rows] for f in forms]))
         self._weigh_groups(touching, -1.0)
-        for sort, rows in anew:
-            self._weigh(sort, rows, -1.0)
-            self.sorts[sort].linearise(rows, self.frame, theta)
-            self._weigh(sort, rows, 1.0)
+        for of_sort, rows in anew:
+            self._weigh(of_sort, rows, -1.0)
+            self.rows[of_sort].linearise(rows, self.frame, theta)
+            self._weigh(of_sort, rows, 1.0)
         self._weigh_groups(touching, 1.0)
-        graph, having = self._factors(touching)
-        gone = self._slot.values[having].tolist()
-        self.relinearised += len(having)
-        self._update(graph, having, gtsam.Values(), gone)
+        slots = self._slot.values[touching]
+        self.relinearised += int((slots >= 0).sum())
+        self._update(touching, slots[slots >= 0].tolist())
         self._gap.values[touching] = 0.0
 
     # -- figures ------------------------------------------------------------------------------
 
     def together(self, units: Index) -> Together:
         """Return units with the joint covariance of what they touch."""
-        parts = self._parts(units)
-        keys = sorted({key for terms, _ in parts.values() for key in terms})
-        sizes = self._size.values[keys]
-        place = dict(zip(keys, (np.cumsum(sizes) - sizes).tolist(), strict=True))
-        n = sum(len(v) for _, v in parts.values())
-        every, v, rows, at = np.zeros((n, int(sizes.sum()))), np.zeros(n), [], 0
-        for terms, own in parts.values():
-            inside = np.arange(at, at + len(own))
-            for key, a in terms.items():
-                every[inside, place[key] : place[key] + a.shape[1]] += a
-            v[inside] = own
-            rows.append(inside)
-            at += len(own)
-        columns = np.concatenate([NO_ROWS, *(self._columns_of(k) for k in keys)])
-        v = v + every @ self._delta.values[columns]
-        return Together(rows, columns, every, v, self.covariance_of(keys))
+        a, v, columns, rows = self._stacked(units)
+        keys = np.unique(self._key.values[columns]).tolist()
+        v = v + a @ self._delta.values[columns]
+        return Together(rows, columns, a, v, self.covariance_of(keys))
 
     def covariance_of(self, keys: Sequence[int]) -> Array:
         """Return the joint covariance of keys, in their order."""
         if not len(keys):
             return np.zeros((0, 0))
+        if self.lost:
+            raise IndeterminateError("the tree is lost")
         try:
             return np.asarray(self.isam.jointMarginalCovariance(list(keys)).fullMatrix())
         except RuntimeError as error:
@@ -448,7 +457,11 @@ class Tree(LinearRows):
 
     def covariance(self, variable: Variable) -> Array:
         """Return the covariance of the free components of a variable."""
-        return np.asarray(self.isam.marginalCovariance(self.key(variable)))
+        return self.covariance_of([self.key(variable)])
+
+
+def _copies(grown: Iterable[Grown]) -> tuple[Array, ...]:
+    return tuple(each.values.copy() for each in grown)
 
 
 def _largest(gap: Array, left: float) -> Index:

@@ -161,6 +161,8 @@ class ISAM2System:
         if not free[0].any() or not free[1].any():
             return out
         keys = [tree.key(v) for v in (a, b)]
+        if tree.lost:
+            return self.fronts.cofactors(a, b)
         if a == b:
             found = tree.covariance(a)
         else:
@@ -238,7 +240,7 @@ class ISAM2System:
         Raises:
             InputError: names observations whose geometry has no answer.
         """
-        if len(ledger.rows.images(rows)) > _most_rays(self._rules):
+        if self.tree.lost or len(ledger.rows.images(rows)) > _most_rays(self._rules):
             return None
         units = ledger.units(rows)
         if any(o.kind == "factor" for unit in units for o in unit.observations):
@@ -252,12 +254,7 @@ class ISAM2System:
             return None
         equations = equations.weighted_at(self.carried(equations.unknowns, state))
         tree = self.tree
-        new = any(
-            name not in tree.tables[kind].number if kind in tree.tables else True
-            for kind, table in equations.unknowns.tables.items()
-            for name in table.names
-        )
-        self._mark = tree.mark(whole=new)
+        self._mark = tree.mark()
         with suppress(AdjustmentError):
             tree.enter([Arriving(equations, state)])
             return EnteredRows.of(tree, equations, tuple(units))
@@ -272,7 +269,8 @@ class ISAM2System:
             ledger: the ledger without them.
         """
         tree = self.tree
-        if not all(i in tree.unit for i in ids):  # weights of unknowns are in no unit
+        # Weights of unknowns are in no unit.
+        if tree.lost or not all(i in tree.unit for i in ids):
             return None
         units = np.array([tree.unit[i] for i in ids], dtype=np.intp)
         redundancy = tree.together(units).least_redundancy
@@ -303,14 +301,9 @@ class ISAM2System:
     def after(self, entered: EnteredRows, ledger: Ledger) -> ISAM2System | None:
         """Return the system with what has entered; none where linear forms come to no rest."""
         tree = entered.tree
-
-        def before() -> None:
-            assert self._mark is not None
-            self._mark = tree.completed(self._mark)
-
         tree.bound_new(entered.together)
         with suppress(AdjustmentError):
-            if tree.follow_to_rest(before):
+            if tree.follow_to_rest():
                 return ISAM2System(tree, ledger, self._rules)
         _ = self.tree  # it goes back
         return None

@@ -8,12 +8,14 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.factor_graph.tree import IndeterminateError, Tree
 from factorgraph_adj.observations import (
     Azimuth,
     HeightDifference,
     SlopeDistance,
     StandardDeviation,
 )
+from factorgraph_adj.types import Index
 from tests.networks.small_block import images_only
 
 
@@ -113,3 +115,22 @@ def test_a_levelled_line_that_waited_enters_with_its_tie(seed: int) -> None:
     inc.add(HeightDifference("A", "P6", float(at[6, 2]), sigma=tie))
     assert (len(inc), inc.redundancy, inc.n_waiting) == (9, 1, 0)
     assert inc.estimate("P3")[:2] == pytest.approx(at[3, :2], abs=0.0)
+
+
+def test_fronts_take_over_where_a_tree_is_lost_and_cannot_be_planted_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    inc = levels(engine="isam2")
+    wrong = inc.add(HeightDifference("A", "Q", 1.7, sigma=0.001, id="wrong"))
+    assert [v.verdict for v in wrong.verdicts] == ["suspect"]
+
+    def refused(self: Tree, units: Index, gone: list[int]) -> None:
+        self.version, self.lost = self.version + 1_000_000, True
+        raise IndeterminateError("refused")
+
+    monkeypatch.setattr(Tree, "_update", refused)
+    arrival = inc.add(HeightDifference("A", "Q", 1.501, sigma=0.001))
+    assert [v.verdict for v in arrival.verdicts] == ["accepted"] and inc.engine == "fronts"
+    batch = fga.adjust(inc.network(), tolerance=1e-10)
+    assert inc.estimate("Q") == pytest.approx(batch.point("Q"), abs=1e-8)
+    assert inc.standard_deviations("Q") == pytest.approx(batch.standard_deviations("Q"), rel=1e-6)
