@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 from math import isnan
 from typing import Any
 
@@ -153,24 +154,23 @@ class Ledger:
 
     def _numbered(self, observations: Sequence[AnyObservation]) -> tuple[list[AnyObservation], int]:
         """Return observations that all have ids, and the next number."""
-        used = {identity(o) for item in observations for o in _members(item)}
-        number = self.next
-
-        def with_id(o: Observation) -> Observation:
-            nonlocal number
-            ident = identity(o)
+        every = [o for item in observations for o in _members(item)]
+        ids = [identity(o) for o in every]
+        used, number, new = set(ids), self.next, []
+        for o, ident in zip(every, ids, strict=True):
             if ident is None:
                 while str(number) in used or self.status(str(number)) != "gone":
                     number += 1
                 ident, number = str(number), number + 1
-            return named(o, ident)
-
+            new.append(named(o, ident))
+        left = iter(new)
         items: list[AnyObservation] = []
         for item in observations:
+            own = tuple(islice(left, len(_members(item))))
             if isinstance(item, Correlated):
-                items.append(replace(item, observations=tuple(map(with_id, item.observations))))
+                items.append(replace(item, observations=own))
             else:
-                items.append(with_id(item))
+                items.extend(own)
         return items, number
 
     def appended(self, items: Sequence[AnyObservation], cause: str) -> tuple[Ledger, Index]:
@@ -191,6 +191,9 @@ class Ledger:
         n = self.rows.n
         rows = np.empty(len(items), dtype=np.intp)
         rows[~is_ray], rows[is_ray] = n + np.arange(len(units)), rays
+        for row, item in zip(rows.tolist(), items, strict=True):
+            if isinstance(item, ImagePoint):
+                ledger.rows.note_image(self.network, row, item)
         return ledger.moved(rows, "waiting", cause), rows
 
     def with_images(self, table: ImageTable, cause: str) -> tuple[Ledger, Index]:

@@ -392,8 +392,12 @@ class Rows:
         (x, y), (sx, sy) = self.xy[row].tolist(), self.sigma[row].tolist()
         own, source = self.room.ids.get(row), self.room.sources.get(row)
         o = ImagePoint(photo, point, x, y, sigma=(sx, sy), id=own, source=source)
-        lens = calibration_name(network, photo)
-        variables = ("pose", photo), ("calibration", lens), ("point", point)
-        unit = Unit((own or f"{photo}/{point}",), (o,), None, variables)
+        return self.note_image(network, row, o)
+
+    def note_image(self, network: Network, row: int, o: ImagePoint) -> Unit:
+        """Note the unit of an image point, which takes longer to make from the arrays."""
+        lens = calibration_name(network, o.photo)
+        variables = ("pose", o.photo), ("calibration", lens), ("point", o.point)
+        unit = Unit((o.id or f"{o.photo}/{o.point}",), (o,), None, variables)
         self.room.made[row] = unit
         return unit
