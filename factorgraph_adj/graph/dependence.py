@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import chain
 from typing import TypeAlias
@@ -15,9 +15,9 @@ from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
 from ..network.additions import UnknownsGiven
 from ..network.entities import FREE_ORIENTATION, Parameter, parameter_name
 from ..network.network import Network
-from ..observations import KINDS, Observation
+from ..observations import KINDS, Observation, observation_kind
 from ..types import Array
-from .make_blocks import ABSENT, variable_name
+from .make_blocks import ABSENT, attribute_keys, variable_name
 from .variables import camera_of_calibration
 
 Variable: TypeAlias = tuple[VariableKind, str]
@@ -42,6 +42,43 @@ def variables_of(network: Network, o: Observation) -> Iterator[Variable]:
         if name != ABSENT or what not in ENTITIES:
             yield what, name
     yield from ((what, parameter_name(key)) for what, key in o.further)
+
+
+def variables_of_each(
+    network: Network, observations: Sequence[Observation]
+) -> list[tuple[Variable, ...]]:
+    """Return what each of many observations depends on, as `variables_of` does, each once.
+
+    Names are looked up once for all observations of a kind in which the same attributes are equal.
+    """
+    groups: dict[str, list[int]] = {}
+    for i, o in enumerate(observations):
+        groups.setdefault(o.kind, []).append(i)
+    out: list[tuple[Variable, ...]] = [()] * len(observations)
+    for name, places in groups.items():
+        own = [observations[i] for i in places]
+        kind = observation_kind(name)
+        alike = not (network.verticals and kind.model is not None)
+        if alike and kind.variables and not any(o.further for o in own):
+            columns = (variables_by_attribute(network, *v, own) for v in kind.variables)
+            for i, row in zip(places, zip(*columns, strict=True), strict=True):
+                out[i] = tuple(dict.fromkeys(v for v in row if v is not None))
+        else:
+            for i, o in zip(places, own, strict=True):
+                out[i] = tuple(dict.fromkeys(variables_of(network, o)))
+    return out
+
+
+def variables_by_attribute(
+    network: Network, what: VariableKind, attribute: str, observations: Sequence[Observation]
+) -> list[Variable | None]:
+    """Return the variable to which an attribute of each observation refers; none: it is absent."""
+    found: dict[object, Variable | None] = {}
+    keys = attribute_keys(what, attribute, observations)
+    for key, o in dict(zip(keys, observations, strict=True)).items():
+        name = variable_name(network, what, attribute, o)
+        found[key] = (what, name) if name != ABSENT or what not in ENTITIES else None
+    return [found[key] for key in keys]
 
 
 @cache

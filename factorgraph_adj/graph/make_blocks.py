@@ -160,13 +160,22 @@ def _numbers(
     number = dict(unknowns[what].number)
     if what in ENTITIES:
         number.setdefault(ABSENT, -1)
-    table = UNKNOWNS[what].table
-    beside = () if table is None or "." in attribute else table.keys[:-1]
-    # Names are looked up once for all observations in which the same attributes are equal.
-    keys = list(map(attrgetter(*beside, attribute.partition(".")[0]), observations))
+    keys = attribute_keys(what, attribute, observations)
     one = dict(zip(keys, observations, strict=True))
     found = {k: number[variable_name(network, what, attribute, o)] for k, o in one.items()}
     return np.fromiter(map(found.__getitem__, keys), np.intp, len(keys))
+
+
+def attribute_keys(
+    what: VariableKind, attribute: str, observations: Sequence[Observation]
+) -> list[Any]:
+    """Return for each observation what the name of a variable depends on, for `variable_name`.
+
+    Names are looked up once for all observations in which it is equal.
+    """
+    table = UNKNOWNS[what].table
+    beside = () if table is None or "." in attribute else table.keys[:-1]
+    return list(map(attrgetter(*beside, attribute.partition(".")[0]), observations))
 
 
 def _lenses(

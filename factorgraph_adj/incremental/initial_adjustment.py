@@ -144,9 +144,10 @@ def _entered(state: IncrementalState, inside: Index, rules: Options) -> Incremen
     waiting = state.ledger.having("waiting")
     if len(waiting):
         state, _ = absorb(state, [Task(waiting, inside)], rules)
+    state = in_chosen_engine(state, rules)
     if state.system is not None:
         state.system.prepared()
-    return in_chosen_engine(state, rules)
+    return state
 
 
 def replayed(

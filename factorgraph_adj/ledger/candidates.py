@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -240,15 +241,12 @@ class Candidates:
         """Which candidates depend on which variables."""
         rows, names = self.ledger.rows, self.ledger.names
         number: dict[Variable, int] = {}
-        own: list[int] = []
-        to: list[int] = []
         is_ray = rows.photo[self.rows] >= 0
-        places = np.flatnonzero(~is_ray)
-        for place, (_, unit) in zip(places.tolist(), rows.units(self.rows), strict=True):
-            for v in unit.variables:
-                own.append(place)
-                to.append(number.setdefault(v, len(number)))
-        candidate, variable = [np.array(own, dtype=np.intp)], [np.array(to, dtype=np.intp)]
+        units = [unit.variables for _, unit in rows.units(self.rows)]
+        to = [number.setdefault(v, len(number)) for v in chain.from_iterable(units)]
+        size = np.fromiter(map(len, units), dtype=np.intp, count=len(units))
+        candidate = [np.repeat(np.flatnonzero(~is_ray), size)]
+        variable = [np.array(to, dtype=np.intp)]
         at = np.flatnonzero(is_ray)
         photos, photo = np.unique(rows.photo[self.rows[at]], return_inverse=True)
         points, point = np.unique(rows.point[self.rows[at]], return_inverse=True)

@@ -69,13 +69,15 @@ class Ledger:
         bare = network.copy()
         bare.observations, bare.clusters, bare.images = {}, [], ImageTable()
         group = {i: (ids, cov) for ids, cov in network.clusters for i in ids}
-        units: dict[str, Unit] = {}
-        for ident in network.observations:
-            ids, covariance = group.get(ident, ((ident,), None))
-            if ids[0] not in units:
-                found = [named(network.observations[i], i) for i in ids]
-                units[ids[0]] = Unit.of(network, found, covariance)
-        rows = Rows().with_more(Room.of_units(units.values()), "accepted")
+        units: dict[str, tuple[tuple[Observation, ...], Array | None]] = {}
+        for ident, o in network.observations.items():
+            if ident not in group:
+                units[ident] = (named(o, ident),), None
+            elif (ids := group[ident][0])[0] not in units:
+                found = tuple(named(network.observations[i], i) for i in ids)
+                units[ids[0]] = found, group[ident][1]
+        made = Unit.of_each(network, list(units.values()))
+        rows = Rows().with_more(Room.of_units(made), "accepted")
         return cls(bare, Names.of(bare), rows.with_more(Room(network.images), "accepted"))
 
     # -- arrivals -----------------------------------------------------------------------------
@@ -179,11 +181,12 @@ class Ledger:
         table = ImageTable()
         if is_ray.any():
             table = self._table([o for o in items if isinstance(o, ImagePoint)])
-        units = []
-        for item in items:
-            if not isinstance(item, ImagePoint):
-                covariance = np.asarray(item.covariance) if isinstance(item, Correlated) else None
-                units.append(Unit.of(self.network, _members(item), covariance))
+        groups = [
+            (_members(o), np.asarray(o.covariance) if isinstance(o, Correlated) else None)
+            for o in items
+            if not isinstance(o, ImagePoint)
+        ]
+        units = Unit.of_each(self.network, groups)
         ledger = replace(
             self, rows=self.rows.with_more(Room.of_units(units), "waiting", self.clock)
         )

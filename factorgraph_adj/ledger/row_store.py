@@ -7,7 +7,7 @@ belongs to its group.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..graph.dependence import Variable, variables_of
+from ..graph.dependence import Variable, variables_of_each
 from ..graph.variables import calibration_name
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.variables import VariableKind
 from ..network.entities import FREE_ORIENTATION, ImageTable, Key
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
@@ -45,17 +45,30 @@ class Unit:
         cls, network: Network, observations: Iterable[Observation], covariance: Array | None
     ) -> Unit:
         """Return the unit of observations that bear their ids."""
-        found = tuple(observations)
-        variables = dict.fromkeys(v for o in found for v in variables_of(network, o))
-        # A photo is in a network only with its calibration.
-        photos = [name for kind, name in variables if kind == "pose"]
-        variables |= {("calibration", calibration_name(network, f)): None for f in photos}
-        return cls(tuple(identity(o) or "" for o in found), found, covariance, tuple(variables))
+        return cls.of_each(network, [(tuple(observations), covariance)])[0]
+
+    @classmethod
+    def of_each(
+        cls, network: Network, groups: Sequence[tuple[tuple[Observation, ...], Array | None]]
+    ) -> list[Unit]:
+        """Return the units of observations that bear their ids, each with its covariance."""
+        each = iter(variables_of_each(network, [o for own, _ in groups for o in own]))
+        out = []
+        for own, covariance in groups:
+            variables = next(each)
+            for _ in own[1:]:
+                variables = tuple(dict.fromkeys((*variables, *next(each))))
+            # A photo is in a network only with its calibration.
+            if photos := [name for kind, name in variables if kind == "pose"]:
+                lenses = (("calibration", calibration_name(network, f)) for f in photos)
+                variables = tuple(dict.fromkeys((*variables, *lenses)))
+            out.append(cls(tuple(identity(o) or "" for o in own), own, covariance, variables))
+        return out
 
     @cached_property
     def n_scalars(self) -> int:
         """Number of scalar rows."""
-        return sum(len(o.component_names()) for o in self.observations)
+        return sum([len(o.component_names()) for o in self.observations])
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -72,8 +85,7 @@ class Unit:
     @cached_property
     def _found(self) -> tuple[tuple[VariableKind, Key], ...]:
         """Kind and key of the unknowns that nobody has to state, such as orientations."""
-        every = (p for o in self.observations for p in o.parameters())
-        return tuple((kind, key) for kind, key in every if UNKNOWNS[kind].absent == "found")
+        return tuple(p for o in self.observations for p in o.found_parameters())
 
     def insert_into(self, network: Network) -> None:
         """Add the observation or group to a network; its names have been checked."""

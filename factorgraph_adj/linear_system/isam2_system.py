@@ -83,10 +83,12 @@ class ISAM2System:
         ):
             return None
         tree = Tree(base.equations.network.frame, accuracy=SHARE * rules.accuracy)
-        draft = Draft.of(ledger, system, rules.datum)
+        equations, state = base.equations, base.state
+        if system.changed:
+            draft = Draft.of(ledger, system, rules.datum)
+            equations, state = draft.equations, draft.start.state
         try:
-            state = draft.start.state
-            tree.enter([Arriving(draft.equations.weighted_at(state), state)])
+            tree.enter([Arriving(equations.weighted_at(state), state)])
             tree.bound(base.equations.unknowns, SAMPLED * system.lifted.sigma)
             tree.follow()
         except AdjustmentError:

@@ -110,6 +110,14 @@ class Observation:
         own = ((k, parameter_key(UNKNOWNS[k], a, self)) for k, a in self.record.parameters)
         return (*own, *((k, key) for k, key in self.further if k not in ENTITIES))
 
+    def found_parameters(self) -> tuple[tuple[str, Key], ...]:
+        """Return those of its parameters that nobody has to state, such as orientations."""
+        further = self.further and ((k, key) for k, key in self.further if k not in ENTITIES)
+        return (
+            *[(k, parameter_key(UNKNOWNS[k], a, self)) for k, a in self.record.found],
+            *[(k, key) for k, key in further if UNKNOWNS[k].absent == "found"],
+        )
+
     def _stated(self, attributes: Sequence[str]) -> tuple[str, ...]:
         """Return the names in some attributes, without those that name nothing."""
         return tuple(n for a in attributes if (n := getattr(self, a)) is not None)

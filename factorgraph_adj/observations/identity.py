@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
-
 from .base import Observation
 from .image import ImagePoint
 
@@ -22,6 +20,6 @@ def named(o: Observation, ident: str) -> Observation:
         return o
     if getattr(o, "id", None) == ident:
         return o
-    other = copy(o)  # all else has been checked when it was made
-    object.__setattr__(other, "id", ident)
+    other = object.__new__(type(o))  # all else has been checked when it was made
+    vars(other).update(vars(o), id=ident)
     return other

@@ -135,6 +135,11 @@ class ObservationKind:
         return tuple((k, a) for k, a in self.variables if k not in ENTITIES and "." not in a)
 
     @cached_property
+    def found(self) -> tuple[tuple[str, str], ...]:
+        """Those of `parameters` that nobody has to state, such as orientations."""
+        return tuple((k, a) for k, a in self.parameters if UNKNOWNS[k].absent == "found")
+
+    @cached_property
     def texts(self) -> tuple[str, ...]:
         """Attributes that name only parameters, such as ``set``, each once."""
         return tuple(dict.fromkeys(a for _, a in self.parameters if a not in self.named))
