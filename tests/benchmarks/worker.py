@@ -62,6 +62,11 @@ class Measured:
     sum_r: float = 0.0
     """Sum of the redundancy numbers, less the redundancy."""
 
+    @property
+    def together(self) -> float:
+        """CPU seconds of the adjustment and its quality."""
+        return self.cpu + self.quality_cpu
+
 
 def roma() -> Network:
     """Return Roma with points by intersection."""
