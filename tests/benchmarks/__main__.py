@@ -184,7 +184,8 @@ def table(cores: set[int], job: str, sizes: Sequence[int], what: str) -> None:
     """Print one line for each size, and the exponents of growth."""
     print(
         f"  {what:>12}{'scalar obs.':>13}{'unknowns':>10}{'made s':>9}{'iter.':>7}{'s/iter.':>9}"
-        f"{'total s':>9}{'CPU s':>9}{'MB':>7}{'σ̂0':>8}{'quality s':>11}{'CPU s':>9}{'MB':>7}{'Σr − r':>10}"
+        f"{'total s':>9}{'CPU s':>9}{'MB':>7}{'σ̂0':>8}{'quality s':>11}{'CPU s':>9}"
+        f"{'MB':>7}{'Σr − r':>10}"
     )
     measured: dict[int, Measured] = {}
     for size in sizes:
@@ -228,7 +229,7 @@ def tied(cores: set[int]) -> None:
         f"  {TIED[0]} photos, {TIED[1]} stations: {m.observations} scalar observations, "
         f"{m.unknowns} unknowns\n"
         f"  adjustment {m.seconds:.2f} s ({m.cpu:.2f} s CPU), {m.iterations} iterations, {m.how}\n"
-        f"  quality {m.quality:.2f} s; {m.megabytes:.0f} MB, {m.quality_megabytes:.0f} MB with it; "
+        f"  quality {m.quality:.2f} s ({m.quality_cpu:.2f} s CPU); {m.megabytes:.0f} MB, {m.quality_megabytes:.0f} MB with it; "
         f"Σr − r {m.sum_r:.1e}\n"
         f"  {found['fronts']} fronts, the largest of {found['largest_front']} nodes of "
         f"{found['width']} columns\n"
