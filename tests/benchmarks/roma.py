@@ -6,7 +6,8 @@ rays: in file order, or in a random one, where a photo that nothing joins to the
 With ``all`` all 90 561 rays are there at the beginning; then photos are taken out and come back.
 
 After some arrivals the same network is adjusted by the batch from its solution, with the
-reliability of every observation: what a user would do without the incremental adjustment.
+reliability of every observation: what a user would do without the incremental adjustment. All
+seconds are CPU seconds.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 import statistics
 import sys
 from collections.abc import Iterator, Sequence
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 
@@ -57,14 +58,14 @@ def first_part(network: Network, name: str) -> Network:
 
 
 def batch(inc: fga.IncrementalAdjustment) -> tuple[float, float]:
-    """Return the seconds of a warm adjustment, and of the reliability after it."""
+    """Return the CPU seconds of a warm adjustment, and of the reliability after it."""
     start, network = inc.solution(), inc.network()
-    begin = perf_counter()
+    begin = process_time()
     solution = fga.adjust(network, start=start)
-    adjusted = perf_counter()
+    adjusted = process_time()
     found = fga.reliability(solution)
     assert len(found.redundancy_numbers)
-    return adjusted - begin, perf_counter() - adjusted
+    return adjusted - begin, process_time() - adjusted
 
 
 def arrivals(
@@ -79,7 +80,7 @@ def arrivals(
         most: how many photos; none: all of them.
 
     Yields:
-        Name of the photo, number of its rays, seconds for taking them out (``all``), and for
+        Name of the photo, number of its rays, CPU seconds for taking them out (``all``), and for
         their arrival.
     """
     photo, _, _, _ = network.images.columns()
@@ -87,22 +88,22 @@ def arrivals(
     names = list(network.photos)
     for k in order_of(name, len(names))[:most]:
         mine: Sequence[ImagePoint] = [rows[i] for i in np.flatnonzero(photo == k).tolist()]
-        begin = perf_counter()
+        begin = process_time()
         if name == "all":
             inc.remove([f"{o.photo}/{o.point}" for o in mine])
-        middle = perf_counter()
+        middle = process_time()
         inc.add(mine)
-        yield names[k], len(mine), middle - begin, perf_counter() - middle
+        yield names[k], len(mine), middle - begin, process_time() - middle
 
 
 def main(name: str, most: int | None = None) -> None:
     """Let Roma arrive, and print what it takes."""
     network = read_roma(ROMA)
     whole = fga.adjust(network)
-    begin = perf_counter()
+    begin = process_time()
     inc = fga.IncrementalAdjustment(first_part(network, name), start=whole)
     print(
-        f"  order {name}: begins in {perf_counter() - begin:.2f} s, "
+        f"  order {name}: begins in {process_time() - begin:.2f} s, "
         f"{len(inc)} in, {inc.n_waiting} wait"
     )
     taken: list[float] = []
