@@ -14,6 +14,7 @@ import gtsam
 import numpy as np
 
 from ..approximate import approximate
+from ..blas_threads import with_one_thread
 from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..graph.dependence import stated_late
@@ -91,6 +92,7 @@ class Isam:
         0.002
     """
 
+    @with_one_thread
     def __init__(
         self,
         network: Network,
@@ -177,6 +179,7 @@ class Isam:
             f"{self.isam.getLinearizationPoint().size()} variables>"
         )
 
+    @with_one_thread
     def covariance(self, kind: VariableKind, name: str) -> Array:
         """Return the covariance of a variable as `Solution` has it, see `KeyMap.covariance`.
 
@@ -191,6 +194,7 @@ class Isam:
         marginal = self.isam.marginalCovariance(key)
         return keys.covariance(kind, name, marginal, self.values)
 
+    @with_one_thread
     def add(
         self,
         observations: AnyObservation | Sequence[AnyObservation] = (),
@@ -257,6 +261,7 @@ class Isam:
             self._equations = before
             raise
 
+    @with_one_thread
     def remove(self, names: str | Iterable[str]) -> None:
         """Take factors out, and the variables that no factor depends on any more.
 
@@ -284,6 +289,7 @@ class Isam:
         for name in wanted:
             del self._entered[name]
 
+    @with_one_thread
     def settle(self) -> int:
         """Relinearise everything until nothing moves; return the number of updates.
 
@@ -375,6 +381,7 @@ class Isam:
         self._handed_out = self.n_arrivals
         return graph, values
 
+    @with_one_thread
     def test(
         self, names: str | Iterable[str] | None = None, *, alpha: float = 0.001, power: float = 0.8
     ) -> FactorTests:

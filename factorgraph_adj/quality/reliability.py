@@ -96,6 +96,7 @@ class Reliability(Shown):
             f"{largest:.2f} (critical {self.critical_w:.2f})"
         )
 
+    @with_one_thread
     def first_rows(self) -> Rows:
         """Return the observations with the largest test values."""
         return Rows(
@@ -131,6 +132,7 @@ class Reliability(Shown):
         return self.w / sigma0 if sigma0 > 0 else np.full(len(self.w), np.nan)
 
     @cached_property
+    @with_one_thread
     def e2(self) -> Array:
         """Part of an error that goes into the object points, with others held (eq. 6), (n,)."""
         s = self.solution
@@ -139,16 +141,19 @@ class Reliability(Shown):
         return share_diagonal(s.equations, blocks, clusters)
 
     @cached_property
+    @with_one_thread
     def e12(self) -> Array:
         """Interaction of e1 and e2: the rest of A Q AᵀP (eq. 4), (n,)."""
         return 1.0 - self.redundancy_numbers - self.e1 - self.e2
 
     @cached_property
+    @with_one_thread
     def given_values(self) -> tuple[GivenValue, ...]:
         """Tests of held values, each as if it had been given with σ → ∞."""
         return given_values(self.solution)
 
     @cached_property
+    @with_one_thread
     def factors(self) -> tuple[FactorReliability, ...]:
         """Tests of the factors that the user added, in their order."""
         sigma0 = float(np.sqrt(self.solution.variance_factor))
@@ -170,6 +175,7 @@ class Reliability(Shown):
         return by_name[name]
 
     @cached_property
+    @with_one_thread
     def groups(self) -> tuple[GroupReliability, ...]:
         """Tests of correlated groups as a whole: observations with a covariance, clusters."""
         return group_reliabilities(
@@ -215,6 +221,7 @@ class Reliability(Shown):
             return int(observation) % len(table)
         return table.row(observation, component)
 
+    @with_one_thread
     def effect_on(
         self,
         observation: int | str,
@@ -258,6 +265,7 @@ class Reliability(Shown):
         at = np.asarray(rows, dtype=np.intp)
         return self.correlations_with(at)[at]
 
+    @with_one_thread
     def suspects(
         self, most: int = 10, *, inseparable: float = 0.9, critical: float | None = None
     ) -> tuple[Suspect, ...]:
@@ -283,6 +291,7 @@ class Reliability(Shown):
             out.append(Suspect(row, label, float(self.w[row]), partners))
         return tuple(out)
 
+    @with_one_thread
     def correlations_with(self, rows: Index) -> Array:
         """Return the correlations of all test values with those of ``rows``, (n, k)."""
         pqp = response(self.solution, rows)

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..graph.equations import Equations
 from ..types import Array, Index
 from .elimination import Layers
@@ -156,6 +157,7 @@ class Factor:
             out[columns[on]] = left[on] / safe[columns[on]]
         return out
 
+    @with_one_thread
     def solve(self, y: Array, kept: Array | None = None) -> Array:
         """Return x of (N + diag) x = y for y (n_columns, k); held components are zero.
 
@@ -202,6 +204,7 @@ class Factor:
         on = np.flatnonzero(self.nodes.columns >= 0)
         return cliques, on, place[self.nodes.columns[on]]
 
+    @with_one_thread
     def solve_reduced(self, y: Array) -> Array:
         """Return x (r, k) of the system without the points of the first layer, eliminated.
 
@@ -221,6 +224,7 @@ class Factor:
         x[held] = 0.0
         return x
 
+    @with_one_thread
     def remaining(self, y: Array) -> Array:
         """Return what the elimination of y (n_columns, k) leaves at the kept columns, (m, k)."""
         assert self.nodes is not None and self.fronts is not None
@@ -241,6 +245,7 @@ class Factor:
     # -- covariances ----------------------------------------------------------------------------
 
     @cached_property
+    @with_one_thread
     def inverse(self) -> BlockMatrix:
         """Covariances of the third layer at the blocks of its fronts; zero at held places."""
         assert self.nodes is not None and self.fronts is not None
@@ -248,6 +253,7 @@ class Factor:
         free = (~self.nodes.held).astype(float)
         return out if free.all() else out.scaled(free)
 
+    @with_one_thread
     def ray_covariances(self) -> RayCovariances | None:
         """Return the joint covariances of the first layer with the third; none: it is empty.
 
@@ -259,6 +265,7 @@ class Factor:
         self._inner = joint.inner
         return joint
 
+    @with_one_thread
     def point_covariances(self) -> Array:
         """Return the covariance of every point of the first layer, (p, 3, 3)."""
         if self.points is None:

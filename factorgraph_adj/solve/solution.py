@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..blas_threads import with_one_thread
 from ..columns import Columns
 from ..errors import InputError, known
 from ..graph.equations import Equations
@@ -290,6 +291,7 @@ class Solution(Shown):
         return with_values(self.network, self.equations.unknowns, self.state)
 
     @cached_property
+    @with_one_thread
     def point_covariances(self) -> Array:
         """Covariances of all points at once, (number of points, 3, 3) metres², as `covariance`."""
         table = self.equations.unknowns["point"]
@@ -320,6 +322,7 @@ class Solution(Shown):
         """Return the covariance of a photo, (6, 6): rotations about its axes (rad), X0 (m)."""
         return self.variable_covariance(("pose", photo))
 
+    @with_one_thread
     def variable_covariance(
         self, a: tuple[VariableKind, str], b: tuple[VariableKind, str] | None = None
     ) -> Array:
@@ -357,6 +360,7 @@ class Solution(Shown):
             return here
         return self._linearise()
 
+    @with_one_thread
     def normal_at(self, state: State) -> NormalEquations:
         """Return the normal equations at any state.
 
@@ -365,10 +369,12 @@ class Solution(Shown):
         """
         return NormalEquations(self.solver, state, self.extra.at(self.equations, state).rows)
 
+    @with_one_thread
     def _linearise(self) -> NormalEquations:
         return NormalEquations(self.solver, self.state, self.extra.rows)
 
     @cached_property
+    @with_one_thread
     def factor(self) -> Factor:
         """The factorised normal equations at the solution; a free network has a minimal datum.
 
@@ -379,6 +385,7 @@ class Solution(Shown):
         return self.normal().for_covariances(self.constraint, self.datum)
 
     @cached_property
+    @with_one_thread
     def datum_cross(self) -> tuple[Array, Array] | None:
         """F = Q_min B_D (n_columns, d) and E = B_Dᵀ F, see `FreeDatum.transformed`."""
         if self.datum is None:
@@ -394,6 +401,7 @@ class Solution(Shown):
         g = self.datum.basis
         return self.datum.transformed(block, (g[a], f[a]), (g[b], f[b]), e)
 
+    @with_one_thread
     def cofactor_times(self, y: Array) -> Array:
         """Return Q y for y (n_columns, k); in a free network Q is on the inner constraints.
 
