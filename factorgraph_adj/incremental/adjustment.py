@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -121,6 +121,7 @@ class IncrementalAdjustment(Results):
         cls,
         journal: str | Path,
         *,
+        engine: Engine | None = None,
         geoids: Collection[str] = (),
         allow_outside: bool = False,
     ) -> IncrementalAdjustment:
@@ -132,17 +133,20 @@ class IncrementalAdjustment(Results):
 
         Args:
             journal: the file.
+            engine: what carries the arrivals from now on; by default what the journal was begun
+                with. Every journal resumes under either engine.
             geoids: paths of geoids that may be read although they lie outside the folder of the
                 journal, which may come from anybody.
             allow_outside: whether the geoid may lie anywhere.
 
         Raises:
-            InputError: no journal, or a damaged line before the last.
+            InputError: no journal, a damaged line before the last, or an unknown engine.
         """
         opened, header, entries, torn = Journal.open(journal, durable=False)
         try:
             place, folder = f"{journal}:1", Path(journal).parent
             network, rules = journal_entries.start_of(header, place, folder, geoids, allow_outside)
+            rules = rules if engine is None else replace(rules, engine=engine)
             out = cls.__new__(cls)
             network.datum = rules.datum
             out._rules, out._lock = rules, RLock()

@@ -26,7 +26,7 @@ from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.joint_tests import RowsBesideBase, RowsInBase
 from ..linear_system.linear_system import LinearSystem
-from ..linear_system.linearisation_error import with_rest
+from ..linear_system.linearisation_error import is_small, with_rest
 from ..linear_system.rebase import EFFORT, Draft, Failure, with_doubt
 from ..linear_system.section import Attempts
 from ..linear_system.test_statistics import Joint, accepted, decide, left_out, untested
@@ -172,38 +172,63 @@ class Entering:
         None: only a new base can take it in; everything is as it was before then.
         """
         before = replace(self, new=set(self.new), dropped=set(self.dropped), verdicts=[])
+        disturbed = not base.doubt and self._tests() and self._is_disturbed()
         for _ in range(MOST_JUDGED):
             if not len(self.stay):
                 return Entered(self.ledger, base, tuple(self.verdicts))
             try:
-                joint = engines.joined(
-                    base, self.ledger, self.stay, self._starts(), new=bool(self.found)
-                )
+                found = self._agreed_beside(base) if disturbed else None
+                if disturbed and found is None and is_small(base):
+                    break  # a new base takes little time, and looks for other minima too
+                joint = self._join(base) if found is None else None
             except AdjustmentError:
                 if base.engine == "fronts" and not self.found:
                     raise  # the engine for all networks says what is wrong with them
                 break
-            if joint is None:
-                break
             with suppress(AdjustmentError):
-                if self._tests() and self._leave_out(joint):
-                    continue  # the others enter without it
-                found = self._absorbed(base, joint)
-                if found is not None:
-                    return self._entered(found, joint)
+                if joint is not None:
+                    if self._tests() and self._leave_out(joint):
+                        continue  # the others enter without it
+                    found = self._absorbed(base, joint)
+                if found is None:
+                    break
+                if not self._tests() or not self._leave_out(found[1]):
+                    return self._entered(*found)
+                continue
             break
         self.ledger, self.stay, self.verdicts = before.ledger, before.stay, []
         self.new, self.dropped = before.new, before.dropped
         return None
 
-    def _absorbed(self, base: LinearSystem, joint: Joint) -> LinearSystem | None:
-        """Return the system with what has joined it; none where a new base has to take it in."""
+    def _join(self, base: LinearSystem) -> Joint | None:
+        """Join what is still in to a system, to be tested; none where it cannot take it."""
+        return engines.joined(base, self.ledger, self.stay, self._starts(), self.new)
+
+    def _absorbed(self, base: LinearSystem, joint: Joint) -> tuple[LinearSystem, Joint] | None:
+        """Return the system with what has joined it; none where a new base has to take it in.
+
+        What brings unknowns is judged where everything is by then. What lies between known
+        variables is judged by its prediction, before anything moves.
+        """
         found = None if base.doubt else engines.absorbed(base, joint, self.ledger, self.rules)
-        if found is not None or self.found or not isinstance(joint, RowsBesideBase):
-            return found
+        if found is not None:
+            return found, joint.anew() if self.found else joint
+        if self.found or not isinstance(joint, RowsBesideBase):
+            return None
         after = joint.system if base.doubt else joint.after
         result = self._adjusted(self._draft(after), after, bool(base.doubt))
-        return result if isinstance(result, FrontSystem) else base if base.doubt else None
+        held = result if isinstance(result, FrontSystem) else base if base.doubt else None
+        return None if held is None else (held, joint)
+
+    def _agreed_beside(self, base: LinearSystem) -> tuple[LinearSystem, Joint] | None:
+        """Return the system with what looked disturbed beside known variables; see `_agreed`."""
+        vtpv, redundancy = base.vtpv, base.redundancy
+        with suppress(AdjustmentError):
+            joint = self._join(base)
+            found = None if joint is None else self._absorbed(base, joint)
+            if found is not None and _is_likely(found[0], vtpv, redundancy):
+                return found
+        return None
 
     def _prepared(
         self, base: FrontSystem | None, doubted: bool
@@ -239,15 +264,18 @@ class Entering:
 
         Known variables may be so weak that holding them, for a start, contradicts what enters.
         """
-        sigmas = [e.solution.sigma0 for e in self.found if e.solution is not None]
-        if self.system is None or all(s <= LIMITS.disturbed for s in sigmas):
+        if self.system is None or not self._is_disturbed():
             return None
         found = self._adjusted(draft, self._fronts(), False)
         if not isinstance(found, FrontSystem):
             return None
-        # What they add to vᵀPv: σ̂0 of a large network would hide it.
-        more, spare = found.vtpv - self.system.vtpv, found.redundancy - self.system.redundancy
-        return found if more <= LIMITS.disturbed**2 * max(spare, 1) else None
+        likely = _is_likely(found, self.system.vtpv, self.system.redundancy)
+        return found if likely else None
+
+    def _is_disturbed(self) -> bool:
+        """Return whether what enters does not agree with known variables, which are held."""
+        sigmas = (e.solution.sigma0 for e in self.found if e.solution is not None)
+        return any(s > LIMITS.disturbed for s in sigmas)
 
     def _draft(self, base: FrontSystem | None, *, section: bool = True) -> Draft:
         """Return what is to be adjusted: a section of a large network, if that is allowed."""
@@ -402,6 +430,18 @@ class Entering:
 def _with(found: FrontSystem | Failure, attempts: Attempts) -> FrontSystem | Failure:
     """Return an adjusted network that remembers attempts to adjust sections of it."""
     return replace(found, attempts=attempts) if isinstance(found, FrontSystem) else found
+
+
+def _is_likely(system: LinearSystem, vtpv: float, redundancy: int) -> bool:
+    """Return whether what entered adds to vᵀPv as by chance; σ̂0 of a large network would hide it.
+
+    Args:
+        system: the system with it.
+        vtpv: vᵀPv without it.
+        redundancy: the redundancy without it.
+    """
+    spare = max(system.redundancy - redundancy, 1)
+    return system.vtpv - vtpv <= LIMITS.disturbed**2 * spare
 
 
 def rays_alone(ledger: Ledger, variables: Iterable[Variable]) -> Index:

@@ -84,7 +84,11 @@ def copied_isam2(system: LinearSystem | None) -> gtsam.ISAM2 | None:
 
 
 def joined(
-    system: LinearSystem, ledger: Ledger, rows: Index, starts: Sequence[Start], *, new: bool
+    system: LinearSystem,
+    ledger: Ledger,
+    rows: Index,
+    starts: Sequence[Start],
+    new: Collection[Variable],
 ) -> Joint | None:
     """Return observations joined to a system, to be tested; none where it cannot take them.
 
@@ -93,13 +97,15 @@ def joined(
         ledger: the ledger with them.
         rows: the observations.
         starts: values of the variables that enter with them.
-        new: whether any do.
+        new: these. iSAM2 does not take points that may be on the other side of their readings: a
+            batch adjustment looks there too.
 
     Raises:
         InputError: names observations whose geometry has no answer.
     """
     if isinstance(system, ISAM2System):
-        return system.entered(ledger, rows, starts)
+        joint = system.entered(ledger, rows, starts)
+        return None if joint is None or joint.images(new) else joint
     if not isinstance(system, FrontSystem) or ledger.n_scalars(rows) > system.most_beside:
         return None
     return _bordered(system, ledger, rows, starts) if new else rows_beside(system, ledger, rows)
@@ -192,13 +198,11 @@ def joined_at_once(
     joint = system.entered(ledger, rows, starts)
     if joint is None or not fits(joint.tested()):
         return None
-    version = joint.tree.version
     after = system.after(joint, ledger)
     if after is None or joint.images(new):
         return None
-    if joint.tree.version != version and not fits(joint.tested_anew()):
-        return None
-    return after, joint
+    anew = joint.anew()
+    return (after, anew) if anew is joint or fits(anew.tested()) else None
 
 
 # -- rows leave -----------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -333,21 +333,26 @@ class EnteredRows:
     together: Together
     """The units with the joint covariance of what they touch, before anything is evaluated anew: a
     gross error bends everything that it touches, and linear forms do not hold that far."""
+    version: int
+    """Version of the tree in which they are tested."""
 
     @classmethod
     def of(cls, tree: Tree, equations: Equations, units: tuple[Unit, ...]) -> EnteredRows:
         """Find units that have just entered."""
         raw = rows_of(units, equations)[1]
         numbers = np.array([tree.unit[u.ids[0]] for u in units], dtype=np.intp)
-        return cls(tree, units, raw, numbers, equations, tree.together(numbers))
+        return cls(tree, units, raw, numbers, equations, tree.together(numbers), tree.version)
 
     def tested(self) -> Tested:
         """Return the units, to be tested against everything else."""
         return self.together.tested()
 
-    def tested_anew(self) -> Tested:
+    def anew(self) -> EnteredRows:
         """Return the units, to be tested where everything is by now."""
-        return self.tree.together(self.numbers).tested()
+        if self.tree.version == self.version:
+            return self
+        together = self.tree.together(self.numbers)
+        return replace(self, together=together, version=self.tree.version)
 
     def spread(self, i: int, columns: Index) -> Array:
         """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""

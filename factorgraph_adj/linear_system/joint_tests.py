@@ -91,6 +91,10 @@ class RowsBesideBase:
         m = inverse[np.ix_(new, new)]
         return Tested(self.forms.rows, inverse[new] @ self.update.residuals, lambda u: m[:, u])
 
+    def anew(self) -> RowsBesideBase:
+        """Return the units: their linear forms stay."""
+        return self
+
     def spread(self, i: int, columns: Index) -> Array:
         """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""
         rows: Index = len(self.system.update.signs) + self.forms.rows[i]
@@ -236,6 +240,10 @@ class RowsInBase:
                 out[chosen[inside], :2, :2] = np.eye(2) - of_block.hat[number]
 
     # -- unknowns -----------------------------------------------------------------------------
+
+    def anew(self) -> RowsInBase:
+        """Return the units: their linear forms stay."""
+        return self
 
     def spread(self, i: int, columns: Index) -> Array:
         """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""

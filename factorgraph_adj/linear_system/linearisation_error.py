@@ -25,6 +25,7 @@ from ..solve.singular import SingularError
 from ..types import NO_ROWS, Array
 from .front_system import FrontSystem
 from .linear_forms import LinearForms
+from .linear_system import LinearSystem
 from .rebase import Draft
 from .section import Looked
 
@@ -270,9 +271,9 @@ SHARE = 0.9
 """Part of the promised accuracy by which a standard deviation may differ there."""
 
 
-def is_small(system: FrontSystem) -> bool:
+def is_small(system: LinearSystem) -> bool:
     """Return whether everything is linearised after every change."""
-    return system.unknowns.n_columns <= MOST_UNKNOWNS
+    return system.n_rows - system.redundancy <= MOST_UNKNOWNS
 
 
 def near_minimum(

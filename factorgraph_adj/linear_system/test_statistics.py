@@ -22,6 +22,9 @@ NOTHING = 1e-9
 TIED = 1e-5
 """Eigenvalue of M up to which rows are all that determines something: without them its standard
 deviation would be more than 300 times as large."""
+ALIKE = 1e-6
+"""Relative difference of test values up to which they are equal: of units that control each other
+alone the first one fails, however numbers are rounded."""
 MOVES = 1e-2
 """Movement relative to the conditional standard deviation from which on a variable takes part in a
 motion that nothing determines."""
@@ -53,6 +56,10 @@ class Joint(Protocol):
 
     def tested(self) -> Tested:
         """Return the units, to be tested against everything else."""
+        ...
+
+    def anew(self) -> Joint:
+        """Return the units, to be tested where everything is by now."""
         ...
 
     def spread(self, i: int, columns: Index) -> Array:
@@ -102,9 +109,9 @@ def decide(
     out = Decision(stay=list(range(len(tested.rows))))
     while out.stay:
         ratios = np.where(fixed, 0.0, tested.ratios(alpha))[out.stay]
-        worst = int(np.argmax(ratios))
-        if not ratios[worst] > 1.0:
+        if not ratios.max() > 1.0:
             break
+        worst = int(np.argmax(ratios >= (1.0 - ALIKE) * ratios.max()))
         i = out.stay[worst]
         values, vectors = np.linalg.eigh(tested.block(i))
         tied = vectors[:, values <= TIED]

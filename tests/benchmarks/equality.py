@@ -1,8 +1,9 @@
 """All networks in all orders against the batch: ``python -m tests.benchmarks.equality NAME ORDER``.
 
-Prints one line of JSON for one network in one order (``file`` or the seed of a random one): the
-largest differences while it arrives, with observations taken out and put in again, and settled.
-See tests/incremental/test_equality.py, whose networks they are.
+With ENGINE behind them one of the engines carries them instead of ``auto``. Prints one line of JSON
+for one network in one order (``file`` or the seed of a random one): the largest differences while
+it arrives, with observations taken out and put in again, and settled. See
+tests/incremental/test_equality.py, whose networks they are.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from time import perf_counter
+from typing import get_args
 
+from factorgraph_adj.ledger.options import Engine
 from tests.networks.arriving import CASES
 from tests.support.arrivals import Moment
 
@@ -51,11 +54,11 @@ def worst(found: Sequence[Moment]) -> tuple[float, float, float]:
     )
 
 
-def study(name: str, order: int | None) -> Equality:
+def study(name: str, order: int | None, engine: Engine) -> Equality:
     """Let a network arrive."""
     begin = perf_counter()
     case = CASES[name]
-    found = list(case.play(order, case.moments))
+    found = list(case.play(order, case.moments, engine=engine))
     return Equality(
         len(found),
         worst([m for m in found if not m.settled]),
@@ -69,8 +72,9 @@ def study(name: str, order: int | None) -> Equality:
 
 def main() -> None:
     """Print one line of JSON."""
-    name, order = sys.argv[1:]
-    print(json.dumps(asdict(study(name, None if order == "file" else int(order)))))
+    name, order, *asked = sys.argv[1:]
+    (engine,) = [e for e in get_args(Engine) if e in asked] or ("auto",)
+    print(json.dumps(asdict(study(name, None if order == "file" else int(order), engine))))
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ import pytest
 from factorgraph_adj import IncrementalAdjustment, Network
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.json_records import network_files
+from factorgraph_adj.ledger.options import Engine
 from tests.support.arrivals import batch, difference
 from tests.support.places import ROOT
 from tests.support.playing import day, morning
@@ -122,14 +123,20 @@ def moment_of(inc: IncrementalAdjustment) -> Moment:
     return Moment(state_of(inc), points_of(inc), settled)
 
 
+OTHER: dict[Engine, Engine] = {"isam2": "fronts", "fronts": "isam2"}
+"""The other engine of each."""
+
+
 @cache
-def undisturbed() -> tuple[tuple[Moment, ...], tuple[bytes, ...]]:
-    """Return the states of the day, the first before anything has arrived, and its journals."""
+def undisturbed(engine: Engine) -> tuple[tuple[Moment, ...], tuple[bytes, ...]]:
+    """Return the states of the day, the first before anything has arrived, and its journals.
+
+    Start values that are found depend on the engine.
+    """
     moments, journals = [], []
     with TemporaryDirectory() as folder:
         path = Path(folder, "day.jsonl")
-        # The engine of the processes that are killed: start values that are found depend on it.
-        inc = IncrementalAdjustment(morning(), journal=path, engine="auto")
+        inc = IncrementalAdjustment(morning(), journal=path, engine=engine)
         for step in (None, *day()):
             if step is not None:
                 step(inc)
@@ -189,12 +196,12 @@ def _near(a: Any, b: Any) -> bool:
     return bool(np.allclose(a, b, rtol=ROUNDING, atol=ROUNDING, equal_nan=True))
 
 
-def resumed(journal: Path) -> IncrementalAdjustment:
-    """Resume from a copy of a journal."""
+def resumed(journal: Path, engine: Engine | None = None) -> IncrementalAdjustment:
+    """Resume from a copy of a journal, in its own engine or in another one."""
     number = len(list(journal.parent.iterdir()))
     copy = journal.with_name(f"{journal.stem}, copy {number}{journal.suffix}")
     copy.write_bytes(journal.read_bytes())
-    return IncrementalAdjustment.resume(copy)
+    return IncrementalAdjustment.resume(copy, engine=engine)
 
 
 # -- killed processes -----------------------------------------------------------------------------
@@ -220,17 +227,21 @@ class Player:
         assert line, "the player is gone"
         return line.strip()
 
-    def kill_at(self, journal: Path, *, steps: int, after: float, first: int = 0) -> int:
+    def kill_at(
+        self, journal: Path, engine: Engine, *, steps: int, after: float, first: int = 0
+    ) -> int:
         """Let a process play from a step on; kill it; return how many steps it had finished.
 
         Args:
             journal: of the process.
+            engine: that carries its arrivals.
             steps: how many finished steps are waited for,
             after: and for how many seconds from then on.
             first: the step it begins with.
         """
         assert self.server.stdin is not None
-        self.server.stdin.write(json.dumps({"journal": str(journal), "from": first}) + "\n")
+        order = {"journal": str(journal), "from": first, "engine": engine}
+        self.server.stdin.write(json.dumps(order) + "\n")
         pid = int(self._line().removeprefix("pid "))
         done = 0
         while done < steps:
@@ -265,9 +276,14 @@ def player() -> Iterator[Player]:
     "most of these moments too"
 )
 @SEVERAL
-def test_a_process_killed_at_any_moment_has_lost_nothing_but_what_was_in_hand(tmp_path, killed):
-    """Each is killed some steps and some milliseconds into a day of its own."""
-    moments, _ = undisturbed()
+def test_a_process_killed_at_any_moment_has_lost_nothing_but_what_was_in_hand(
+    tmp_path, engine, killed
+):
+    """Each is killed some steps and some milliseconds into a day of its own.
+
+    Every other journal resumes under the other engine.
+    """
+    moments, _ = undisturbed(engine)
     rng = np.random.default_rng(SEED)
     n = len(moments) - 1
     lasted = rng.permutation(np.linspace(0, n - 3, killed).astype(int)).tolist()
@@ -276,11 +292,11 @@ def test_a_process_killed_at_any_moment_has_lost_nothing_but_what_was_in_hand(tm
     with player() as playing:
         for number, (steps, after) in enumerate(zip(lasted, delays, strict=True)):
             journal = tmp_path / f"{number}.jsonl"
-            done = playing.kill_at(journal, steps=steps, after=after)
+            done = playing.kill_at(journal, engine, steps=steps, after=after)
             if not journal.exists() or not journal.stat().st_size:
                 assert not done  # killed before there was a journal
                 continue
-            inc = resumed(journal)
+            inc = resumed(journal, OTHER[engine] if number % 2 else None)
             state = state_of(inc)
             at = done + 1 if done < n and not same(state, moments[done].state) else done
             late += at > done
@@ -292,12 +308,13 @@ def test_a_process_killed_at_any_moment_has_lost_nothing_but_what_was_in_hand(tm
 @pytest.mark.slow("a day with many crashes ends as one without; short tests interrupt once")
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
 @SEVERAL
-def test_days_of_many_crashes_end_as_one_without(tmp_path, killed):
+def test_days_of_many_crashes_end_as_one_without(tmp_path, engine, killed):
     """Each process goes on where the last one was killed, from the same journal.
 
-    How many a day has depends on the machine: there are as many days as it takes.
+    The engines of the processes are drawn by chance. How many a day has depends on the machine:
+    there are as many days as it takes.
     """
-    moments, _ = undisturbed()
+    moments, _ = undisturbed(engine)
     rng = np.random.default_rng(SEED + 1)
     crashes = 0
     with player() as playing:
@@ -306,7 +323,8 @@ def test_days_of_many_crashes_end_as_one_without(tmp_path, killed):
             while first < len(moments) - 6:
                 steps = int(rng.integers(1, 6))
                 after = float(rng.uniform(0.0, 0.02))
-                first += playing.kill_at(journal, steps=steps, after=after, first=first)
+                own = engine if rng.random() < 0.5 else OTHER[engine]
+                first += playing.kill_at(journal, own, steps=steps, after=after, first=first)
                 crashes += 1
                 ids = ids_there(resumed(journal))
                 if ids != ids_of_state(moments[first]) and first < len(moments) - 1:
@@ -353,20 +371,23 @@ def ids_of_state(moment: Moment) -> tuple[tuple[str, ...], ...]:
 @pytest.mark.slow(
     "resumes after every one of the steps, to the bit; short tests resume after some of them"
 )
-def test_every_step_of_the_day_is_resumed(tmp_path):
-    """After arrivals, removals, replacements, other weights, decisions, snooping: all of them."""
-    for number, (moment, data) in enumerate(zip(*undisturbed(), strict=True)):
+def test_every_step_of_the_day_is_resumed(tmp_path, engine):
+    """After arrivals, removals, replacements, other weights, decisions, snooping: all of them.
+
+    Every other journal resumes under the other engine.
+    """
+    for number, (moment, data) in enumerate(zip(*undisturbed(engine), strict=True)):
         path = tmp_path / f"{number}.jsonl"
         path.write_bytes(data)
-        inc = IncrementalAdjustment.resume(path)
+        inc = IncrementalAdjustment.resume(path, engine=OTHER[engine] if number % 2 else None)
         assert inc.resumed == ""
         assert_is(inc, moment, exact=True)
 
 
 @pytest.mark.slow("a day with many crashes ends as one without; short tests interrupt once")
-def test_a_torn_last_line_is_reported_and_left_out(tmp_path):
+def test_a_torn_last_line_is_reported_and_left_out(tmp_path, engine):
     """However much of it is there; the journal goes on on a line of its own."""
-    moments, journals = undisturbed()
+    moments, journals = undisturbed(engine)
     rng = np.random.default_rng(SEED)
     for number in range(1, len(journals), 4):
         before, after = journals[number - 1], journals[number]
@@ -398,6 +419,30 @@ def test_a_line_without_its_end_counts(tmp_path):
     inc = IncrementalAdjustment.resume(cut)
     assert inc.resumed == ""
     assert_is(inc, moment, exact=True)
+
+
+def test_a_journal_goes_on_under_either_engine(tmp_path, engine):
+    """What is in, waits or was left out is the same; the next arrival is carried by the other."""
+    path, half = tmp_path / "day.jsonl", 20
+    first = IncrementalAdjustment(morning(), journal=path)
+    for step in day()[:half]:
+        step(first)
+    assert first.engine == engine
+    moment, other = moment_of(first), resumed(path, OTHER[engine])
+    assert_is(other, moment, exact=True)
+    for step in day()[half : half + 5]:
+        step(other)
+        step(first)
+    assert other.engine == OTHER[engine]
+    assert ids_there(other) == ids_there(first)
+    assert difference(other.solution(), batch(first)).estimates < WITHIN
+
+
+def test_an_engine_that_there_is_not_is_refused(tmp_path):
+    path = tmp_path / "day.jsonl"
+    IncrementalAdjustment(morning(), journal=path)
+    with pytest.raises(InputError, match="unknown engine 'trees'"):
+        IncrementalAdjustment.resume(path, engine="trees")  # type: ignore[arg-type]
 
 
 def test_what_the_network_had_at_the_start_is_resumed_too(tmp_path):

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.incremental.arrival import Arrival
+from factorgraph_adj.ledger.options import Engine
 from factorgraph_adj.observations import AnyObservation, SlopeDistance
 from tests.support.days import compare, drawn, play
+from tests.support.two_engines import NEAR, pairs
 
 LONG = pytest.mark.slow(
     "days from morning to evening; short tests notice a moment outside the promise"
@@ -22,6 +25,9 @@ SEEDS = (200, 202, 206, 147, 702)
 """Days on the site, the last with gross errors that weights depend on, and other kinds."""
 TWO_MINIMA = 178
 """A day whose batch ends in a lower minimum than the arrivals do, which `settle` has to find."""
+
+UNLIKE = (5023, 5029)
+"""Days on which the engines judged new unknowns at different places."""
 
 
 @LONG
@@ -41,6 +47,20 @@ def test_the_day_with_two_minima_ends_in_the_lower_one_and_says_so() -> None:
     assert not any(c.outside for c in found)
     assert any(c.lower for c in found if not c.settled)
     assert found[-1].settled and found[-1].told and not found[-1].lower
+
+
+@LONG
+@pytest.mark.parametrize("seed", UNLIKE)
+def test_verdicts_of_a_day_do_not_depend_on_the_engine(seed: int, engine: Engine) -> None:
+    """New unknowns contradict what is known until everything moves, or bend while they enter."""
+    other: Engine = "fronts" if engine == "isam2" else "isam2"
+    arrivals: dict[Engine, list[Arrival]] = {engine: [], other: []}
+    for name, told in arrivals.items():
+        assert not any(c.outside for c in play(seed, name, told))
+    found = list(pairs(*arrivals.values()))
+    assert len(found) > 30
+    for pair in found:
+        assert pair.same and pair.difference <= NEAR, pair
 
 
 def test_a_moment_outside_the_promise_is_noticed() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
+import pytest
 
 from factorgraph_adj.graph.dependence import Variable
 from factorgraph_adj.linear_system.test_statistics import decide
@@ -38,3 +39,20 @@ def test_what_is_said_to_hold_what_nothing_joins_any_more_is_left_out_by_itself(
 def test_what_joins_what_would_be_lost_goes_back_together() -> None:
     decision = decide(Two(), 0.001, np.zeros(2, dtype=bool), {LOST}, lambda i, lost: bool(lost))  # type: ignore[arg-type]
     assert decision.back == [0, 1] and decision.loose == {LOST} and not decision.out
+
+
+@pytest.mark.parametrize("rounding", [-1e-12, 1e-12])
+def test_of_units_that_control_each_other_alone_the_first_fails(rounding: float) -> None:
+    """Both have the same test value, and rounding must not decide."""
+
+    class Alone:
+        units = ()
+        raw = (np.eye(1), np.eye(1))
+
+        def tested(self) -> leave_out.Tested:
+            m = np.array([[0.5, -0.5], [-0.5, 0.5]])
+            v = np.array([20.0, -20.0 * (1.0 + rounding)])
+            return leave_out.Tested([np.array([0]), np.array([1])], v, lambda u: m[:, u])
+
+    decision = decide(Alone(), 0.001, np.zeros(2, dtype=bool), (), lambda i, lost: False)  # type: ignore[arg-type]
+    assert set(decision.out) == {0} and decision.stay == [1]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import factorgraph_adj as fga
+from factorgraph_adj.ledger.options import Engine
 from tests.networks import aicon, dbat
 from tests.networks.adjusted import ADJUSTED
 from tests.networks.gama import FOLDER, solved
@@ -29,9 +30,11 @@ class Case:
     orders: tuple[int | None, ...] = ORDERS
     """All that are studied."""
 
-    def play(self, order: int | None, moments: int) -> Iterator[Moment]:
+    def play(
+        self, order: int | None, moments: int, *, engine: Engine | None = None
+    ) -> Iterator[Moment]:
         """Let it arrive."""
-        return play(self.make(), order, moments=moments, by_photo=self.by_photo)
+        return play(self.make(), order, moments=moments, by_photo=self.by_photo, engine=engine)
 
 
 def some_photos(network: fga.Network, names: list[str], *, rays: int = 2) -> fga.Network:

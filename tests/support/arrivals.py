@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from factorgraph_adj import IncrementalAdjustment, Network, Solution, adjust, reliability
 from factorgraph_adj.errors import AdjustmentError
 from factorgraph_adj.graph.dependence import variables_of
+from factorgraph_adj.ledger.options import Engine
 from factorgraph_adj.models.base import wrap
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint
@@ -270,7 +272,12 @@ MOST_OUT = 10
 
 
 def play(
-    network: Network, seed: int | None, *, moments: int = 5, by_photo: bool = False
+    network: Network,
+    seed: int | None,
+    *,
+    moments: int = 5,
+    by_photo: bool = False,
+    engine: Engine | None = None,
 ) -> Iterator[Moment]:
     """Let a network arrive, with removals in between; compare with the batch.
 
@@ -283,12 +290,14 @@ def play(
         seed: of order and removals; none: file order.
         moments: how often.
         by_photo: see `chunks`.
+        engine: what carries the arrivals; none: the default.
 
     Yields:
         Every comparison, the last one settled.
     """
     rng = np.random.default_rng(0 if seed is None else seed)
-    inc = IncrementalAdjustment(bare(network), policy="accept")
+    chosen: dict[str, Any] = {} if engine is None else {"engine": engine}
+    inc = IncrementalAdjustment(bare(network), policy="accept", **chosen)
     arrivals = chunks(network, seed, by_photo=by_photo)
     stops = np.unique(np.linspace(0, len(arrivals), moments + 1).astype(int)[1:]).tolist()
     here: list[AnyObservation] = []

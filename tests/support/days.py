@@ -23,6 +23,8 @@ from factorgraph_adj import (
     Solution,
     adjust,
 )
+from factorgraph_adj.incremental.arrival import Arrival
+from factorgraph_adj.ledger.options import Engine
 from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint
 from factorgraph_adj.solve.minimum import OFF_DATUM
@@ -30,6 +32,7 @@ from factorgraph_adj.solve.start import Start
 from tests.networks.random_small import random_network
 from tests.networks.site import STATIONS
 from tests.support.arrivals import bare, batch, between, deviations, ids_of, variables
+from tests.support.two_engines import Recorded
 from tests.support.watched import measured_site
 
 PROMISE = 1e-2
@@ -183,11 +186,21 @@ def _with_error(item: AnyObservation, size: float) -> AnyObservation:
     return Correlated((new, *rest), item.covariance) if isinstance(item, Correlated) else new
 
 
-def play(seed: int) -> Iterator[Compared]:
-    """Play a day, and compare."""
+def play(
+    seed: int, engine: Engine = "auto", arrivals: list[Arrival] | None = None
+) -> Iterator[Compared]:
+    """Play a day, and compare.
+
+    Args:
+        seed: of the day.
+        engine: what carries it.
+        arrivals: to which is added what each command came to.
+    """
     described, every = drawn(seed)
     rng = np.random.default_rng([seed, 7])
-    inc = IncrementalAdjustment(described, policy=POLICIES[seed % len(POLICIES)])
+    inc = Recorded(described, policy=POLICIES[seed % len(POLICIES)], engine=engine)
+    if arrivals is not None:
+        inc.arrivals = arrivals
     groups = list(_cut([every[i] for i in rng.permutation(len(every))], rng))
     stops = set((rng.permutation(len(groups))[:MOMENTS]).tolist())
     there: dict[str, AnyObservation] = {}

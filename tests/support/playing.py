@@ -1,10 +1,10 @@
 """A day of arrivals and commands of every kind, and a process that plays it and may be killed.
 
-Run as a program it reads orders from standard input, one in a line, ``{"journal": …, "from": …}``,
-forks a process for each that plays the day from a step on, and tells ``pid …``, ``done`` after
-every finished step, and in the end ``end …`` with the status of the process. Where the journal
-exists, the process goes on with it. As the parent has everything imported, a process begins at
-once.
+Run as a program it reads orders from standard input, one in a line,
+``{"journal": …, "from": …, "engine": …}``, forks a process for each that plays the day from a step
+on, and tells ``pid …``, ``done`` after every finished step, and in the end ``end …`` with the
+status of the process. Where the journal exists, the process goes on with it, in its own engine. As
+the parent has everything imported, a process begins at once.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from factorgraph_adj import IncrementalAdjustment, Network
+from factorgraph_adj.ledger.options import Engine
 from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import AnyObservation, Correlated, HeightDifference, Observation
 from factorgraph_adj.simulation.simulate import measure
@@ -151,12 +152,12 @@ def _evening() -> Iterator[Step]:
         yield _add(f"rS2-{target}-b", f"zS2-{target}-b") if target != "P3" else _add("rS2-P3-b")
 
 
-def play(journal: str, first: int, *, tell: Callable[[], None]) -> None:
+def play(journal: str, first: int, engine: Engine, *, tell: Callable[[], None]) -> None:
     """Play the day from a step on."""
     if Path(journal).exists():
-        inc = IncrementalAdjustment.resume(journal)
+        inc = IncrementalAdjustment.resume(journal, engine=engine)
     else:
-        inc = IncrementalAdjustment(morning(), journal=journal)
+        inc = IncrementalAdjustment(morning(), journal=journal, engine=engine)
     for step in day()[first:]:
         step(inc)
         tell()
@@ -170,7 +171,8 @@ def main() -> None:
         pid = os.fork()
         if not pid:
             os.write(1, f"pid {os.getpid()}\n".encode())
-            play(order["journal"], order["from"], tell=lambda: os.write(1, b"done\n") and None)
+            begin = order["journal"], order["from"], order["engine"]
+            play(*begin, tell=lambda: os.write(1, b"done\n") and None)
             os.read(0, 1)  # through with the day before it is killed; nothing comes before its end
             os._exit(0)
         _, status = os.waitpid(pid, 0)
