@@ -8,7 +8,7 @@ decided, and native factors go straight in.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -19,7 +19,7 @@ from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..graph.dependence import stated_late
 from ..graph.equations import Equations, compile_network
-from ..graph.factors import Part, held_factor, observation_factor
+from ..graph.factors import held_factor, observation_factor
 from ..graph.keys import KeyMap, insert, state_of
 from ..graph.made import MakesFactor, made
 from ..graph.variables import State, Unknowns
@@ -33,6 +33,7 @@ from ..quality.reliability import check_probabilities
 from ..solve.linear import LinearisedEquations
 from ..types import Array
 from .build import held_sigmas, observation_parts, with_eased_ties
+from .entered_factor import EnteredFactor, sigmas_of
 from .factor_tests import FactorTests, factor_tests
 from .inner_constraints import inner_constraints
 
@@ -46,31 +47,6 @@ MOST_WEIGHTS = 5
 """Largest number of times that weights follow the lengths of sights there."""
 AT_REST = 1e-12
 """Decrease of ½ vᵀPv, relative to 1 + ½ vᵀPv, below which `Isam.settle` ends."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Entered:
-    """A factor in iSAM2."""
-
-    factor: gtsam.NonlinearFactor
-    """The factor."""
-    arrival: int
-    """Number of the update with which it came."""
-    ids: tuple[str, ...] = ()
-    """Ids of its observations; none of your own factors."""
-    sigmas: tuple[Array, ...] = ()
-    """Their standard deviations with the lengths of sights at which the factor was made."""
-    keeps: int | None = None
-    """Key of the variable whose held components it keeps."""
-    slot: int = -1
-    """Index in iSAM2."""
-
-    def weighs_as(self, parts: Sequence[Part]) -> bool:
-        """Return whether its standard deviations are those of observations, within 1e-7."""
-        return all(
-            np.allclose(a, b, rtol=1e-7, atol=0.0)
-            for a, b in zip(self.sigmas, _sigmas(parts), strict=True)
-        )
 
 
 class Isam:
@@ -123,7 +99,7 @@ class Isam:
         """GTSAM's object: yours to ask, and to update with factors of your own."""
         self.network = network.copy()
         """The network with all that has arrived."""
-        self._entered: dict[str, _Entered] = {}
+        self._entered: dict[str, EnteredFactor] = {}
         self._numbers: dict[VariableKind, dict[str, int]] = {}
         self._starts: list[gtsam.Values] = []
         self._handed_out = 0
@@ -321,7 +297,7 @@ class Isam:
         equations = self._equations.weighted_at(state)
         system = LinearisedEquations(equations, state)
         diagonal = system.diagonal()
-        changed: dict[str, _Entered] = {}
+        changed: dict[str, EnteredFactor] = {}
         graph = gtsam.NonlinearFactorGraph()
         for name, parts, noise in observation_parts(with_eased_ties(equations, system, diagonal)):
             old = self._entered.get(name)
@@ -330,7 +306,7 @@ class Isam:
                     self.network.frame, equations.unknowns, state, parts, noise(), keys
                 )
                 graph.push_back(factor)
-                changed[name] = replace(old, factor=factor, sigmas=_sigmas(parts))
+                changed[name] = replace(old, factor=factor, sigmas=sigmas_of(parts))
         if not changed:
             return False
         copy = gtsam.ISAM2(self.isam)
@@ -440,13 +416,13 @@ class Isam:
         self._number(unknowns)
         keys = self.keys
         at = self.n_arrivals
-        added: dict[str, _Entered] = {}
+        added: dict[str, EnteredFactor] = {}
         for name, part, noise in observation_parts(with_eased_ties(equations, system, diagonal)):
             if name not in self._entered:
                 factor = observation_factor(network.frame, unknowns, state, part, noise(), keys)
                 ids = tuple(p.block.ids[i] for p in part for i in p.chosen.tolist())
-                added[name] = _Entered(factor, at, ids, _sigmas(part))
-        added |= {name: _Entered(factor, at) for name, factor in more.items()}
+                added[name] = EnteredFactor(factor, at, ids, sigmas_of(part))
+        added |= {name: EnteredFactor(factor, at) for name, factor in more.items()}
         touched = {k for e in added.values() for k in list(e.factor.keys())}
         for (kind, number), sigma in held_sigmas(unknowns, diagonal).items():
             name, key = (
@@ -455,7 +431,7 @@ class Isam:
             )
             if name not in self._entered and key in touched:
                 factor = held_factor(unknowns, state, kind, number, sigma, keys)
-                added[name] = _Entered(factor, at, keeps=key)
+                added[name] = EnteredFactor(factor, at, keeps=key)
         there = self.isam.getLinearizationPoint()
         new = [
             v for v in unknowns.active() if (k := keys.at(*v)) in touched and not there.exists(k)
@@ -480,7 +456,7 @@ class Isam:
         isam: gtsam.ISAM2,
         graph: gtsam.NonlinearFactorGraph,
         values: gtsam.Values,
-        gone: Sequence[_Entered],
+        gone: Sequence[EnteredFactor],
     ) -> list[int]:
         """Update a copy of iSAM2, which an error leaves without a tree."""
         try:
@@ -491,11 +467,6 @@ class Isam:
                 f"iSAM2 reached no solution: {' '.join(what[:2])}: something is not determined"
             ) from error
         return list(result.getNewFactorsIndices())
-
-
-def _sigmas(parts: Sequence[Part]) -> tuple[Array, ...]:
-    """Return the standard deviations of observations, part by part."""
-    return tuple(part.block.sigma[part.chosen] for part in parts)
 
 
 def _with_start(equations: Equations, state: State) -> Equations:
