@@ -17,7 +17,7 @@ from ..approximate import approximate
 from ..blas_threads import with_one_thread
 from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError, InputError, Problem, known
-from ..graph.dependence import stated_late
+from ..graph.dependence import stated_late, variables_in_both
 from ..graph.equations import Equations, compile_network
 from ..graph.factors import held_factor, observation_factor
 from ..graph.keys import KeyMap, insert, state_of
@@ -208,7 +208,7 @@ class Isam:
             cameras=tuple(cameras),
             unknowns=stated,
         )
-        problems.extend(stated_late(self.network, network, stated))
+        problems.extend(stated_late(stated, variables_in_both(self.network, network)))
         if problems:
             raise InputError(problems)
         given = observations if isinstance(observations, Sequence) else (observations,)

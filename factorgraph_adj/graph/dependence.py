@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cache
 from itertools import chain
 from typing import TypeAlias
@@ -118,15 +118,26 @@ def _zero(kind: VariableKind) -> Array:
     return np.concatenate([values, np.zeros((1, len(record.constants)))], axis=1)
 
 
-def stated_late(before: Network, after: Network, unknowns: UnknownsGiven) -> Iterator[Problem]:
+def variables_in_both(
+    before: Network, after: Network
+) -> Iterator[tuple[str, Collection[Variable]]]:
+    """Yield each observation of a network by id, with its variables there and in another one."""
+    images = ((f"{o.photo}/{o.point}", o) for o in before.image_points())
+    for ident, o in chain(before.observations.items(), images):
+        yield ident, {*variables_of(before, o), *variables_of(after, o)}
+
+
+def stated_late(
+    unknowns: UnknownsGiven, touched: Iterable[tuple[str, Collection[Variable]]]
+) -> Iterator[Problem]:
     """Yield unknowns that need not be stated, where earlier observations depend on them.
 
-    Their factors have the default value of such an unknown as a constant.
+    Their rows have the default value of such an unknown as a constant.
 
     Args:
-        before: network with the earlier observations.
-        after: the same network, in which the unknowns are stated.
         unknowns: what is stated, by kind and key.
+        touched: id of each earlier observation, and the variables that it depends on before or
+            after the unknowns are stated; not asked for where all unknowns have to be stated.
     """
     late = {
         (kind, parameter_name(key)): UNKNOWNS[kind].noun
@@ -135,11 +146,8 @@ def stated_late(before: Network, after: Network, unknowns: UnknownsGiven) -> Ite
         for key in given
         if UNKNOWNS[kind].absent != "refused" or not key
     }
-    earlier = chain(
-        before.observations.items(), ((f"{o.photo}/{o.point}", o) for o in before.image_points())
-    )
-    for ident, o in earlier if late else ():
-        for v in late.keys() & {*variables_of(before, o), *variables_of(after, o)}:
+    for ident, variables in touched if late else ():
+        for v in late.keys() & set(variables):
             what = (
                 f"observation {ident!r} depends on it: state it before the first one that does, "
                 "or remove these, and add them again"

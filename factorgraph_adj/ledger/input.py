@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 from ..errors import InputError, Problem
 from ..graph.dependence import Variable
 from ..graph.made import MakesFactor
-from ..network.additions import UnknownsGiven
+from ..network.additions import UnknownsGiven, unknowns_by_kind
 from ..network.entities import Camera, Photo, Point, parameter_name
 from ..observations import AnyObservation, Correlated, Observation
 
@@ -80,27 +80,9 @@ class Input(NamedTuple):
             listed(points, "fga.Point", Point),
             listed(photos, "fga.Photo", Photo),
             listed(cameras, "fga.Camera", Camera),
-            _by_kind(unknowns),
+            unknowns_by_kind(unknowns),
             _by_name(factors),
         )
-
-
-def _by_kind(unknowns: object) -> UnknownsGiven:
-    """Return unknowns by kind and key, as ``Network.parameters`` has them.
-
-    Raises:
-        InputError: they are something else.
-    """
-    if unknowns is None:
-        return {}
-    if not isinstance(unknowns, Mapping) or not all(
-        isinstance(given, Mapping) for given in unknowns.values()
-    ):
-        raise InputError(
-            "give unknowns by kind and name, as the parameters of a scratch network: "
-            "unknowns=scratch.parameters"
-        )
-    return {kind: dict(given) for kind, given in unknowns.items() if given}
 
 
 def _by_name(factors: object) -> dict[str, MakesFactor]:

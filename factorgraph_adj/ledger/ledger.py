@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import MOST_COMPARED, InputError, Problem, similar
-from ..graph.dependence import Variable, components
-from ..models.variables import UNKNOWNS, VariableKind
+from ..graph.dependence import Variable, components, stated_late
+from ..models.variables import VariableKind
 from ..network.additions import NO_UNKNOWNS, UnknownsGiven, add_entities
-from ..network.entities import Camera, ImageTable, Photo, Point, parameter_name, triple
+from ..network.entities import Camera, ImageTable, Photo, Point, triple
 from ..network.network import Network
 from ..network.selection import without
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
@@ -104,7 +104,7 @@ class Ledger:
         problems = add_entities(
             network, points=new, photos=photos, cameras=cameras, unknowns=unknowns
         )
-        problems += self._noticed_late(network, unknowns)
+        problems += stated_late(unknowns, self._touched_variables(network))
         if self.retired is not None:
             problems += self.retired.named_again(points, photos)
         if problems:
@@ -112,24 +112,12 @@ class Ledger:
         out = replace(self, network=network, names=Names.of(network), sizes={})
         return out.with_values("point", {n: np.array(p.coordinates) for n, p in placed.items()})
 
-    def _noticed_late(self, network: Network, unknowns: UnknownsGiven) -> Iterator[Problem]:
-        """Yield unknowns that need not be stated, where observations that are there notice them."""
-        late = {
-            (kind, parameter_name(key)): UNKNOWNS[kind].noun
-            for kind, given in unknowns.items()
-            if kind in UNKNOWNS
-            for key in given
-            if UNKNOWNS[kind].absent != "refused" or not key
-        }
-        rows = np.flatnonzero(self.rows.status != GONE) if late else ()
-        for _, unit in self.rows.units(np.asarray(rows, dtype=np.intp)):
+    def _touched_variables(self, network: Network) -> Iterator[tuple[str, list[Variable]]]:
+        """Yield the first id of each unit, and its variables here and in another network."""
+        rows = np.flatnonzero(self.rows.status != GONE)
+        for _, unit in self.rows.units(rows):
             now = Unit.of(network, unit.observations, unit.covariance).variables
-            for v in late.keys() & {*now, *unit.variables}:
-                what = (
-                    f"observation {unit.ids[0]!r} depends on it: state it before the first one "
-                    "that does, or remove these, and add them again"
-                )
-                yield Problem(what, f"{late.pop(v)} {v[1]!r}")
+            yield unit.ids[0], [*now, *unit.variables]
 
     def _places(self, point: Point) -> bool:
         """Return whether a point only has approximate values for one without coordinates."""
