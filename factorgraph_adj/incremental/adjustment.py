@@ -27,7 +27,9 @@ from ..solve.solution import Solution
 from ..validate.preliminary.copied_blocks import CopiedBlocks
 from . import commands, retirement, retirement_window
 from .arrival import Arrival
-from .initial_adjustment import begin, replayed
+from .initial_adjustment import begin
+from .recorded_estimates import RecordedEstimates
+from .resumption import resumed
 from .state_queries import Results
 from .worklist import IncrementalState
 
@@ -106,14 +108,19 @@ class IncrementalAdjustment(Results):
         self._solution: tuple[IncrementalState, Solution] | None = None
         self.latest = Arrival()
         """What the latest command came to; after `snoop`, the verdicts on what came back."""
-        self._copies = CopiedBlocks()
+        self._copies, self._recorded = CopiedBlocks(), RecordedEstimates()
         own = network.copy()
         own.datum = chosen
         self._state = begin(Ledger.of(own), self._rules, start)
         self._copies.add(self._state.ledger.observations())
         if journal is not None:
+            line = self._recorded.next_line(Ledger.of(own), self._state, everything=True)
+            changed = journal_entries.difference(Ledger.of(own), self._state.ledger)
             head = journal_entries.header(network, asdict(self._rules))
+            head["start"] = changed | line.fields()
             self._journal = Journal.create(journal, head, durable=False)
+            self._recorded.written(line)
+            self._state = self._state.recorded()
 
     @classmethod
     @with_one_thread
@@ -152,8 +159,8 @@ class IncrementalAdjustment(Results):
             out._rules, out._lock = rules, RLock()
             out.resumed, out._solution, out._journal = torn, None, None
             out.latest = Arrival()
-            out._copies = CopiedBlocks()
-            out._state = replayed(network, entries, out._rules, str(journal))
+            out._copies, out._recorded = CopiedBlocks(), RecordedEstimates()
+            out._state = resumed(network, header, entries, out._rules, str(journal))
             out._copies.add(out._state.ledger.observations())
         except BaseException:
             opened.close()
@@ -180,8 +187,11 @@ class IncrementalAdjustment(Results):
         """Write the difference of two ledgers to the journal, then take the new state over."""
         state, arrival = result
         if self._journal is not None:
-            changed = journal_entries.difference(self._state.ledger, state.ledger)
+            before = self._state.ledger
+            line = self._recorded.next_line(before, state, everything=do == "settle")
+            changed = journal_entries.difference(before, state.ledger) | line.fields()
             self._journal.append({"do": do, **(fields or {}), **changed})
+            self._recorded.written(line)
         self._state, self.latest = state.recorded(), arrival
         return arrival
 
@@ -373,7 +383,9 @@ class IncrementalAdjustment(Results):
         """Retire unknowns, and observations between given points; write it to the journal."""
         state, line = retirement.retire(self._state, variables, self._rules, between)
         if self._journal is not None:
-            self._journal.append({"do": "retire", "retired": line})
+            estimates = self._recorded.next_line(self._state.ledger, state, everything=True)
+            self._journal.append({"do": "retire", "retired": line} | estimates.fields())
+            self._recorded.written(estimates)
         self._state, self.latest = state.recorded(), Arrival()
         self._copies = CopiedBlocks().add(self._state.ledger.observations())
 

@@ -1,18 +1,16 @@
-"""The state at the start, and after a journal has been read."""
+"""The state at the start, and at rest."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
 from ..ledger.candidates import Candidates, Nothing
-from ..ledger.journal_entries import reading, replay
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..linear_system import engines
@@ -24,10 +22,9 @@ from ..solve.anywhere import narrow
 from ..solve.minimum import adjust_from
 from ..solve.solution import Solution
 from ..solve.start import Start
-from ..types import NO_ROWS, Index
+from ..types import NO_ROWS, Array, Index
 from .determinability import Reached, Search
 from .entry import rays_alone
-from .retirement import retired_again, with_everything
 from .second_minimum import smaller_minimum
 from .worklist import IncrementalState, Task, absorb, in_chosen_engine
 
@@ -61,7 +58,7 @@ def begin(ledger: Ledger, rules: Options, start: Solution | None) -> Incremental
         assert stay is not None
         ledger = _without(ledger, inside, stay.rows)
         found = Candidates(ledger, Nothing(), stay.rows)
-        system = _at_its_start(ledger, found, rules, start, system)
+        system = at_its_start(ledger, found, rules, system, start)
         if system is None:
             ledger = _without(ledger, inside, NO_ROWS)
     return _entered(IncrementalState(ledger, system, settled=False), inside, rules)
@@ -116,7 +113,7 @@ def adjusted(
     system: FrontSystem | Failure | None = None
     for _ in range(MOST_LET_GO):
         ledger = _without(ledger, inside, stay.rows)
-        system = _adjusted(ledger, stay, rules, start, reached)
+        system = adjusted_once(ledger, stay, rules, start, reached)
         if isinstance(system, FrontSystem):
             vague: list[Variable] = [("point", p.name) for p in system.points_anywhere()]
             gone = stay.touching(vague)
@@ -150,55 +147,6 @@ def _entered(state: IncrementalState, inside: Index, rules: Options) -> Incremen
     return state
 
 
-def replayed(
-    network: Network, entries: Sequence[Mapping[str, Any]], rules: Options, journal: str
-) -> IncrementalState:
-    """Return the state at the end of a journal.
-
-    Args:
-        network: the network at its beginning.
-        entries: its lines after the first.
-        rules: the options.
-        journal: its name.
-
-    Raises:
-        InputError: a line that does not follow from those before.
-    """
-    begun = begin(Ledger.of(network), rules, None)
-    ledger, _ = begun.ledger.recorded()
-    for line, entry in enumerate(entries, start=2):
-        where = f"{journal}:{line}"
-        with reading(where):
-            if entry.get("taken_back"):
-                ledger = with_everything(ledger)
-            if "retired" in entry:
-                ledger = retired_again(ledger, entry["retired"])
-        ledger = replay(entry, ledger, where=where)
-    return begun if not entries else _restored(ledger, begun, rules)
-
-
-def _restored(ledger: Ledger, begun: IncrementalState, rules: Options) -> IncrementalState:
-    """Return the state of a ledger that was read from a journal, at rest.
-
-    Args:
-        ledger: the ledger.
-        begun: the state at the beginning of the journal.
-        rules: the options.
-    """
-    inside = ledger.having("accepted")
-    if not len(inside):
-        return IncrementalState(ledger)
-    fronts = engines.in_fronts(begun.system)
-    start = None if fronts is None else fronts.solution
-    every = Candidates(ledger, Nothing(), inside)
-    system = _adjusted(ledger, every, rules, start)
-    if isinstance(system, FrontSystem):
-        return settled(IncrementalState(ledger, system), rules)
-    return IncrementalState(
-        ledger, _at_its_start(ledger, every, rules, start, system), settled=False
-    )
-
-
 def settled(state: IncrementalState, rules: Options) -> IncrementalState:
     """Return a state at rest; where there is no minimum the system says why."""
     if state.system is None:
@@ -218,10 +166,13 @@ def _draft(
     rules: Options,
     start: Solution | None,
     reached: Reached | None = None,
+    there: Mapping[Variable, Array] | None = None,
 ) -> Draft:
     if reached is None:
         found = () if start is None else (start,)
-        return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=found)
+        own = [v for v in stay.links.variables if there and v in there and ledger.needs(v)[0] > 0]
+        at = {v: there[v] for v in own} if there else None
+        return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=found, there=at)
     unknowns, state = reached.equations.unknowns, reached.state
     values = Start(unknowns, state, state)
     if unknowns.n_columns and np.array_equal(stay.rows, reached.rows):
@@ -229,34 +180,54 @@ def _draft(
     return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=(values,))
 
 
-def _adjusted(
+def adjusted_once(
     ledger: Ledger,
     stay: Candidates,
     rules: Options,
-    start: Solution | None,
+    start: Solution | None = None,
     reached: Reached | None = None,
+    there: Mapping[Variable, Array] | None = None,
 ) -> FrontSystem | Failure | None:
-    """Return the system of a network's adjustment; none where it ends in an error."""
+    """Return the system of a network's adjustment; none where it ends in an error.
+
+    Args:
+        ledger: what is in.
+        stay: what of it is adjusted.
+        rules: the options.
+        start: where everything was, or may be.
+        reached: the network, if it has been compiled.
+        there: values of unknowns from which it begins.
+    """
     with suppress(AdjustmentError):
         if len(stay.rows):
-            draft = _draft(ledger, stay, rules, start, reached)
+            draft = _draft(ledger, stay, rules, start, reached, there)
             same = reached is not None and draft.equations is reached.equations
             return draft.adjusted(rules.datum, solver=reached.solver if reached and same else None)
     return None
 
 
-def _at_its_start(
+def at_its_start(
     ledger: Ledger,
     stay: Candidates,
     rules: Options,
-    start: Solution | None,
     failure: Failure | None,
+    start: Solution | None = None,
+    there: Mapping[Variable, Array] | None = None,
 ) -> FrontSystem | None:
-    """Return the system at the values with which it begins; none: it is not determined there."""
+    """Return the system at the values with which it begins; none: it is not determined there.
+
+    Args:
+        ledger: what is in.
+        stay: what of it is determined.
+        rules: the options.
+        failure: why there is no minimum.
+        start: where everything was, or may be.
+        there: values of unknowns.
+    """
     reason = "no minimum was found" if failure is None else failure.reason
     with suppress(AdjustmentError):
         if len(stay.rows):
-            draft = _draft(ledger, stay, rules, start)
+            draft = _draft(ledger, stay, rules, start, there=there)
             free = rules.datum == "free"
             steps = 1 if free else 0  # with which the datum is found
             solution = adjust_from(draft.equations, draft.start, free=free, max_iterations=steps)

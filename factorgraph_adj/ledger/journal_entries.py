@@ -7,7 +7,9 @@ became ``gone``, ``accepted``, ``waiting``, ``suspect`` or ``rejected``, and why
 is said of what waits (``lacks``); how photos without poses were oriented (``oriented``); which
 readings have moved points to their other sides (``sides``, all of them where that has changed);
 what was retired (``retired``), or that all of it was taken back (``taken_back``), see
-`retirement`. Image points stand in ``images``, those of a photo with the same outcome together.
+`retirement`; ``estimates`` of unknowns, by kind and name, and ``vtpv``, see
+`incremental.recorded_estimates`. The first line has what its network came to in ``start``, with the
+same fields. Image points stand in ``images``, those of a photo with the same outcome together.
 Reading back needs no test again.
 
 """
@@ -54,7 +56,7 @@ _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
 FIELDS = (
     *("do", "cameras", "points", "unknowns", "photos", "observations", "images"),
     *("gone", *OUTCOMES, "causes", "lacks", "found", "unweighted", "oriented", "sides"),
-    *("retired", "taken_back"),
+    *("retired", "taken_back", "estimates", "vtpv"),
 )
 """Fields of a line after the first."""
 _TOLD = ("suspect", "rejected")
