@@ -33,6 +33,7 @@ from ..graph.dependence import Variable
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
+from ..rotation import right_jacobian_inverse
 from ..types import Array, Index
 from .extra import Extra
 from .linear import ExtraRows
@@ -40,8 +41,6 @@ from .normal import NormalEquations
 
 VANISHED = 1e-8
 """Smallest μ that counts as different from zero."""
-STEP = 1e-6
-"""Step of the central differences of a movement, radians and metres."""
 
 
 class Group(NamedTuple):
@@ -110,7 +109,7 @@ class Prior(Extra):
             columns[group.columns[on]] = first[on]
             if UNKNOWNS[group.kind].rotates:
                 places = group.columns[:, :3]
-                turned = _partials(group, state[group.kind][numbers])
+                turned = right_jacobian_inverse(d[places])  # d = Log(R₀ᵀR)
                 a[:, places] = np.einsum("kni,nij->knj", a[:, places], turned)
         a[:, ~equations.unknowns.free[columns]] = 0.0
         return replace(self, rows=(ExtraRows(columns, a, self.r @ d + self.z, self.name),))
@@ -129,21 +128,6 @@ class Prior(Extra):
             on = group.columns >= 0
             d[group.columns[on]] = step[:, : on.shape[1]][on]
         return d
-
-
-def _partials(group: Group, stored: Array) -> Array:
-    """Return the partials of the rotation in d by a rotation of each unknown, (n, 3, 3)."""
-    unknown = UNKNOWNS[group.kind]
-    out = np.empty((len(stored), 3, 3))
-    step = np.zeros((len(stored), unknown.size))
-    for j in range(3):
-        step[:, j] = STEP
-        ahead, back = (
-            unknown.local(group.reference, unknown.retract(stored, s * step)) for s in (1, -1)
-        )
-        out[:, :, j] = (ahead[:, :3] - back[:, :3]) / (2 * STEP)
-        step[:, j] = 0.0
-    return out
 
 
 class Marginal(NamedTuple):
