@@ -74,6 +74,22 @@ class Found:
     parts: tuple[Index, ...] = ()
     """The observations, in parts that do not hang together."""
 
+    @property
+    def is_disturbed(self) -> bool:
+        """Whether gross errors, or weak variables that were held, have moved it."""
+        return self.solution is not None and self.solution.sigma0 > LIMITS.disturbed
+
+    def without_blunders(self, alpha: float) -> Found:
+        """Return it where it is without what stands out, as a place to start from.
+
+        Args:
+            alpha: probability of a false alarm of the tests that find what stands out.
+        """
+        if self.solution is None or not self.is_disturbed:
+            return self
+        clean = without_blunders(self.solution, alpha)
+        return replace(self, solution=clean, start=Start.of(clean))
+
 
 class Reached(NamedTuple):
     """A network with approximate values at which it is determined."""
@@ -105,15 +121,12 @@ class Search:
     _reached: Reached | None = None
     """The local network with its approximate values; none: something has none."""
 
-    def find(self, *, blunders: bool, alpha: float, start: Solution | None) -> Found | None:
+    def find(self, *, start: Solution | None) -> Found | None:
         """Find what may enter, and where it is.
 
         None: one of several parts disagrees, or is disturbed, and they have to be looked at apart.
 
         Args:
-            blunders: whether gross errors are to be expected: the adjustment then is one without
-                what stands out, as a place to start from. It is not their test.
-            alpha: probability of a false alarm of the tests that find what stands out.
             start: where everything was, if it was; none: approximate values are found.
         """
         while len(self.counted().rows):
@@ -146,8 +159,6 @@ class Search:
                     disturbed = solution.sigma0 > LIMITS.disturbed
                     alone = isinstance(self.left.known, Nothing)
                     if not lost and (solution.converged or disturbed or not alone):
-                        if blunders and disturbed:
-                            solution = without_blunders(solution, alpha)
                         how = how_oriented(local, self.block)
                         return Found(self.left.rows, solution, self.lacks, how, Start.of(solution))
                     whys = self._disagreeing(solution.reason)
@@ -390,8 +401,6 @@ def find_in_parts(
     datum: DatumChoice,
     lacks: dict[Variable | str, str],
     *,
-    blunders: bool,
-    alpha: float,
     start: Solution | None,
 ) -> list[Found]:
     """Find what may enter of parts that hang together by open variables; see `Search`.
@@ -411,7 +420,7 @@ def find_in_parts(
         some, own = todo.pop(0), dict[Variable | str, str]()
         rows = every.only(np.sort(np.concatenate(some)))
         search = Search(rows, datum, own, several=len(some) > 1)
-        found = search.find(blunders=blunders, alpha=alpha, start=start)
+        found = search.find(start=start)
         if found is None:
             half = len(some) // 2
             todo[:0] = [some[:half], some[half:]]

@@ -40,6 +40,9 @@ from .second_minimum import smaller_minimum
 
 MOST_JUDGED = 5
 """Number of times that what enters together is judged, each time without what did not fit."""
+MOST_TO_AGREE = 1500
+"""Largest number of unknowns of a network with which arrivals that look disturbed are adjusted
+before a search for what stands out among them, which takes as long there."""
 CONTRADICT = "its observations contradict each other, and nothing tells yet which of them is wrong"
 PARALLEL = "its rays are parallel by now: there is no minimum at a finite distance"
 DISAGREE = "what enters together does not agree"
@@ -108,13 +111,20 @@ class Entering:
         """
         before, asked = self.ledger, self.system
         self._begin()
-        if self.system is not None and (entered := self._joined(self.system)) is not None:
-            return entered
+        ahead = self._agreed(self._draft(self._fronts())) if self._agrees_first() else None
+        if ahead is None:
+            self._without_blunders()
+            if self.system is not None and (entered := self._joined(self.system)) is not None:
+                return entered
         base = self._fronts()
-        if base is not None and base is not asked and (entered := self._joined(base)) is not None:
-            return entered
         doubted = base is not None and bool(base.doubt)
-        draft, ahead = self._prepared(base, doubted)
+        if ahead is not None:
+            draft = self._draft(base)
+        else:
+            other = None if base is asked else base
+            if other is not None and (entered := self._joined(other)) is not None:
+                return entered
+            draft, ahead = self._prepared(base, doubted)
         for _ in range(MOST_JUDGED):
             if not len(self.stay):
                 return Entered(self.ledger, self.system, tuple(self.verdicts))
@@ -237,12 +247,30 @@ class Entering:
         draft = self._draft(base)
         if doubted or not self._tests() or not self._stands_out():
             return draft, None
-        agreed = self._agreed(draft)
+        agreed = None if self._agrees_first() else self._agreed(draft)
         for _ in range(MOST_JUDGED if agreed is None else 0):
             if not self._judged_before(draft, base) or not len(self.stay):
                 break
             draft = self._draft(base)
         return draft, agreed
+
+    def _agrees_first(self) -> bool:
+        """Return whether what looks disturbed is adjusted with everything, to see if it agrees.
+
+        In a network that is not large that takes less time than a search for what stands out among
+        image points, and where these bend what they touch a new base is needed anyway.
+        """
+        system = self.system
+        if not isinstance(system, FrontSystem) or system.doubt or not self._tests():
+            return False
+        few = system.unknowns.n_columns <= MOST_TO_AGREE
+        disturbed = [e.rows for e in self.found if e.is_disturbed]
+        return few and any(len(self.ledger.rows.images(rows)) for rows in disturbed)
+
+    def _without_blunders(self) -> None:
+        """Let what is disturbed begin where it is without what stands out."""
+        if self.rules.policy != "accept":
+            self.found = [e.without_blunders(self.rules.alpha) for e in self.found]
 
     def _stands_out(self) -> bool:
         """Return whether something may be so wrong that it would bend what it touches."""
@@ -250,7 +278,7 @@ class Entering:
         residuals = (s.equations.residuals(s.state) for s in solutions)
         return (
             len(self.ready) > 0
-            or any(s.sigma0 > LIMITS.disturbed for s in solutions)
+            or self._is_disturbed()
             or any(np.abs(v).max() > LIMITS.gross for v in residuals)
         )
 
@@ -274,8 +302,7 @@ class Entering:
 
     def _is_disturbed(self) -> bool:
         """Return whether what enters does not agree with known variables, which are held."""
-        sigmas = (e.solution.sigma0 for e in self.found if e.solution is not None)
-        return any(s > LIMITS.disturbed for s in sigmas)
+        return any(e.is_disturbed for e in self.found)
 
     def _draft(self, base: FrontSystem | None, *, section: bool = True) -> Draft:
         """Return what is to be adjusted: a section of a large network, if that is allowed."""

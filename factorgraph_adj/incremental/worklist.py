@@ -340,8 +340,6 @@ class _Loop:
                 parts,  # of which something has just come
                 datum,
                 lacks,
-                blunders=self.rules.policy != "accept",
-                alpha=self.rules.alpha,
                 start=self.start,
             )
         self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
