@@ -54,6 +54,15 @@ class Archive:
         self._database = sqlite3.connect("", check_same_thread=False, isolation_level=None)
         self._database.executescript(TABLES)
 
+    @property
+    def size(self) -> int:
+        """Size of the database, bytes."""
+        pages, size = (
+            self._database.execute(f"PRAGMA {what}").fetchone()[0]
+            for what in ("page_count", "page_size")
+        )
+        return int(pages * size)
+
     def put(
         self,
         number: int,
