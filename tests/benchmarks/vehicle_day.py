@@ -60,7 +60,8 @@ def study(hours: float, keep: int, rays: int, together: float, journal: str | No
     inc = fga.IncrementalAdjustment(road.network(), keep=keep, journal=journal)
     print(
         f"  {'h':>5}{'photos':>8}{'median':>8}{'95 %':>7}{'max s':>7}{'CPU s':>8}{'wall s':>8}"
-        f"{'MB':>6}{'journal':>9}{'archive':>9}{'in graph':>9}{'wait':>5}{'suspects':>9}{'bound σ':>9}",
+        f"{'MB':>6}{'journal':>9}{'archive':>9}{'in graph':>9}{'wait':>5}{'suspects':>9}"
+        f"{'bound σ':>9}",
         flush=True,
     )
     out: list[Hour] = []
