@@ -54,6 +54,14 @@ def add_stream(parser: argparse.ArgumentParser) -> None:
         "as suspects)",
     )
     parser.add_argument("--datum", choices=("given", "free"), help="instead of the project's")
+    parser.add_argument(
+        "--keep",
+        type=window,
+        metavar="N",
+        help="keep the last N photos, or with N s (60s) what came in the last seconds: points, "
+        "photos and orientations that nothing later touches are retired, so that time and memory "
+        "of an arrival stay the same however long the stream is",
+    )
     add_probabilities(parser)
     parser.set_defaults(alpha=None)  # a resumed journal states its own α
     parser.add_argument(
@@ -62,6 +70,16 @@ def add_stream(parser: argparse.ArgumentParser) -> None:
         help="show counts, verdicts, weakest points and latency on the terminal",
     )
     parser.set_defaults(run=_stream, ends_with_reader=True)
+
+
+def window(text: str) -> int | float:
+    """Return what is kept: a number of photos, or seconds as a floating-point number."""
+    digits = text.strip()
+    try:
+        return float(digits[:-1]) if digits.endswith("s") else int(digits)
+    except ValueError:
+        what = f"{text!r} is neither a number of photos (60) nor of seconds (60s)"
+        raise argparse.ArgumentTypeError(what) from None
 
 
 def _stream(options: argparse.Namespace) -> int:
@@ -121,6 +139,8 @@ def _start(options: argparse.Namespace) -> Stream:
             policy=options.policy or "flag",
             alpha=alpha,
             datum=options.datum,
+            keep=options.keep if isinstance(options.keep, int) else None,
+            keep_seconds=options.keep if isinstance(options.keep, float) else None,
             journal=options.journal,
         )
     return Stream(adjustment, context=project.context, power=options.power)
@@ -153,6 +173,7 @@ def _same(adjustment: IncrementalAdjustment, project: Project, options: argparse
         ("--policy", options.policy, adjustment.policy),
         ("--alpha", options.alpha, adjustment.alpha),
         ("--datum", options.datum, ours.datum),
+        ("--keep", options.keep, adjustment.keep),
     ):
         if asked not in (None, begun):
             what = f"{name} {asked}: the journal was begun with {begun}, which cannot be changed"

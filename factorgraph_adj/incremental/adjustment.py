@@ -70,6 +70,7 @@ class IncrementalAdjustment(Results):
         datum: DatumChoice | None = None,
         engine: Engine = "auto",
         keep: int | None = None,
+        keep_seconds: float | None = None,
         start: Solution | None = None,
         journal: str | Path | None = None,
     ) -> None:
@@ -92,6 +93,8 @@ class IncrementalAdjustment(Results):
                 `retire`. Every photo sees only points of the last ``keep`` photos then; a photo
                 stays as long as a point of it does, though no longer than twice as many photos. By
                 default nothing is retired.
+            keep_seconds: the same as a time: what nothing has touched in the last seconds is
+                retired. `add` then takes the time of what arrives.
             start: a solution of the network, which saves adjusting it.
             journal: a new file to which every change is appended before it counts.
 
@@ -103,7 +106,7 @@ class IncrementalAdjustment(Results):
         self.resumed = ""
         """What `resume` found torn at the end of its journal; empty if nothing."""
         self._lock = RLock()
-        self._rules = Options(policy, alpha, accuracy, chosen, engine, keep)
+        self._rules = Options(policy, alpha, accuracy, chosen, engine, keep, keep_seconds)
         self._journal: Journal | None = None
         self._solution: tuple[IncrementalState, Solution] | None = None
         self.latest = Arrival()
@@ -178,6 +181,11 @@ class IncrementalAdjustment(Results):
         """Probability of a false alarm of one test."""
         return self._rules.alpha
 
+    @property
+    def keep(self) -> int | float | None:
+        """What is kept: a whole number of photos, or seconds; none: everything."""
+        return self._rules.keep if self._rules.keep_seconds is None else self._rules.keep_seconds
+
     def _changed(
         self,
         do: str,
@@ -205,6 +213,7 @@ class IncrementalAdjustment(Results):
         cameras: Camera | Iterable[Camera] = (),
         unknowns: UnknownsGiven | None = None,
         factors: Mapping[str, MakesFactor] | None = None,
+        time: float | None = None,
     ) -> Arrival:
         """Test observations and absorb them; what they lack, they wait for.
 
@@ -223,6 +232,9 @@ class IncrementalAdjustment(Results):
             factors: factors of your own by id, each as a function of ``key(kind, name)`` that
                 makes it, such as ``lambda key: gtsam.RangeFactor3(key("point", "A"), …)``. They
                 are observations of the kind ``factor`` from then on. Not with a journal.
+            time: when all of this came, in seconds from any moment, such as the exposure of the
+                photos; not before anything earlier. None: with the latest arrival that stated a
+                time. Only with ``keep_seconds``.
 
         Raises:
             InputError: everything that is wrong with the input; nothing has changed then.
@@ -230,8 +242,9 @@ class IncrementalAdjustment(Results):
         given = Input.of(observations, points, photos, cameras, unknowns, factors)
         if self._journal is not None:
             given.refuse_factors()
-        result = commands.add(self._state, given, self._rules)
+        result = commands.add(commands.at(self._state, time, self._rules), given, self._rules)
         new = journal_entries.entities(self._state.ledger.network, result[0].ledger.network, given)
+        new |= {} if time is None else {"time": float(time)}
         arrived = result[0].ledger.observations(self._state.ledger.rows.n)
         arrival = self._changed("add", result, new)
         self._copies.add(arrived)
@@ -365,10 +378,13 @@ class IncrementalAdjustment(Results):
 
     def _forget(self) -> None:
         """Retire what is due; where that fails, tell it, and try again some photos later."""
-        keep, ledger = self._rules.keep, self._state.ledger
-        if keep is None or len(ledger.names.photos) < self._next_try:
+        rules, ledger = self._rules, self._state.ledger
+        reached = retirement_window.extent(ledger, rules)
+        if not rules.forgets or reached < self._next_try:
             return
-        (found, between), arrival = retirement_window.due(ledger, keep), self.latest
+        if rules.keep_seconds is not None:  # time goes on, whatever is retired
+            self._next_try = reached + retirement_window.lot_of(rules)
+        (found, between), arrival = retirement_window.due(ledger, rules), self.latest
         if not found:
             return
         self._not_retired = ""
@@ -376,7 +392,8 @@ class IncrementalAdjustment(Results):
             self._retire(found, between)
         except AdjustmentError as error:  # InputError among them
             self._not_retired = f"what is due cannot be retired: {error}"
-        self._next_try = len(ledger.names.photos) + 1 if self._not_retired else 0
+        if rules.keep is not None:
+            self._next_try = reached + 1 if self._not_retired else 0
         self.latest = arrival
 
     def _retire(self, variables: Collection[Variable], between: Collection[str]) -> None:

@@ -44,6 +44,23 @@ MOST_ROUNDS = 5
 """Largest number of times that what waits is looked at before everything is at rest."""
 
 
+def at(state: IncrementalState, time: float | None, rules: Options) -> IncrementalState:
+    """Return the state at the time of what arrives; none: that of the latest arrival.
+
+    Raises:
+        InputError: the time is wrong, or nothing looks at it; or the first arrival lacks it.
+    """
+    looks = rules.keep_seconds is not None
+    if time is not None and not looks:
+        raise InputError("time= is of use with keep_seconds only, which this adjustment has not")
+    if time is not None:
+        return replace(state, ledger=state.ledger.at(time))
+    if looks and state.ledger.time is None:
+        what = "keep_seconds needs the time of what arrives, of the first arrival at least"
+        raise InputError(f"{what}: add(…, time=SECONDS)")
+    return state
+
+
 def add(state: IncrementalState, given: Input, rules: Options) -> tuple[IncrementalState, Arrival]:
     """Take observations, points, photos, cameras and other unknowns in.
 

@@ -6,7 +6,9 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..graph.dependence import Variable
+from ..ledger.arrival_time import ticks
 from ..ledger.ledger import Ledger
+from ..ledger.options import Options
 from ..ledger.row_store import GONE
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.entities import parameter_name
@@ -14,8 +16,7 @@ from ..network.network import Network
 from ..types import Array
 
 LOT = 0.25
-"""Part of the photos that are kept which are retired together: each time all that remains is
-adjusted again."""
+"""Part of what is kept that is retired together: each time all that remains is adjusted again."""
 
 
 def untouched(ledger: Ledger, since: int, *, later: int | None = None) -> list[Variable]:
@@ -74,24 +75,49 @@ def between_given(ledger: Ledger, since: int) -> list[str]:
     return [i for u in units if not any(ledger.needs(v)[0] for v in u.variables) for i in u.ids]
 
 
-def due(ledger: Ledger, keep: int) -> tuple[list[Variable], list[str]]:
-    """Return what is to be retired where the last ``keep`` photos are kept, several at once.
+def extent(ledger: Ledger, options: Options) -> float:
+    """Return how far the window reaches: its photos, or the time of the latest arrival."""
+    if options.keep_seconds is None:
+        return float(len(ledger.names.photos))
+    return 0.0 if ledger.time is None else ledger.time
+
+
+def lot_of(options: Options) -> float:
+    """Return how many photos, or the photos of how many seconds, are retired together."""
+    if options.keep_seconds is not None:
+        return LOT * options.keep_seconds
+    return max(1, round(LOT * (options.keep or 0)))
+
+
+def due(ledger: Ledger, options: Options) -> tuple[list[Variable], list[str]]:
+    """Return what is to be retired where the last photos or seconds are kept, several at once.
 
     Returns:
         The unknowns, and ids of observations between given points; none where nothing is due.
     """
-    n = len(ledger.names.photos)
-    lot = max(1, round(LOT * keep))
-    if n < keep + lot:
+    if options.keep_seconds is not None:
+        end, least = extent(ledger, options), 0.0
+        since, later = (ticks(max(0.0, end - k * options.keep_seconds)) for k in (1, 2))
+    else:
+        keep, least = options.keep or 0, lot_of(options)
+        if extent(ledger, options) < keep + least:
+            return [], []
+        since, later = (_first_of_last(ledger, k) for k in (keep, 2 * keep))
+    found = untouched(ledger, since, later=later)
+    if not found or sum(kind == "pose" for kind, _ in found) < least:
         return [], []
+    return found, between_given(ledger, since)
+
+
+def _first_of_last(ledger: Ledger, photos: int) -> int:
+    """Return the number of the command with which the first of the last photos came."""
+    n = len(ledger.names.photos)
+    if n < photos:
+        return 0
     first = np.full(n, np.iinfo(np.intp).max)
     rays = ledger.rows.images(np.flatnonzero(ledger.rows.status != GONE))
     np.minimum.at(first, ledger.rows.photo[rays], ledger.rows.arrived[rays])
-    since, later = (int(first[n - k :].min()) if n >= k else 0 for k in (keep, 2 * keep))
-    found = untouched(ledger, since, later=later)
-    if sum(kind == "pose" for kind, _ in found) < lot:
-        return [], []
-    return found, between_given(ledger, since)
+    return int(first[n - photos :].min())
 
 
 def since_of(ledger: Ledger, before: str) -> int:

@@ -160,7 +160,7 @@ class Results:
     _state: IncrementalState
     _solution: tuple[IncrementalState, Solution] | None
     _copies: CopiedBlocks
-    _next_try: int = 0
+    _next_try: float = 0.0
     _not_retired: str = ""
 
     @property

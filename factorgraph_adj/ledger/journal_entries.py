@@ -1,8 +1,9 @@
 """What stands in the lines of a journal, and how they are read back.
 
 The first line has the options and the network at the start as the files of a project. Every other
-line is one change that counts: what was asked (``do``), new points, photos, cameras and other
-``unknowns`` (records with their ``kind``), the observations that are new or changed, the ids that
+line is one change that counts: what was asked (``do``), the ``time`` of an arrival, new points,
+photos, cameras and other ``unknowns`` (records with their ``kind``), the observations that are new
+or changed, the ids that
 became ``gone``, ``accepted``, ``waiting``, ``suspect`` or ``rejected``, and why (``causes``); what
 is said of what waits (``lacks``); how photos without poses were oriented (``oriented``); which
 readings have moved points to their other sides (``sides``, all of them where that has changed);
@@ -54,7 +55,7 @@ from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Side, Verdict
 
 _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
 FIELDS = (
-    *("do", "cameras", "points", "unknowns", "photos", "observations", "images"),
+    *("do", "time", "cameras", "points", "unknowns", "photos", "observations", "images"),
     *("gone", *OUTCOMES, "causes", "lacks", "found", "unweighted", "oriented", "sides"),
     *("retired", "taken_back", "estimates", "vtpv"),
 )
@@ -296,6 +297,8 @@ def reading(where: str) -> Iterator[None]:
 
 
 def _after(line: Mapping[str, Any], ledger: Ledger, where: str) -> Ledger:
+    if "time" in line:
+        ledger = ledger.at(line["time"])
     cameras = [camera_of(c) for c in line.get("cameras", ())]
     points = [point_of(p, frame=ledger.network.frame) for p in line.get("points", ())]
     photos = [photo_of(f, frame=ledger.network.frame) for f in line.get("photos", ())]

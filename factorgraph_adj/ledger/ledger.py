@@ -27,6 +27,7 @@ from ..network.selection import without
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..observations.identity import identity, named
 from ..types import Array, Index
+from .arrival_time import checked, ticks
 from .retired import Retired
 from .row_store import CODE, GONE, Names, Room, Rows, Unit
 from .verdicts import OUTCOMES, Outcome, Side, Verdict
@@ -59,7 +60,9 @@ class Ledger:
     sizes: dict[Variable, tuple[int, int]] = field(default_factory=dict)
     """What `needs` has found for this network."""
     clock: int = 1
-    """Number of the command in hand."""
+    """Number of the command in hand; where arrivals have times, not less than `ticks` of its."""
+    time: float | None = None
+    """Time of the latest arrival that stated one, seconds."""
     retired: Retired | None = None
     """What stands for all that was retired; none: nothing was."""
 
@@ -81,6 +84,11 @@ class Ledger:
         return cls(bare, Names.of(bare), rows.with_more(Room(network.images), "accepted"))
 
     # -- arrivals -----------------------------------------------------------------------------
+
+    def at(self, time: float) -> Ledger:
+        """Return the ledger when something arrives at a time, see `arrival_time.checked`."""
+        found = checked(time, self.time)
+        return replace(self, time=found, clock=max(self.clock, ticks(found)))
 
     def with_entities(
         self,

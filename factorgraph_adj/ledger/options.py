@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from numbers import Real
 from typing import Literal, TypeAlias, get_args
 
 from ..errors import InputError, Problem, known
 from ..network.network import DatumChoice
+from .arrival_time import MIN_SECONDS, is_seconds
 from .verdicts import Outcome, Policy
 
 POLICIES = ("accept", "flag", "reject")
@@ -33,6 +35,8 @@ class Options:
     """What carries the arrivals: iSAM2, fronts, or what suits the network."""
     keep: int | None = None
     """Number of photos that are kept, the last ones; none: all are."""
+    keep_seconds: float | None = None
+    """Seconds, the last ones, whose arrivals are kept; none: all are."""
 
     def __post_init__(self) -> None:
         """Refuse options that make no sense, all together."""
@@ -51,15 +55,28 @@ class Options:
         if self.engine not in ENGINES:
             valid = known(ENGINES, meant=self.engine)
             problems.append(Problem(f"unknown engine {self.engine!r}; valid: {valid}"))
-        if self.keep is not None:
-            if not isinstance(self.keep, int) or isinstance(self.keep, bool) or self.keep < 1:
-                what = "a whole number of photos, 1 or more, or None: all are kept"
-                problems.append(Problem(f"keep must be {what}; not {self.keep!r}"))
-            elif self.datum == "free":
-                what = "its datum is that of all datum points"
-                problems.append(Problem(f"keep: nothing of a free network can be retired, {what}"))
-        if problems:
+        if problems := [*problems, *self._problems_of_window()]:
             raise InputError(problems)
+
+    def _problems_of_window(self) -> Iterator[Problem]:
+        """Yield what is wrong with what is kept."""
+        keep, seconds = self.keep, self.keep_seconds
+        if keep is not None and (not isinstance(keep, int) or isinstance(keep, bool) or keep < 1):
+            what = "a whole number of photos, 1 or more, or None: all are kept"
+            yield Problem(f"keep must be {what}; not {keep!r}")
+        if seconds is not None and not is_seconds(seconds, least=MIN_SECONDS):
+            what = f"{MIN_SECONDS} or more, or None: everything is kept"
+            yield Problem(f"keep_seconds must be {what}; not {seconds!r}")
+        if keep is not None and seconds is not None:
+            yield Problem("give either keep, a number of photos, or keep_seconds, not both")
+        if self.forgets and self.datum == "free":
+            what = "its datum is that of all datum points"
+            yield Problem(f"keep: nothing of a free network can be retired, {what}")
+
+    @property
+    def forgets(self) -> bool:
+        """Whether anything is retired by itself."""
+        return self.keep is not None or self.keep_seconds is not None
 
     @property
     def failed(self) -> Outcome:

@@ -21,6 +21,8 @@ such as σ of a new point before the observation, are null.
 ``add``               ``observations``, ``points``, ``photos``, ``cameras``, ``unknowns``: lists of
                       records with the fields of the tables and of [[camera]]; at least one of
                       them. ``kind`` tells the table of an unknown: frame, mount, drift, …
+                      ``time``: seconds at which they came, where ``--keep`` counts seconds;
+                      what has none counts as coming with the latest that has one.
                       One error refuses all. Observations with a joint covariance are one record
                       ``{"kind": "correlated", "observations": […], "covariance_si": [[…]]}``
 ``solution``          figures of the adjustment, ``second_places`` (why a converged result is in
@@ -238,10 +240,10 @@ class Stream:
         given = requests.each(row, "observations", lambda f: requests.observation(f, context))
         if not row.problems and not (given or points or photos or cameras or stated):
             row.wrong("nothing to add: give observations, points, photos, cameras or unknowns")
-        unknowns = requests.by_kind(row, stated)
+        unknowns, time = requests.by_kind(row, stated), row.number("time")
         requests.fine(row)
         arrival = self.adjustment.add(
-            given, points=points, photos=photos, cameras=cameras, unknowns=unknowns
+            given, points=points, photos=photos, cameras=cameras, unknowns=unknowns, time=time
         )
         self.context = context
         return self.answers.arrival(arrival)
@@ -351,7 +353,9 @@ class Stream:
 
 
 COMMANDS: dict[str, Command] = {
-    "add": Command(Stream._add, ("observations", "points", "photos", "cameras", "unknowns")),
+    "add": Command(
+        Stream._add, ("observations", "points", "photos", "cameras", "unknowns", "time")
+    ),
     "solution": Command(Stream._solution),
     "estimate": Command(Stream._estimate, ("point", "photo", "camera")),
     "reliability": Command(Stream._reliability, ("alpha", "power", "most")),

@@ -296,6 +296,22 @@ def test_a_free_network_can_be_asked_for(tmp_path, here):
     assert answers[-1]["datum_defect"] > 0
 
 
+def test_what_came_in_the_last_seconds_is_kept(tmp_path, here):
+    project = write(tmp_path, YARD | {"points.csv": POINTS + "D,,,,\n"})
+    later = [{**o, "id": f"{o['id']} D", "target": "D"} for o in ARRIVALS[1:4]]
+    lines = lines_of(
+        {"do": "add", "observations": list(ARRIVALS), "time": 0.0},
+        {"do": "add", "observations": later, "time": 100.0},
+        {**ARRIVALS[6], "id": "h2"},
+        {"do": "add", "observations": [{**later[2], "id": "s4 D"}], "time": 50.0},
+        {"do": "add", "observations": [{**later[2], "id": "s4 D"}]},
+    )
+    answers = here(project, "--keep", "60s", lines=lines)[1]
+    assert [a["ok"] for a in answers[1:]] == [True, True, False, False, True]
+    assert "point 'C' was retired" in answers[3]["error"][0]["what"]
+    assert "must not be before that of an earlier one" in answers[4]["error"][0]["what"]
+
+
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
@@ -303,6 +319,9 @@ def test_a_free_network_can_be_asked_for(tmp_path, here):
         (("--alpha", "0.9"), "--alpha 0.9 must be less than --power 0.8"),
         (("--alpha", "2"), "'2' is not a probability between 0 and 1"),
         (("--policy", "guess"), "invalid choice: 'guess'"),
+        (("--keep", "soon"), "'soon' is neither a number of photos (60) nor of seconds (60s)"),
+        (("--keep", "0"), "keep must be a whole number of photos, 1 or more"),
+        (("--keep", "0s"), "keep_seconds must be 0.001 or more"),
         (("--journal", "nowhere/at/all.jsonl"), "nowhere/at/all.jsonl: cannot be opened"),
         (("--journal", "none.jsonl", "--resume"), "none.jsonl: cannot be opened: no such file"),
     ],
@@ -406,6 +425,9 @@ def test_a_journal_of_another_project_or_with_other_options_is_refused(yard, tmp
     )
     assert code == 2
     assert "the journal has no point 'E': it is not one of this project" in err
+    code, _, told = here(yard, "--journal", journal, "--resume", "--keep", "60")
+    assert code == 2
+    assert "--keep 60: the journal was begun with None" in told
     for stated in ("--policy reject", "--alpha 0.01", "--datum free"):
         assert f"{stated}: the journal was begun with" in err
     same = here(

@@ -239,12 +239,75 @@ def test_what_nothing_has_touched_since_an_observation_is_retired():
     assert inc.redundancy == batch.redundancy
 
 
-def vehicle(journal: Path, seconds: float = 19.0) -> tuple[fga.IncrementalAdjustment, fga.Solution]:
-    """Return a survey vehicle that keeps six photos, and the batch adjustment of its drive."""
+def timed(journal: Path | None = None, *, engine: str = "auto") -> fga.IncrementalAdjustment:
+    """Return a traverse whose readings come every ten seconds; those of 25 seconds are kept."""
+    inc = fga.IncrementalAdjustment(
+        traverse(POINTS),
+        engine=engine,  # type: ignore[arg-type]
+        keep_seconds=25.0,
+        journal=journal,
+    )
+    for number, (_, found) in enumerate(observed(POINTS)):
+        inc.add(found[:1], time=10.0 * number)
+        inc.add(found[1:])  # at the same time
+    return inc
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_nothing_has_touched_for_some_seconds_is_retired_by_itself(engine):
+    batch, inc = everything(), timed(engine=engine)
+    assert inc.keep == 25.0
+    gone = [f"P{i}" for i in range(2, 6)]
+    left = [f"P{i}" for i in (0, 1, *range(6, POINTS))]
+    assert all(inc.last_estimate(name) is not None for name in gone)
+    assert all(inc.determined(name) for name in left)
+    assert off(inc, batch, left) < ACCURACY
+    assert inc.redundancy == batch.redundancy
+    inc.settle(all=True)
+    assert off(inc, batch, list(points_of(POINTS))) < 1e-6
+
+
+def test_a_journal_resumes_with_the_times_of_arrivals(tmp_path):
+    inc = timed(tmp_path / "journal")
+    said = repr(inc)
+    del inc
+    again = fga.IncrementalAdjustment.resume(tmp_path / "journal")
+    assert repr(again) == said
+    assert again.keep == 25.0
+    new = SlopeDistance("P10", "P11", 50.0, sigma=0.5)
+    with pytest.raises(fga.InputError, match="must not be before that of an earlier one"):
+        again.add(new, time=1.0)
+    again.add(new)
+    retired = again.retired.points
+    again.add(SlopeDistance("P10", "P11", 50.0, sigma=0.5), time=1000.0)
+    assert again.retired.points > retired
+    assert again.determined("P11")
+    again.settle(all=True)
+    assert again.determined("P2")
+
+
+def test_times_of_arrivals_are_those_of_a_window_of_seconds():
+    network, found = traverse(POINTS), next(iter(observed(POINTS)))[1]
+    inc = fga.IncrementalAdjustment(network, keep_seconds=60)
+    with pytest.raises(fga.InputError, match="needs the time of what arrives, of the first"):
+        inc.add(found)
+    for time in (-1.0, np.nan, np.inf, "10", True):
+        with pytest.raises(fga.InputError, match="must be from 0 to 1e\\+11 seconds"):
+            inc.add(found, time=time)
+    assert len(inc) == 0
+    with pytest.raises(fga.InputError, match="of use with keep_seconds only"):
+        fga.IncrementalAdjustment(network, keep=5).add(found, time=1.0)
+
+
+def vehicle(
+    journal: Path, seconds: float = 19.0, **window: float
+) -> tuple[fga.IncrementalAdjustment, fga.Solution]:
+    """Return a survey vehicle that keeps its last photos, and the batch adjustment of its drive."""
     drive = Drive(seconds, rays=25, seed=2)
-    inc = fga.IncrementalAdjustment(drive.network(), keep=6, journal=journal)
+    inc = fga.IncrementalAdjustment(drive.network(), journal=journal, **window)  # type: ignore[arg-type]
     for event in drive.events():
-        inc.add(event.observations, points=event.points, photos=event.photos)
+        at = {"time": event.time} if "keep_seconds" in window else {}
+        inc.add(event.observations, points=event.points, photos=event.photos, **at)
     whole = fga.IncrementalAdjustment(inc.network(), start=inc.solution(), policy="accept")
     whole.settle()
     return inc, whole.solution()
@@ -253,8 +316,9 @@ def vehicle(journal: Path, seconds: float = 19.0) -> tuple[fga.IncrementalAdjust
 @pytest.mark.slow(
     "photos that retire by themselves, their journal and what is taken back; others retire by hand"
 )
-def test_a_vehicle_keeps_its_last_photos_and_is_that_of_the_whole_drive(tmp_path):
-    inc, batch = vehicle(tmp_path / "drive")
+@pytest.mark.parametrize("window", [{"keep": 6}, {"keep_seconds": 6.0}])
+def test_a_vehicle_keeps_its_last_photos_and_is_that_of_the_whole_drive(tmp_path, window):
+    inc, batch = vehicle(tmp_path / "drive", **window)
     assert inc.retired.photos >= 4
     assert len(inc.solution().network.photos) == 19 - inc.retired.photos
     left = [n for n in inc.solution().network.points if n in batch.network.points]
@@ -303,6 +367,16 @@ def test_what_is_kept_is_a_number_of_photos(keep):
         fga.IncrementalAdjustment(fga.Network("empty"), keep=keep)
     with pytest.raises(fga.InputError, match="free network"):
         fga.IncrementalAdjustment(fga.Network("empty"), keep=5, datum="free")
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1, np.nan, np.inf, True, "60"])
+def test_what_is_kept_is_a_time(seconds):
+    with pytest.raises(fga.InputError, match=r"keep_seconds must be 0\.001 or more"):
+        fga.IncrementalAdjustment(fga.Network("empty"), keep_seconds=seconds)
+    with pytest.raises(fga.InputError, match=r"either keep.*or keep_seconds, not both"):
+        fga.IncrementalAdjustment(fga.Network("empty"), keep=5, keep_seconds=60)
+    with pytest.raises(fga.InputError, match="free network"):
+        fga.IncrementalAdjustment(fga.Network("empty"), keep_seconds=5, datum="free")
 
 
 def test_a_solution_file_has_the_rows_of_what_was_retired(tmp_path):
