@@ -32,6 +32,7 @@ from ..network.entities import Key, parameter_name
 from ..network.network import Network
 from ..network.selection import keep_entities
 from ..solve.marginalisation import NAME, marginalised
+from ..solve.missed_step import MOVES, NOTHING_MISSED, MissedStep
 from ..solve.prior import Group, Prior
 from ..types import Array, Index
 from .retirement_window import is_stated, stated_at
@@ -81,19 +82,15 @@ class Rest(NamedTuple):
 
     prior: Prior
     """Linear rows."""
-    missed: float = 0.0
-    """As in `Retired`."""
-    curvature: float = 0.0
-    """As in `Retired`."""
-    sigma: Array = np.zeros(0)
-    """As in `Retired`."""
+    missed: MissedStep = NOTHING_MISSED
+    """What they miss."""
 
     @classmethod
     def of(cls, retired: Retired | None) -> Rest:
         """Return what was said until now."""
         if retired is None:
             return cls(Prior(r=np.zeros((0, 0)), z=np.zeros(0), name=NAME))
-        return cls(retired.prior, retired.missed, retired.curvature, retired.sigma)
+        return cls(retired.prior, retired.missed)
 
     def fields(self) -> dict[str, Any]:
         """Return what the journal says of it."""
@@ -109,8 +106,13 @@ class Rest(NamedTuple):
             for g in self.prior.groups
         ]
         rows = {"r": r.tolist(), "z": z.tolist(), "apart": self.prior.apart}
-        bound = {"missed": self.missed, "curvature": self.curvature, "sigma": self.sigma.tolist()}
-        return {"groups": groups, "width": r.shape[1], **rows, **bound}
+        missed = {
+            "sigma": self.missed.sigma.tolist(),
+            "gradients": self.missed.gradients.tolist(),
+            "lengths": self.missed.lengths.tolist(),
+            "older": self.missed.older,
+        }
+        return {"groups": groups, "width": r.shape[1], **rows, "missed": missed}
 
     @classmethod
     def read(cls, fields: Mapping[str, Any]) -> Rest:
@@ -127,8 +129,13 @@ class Rest(NamedTuple):
         r = np.array(fields["r"], dtype=float).reshape(-1, int(fields["width"]))
         z: Array = np.array(fields["z"], dtype=float)
         prior = Prior(groups=groups, r=r, z=z, apart=int(fields["apart"]), name=NAME)
-        sigma: Array = np.array(fields["sigma"], dtype=float)
-        return cls(prior, float(fields["missed"]), float(fields["curvature"]), sigma)
+        told = fields["missed"]
+        sigma, gradients, lengths = (
+            np.array(told[name], dtype=float) for name in ("sigma", "gradients", "lengths")
+        )
+        shape = len(lengths), len(sigma), MOVES
+        missed = MissedStep(sigma, gradients.reshape(shape), lengths, float(told["older"]))
+        return cls(prior, missed)
 
 
 def retire(
@@ -298,11 +305,9 @@ def _marginal(draft: Draft, leaving: Leaving, before: Retired | None) -> Rest:
             gone.append(unknowns.columns(kind, number))
     rows = _rows_of(equations, leaving.variables)
     rows = np.unique(np.concatenate([rows, *equations.find(leaving.between)]))
-    found = marginalised(normal, rows, gone, None if before is None else before.prior)
-    missed = 0.0
-    if before is not None:
-        missed = found.carried * before.missed_at(equations, draft.start.state)
-    return Rest(found.prior, missed, found.missed, found.sigma)
+    if before is None:
+        return Rest(*marginalised(normal, rows, gone))
+    return Rest(*marginalised(normal, rows, gone, before.prior, before.missed))
 
 
 def _rows_of(equations: Equations, variables: Collection[Variable]) -> Index:

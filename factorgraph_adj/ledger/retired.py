@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from ..errors import Problem
 from ..graph.dependence import Variable
 from ..graph.equations import Equations
@@ -15,8 +13,8 @@ from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import FREE_ORIENTATION, Key, Photo, Point, parameter_name
 from ..network.network import Network
 from ..observations import Observation
+from ..solve.missed_step import NOTHING_MISSED, MissedStep
 from ..solve.prior import Prior
-from ..types import Array
 from .archive import Archive, LastEstimate
 
 TAKES_BACK = "settle(all=True) takes everything back"
@@ -40,25 +38,12 @@ class Retired:
     """Number of observations that were in the graph."""
     found: tuple[tuple[VariableKind, Key], ...] = ()
     """Unknowns of the prior that nobody has to state, such as orientations."""
-    missed: float = 0.0
-    """Step that the linear rows of the retirements before the last have missed, relative to σ."""
-    curvature: float = 0.0
-    """Step that the rows of the last one miss for the square of the length of a movement of what
-    remains."""
-    sigma: Array = field(default_factory=lambda: np.zeros(0))
-    """σ of the unknowns of the prior at that moment, (m,)."""
+    missed: MissedStep = NOTHING_MISSED
+    """What the linear rows miss."""
 
     def missed_at(self, equations: Equations, state: State) -> float:
-        """Return the step that the linear rows miss at a state, relative to σ.
-
-        It grows with the square of the length √Σ(d/σ)² of the movement d of the unknowns of the
-        prior since the last retirement, see `factorgraph_adj.solve.marginalisation`.
-        """
-        if not len(self.sigma):
-            return self.missed
-        on = self.sigma > 0
-        moved = self.prior.movement(equations, state)[on] / self.sigma[on]
-        return self.missed + self.curvature * float(moved @ moved)
+        """Return the step that the linear rows miss at a state, relative to σ."""
+        return self.missed.at(self.prior.movement(equations, state))
 
     def last_estimate(self, variable: Variable) -> LastEstimate | None:
         """Return what was known of an unknown when it was retired; none: it was not."""

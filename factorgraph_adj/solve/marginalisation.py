@@ -11,10 +11,7 @@ so that whatever T is, R takes up the upper rows, and the lower ones are left as
 movement d of T from where the network stood (`factorgraph_adj.solve.prior.Prior`). Estimates and
 cofactors of T are those of the whole network, where the rows are linear.
 
-The linear rows hold near where they were made. What they miss where T has moved by one σ is seen at
-a few movements that other observations make, which R follows: √(gᵀQg) of the gradient g that the
-linear forms of the rows miss there, see `factorgraph_adj.solve.drift`, bounds the step that is
-missed, relative to σ. It grows with the square of the movement.
+The linear rows hold near where they were made; `solve.missed_step` says what they miss elsewhere.
 
 vᵀPv and the redundancy stay: of n rows that u unknowns left, n − u count, however few are kept, and
 their sum of squares at the minimum of T is |z|².
@@ -30,8 +27,8 @@ from scipy.linalg import qr
 from scipy.sparse import csr_array
 
 from ..types import Array, Index
-from .drift import missed
-from .linear import ExtraRows, LinearisedEquations
+from .linear import ExtraRows
+from .missed_step import NOTHING_MISSED, MissedStep, missed_step
 from .normal import NormalEquations
 from .prior import Prior, groups_of
 from .singular import SingularError
@@ -40,10 +37,6 @@ WEAKEST = 1e-13
 """Smallest pivot, relative to the largest partial of its rows, of a determined unknown."""
 
 
-MOVES = 3
-"""Number of movements at which linear rows are compared with what they stand for."""
-SEED = 1
-"""Seed of these movements."""
 NAME = "retired observations"
 """Name of the rows."""
 
@@ -53,14 +46,8 @@ class Marginalised(NamedTuple):
 
     prior: Prior
     """They."""
-    carried: float
-    """Largest part of a change of the rows of an earlier marginalisation that these rows take
-    over; 1 at most, 0 where there was none."""
-    missed: float
-    """Step that is missed, relative to σ, for the square of the length of a movement of what
-    remains: √Σ(d/σ)²."""
-    sigma: Array
-    """σ of the unknowns of the prior when the rows were made, (m,); 0 for held components."""
+    missed: MissedStep
+    """What they miss, and those of earlier marginalisations."""
 
 
 class _Rows(NamedTuple):
@@ -75,7 +62,11 @@ class _Rows(NamedTuple):
 
 
 def marginalised(
-    normal: NormalEquations, rows: Index, gone: Sequence[Index], before: Prior | None
+    normal: NormalEquations,
+    rows: Index,
+    gone: Sequence[Index],
+    before: Prior | None = None,
+    missed: MissedStep = NOTHING_MISSED,
 ) -> Marginalised:
     """Eliminate unknowns.
 
@@ -84,6 +75,7 @@ def marginalised(
         rows: all rows that touch the unknowns.
         gone: columns of each of the unknowns.
         before: the earlier marginalisation; none: there was none.
+        missed: what its rows, and those before them, miss.
 
     Raises:
         SingularError: an unknown is not determined to working precision.
@@ -96,41 +88,8 @@ def marginalised(
     last = np.concatenate([held[:0], *(c for c in own if np.isin(c, held).any())])
     left = _eliminated(system.sparse(rows), system.residual[rows], first)
     counted = len(rows) - sum(map(len, own)) + (0 if before is None else before.n_rows)
-    prior, columns, carried = _together(normal, left, earlier, last, counted)
-    return Marginalised(prior, carried, *_missed(normal, rows, columns, before))
-
-
-def _missed(
-    normal: NormalEquations, rows: Index, columns: Index, before: Prior | None
-) -> tuple[float, Array]:
-    """Return what linear rows miss for the square of the length of a movement, and the σ in it.
-
-    Args:
-        normal: the network.
-        rows: the rows that become linear.
-        columns: columns of the unknowns that remain, (m,).
-        before: rows of an earlier marginalisation, which become linear again.
-    """
-    here, unknowns = normal.system, normal.system.unknowns
-    n, every = here.equations.n_rows, len(here.every_residual)
-    factor = normal.factorise(np.zeros(unknowns.n_columns))
-    unit = np.zeros((unknowns.n_columns, len(columns)))
-    unit[columns, np.arange(len(columns))] = unknowns.free[columns]
-    sigma = np.sqrt(np.maximum(np.sum(unit * factor.solve(unit), axis=0), 0.0))
-    others = np.ones(every, dtype=bool)
-    others[rows], others[n:] = False, False
-    noise = np.random.default_rng(SEED).standard_normal((every, MOVES)) * others[:, None]
-    largest = 0.0
-    for movement in factor.solve(here.transposed(noise)).T:
-        state = unknowns.retract(here.state, movement)
-        extra = () if before is None else before.at(here.equations, state).rows
-        there = LinearisedEquations(here.equations, state, extra)
-        g = missed(here, there, movement, np.flatnonzero(others))
-        left = float(np.sqrt(max(float(g @ factor.solve(g[:, None])[:, 0]), 0.0)))
-        on = sigma > 0
-        length = float(np.linalg.norm(movement[columns][on] / sigma[on]))
-        largest = max(largest, left / length**2 if length > 0 else 0.0)
-    return largest, sigma
+    prior, columns = _together(normal, left, earlier, last, counted)
+    return Marginalised(prior, missed_step(normal, rows, columns, before, missed))
 
 
 def _eliminated(a: csr_array, v: Array, order: Sequence[Index]) -> list[_Rows]:
@@ -169,7 +128,7 @@ def _together(
     earlier: Sequence[ExtraRows],
     last: Index,
     counted: int,
-) -> tuple[Prior, Index, float]:
+) -> tuple[Prior, Index]:
     """Eliminate what an earlier marginalisation touches, and keep as few rows as there can be.
 
     Args:
@@ -180,10 +139,10 @@ def _together(
         counted: number of rows that count in the redundancy.
 
     Returns:
-        The rows that are kept, the columns that they touch, and `Marginalised.carried`.
+        The rows that are kept, and the columns that they touch.
     """
     joint = _stacked([*(_Rows(e.columns, e.a, e.residual) for e in earlier), *parts], last)
-    n, n_before = len(last), sum(len(e.residual) for e in earlier)
+    n = len(last)
     own: Array = np.zeros((len(joint.v), 0))
     upper: Array = np.zeros((0, len(joint.columns)))
     if joint.a.size:
@@ -197,13 +156,12 @@ def _together(
     columns, r, z = joint.columns[n:], upper[n:, n:], z[n:]
     if counted > len(z):  # what no movement changes
         r, z = np.vstack([r, np.zeros(r.shape[1])]), np.append(z, rest)
-    carried = np.linalg.norm(own[:n_before, n:], 2) if n_before and len(z) else 0.0
     every, places = _whole(normal, columns)
     wide = np.zeros((len(z), len(every)))
     wide[:, places] = r
     groups, apart = groups_of(normal, every), counted - len(z)
     prior = Prior(groups=groups, r=wide, z=z, apart=apart, name=NAME)
-    return prior, every, float(carried)
+    return prior, every
 
 
 def _whole(normal: NormalEquations, columns: Index) -> tuple[Index, Index]:

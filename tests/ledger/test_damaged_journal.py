@@ -71,7 +71,7 @@ CASES = {
         1,
         "options",
         None,
-        "the options must be accuracy, alpha, datum, engine, keep, policy",
+        "the options must be accuracy, alpha, datum, engine, keep, keep_seconds, policy",
     ),
     "another option": (1, "options", {"3ccuracy": 0.01}, "the options must be accuracy, alpha"),
     "no files": (1, "files", None, "the line has no files of a network"),
