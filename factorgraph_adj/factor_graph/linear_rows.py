@@ -117,7 +117,11 @@ class LinearRows:
         """Give observations their places, and note their rows by sort."""
         equations, state = arriving
         tables = equations.unknowns.tables
-        places = {kind: self._numbers(kind, table, state[kind]) for kind, table in tables.items()}
+        places = {
+            kind: self._numbers(kind, table, state[kind])
+            for kind, table in tables.items()
+            if table.names
+        }
         group = np.full(equations.n_rows, -1)
         for number, cluster in enumerate(equations.clusters):
             group[cluster.rows] = number
@@ -181,7 +185,8 @@ class LinearRows:
         there = len(mine.number)
         names = mine.number
         out = np.array([names.setdefault(n, len(names)) for n in table.names], dtype=np.intp)
-        self._extend(mine, table, values, np.flatnonzero(out >= there))
+        if len(names) > there:
+            self._extend(mine, table, values, np.flatnonzero(out >= there))
         return out
 
     def _extend(self, mine: Table, table: Variables, values: Array, new: Index) -> None:

@@ -51,6 +51,10 @@ class Together:
         out[free] = self._spread[np.ix_(self._at(columns[free]), self.rows[i])]
         return out
 
+    def partials(self, columns: Index) -> Array:
+        """Return the whitened partials by columns that they touch, (k, m)."""
+        return np.asarray(self.a[:, self._at(columns)])
+
     def variance(self, columns: Index) -> Array:
         """Return the variances of columns that they touch (−1: held, 0), (m,)."""
         out = np.zeros(len(columns))

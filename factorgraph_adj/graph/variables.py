@@ -7,17 +7,17 @@ constants of the observations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
 
 from ..models.variables import ROTATION, UNKNOWNS, UnknownKind, VariableKind
-from ..network.entities import Camera, Parameter, parameter_name
+from ..network.entities import Camera, Key, Parameter, parameter_name
 from ..network.network import Network
 from ..types import Array, Index, Mask
 from .scales import calibration_scales
@@ -106,6 +106,11 @@ class Unknowns:
         self.tables: dict[VariableKind, Variables] = {}
         first = 0
         for kind, table in tables.items():
+            if not table.free.any():
+                held = bool((table.offset < 0).all())
+                nowhere = np.full(len(table.names), -1, dtype=np.intp)
+                self.tables[kind] = table if held else replace(table, offset=nowhere)
+                continue
             active = table.free.any(axis=1)
             columns = np.where(active, table.size, 0)
             offset = first + np.cumsum(columns) - columns
@@ -113,7 +118,8 @@ class Unknowns:
             self.tables[kind] = replace(table, offset=placed)
             first += int(columns.sum())
         self.n_columns = first
-        self.free = np.concatenate([t.free[t.has_column] for t in self.tables.values()])
+        some = [t for t in self.tables.values() if (t.offset >= 0).any()]
+        self.free = np.concatenate([np.zeros(0, dtype=bool), *(t.free[t.has_column] for t in some)])
         self.n_unknowns = int(self.free.sum())
 
     def freed(self, held: Mapping[VariableKind, Mask]) -> Unknowns:
@@ -130,6 +136,18 @@ class Unknowns:
                 for kind, table in self.tables.items()
             }
         )
+        return out
+
+    def holding(self, known: Callable[[VariableKind, str], bool]) -> Unknowns:
+        """Return the unknowns with all components held of those that are known."""
+        out = copy(self)
+        out.__dict__.pop("size_at", None)
+        tables = dict(self.tables)
+        for kind, table in self.tables.items():
+            if table.free.any():
+                open_ = np.array([not known(kind, name) for name in table.names], dtype=bool)
+                tables[kind] = replace(table, free=table.free & open_[:, None])
+        out._place(tables)
         return out
 
     @cached_property
@@ -393,9 +411,17 @@ def _calibrations(network: Network) -> _Raw:
     return names, values, np.array([len(c.values) for c in cameras], dtype=np.intp), free, sigma
 
 
-def _parameters(network: Network, kind: UnknownKind) -> _Raw:
+@cache
+def _unstated(kind: VariableKind) -> _Raw:
+    """Arrange the parameters of a kind of which a network states none."""
+    out = _parameters(UNKNOWNS[kind], {})
+    for array in out[1:]:
+        array.flags.writeable = False
+    return out
+
+
+def _parameters(kind: UnknownKind, stated: Mapping[Key, Parameter]) -> _Raw:
     """Arrange the parameters of one kind, the default first."""
-    stated = network.parameters.get(kind.name, {})
     entries = {parameter_name(key): p for key, p in stated.items()}
     if kind.default is not None:
         k = kind.size
@@ -425,4 +451,7 @@ _ENTITIES = {"point": _points, "pose": _poses, "calibration": _calibrations}
 
 def _laid_out(network: Network, kind: VariableKind) -> _Raw:
     entities = _ENTITIES.get(kind)
-    return _parameters(network, UNKNOWNS[kind]) if entities is None else entities(network)
+    if entities is not None:
+        return entities(network)
+    stated = network.parameters.get(kind)
+    return _parameters(UNKNOWNS[kind], stated) if stated else _unstated(kind)

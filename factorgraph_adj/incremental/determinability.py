@@ -73,6 +73,9 @@ class Found:
     """Where they are; none: nothing enters."""
     parts: tuple[Index, ...] = ()
     """The observations, in parts that do not hang together."""
+    equations: Equations | None = None
+    """They and the observations between known variables that enter too, with what is known as it
+    was described; none: that has not been compiled."""
 
     @property
     def is_disturbed(self) -> bool:
@@ -179,20 +182,28 @@ class Search:
                 self.left = self.left.only(well_determined(self.left))
         return Found(NO_ROWS, None, self.lacks)
 
-    def at_once(self) -> Found:
+    def at_once(self, ready: Index = NO_ROWS) -> Found:
         """Find what may enter without an adjustment of its own, because all of it is determined.
 
         Its readings lead to approximate values of everything, from what is known. Nothing enters
         where something takes a closer look, and where cameras see it: see `find`.
+
+        Args:
+            ready: observations between known variables that are to be compiled with them.
         """
         nothing = Found(NO_ROWS, None, self.lacks)
         rows = self.left.rows
         if len(self.counted().rows) < len(rows) or len(self.left.ledger.rows.images(rows)):
             return nothing
         with suppress(AdjustmentError, OverflowError):
-            if (local := self._excerpt()) is None:
+            known = self.left.known
+            every = np.union1d(rows, ready)
+            local = excerpt(self.left.ledger, known, every, datum=self.datum, hold=False)
+            if not (placed(local) or len(self.left.beside_known)):
                 return nothing
-            equations = compile_rows(local)
+            compiled = compile_rows(local)
+            held = compiled.unknowns.holding(known.known)
+            equations = replace(compiled, unknowns=held)
             origin, problems = reach(equations, datum=self.datum)
             if problems:
                 return nothing
@@ -204,8 +215,8 @@ class Search:
                     near = gauss_newton_steps(system)
                 if near is None:
                     return nothing
-                start = Start(equations.unknowns, near, origin)
-                return Found(rows, None, self.lacks, start=start)
+                start = Start(held, near, origin)
+                return Found(rows, None, self.lacks, start=start, equations=compiled)
         return nothing
 
     def determined(self) -> tuple[Candidates, Reached | None]:

@@ -151,7 +151,13 @@ class Entering:
         assert self.system is not None
         self._begin()
         found = engines.joined_at_once(
-            self.system, self.ledger, self.stay, self._starts(), self.new, self._fits
+            self.system,
+            self.ledger,
+            self.stay,
+            self._starts(),
+            self.new,
+            self._fits,
+            self.found[0].equations if len(self.found) == 1 else None,
         )
         return None if found is None else self._entered(*found)
 

@@ -333,7 +333,8 @@ class _Loop:
         left = Search(candidates.only(several), datum, lacks).counted(touched)
         parts = [p for p in left.only(left.late).parts() if np.isin(p, late).any()]
         if at_once:
-            found = [Search(left.only(p), datum, lacks).at_once() for p in parts]
+            ready = candidates.ready if len(parts) == 1 else NO_ROWS
+            found = [Search(left.only(p), datum, lacks).at_once(ready) for p in parts]
         else:
             found = find_in_parts(
                 left,

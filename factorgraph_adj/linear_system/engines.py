@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
+from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
 from ..ledger.candidates import Candidates, Nothing
 from ..ledger.ledger import Ledger
@@ -180,6 +181,7 @@ def joined_at_once(
     starts: Sequence[Start],
     new: Collection[Variable],
     fits: Callable[[Tested], bool],
+    equations: Equations | None = None,
 ) -> tuple[LinearSystem, Joint] | None:
     """Join observations with new variables that need no local adjustment before: in iSAM2 alone.
 
@@ -192,10 +194,11 @@ def joined_at_once(
         starts: values of the variables that enter with them.
         new: these.
         fits: returns whether tests show no gross error.
+        equations: the observations alone; none: they have not been compiled.
     """
     if not isinstance(system, ISAM2System):
         return None
-    joint = system.entered(ledger, rows, starts)
+    joint = system.entered(ledger, rows, starts, equations)
     if joint is None or not fits(joint.tested()):
         return None
     after = system.after(joint, ledger)

@@ -28,8 +28,7 @@ from ..ledger.options import Options
 from ..ledger.row_store import Unit
 from ..models.variables import VariableKind
 from ..quality.leave_out import Tested
-from ..solve.ambiguous_points import standing_free, weakest_directions
-from ..solve.linear import LinearisedEquations
+from ..solve.ambiguous_points import WEAK, standing_free
 from ..solve.mirrors import mirror_midpoints
 from ..solve.run import Looked
 from ..solve.solution import Solution
@@ -231,13 +230,20 @@ class ISAM2System:
 
     # -- what arrives -------------------------------------------------------------------------
 
-    def entered(self, ledger: Ledger, rows: Index, found: Sequence[Start]) -> EnteredRows | None:
+    def entered(
+        self,
+        ledger: Ledger,
+        rows: Index,
+        found: Sequence[Start],
+        equations: Equations | None = None,
+    ) -> EnteredRows | None:
         """Put observations into the tree; none where it cannot take them.
 
         Args:
             ledger: the ledger with them.
             rows: the observations.
             found: where the variables are that enter with them.
+            equations: the observations alone; none: they have not been compiled.
 
         Raises:
             InputError: names observations whose geometry has no answer.
@@ -247,7 +253,8 @@ class ISAM2System:
         units = ledger.units(rows)
         if any(o.kind == "factor" for unit in units for o in unit.observations):
             return None
-        equations = compile_rows(excerpt(ledger, self, rows, hold=False))
+        if equations is None:
+            equations = compile_rows(excerpt(ledger, self, rows, hold=False))
         state = equations.unknowns.start()
         moving = equations.unknowns.moving()
         for start in found:
@@ -374,9 +381,13 @@ class EnteredRows:
         candidates = standing_free(equations) & mine
         if not candidates.any():
             return False
+        for number in np.flatnonzero(candidates).tolist():
+            columns = self.tree.columns("point", unknowns["point"].names[number])
+            a = self.together.partials(columns[columns >= 0])
+            values = np.linalg.eigvalsh(a.T @ a)
+            if values[0] < WEAK * values[-1]:
+                return True
         state = self.tree.carried(unknowns, unknowns.start())
-        if len(weakest_directions(LinearisedEquations(equations, state), candidates).points):
-            return True
         return bool(mirror_midpoints(equations, state, candidates))
 
     def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:

@@ -43,8 +43,8 @@ def mirror_midpoints(equations: Equations, state: State, candidates: Mask) -> di
         if not some.any():
             continue
         if before is None:
-            before = _own_squares(equations, state, state["point"], candidates)
-        there = _own_squares(equations, state, 2.0 * middles - state["point"], some)
+            before = _squares(equations, state)
+        there = _own_squares(equations, state, 2.0 * middles - state["point"], some, before)
         for n in np.flatnonzero(some & (there < before + MISFIT)).tolist():
             out.setdefault(n, middles[n])
     return out
@@ -101,10 +101,27 @@ def _middles(equations: Equations, state: State, candidates: Mask) -> Iterator[t
         yield middles, found
 
 
-def _own_squares(equations: Equations, state: State, places: Array, some: Mask) -> Array:
+def _squares(equations: Equations, state: State) -> Array:
+    """Return vᵀPv of the observations of every point, (points,); see `_own_squares`."""
+    out = np.zeros(len(state["point"]))
+    for place, block in enumerate(equations.blocks):
+        ends = [index for kind, index in block.variables if kind == "point"]
+        if place in equations.rays or not ends:
+            continue
+        v = block.evaluate(equations.network.frame, state, jacobians=False).residual
+        squares = np.sum(block.whiten(v) ** 2, axis=1)
+        for index in ends:
+            np.add.at(out, index, squares)
+    return out
+
+
+def _own_squares(
+    equations: Equations, state: State, places: Array, some: Mask, before: Array
+) -> Array:
     """Return vᵀPv of the observations of points, each alone at its place, (points,).
 
-    Correlations between observations are not counted; infinite: no value there.
+    Correlations between observations are not counted; infinite: no value there. A point of which
+    vᵀPv has grown by `MISFIT` needs no further observations.
     """
     n = len(some)
     out = np.zeros(n)
@@ -113,7 +130,10 @@ def _own_squares(equations: Equations, state: State, places: Array, some: Mask) 
         if place in equations.rays:
             continue
         for j, (kind, index) in enumerate(block.variables):
-            rows: Index = np.flatnonzero(some[index]) if kind == "point" else np.zeros(0, np.intp)
+            if kind != "point":
+                continue
+            fitting = some & (out < before + MISFIT)
+            rows: Index = np.flatnonzero(fitting[index])
             if not len(rows):
                 continue
             part = block.select(rows)
