@@ -57,6 +57,8 @@ class IncrementalState:
     """Whether nothing has changed since it was at rest."""
     renewal: Renewal | None = None
     """A new base in the making; none: there is none."""
+    refused: engines.Refused | None = None
+    """What there was of the network when iSAM2 refused it; none: it has not."""
 
     @cached_property
     def fronts(self) -> FrontSystem | None:
@@ -137,13 +139,16 @@ def absorb(
         InputError: names observations whose geometry has no answer.
     """
     begun = in_chosen_engine(state, rules) if growing else state
-    return _Loop(begun, list(tasks), rules, start, growing).run()
+    after, told = _Loop(begun, list(tasks), rules, start, growing).run()
+    return (replace(after, refused=begun.refused) if begun.refused else after), told
 
 
 def in_chosen_engine(state: IncrementalState, rules: Options) -> IncrementalState:
     """Return a state whose network is in the engine that the options choose, if it suits it."""
-    system = engines.chosen(state.system, state.ledger, rules)
-    return state if system is state.system else replace(state, system=system)
+    system, refused = engines.chosen(state.system, state.ledger, rules, state.refused)
+    if system is state.system and refused == state.refused:
+        return state
+    return replace(state, system=system, refused=refused)
 
 
 class _Loop:

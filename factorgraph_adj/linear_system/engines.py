@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
@@ -33,11 +35,58 @@ if TYPE_CHECKING:
     import gtsam
 
 
-def chosen(system: LinearSystem | None, ledger: Ledger, rules: Options) -> LinearSystem | None:
-    """Return a system in the engine that the options choose, where it suits the network."""
+class Refused(NamedTuple):
+    """What there was of a network when iSAM2 refused it, without which it would do so again.
+
+    Cholesky's factorisation in iSAM2 refuses a weak datum: further observations between what is
+    known do not strengthen it, as long as they say nothing of where the network is.
+    """
+
+    n_variables: int
+    """Number of the variables that observations touch, constants among them."""
+    n_free: int
+    """Number of its unknown components."""
+    n_placing: int
+    """Number of observations and weights that say where it is."""
+
+    @classmethod
+    def of(cls, system: FrontSystem, ledger: Ledger) -> Refused:
+        """Return what there is of a network."""
+        equations = system.base.equations
+        beside = [unit for _, unit in ledger.rows.units(ledger.find(system.joined))]
+        touched: set[Variable] = {v for unit in beside for v in unit.variables}
+        for block in equations.blocks:
+            for kind, index in block.variables:
+                names = equations.unknowns[kind].names
+                touched |= {(kind, names[i]) for i in np.unique(index).tolist()}
+        placing = sum(b.n for b in equations.blocks if b.prior or b.fixes != "nothing")
+        placing += sum(o.record.fixes != "nothing" for unit in beside for o in unit.observations)
+        return cls(len(touched), equations.unknowns.n_unknowns, placing)
+
+
+def chosen(
+    system: LinearSystem | None, ledger: Ledger, rules: Options, refused: Refused | None = None
+) -> tuple[LinearSystem | None, Refused | None]:
+    """Return a system in the engine that the options choose, where it suits the network.
+
+    Args:
+        system: the system.
+        ledger: what is in it.
+        rules: the options.
+        refused: what there was of the network when iSAM2 refused it last; none: it has not.
+
+    Returns:
+        The system, and what there is of it where iSAM2 refuses it.
+    """
     if not isinstance(system, FrontSystem) or rules.engine == "fronts":
-        return system
-    return ISAM2System.of(system, ledger, rules) or system
+        return system, None
+    if not ISAM2System.suits(system, rules):
+        return system, refused
+    now = None if refused is None else Refused.of(system, ledger)
+    if now is not None and now == refused:
+        return system, refused
+    found = ISAM2System.of(system, ledger, rules)
+    return (system, now or Refused.of(system, ledger)) if found is None else (found, None)
 
 
 def in_fronts(system: LinearSystem | None) -> FrontSystem | None:

@@ -68,19 +68,23 @@ class ISAM2System:
         self._mark: Mark | None = None
         self.doubt = ""
 
-    @classmethod
-    def of(cls, system: FrontSystem, ledger: Ledger, rules: Options) -> ISAM2System | None:
-        """Put a network into iSAM2; none where fronts are better, or where the tree is not."""
+    @staticmethod
+    def suits(system: FrontSystem, rules: Options) -> bool:
+        """Return whether a network is one for iSAM2."""
         base = system.base
-        if (
+        return not (
             system.section is not None
             or system.doubt
             or not base.converged
             or rules.datum == "free"
             or base.extra.rows
             or base.equations.n_rays > _most_rays(rules)
-        ):
-            return None
+        )
+
+    @classmethod
+    def of(cls, system: FrontSystem, ledger: Ledger, rules: Options) -> ISAM2System | None:
+        """Put a network into iSAM2; none where iSAM2 refuses it."""
+        base = system.base
         tree = Tree(base.equations.network.frame, accuracy=SHARE * rules.accuracy)
         equations, state = base.equations, base.state
         if system.changed:

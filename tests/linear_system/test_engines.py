@@ -8,6 +8,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.factor_graph.linear_rows import Arriving
 from factorgraph_adj.factor_graph.tree import IndeterminateError, Tree
 from factorgraph_adj.observations import (
     Azimuth,
@@ -134,3 +135,34 @@ def test_fronts_take_over_where_a_tree_is_lost_and_cannot_be_planted_anew(
     batch = fga.adjust(inc.network(), tolerance=1e-10)
     assert inc.estimate("Q") == pytest.approx(batch.point("Q"), abs=1e-8)
     assert inc.standard_deviations("Q") == pytest.approx(batch.standard_deviations("Q"), rel=1e-6)
+
+
+def test_a_network_that_isam2_refuses_is_put_into_it_again_only_when_its_datum_is_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Rises to 0.1 mm beside a height that is known to 10 m: Cholesky refuses that."""
+    network = fga.Network("levels")
+    network.add_point("A", (0.0, 0.0, 10.0), fixed="xy", sigma=10.0)
+    network.add_point("B", (0.0, 50.0, 9.0), fixed="xyz")
+    for name in ("P", "Q"):
+        network.add_point(name, (50.0, 0.0, 10.0), fixed="xy")
+    network.add(HeightDifference("A", "P", 1.0, sigma=1e-4))
+    network.add(HeightDifference("P", "Q", 0.5, sigma=1e-4))
+    tried: list[int] = []
+    enter = Tree.enter
+
+    def counted(self: Tree, arrivals: list[Arriving]) -> Index:
+        tried.append(len(arrivals))
+        return enter(self, arrivals)
+
+    monkeypatch.setattr(Tree, "enter", counted)
+    inc = fga.IncrementalAdjustment(network, engine="isam2")
+    assert inc.engine == "fronts" and len(tried) == 1
+    for rise in (1.5, 1.5001, 1.4999):
+        inc.add(HeightDifference("A", "Q", rise, sigma=1e-4))
+    assert inc.engine == "fronts" and len(tried) == 1
+    inc.add(HeightDifference("P", "B", -2.0, sigma=1e-4))
+    inc.add(HeightDifference("A", "Q", 1.5, sigma=1e-4))
+    assert inc.engine == "isam2" and len(tried) == 3
+    batch = fga.adjust(inc.network(), tolerance=1e-10)
+    assert inc.estimate("Q")[2] == pytest.approx(batch.point("Q")[2], abs=1e-9)
