@@ -163,7 +163,7 @@ class _Loop:
         growing: bool,
     ) -> None:
         self.state, self.tasks, self.rules, self.start = state, tasks, rules, start
-        self.growing = growing
+        self.growing, self.grown = growing, False
         self.told: Verdicts = {}
         self.given = {i for t in tasks for i in state.ledger.ids_of(t.rows)}
         self.fixed: Index = np.concatenate([NO_ROWS, *(t.fixed for t in tasks)])
@@ -252,7 +252,7 @@ class _Loop:
         self.state = replace(self.state, system=found)
 
     def _fitting_by_now(self, before: LinearSystem | None) -> Index:
-        """Return suspects that may fit now that a base is new.
+        """Return suspects that may fit now that everything is linearised anew.
 
         Beside a new section only those are looked at of which it has everything.
         """
@@ -260,11 +260,13 @@ class _Loop:
         if self.rules.policy != "flag" or (system is not None and system.doubt):
             return NO_ROWS
         suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(self.told))
-        if not isinstance(system, FrontSystem) or not isinstance(before, FrontSystem):
+        if system is None or before is None or not len(suspects):
             return NO_ROWS
-        if system.has_base_of(before):
+        if not engines.linearised_anew(before, system, grown=self.grown):
             return NO_ROWS
-        return Candidates(ledger, known_in(replace(system, section=None)), suspects).ready
+        if isinstance(system, FrontSystem):
+            system = replace(system, section=None)
+        return Candidates(ledger, known_in(system), suspects).ready
 
     # -- one task -----------------------------------------------------------------------------
 
@@ -376,6 +378,7 @@ class _Loop:
         before = self.state
         self.told |= {v.id: v for v in result.verdicts}
         self.state = IncrementalState(_with_oriented(result, found), result.system, settled=False)
+        self.grown = self.grown or bool(result.new)
         if result.system is None:
             return
         # What lies between constants has waited for anything, and while there was no minimum
