@@ -32,7 +32,7 @@ from .run import Looked, Run
 from .runaway_points import points_without_place
 from .second_start import better_of_both
 from .shapes_anew import MOST_TRIED, look_at_shapes
-from .sides import refuse_points_behind
+from .sides import ended_behind, refuse_points_behind
 from .solution import Solution
 from .start import Start
 from .starts_on_lines import LIGHT_WEIGHT, MOST_BESIDE, beside_lines, rows_on_lines
@@ -176,7 +176,13 @@ def _adjust_from_one(
         refuse_unnoticed(run, run.at_solution)
     if run.datum is not None:
         ended = _carry_to_datum_points(run, ended, tolerance)
-    refuse_points_behind(run.equations, run.state)
+    if passed := ended_behind(run.equations, start.state, run.state):
+        why = passed if ended.converged else f"{ended.reason}; {passed}"
+        gross = ended.vtpv > GROSS**2 * run.equations.n_rows and GROSS_END not in why
+        why = f"{why}; {GROSS_END}" if gross else why
+        ended = replace(ended, converged=False, reason=why)
+    else:
+        refuse_points_behind(run.equations, run.state)
     relative = variance == "a-posteriori"
     if ended.converged and run.damped and _fits_badly(run, weights, relative=relative):
         ended = replace(ended, reason=f"{ended.reason}; {LOWER_MINIMUM_POSSIBLE}")

@@ -1,4 +1,9 @@
-"""Points in front of their cameras: steps keep them in front, and solutions are checked for it."""
+"""Points in front of their cameras: steps keep them in front, and solutions are checked for it.
+
+Steps keep the sign of principal distances, too, and take no more than half of one: with c = 0 all
+image points are at the principal point, which is a minimum of its own, and beyond it images are
+mirrored.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +13,9 @@ from ..errors import InputError, Problem
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..types import Mask
+
+MOST_SHORTENED = 0.5
+"""Largest part of a principal distance that a step may take."""
 
 
 def behind(equations: Equations, state: State) -> Mask:
@@ -28,8 +36,10 @@ def before_the_cameras(equations: Equations, state: State, moved: State) -> Stat
         moved: the state after the step.
 
     Returns:
-        The state after the step; none: the cameras themselves pass points.
+        The state after the step; none: the cameras themselves pass points, or shorten too much.
     """
+    if not _keeps_principal_distances(equations, state, moved):
+        return None
     now = behind(equations, moved)
     if not now.any():
         return moved
@@ -43,6 +53,38 @@ def before_the_cameras(equations: Equations, state: State, moved: State) -> Stat
     kept: State = {**moved, "point": points}
     still = behind(equations, kept) & ~behind(equations, state)
     return None if still.any() else kept
+
+
+def _keeps_principal_distances(equations: Equations, state: State, moved: State) -> bool:
+    """Return whether a step leaves enough of each principal distance."""
+    unknowns, before = equations.unknowns, state["calibration"]
+    if not (equations.rays and before.size):
+        return True
+    ratio = moved["calibration"][:, 0] / np.where(before[:, 0] == 0.0, np.nan, before[:, 0])
+    shorter = np.flatnonzero(ratio < 1.0 - MOST_SHORTENED).tolist()
+    return not any(unknowns.component_names("calibration", i)[0] == "c" for i in shorter)
+
+
+def ended_behind(equations: Equations, start: State, state: State) -> str:
+    """Say which points an iteration has taken behind cameras that saw them; empty: none.
+
+    Args:
+        equations: the network.
+        start: the state in which it began.
+        state: the state in which it ended.
+    """
+    labels = []
+    for place, chunks in equations.rays.items():
+        passed = np.flatnonzero((chunks.depths(state) <= 0) & (chunks.depths(start) > 0))
+        labels += [equations.blocks[place].labels(i) for i in passed[:1].tolist()] * len(passed)
+    if not labels:
+        return ""
+    if len(labels) == 1:
+        return f"the point of {labels[0]} ended behind the camera, which saw it at the start"
+    what = (
+        f"the points of {len(labels)} image points ended behind cameras that saw them at the start"
+    )
+    return f"{what}, such as {labels[0]}"
 
 
 def refuse_points_behind(equations: Equations, state: State) -> None:

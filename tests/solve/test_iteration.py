@@ -19,7 +19,12 @@ from factorgraph_adj.solve.damping import DAMPING, Damping
 from factorgraph_adj.solve.determine import drifting, name_overflow, refuse_unnoticed
 from factorgraph_adj.solve.iterate import iterate, step_from
 from factorgraph_adj.solve.run import Run
-from factorgraph_adj.solve.sides import before_the_cameras, behind, refuse_points_behind
+from factorgraph_adj.solve.sides import (
+    before_the_cameras,
+    behind,
+    ended_behind,
+    refuse_points_behind,
+)
 from factorgraph_adj.solve.start import approximate_start
 from factorgraph_adj.solve.step import Attempt, Step
 from factorgraph_adj.solve.stopping import (
@@ -332,6 +337,26 @@ def test_a_camera_that_passes_its_points_has_no_state() -> None:
     pose = state["pose"].copy()
     pose[0, 11] = -1.0
     assert before_the_cameras(equations, state, {**state, "pose": pose}) is None
+
+
+@pytest.mark.parametrize(("part", "kept"), [(0.6, True), (0.4, False), (-1.0, False), (9.0, True)])
+def test_a_step_leaves_half_of_a_principal_distance(part: float, kept: bool) -> None:
+    network, state = one_photo()
+    moved = {**state, "calibration": state["calibration"] * [part, 1.0, 1.0]}
+    found = before_the_cameras(compile_network(network), state, moved)
+    assert (found is moved) is kept
+    assert kept or found is None
+
+
+def test_an_iteration_says_which_points_it_has_taken_behind_cameras() -> None:
+    network, state = one_photo()
+    equations = compile_network(network)
+    assert ended_behind(equations, state, state) == ""
+    far = {**state, "point": state["point"] + [0.0, 0.0, 30.0]}
+    assert ended_behind(equations, state, far) == (
+        "the point of image f P ended behind the camera, which saw it at the start"
+    )
+    assert ended_behind(equations, far, state) == ""
 
 
 def test_points_behind_their_camera_are_refused_by_name() -> None:

@@ -88,15 +88,28 @@ def test_a_mistake_in_a_block_is_named(mistake: str) -> None:
     assert named(made(facade(1))) == said
 
 
+@pytest.mark.parametrize("seed", [3, 6])
+def test_a_wrong_sign_ends_no_adjustment_at_a_camera_without_principal_distance(seed: int) -> None:
+    """With c = 0 all image points are at the principal point, which is a minimum of its own."""
+    solution = fga.adjust(wrong_sign(facade(seed, held=False)))
+    assert solution.converged
+    assert 0.25 * FOCAL < solution.calibration("camera")["c"] < FOCAL
+
+
+def test_an_adjustment_that_takes_points_behind_cameras_ends_in_no_error() -> None:
+    """Its cause can then be looked for, whichever end rounding lets it take."""
+    solution = fga.adjust(wrong_x(facade(4, held=False)), max_iterations=40)
+    assert not solution.converged
+
+
 @pytest.mark.slow(
     "exchanged control, other seeds and a free camera; short tests take one seed each"
 )
 @pytest.mark.parametrize("held", [True, False])
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_mistakes_are_named_with_a_held_and_with_a_free_camera(mistake: str, held: bool) -> None:
-    """With seed 3 and a wrong sign rounding decides whether points end behind their cameras."""
     made, said = MISTAKES[mistake]
-    for seed in (2, 5):
+    for seed in (2, 3):
         assert named(made(facade(seed, held=held))) == said
 
 
