@@ -21,6 +21,8 @@ hour      [SECONDS [cpu] [gross] [keep=N] [rays=N]]: the stream of a survey vehi
           photo with 500 rays every second; whether the incremental adjustment keeps up (an hour or
           longer). With cpu in CPU seconds, with gross 0.5 per cent of the rays are grossly wrong,
           with keep the last N photos are kept
+vehicle_day is a command of its own, python -m tests.benchmarks.vehicle_day: a day of that vehicle,
+          86 400 photos with few rays, of which the last ones are kept (an hour)
 retirement is a command of its own, python -m tests.benchmarks.retirement: that vehicle with few
           rays, its last photos kept, against the batch adjustment of everything
 runs      2 000 repetitions of the industry block in 1 and 2 processes and on a local Dask cluster
