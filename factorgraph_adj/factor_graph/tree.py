@@ -243,8 +243,7 @@ class Tree(LinearRows):
             IndeterminateError: the rest is too weak for Cholesky; `restore` brings the tree back.
         """
         self.version = next(_VERSIONS)
-        slots = self._slot.values[units]
-        units = units[slots >= 0]
+        slots = self._slot.values[units]  # units between constants have none, and count
         _, sort, row = self._members_of(units)
         for each, rows, _ in self._by_sort(sort, row):
             self._weigh(each, rows, -1.0)
