@@ -52,10 +52,9 @@ def test_what_is_told_of_a_network_is_that_of_its_batch_adjustment(
     change: Callable[[IncrementalAdjustment], object],
 ):
     inc = levelled()
-    for _ in range(2):
-        batch = fga.adjust(inc.network())
-        assert inc.redundancy == batch.redundancy
-        assert inc.n_observations == batch.n_observations
-        assert inc.vtpv == pytest.approx(batch.vtpv, rel=1e-9, abs=1e-12)
-        assert inc.solution().redundancy == batch.redundancy
-        change(inc)
+    change(inc)
+    batch = fga.adjust(inc.network())
+    assert inc.redundancy == batch.redundancy
+    assert inc.n_observations == batch.n_observations
+    assert inc.vtpv == pytest.approx(batch.vtpv, rel=1e-9, abs=1e-12)
+    assert inc.solution().redundancy == batch.redundancy
