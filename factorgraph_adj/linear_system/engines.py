@@ -78,6 +78,9 @@ def chosen(
     Returns:
         The system, and what there is of it where iSAM2 refuses it.
     """
+    if isinstance(system, ISAM2System) and system.outgrown:
+        with suppress(AdjustmentError):
+            return system.fronts.prepared(), None
     if not isinstance(system, FrontSystem) or rules.engine == "fronts":
         return system, None
     if not ISAM2System.suits(system, rules):

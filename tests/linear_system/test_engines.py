@@ -10,6 +10,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.factor_graph.linear_rows import Arriving
 from factorgraph_adj.factor_graph.tree import IndeterminateError, Tree
+from factorgraph_adj.linear_system import isam2_system
 from factorgraph_adj.observations import (
     Azimuth,
     HeightDifference,
@@ -52,6 +53,27 @@ def test_fronts_carry_it_where_they_are_asked_for() -> None:
 def test_photos_and_free_networks_are_for_fronts() -> None:
     photos = fga.IncrementalAdjustment(images_only(), datum="free", engine="auto")
     assert photos.engine == "fronts"
+
+
+def test_a_network_that_has_grown_large_is_for_fronts_which_answer_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(isam2_system, "MAX_UNKNOWNS_CHOSEN", 3)
+    chosen, asked = levels(engine="auto"), levels(engine="isam2")
+    engines = []
+    for k in range(3):
+        new = fga.Point(f"new {k}", (50.0, 0.0, 10.0), fixed="xy")
+        reading = HeightDifference("Q", new.name, 0.1 * k, sigma=0.001)
+        for inc in (chosen, asked):
+            inc.add(
+                [reading, HeightDifference("A", new.name, 1.5 + 0.1 * k, sigma=0.002)], points=new
+            )
+        engines.append((chosen.engine, asked.engine))
+        for name in ("Q", new.name):
+            assert chosen.estimate(name) == pytest.approx(asked.estimate(name), abs=1e-9)
+            assert chosen.covariance(name) == pytest.approx(asked.covariance(name), abs=1e-12)
+        assert chosen.redundancy == asked.redundancy
+    assert engines == [("isam2", "isam2"), ("isam2", "isam2"), ("fronts", "isam2")]
 
 
 def test_the_live_tree_is_given_as_a_copy() -> None:
