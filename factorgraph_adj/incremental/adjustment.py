@@ -14,7 +14,7 @@ from ..graph.dependence import Variable
 from ..graph.made import MakesFactor
 from ..io.journal import Journal
 from ..ledger import journal_entries
-from ..ledger.input import Input, ids_in, listed
+from ..ledger.command_input import Input, ids_in, listed
 from ..ledger.ledger import Ledger
 from ..ledger.options import Engine, Options
 from ..ledger.verdicts import Policy
@@ -27,14 +27,14 @@ from ..solve.solution import Solution
 from ..validate.preliminary.copied_blocks import CopiedBlocks
 from . import commands, retirement, retirement_window
 from .arrival import Arrival
-from .initial_adjustment import begin
+from .initial_adjustment import initial_state
 from .recorded_estimates import RecordedEstimates
 from .resumption import resumed
-from .state_queries import Results
+from .state_queries import StateQueries
 from .worklist import IncrementalState
 
 
-class IncrementalAdjustment(Results):
+class IncrementalAdjustment(StateQueries):
     """A network that is adjusted while its observations arrive.
 
     Every observation is predicted from all others and tested before it counts; what is not
@@ -114,7 +114,7 @@ class IncrementalAdjustment(Results):
         self._copies, self._recorded = CopiedBlocks(), RecordedEstimates()
         own = network.copy()
         own.datum = chosen
-        self._state = begin(Ledger.of(own), self._rules, start)
+        self._state = initial_state(Ledger.of(own), self._rules, start)
         self._copies.add(self._state.ledger.observations())
         if journal is not None:
             line = self._recorded.next_line(Ledger.of(own), self._state, everything=True)
@@ -274,7 +274,7 @@ class IncrementalAdjustment(Results):
         Raises:
             InputError: no such id, or what is wrong with the observation; nothing has changed.
         """
-        result = commands.put_in_place(self._state, id, observation, self._rules)
+        result = commands.replace_observation(self._state, id, observation, self._rules)
         return self._changed("replace", result)
 
     @one_at_a_time
@@ -370,9 +370,9 @@ class IncrementalAdjustment(Results):
         between: list[str] = []
         if before is not None:
             ledger = self._state.ledger
-            since = retirement_window.since_of(ledger, before)
+            since = retirement_window.command_of(ledger, before)
             wanted += retirement_window.untouched(ledger, since)
-            between = retirement_window.between_given(ledger, since)
+            between = retirement_window.observations_between_given(ledger, since)
         if wanted or between:
             self._retire(dict.fromkeys(wanted), between)
 
@@ -384,7 +384,7 @@ class IncrementalAdjustment(Results):
             return
         if rules.keep_seconds is not None:  # time goes on, whatever is retired
             self._next_try = reached + retirement_window.lot_of(rules)
-        (found, between), arrival = retirement_window.due(ledger, rules), self.latest
+        (found, between), arrival = retirement_window.due_for_retirement(ledger, rules), self.latest
         if not found:
             return
         self._not_retired = ""

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..ledger.candidates import Candidates, known_in
-from ..ledger.row_store import CODE
+from ..ledger.row_store import OUTCOME_CODE
 from ..ledger.verdicts import Verdict
-from ..linear_system.test_statistics import untested
+from ..linear_system.test_decisions import untested
 from ..models.variables import UNKNOWNS
 from ..types import Index
 from .worklist import IncrementalState, Verdicts
@@ -73,12 +73,14 @@ def arrival_of(
     every = told | {v.id: v for v in _verdicts_of_waiting(after, late)}
     verdicts = [every[i] for i in ids if i in every]
     others = then.find(i for i in told if i not in ids)
-    out = [CODE["waiting"], CODE["suspect"], CODE["rejected"]]
+    out = [OUTCOME_CODE["waiting"], OUTCOME_CODE["suspect"], OUTCOME_CODE["rejected"]]
     waited = then.ids_of(others[np.isin(then.rows.status[others], out)])
     rows = ledger.find(waited)
-    changed = ledger.rows.status[rows] != CODE["waiting"]
+    changed = ledger.rows.status[rows] != OUTCOME_CODE["waiting"]
     # A suspect that was tested again, and is still one, is not told again.
-    still = np.isin(rows, then.having("suspect")) & (ledger.rows.status[rows] == CODE["suspect"])
+    still = np.isin(rows, then.having("suspect")) & (
+        ledger.rows.status[rows] == OUTCOME_CODE["suspect"]
+    )
     inside = ledger.ids_of(rows[changed & ~still])
     both = set(inside).intersection(waited).difference(ids)
     entered = [v for i, v in told.items() if i in both]
@@ -87,7 +89,7 @@ def arrival_of(
     entered = [replace(v, cause=back) if v.id in left_out else v for v in entered]
     # Rows of the state before have kept their numbers.
     was = then.having("accepted")
-    left = then.ids_of(was[ledger.rows.status[was] != CODE["accepted"]])
+    left = then.ids_of(was[ledger.rows.status[was] != OUTCOME_CODE["accepted"]])
     wait = set(ledger.ids_of(ledger.rows.among(ledger.find(left), "waiting")))
     waits = tuple(i for i in left if i not in ids and i in wait)
     return Arrival((*verdicts, *entered), waits, dict(ledger.oriented))

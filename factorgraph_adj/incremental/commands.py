@@ -13,15 +13,15 @@ from ..graph.made import FactorModel, observation_of
 from ..graph.partials import refuse_wrong_partials
 from ..graph.variables import Unknowns
 from ..ledger.candidates import Candidates, known_in
-from ..ledger.input import Input, ids_in, listed
+from ..ledger.command_input import Input, ids_in, listed
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
-from ..ledger.row_store import CODE
+from ..ledger.row_store import OUTCOME_CODE
 from ..ledger.verdicts import DISCARDED, SNOOPED
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.rebase import Draft, solution_of
 from ..linear_system.section_choice import in_pieces
-from ..linear_system.test_statistics import untested
+from ..linear_system.test_decisions import untested
 from ..network.entities import parameter_name
 from ..network.network import Network
 from ..network.selection import weighted_unknowns
@@ -34,13 +34,13 @@ from ..solve.solution import Solution
 from ..types import Index
 from .arrival import Arrival, arrival_of
 from .initial_adjustment import settled
-from .readmission import measured_again, readmitted
-from .removal import take_out
-from .worklist import IncrementalState, Task, Verdicts, absorb
+from .readmission import readmitted, remeasured
+from .removal import remove_observations
+from .worklist import IncrementalState, Task, Verdicts, worked_off
 
-MOST_WEIGHT = 1e12
+MAX_WEIGHT_FACTOR = 1e12
 """Largest factor by which a weight may be multiplied; its inverse is the smallest."""
-MOST_ROUNDS = 5
+MAX_SETTLING_ROUNDS = 5
 """Largest number of times that what waits is looked at before everything is at rest."""
 
 
@@ -82,7 +82,7 @@ def add(state: IncrementalState, given: Input, rules: Options) -> tuple[Incremen
     if placed := [("point", p.name) for p in points if p.name in state.ledger.network.points]:
         waiting = Candidates(ledger, known_in(state.system), state.ledger.having("waiting"))
         tasks.append(Task(waiting.touching(placed)))
-    after, told = absorb(replace(state, ledger=ledger), tasks, rules, growing=True)
+    after, told = worked_off(replace(state, ledger=ledger), tasks, rules, growing=True)
     if given.factors:
         _refuse_wrong_partials(after, made, Unknowns(described), rules)
     after = _with_weighted(after, given.variables, rules)
@@ -121,7 +121,7 @@ def remove(
     return after, arrival_of(state, after, told, (), "remove")
 
 
-def put_in_place(
+def replace_observation(
     state: IncrementalState, ident: str, observation: Observation, rules: Options
 ) -> tuple[IncrementalState, Arrival]:
     """Put a new observation in the place of another, under the same id.
@@ -131,11 +131,11 @@ def put_in_place(
     """
     known_ids(state, ids_in([ident]))
     (observation,) = listed([observation], "single observation", Observation)
-    out = take_out(state, [ident], rules, "replaced")
+    out = remove_observations(state, [ident], rules, "replaced")
     ledger, rows = out.state.ledger.taken([named(observation, ident)])
     tasks = [Task(rows, asked=True), *out.tasks]
     begun = replace(out.state, ledger=ledger)
-    after, told = absorb(begun, tasks, rules, start=out.start)
+    after, told = worked_off(begun, tasks, rules, start=out.start)
     after, told = readmitted(after, told, rules)
     return after, arrival_of(state, after, told, [ident], "replace")
 
@@ -149,20 +149,21 @@ def reweight(
         InputError: unknown ids, or a bad factor.
     """
     wanted = known_ids(state, ids_in(ids))
-    if not isinstance(factor, Real) or not 1.0 / MOST_WEIGHT <= factor <= MOST_WEIGHT:
-        what = f"the factor of weights must be between {1 / MOST_WEIGHT:g} and {MOST_WEIGHT:g}"
+    if not isinstance(factor, Real) or not 1.0 / MAX_WEIGHT_FACTOR <= factor <= MAX_WEIGHT_FACTOR:
+        least = f"{1 / MAX_WEIGHT_FACTOR:g}"
+        what = f"the factor of weights must be between {least} and {MAX_WEIGHT_FACTOR:g}"
         raise InputError(f"{what}, not {factor!r}")
     before = state.ledger
     rows = before.find(wanted)
     every = before.ids_of(rows)
     by = 1.0 / factor**0.5
     scaled = [u.scaled(by) for u in before.units(rows)]
-    out = take_out(state, every, rules, "reweighted")
+    out = remove_observations(state, every, rules, "reweighted")
     ledger, again = out.state.ledger.taken(scaled)
-    fixed = again[before.rows.status[rows] == CODE["accepted"]]
+    fixed = again[before.rows.status[rows] == OUTCOME_CODE["accepted"]]
     tasks = [Task(again, fixed, asked=True), *out.tasks]
     begun = replace(out.state, ledger=ledger)
-    after, told = absorb(begun, tasks, rules, start=out.start)
+    after, told = worked_off(begun, tasks, rules, start=out.start)
     after, told = readmitted(after, told, rules)
     return after, arrival_of(state, after, told, every, "reweight")
 
@@ -189,7 +190,7 @@ def accept(
     if problems:
         raise InputError(problems)
     ledger = ledger.moved(rows, "waiting", "accepted by hand")
-    after, told = absorb(replace(state, ledger=ledger), [Task(rows, rows, asked=True)], rules)
+    after, told = worked_off(replace(state, ledger=ledger), [Task(rows, rows, asked=True)], rules)
     after, told = readmitted(after, told, rules)
     return after, arrival_of(state, after, told, ledger.ids_of(rows), "accept")
 
@@ -271,11 +272,11 @@ def snooped(
 def settle(state: IncrementalState, rules: Options) -> tuple[IncrementalState, Arrival]:
     """Go to rest, and look once more at everything that waits, and at what was left out."""
     after, told = settled(state, rules), Verdicts()
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_SETTLING_ROUNDS):
         waiting = after.ledger.having("waiting")
         if not len(waiting):
             break
-        after, more = absorb(after, [Task(waiting)], rules)
+        after, more = worked_off(after, [Task(waiting)], rules)
         told |= more
         if not after.settled:
             after = settled(after, rules)
@@ -314,8 +315,8 @@ def _without(
     state: IncrementalState, ids: Sequence[str], rules: Options, *, cause: str = "removed"
 ) -> tuple[IncrementalState, Verdicts]:
     """Take observations out, and look at what is left to be looked at."""
-    out = take_out(state, ids, rules, cause)
-    return absorb(out.state, out.tasks, rules, start=out.start)
+    out = remove_observations(state, ids, rules, cause)
+    return worked_off(out.state, out.tasks, rules, start=out.start)
 
 
 def _with_weighted(
@@ -345,5 +346,5 @@ def _with_weighted(
 def _measured_again(ledger: Ledger, chosen: Index) -> list[Problem]:
     """Return rejected image points that have been measured again since."""
     what = "the point has been measured in this photo again since"
-    again = ledger.ids_of(measured_again(ledger, chosen))
+    again = ledger.ids_of(remeasured(ledger, chosen))
     return [Problem(what, f"observation {name!r}") for name in again]

@@ -27,7 +27,7 @@ from ..errors import AdjustmentError, DatumError, InputError, Problem, Unreached
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_network, compile_rows
 from ..graph.variables import State
-from ..ledger.candidates import Candidates, Nothing, excerpt
+from ..ledger.candidates import Candidates, NothingKnown, excerpt
 from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..solve.anywhere import anywhere, anywhere_at
@@ -44,11 +44,11 @@ from .local_network import (
     LIMITS,
     MISMATCH,
     gauss_newton_steps,
-    how_oriented,
+    has_datum,
     is_undisturbed,
-    may_be_placed,
+    may_have_datum,
+    orientation_methods,
     oriented_block,
-    placed,
     without_blunders,
 )
 
@@ -58,7 +58,7 @@ NOWHERE = "has no datum yet: nothing that it hangs together with is known, held 
 
 
 @dataclass(frozen=True)
-class Found:
+class Enterable:
     """What may enter."""
 
     rows: Index
@@ -82,7 +82,7 @@ class Found:
         """Whether gross errors, or weak variables that were held, have moved it."""
         return self.solution is not None and self.solution.sigma0 > LIMITS.disturbed
 
-    def without_blunders(self, alpha: float) -> Found:
+    def without_blunders(self, alpha: float) -> Enterable:
         """Return it where it is without what stands out, as a place to start from.
 
         Args:
@@ -94,7 +94,7 @@ class Found:
         return replace(self, solution=clean, start=Start.of(clean))
 
 
-class Reached(NamedTuple):
+class ApproximateNetwork(NamedTuple):
     """A network with approximate values at which it is determined."""
 
     equations: Equations
@@ -108,7 +108,7 @@ class Reached(NamedTuple):
 
 
 @dataclass
-class Search:
+class DeterminabilitySearch:
     """A search among observations that hang together by open variables."""
 
     left: Candidates
@@ -121,10 +121,10 @@ class Search:
     """Whether these are several parts, none of which hangs together with another."""
     block: BlockStart | None = None
     """Photos that were oriented from image points; none: there was no need, or no way."""
-    _reached: Reached | None = None
+    _reached: ApproximateNetwork | None = None
     """The local network with its approximate values; none: something has none."""
 
-    def find(self, *, start: Solution | None) -> Found | None:
+    def find(self, *, start: Solution | None) -> Enterable | None:
         """Find what may enter, and where it is.
 
         None: one of several parts disagrees, or is disturbed, and they have to be looked at apart.
@@ -160,10 +160,12 @@ class Search:
                     # What disagrees may come to rest without its gross errors, what creeps where
                     # everything else moves too.
                     disturbed = solution.sigma0 > LIMITS.disturbed
-                    alone = isinstance(self.left.known, Nothing)
+                    alone = isinstance(self.left.known, NothingKnown)
                     if not lost and (solution.converged or disturbed or not alone):
-                        how = how_oriented(local, self.block)
-                        return Found(self.left.rows, solution, self.lacks, how, Start.of(solution))
+                        how = orientation_methods(local, self.block)
+                        return Enterable(
+                            self.left.rows, solution, self.lacks, how, Start.of(solution)
+                        )
                     whys = self._disagreeing(solution.reason)
             except OverflowError:
                 whys = dict.fromkeys(self.left.counts, ABSURD)
@@ -180,9 +182,9 @@ class Search:
             else:
                 self.lacks |= whys
                 self.left = self.left.only(well_determined(self.left))
-        return Found(NO_ROWS, None, self.lacks)
+        return Enterable(NO_ROWS, None, self.lacks)
 
-    def at_once(self, ready: Index = NO_ROWS) -> Found:
+    def at_once(self, ready: Index = NO_ROWS) -> Enterable:
         """Find what may enter without an adjustment of its own, because all of it is determined.
 
         Its readings lead to approximate values of everything, from what is known. Nothing enters
@@ -191,7 +193,7 @@ class Search:
         Args:
             ready: observations between known variables that are to be compiled with them.
         """
-        nothing = Found(NO_ROWS, None, self.lacks)
+        nothing = Enterable(NO_ROWS, None, self.lacks)
         rows = self.left.rows
         if len(self.counted().rows) < len(rows) or len(self.left.ledger.rows.images(rows)):
             return nothing
@@ -199,7 +201,7 @@ class Search:
             known = self.left.known
             every = np.union1d(rows, ready)
             local = excerpt(self.left.ledger, known, every, datum=self.datum, hold=False)
-            if not (placed(local) or len(self.left.beside_known)):
+            if not (has_datum(local) or len(self.left.beside_known)):
                 return nothing
             compiled = compile_rows(local)
             held = compiled.unknowns.holding(known.known)
@@ -216,10 +218,10 @@ class Search:
                 if near is None:
                     return nothing
                 start = Start(held, near, origin)
-                return Found(rows, None, self.lacks, start=start, equations=compiled)
+                return Enterable(rows, None, self.lacks, start=start, equations=compiled)
         return nothing
 
-    def determined(self) -> tuple[Candidates, Reached | None]:
+    def determined(self) -> tuple[Candidates, ApproximateNetwork | None]:
         """Return observations whose variables have full rank together, at approximate values.
 
         Whether their adjustment comes to rest is not looked at. The others may still be determined
@@ -264,7 +266,7 @@ class Search:
     def _excerpt(self) -> Network | None:
         """Return the local network; none where nothing says where it is."""
         local = self._local()
-        return local if self.datum == "free" or placed(local) else None
+        return local if self.datum == "free" or has_datum(local) else None
 
     def _local(self) -> Network:
         return excerpt(self.left.ledger, self.left.known, self.left.rows, datum=self.datum)
@@ -276,7 +278,7 @@ class Search:
         if len(parts) < 2:
             return
         of_each = (excerpt(left.ledger, left.known, part) for part in parts)
-        stay = [p for p, n in zip(parts, of_each, strict=True) if placed(n) or may_be_placed(n)]
+        stay = [p for p, n in zip(parts, of_each, strict=True) if has_datum(n) or may_have_datum(n)]
         self.left = left.only(np.sort(np.concatenate([NO_ROWS, *stay])))
 
     def _adjusted(self, local: Network, start: Solution | None) -> Solution:
@@ -359,7 +361,7 @@ class Search:
             plan=None if solver is None else solver.plan,
         )
         if not problems and self.block is None:
-            self._reached = Reached(equations, state, solver, self.left.rows)
+            self._reached = ApproximateNetwork(equations, state, solver, self.left.rows)
         for v, why in found.items():
             by = f" by {self.left.describe(v)}" if why == UNDETERMINED else ""
             self.lacks[v] = f"{_noun(v)} {why}{by}"
@@ -406,14 +408,14 @@ class Search:
         return lost, np.array(bad, dtype=np.intp)
 
 
-def find_in_parts(
+def determined_in_parts(
     every: Candidates,
     parts: Sequence[Index],
     datum: DatumChoice,
     lacks: dict[Variable | str, str],
     *,
     start: Solution | None,
-) -> list[Found]:
+) -> list[Enterable]:
     """Find what may enter of parts that hang together by open variables; see `Search`.
 
     Small ones beside known variables are looked at together, and in halves where that fails.
@@ -430,7 +432,7 @@ def find_in_parts(
     while todo:
         some, own = todo.pop(0), dict[Variable | str, str]()
         rows = every.only(np.sort(np.concatenate(some)))
-        search = Search(rows, datum, own, several=len(some) > 1)
+        search = DeterminabilitySearch(rows, datum, own, several=len(some) > 1)
         found = search.find(start=start)
         if found is None:
             half = len(some) // 2

@@ -29,16 +29,16 @@ from ..linear_system.linear_system import LinearSystem
 from ..linear_system.linearisation_error import is_small, with_rest
 from ..linear_system.rebase import EFFORT, Draft, Failure, with_doubt
 from ..linear_system.section import Attempts
-from ..linear_system.test_statistics import Joint, accepted, decide, left_out, untested
+from ..linear_system.test_decisions import JointTest, accepted, decide, left_out, untested
 from ..observations.base import is_condition
 from ..quality.leave_out import Tested
 from ..solve.start import Start
 from ..types import NO_ROWS, Index, Mask
-from .determinability import Found
+from .determinability import Enterable
 from .local_network import LIMITS
 from .second_minimum import smaller_minimum
 
-MOST_JUDGED = 5
+MAX_JUDGEMENTS = 5
 """Number of times that what enters together is judged, each time without what did not fit."""
 MOST_TO_AGREE = 1500
 """Largest number of unknowns of a network with which arrivals that look disturbed are adjusted
@@ -49,11 +49,11 @@ DISAGREE = "what enters together does not agree"
 NO_SOLUTION = "no solution is reached with it: is it near to where its kind has no answer?"
 
 
-_J = TypeVar("_J", bound=Joint)
+_J = TypeVar("_J", bound=JointTest)
 
 
 @dataclass(frozen=True, eq=False)
-class Entered:
+class EntryResult:
     """Observations have entered."""
 
     ledger: Ledger
@@ -67,7 +67,7 @@ class Entered:
 
 
 @dataclass(frozen=True)
-class Refused:
+class EntryRefusal:
     """No solution was reached; nothing has changed."""
 
     loses_datum: bool
@@ -77,7 +77,7 @@ class Refused:
 
 
 @dataclass
-class Entering:
+class Entry:
     """Observations on their way."""
 
     ledger: Ledger
@@ -86,7 +86,7 @@ class Entering:
     """Where everything is; none: nothing is known."""
     ready: Index
     """Observations between known variables."""
-    found: Sequence[Found]
+    found: Sequence[Enterable]
     """Observations with variables that enter."""
     fixed: Index
     """Observations that are in without a test."""
@@ -103,7 +103,7 @@ class Entering:
     verdicts: list[Verdict] = field(default_factory=list)
     """Verdicts on what was left out."""
 
-    def run(self) -> Entered | Refused:
+    def run(self) -> EntryResult | EntryRefusal:
         """Put everything in, and test it, until nothing is left out.
 
         Raises:
@@ -125,9 +125,9 @@ class Entering:
             if other is not None and (entered := self._joined(other)) is not None:
                 return entered
             draft, ahead = self._prepared(base, doubted)
-        for _ in range(MOST_JUDGED):
+        for _ in range(MAX_JUDGEMENTS):
             if not len(self.stay):
-                return Entered(self.ledger, self.system, tuple(self.verdicts))
+                return EntryResult(self.ledger, self.system, tuple(self.verdicts))
             result = ahead or self._adjusted(draft, base, doubted)
             if isinstance(result, FrontSystem) and self.found and not result.converged:
                 result = Failure(result.reason)  # it misses its inner constraints
@@ -142,7 +142,7 @@ class Entering:
                 draft, ahead = self._draft(base), None
         return self._refused(before, Failure(DISAGREE))
 
-    def at_once(self) -> Entered | None:
+    def at_once(self) -> EntryResult | None:
         """Put everything in without a local adjustment; none where it takes one.
 
         All of it is tested, whatever the policy: where something stands out, it takes a closer
@@ -150,7 +150,7 @@ class Entering:
         """
         assert self.system is not None
         self._begin()
-        found = engines.joined_at_once(
+        found = engines.joined_directly(
             self.system,
             self.ledger,
             self.stay,
@@ -182,16 +182,16 @@ class Entering:
         self.system = found = engines.in_fronts(self.system)
         return found
 
-    def _joined(self, base: LinearSystem) -> Entered | None:
+    def _joined(self, base: LinearSystem) -> EntryResult | None:
         """Join everything to a system and judge it there, until nothing is left out.
 
         None: only a new base can take it in; everything is as it was before then.
         """
         before = replace(self, new=set(self.new), dropped=set(self.dropped), verdicts=[])
         disturbed = not base.doubt and self._tests() and self._is_disturbed()
-        for _ in range(MOST_JUDGED):
+        for _ in range(MAX_JUDGEMENTS):
             if not len(self.stay):
-                return Entered(self.ledger, base, tuple(self.verdicts))
+                return EntryResult(self.ledger, base, tuple(self.verdicts))
             try:
                 found = self._agreed_beside(base) if disturbed else None
                 if disturbed and found is None and is_small(base):
@@ -216,17 +216,19 @@ class Entering:
         self.new, self.dropped = before.new, before.dropped
         return None
 
-    def _join(self, base: LinearSystem) -> Joint | None:
+    def _join(self, base: LinearSystem) -> JointTest | None:
         """Join what is still in to a system, to be tested; none where it cannot take it."""
-        return engines.joined(base, self.ledger, self.stay, self._starts(), self.new)
+        return engines.joined_on_trial(base, self.ledger, self.stay, self._starts(), self.new)
 
-    def _absorbed(self, base: LinearSystem, joint: Joint) -> tuple[LinearSystem, Joint] | None:
+    def _absorbed(
+        self, base: LinearSystem, joint: JointTest
+    ) -> tuple[LinearSystem, JointTest] | None:
         """Return the system with what has joined it; none where a new base has to take it in.
 
         What brings unknowns is judged where everything is by then. What lies between known
         variables is judged by its prediction, before anything moves.
         """
-        found = None if base.doubt else engines.absorbed(base, joint, self.ledger, self.rules)
+        found = None if base.doubt else engines.committed(base, joint, self.ledger, self.rules)
         if found is not None:
             return found, joint.anew() if self.found else joint
         if self.found or not isinstance(joint, RowsBesideBase):
@@ -236,7 +238,7 @@ class Entering:
         held = result if isinstance(result, FrontSystem) else base if base.doubt else None
         return None if held is None else (held, joint)
 
-    def _agreed_beside(self, base: LinearSystem) -> tuple[LinearSystem, Joint] | None:
+    def _agreed_beside(self, base: LinearSystem) -> tuple[LinearSystem, JointTest] | None:
         """Return the system with what looked disturbed beside known variables; see `_agreed`."""
         vtpv, redundancy = base.vtpv, base.redundancy
         with suppress(AdjustmentError):
@@ -254,7 +256,7 @@ class Entering:
         if doubted or not self._tests() or not self._stands_out():
             return draft, None
         agreed = None if self._agrees_first() else self._agreed(draft)
-        for _ in range(MOST_JUDGED if agreed is None else 0):
+        for _ in range(MAX_JUDGEMENTS if agreed is None else 0):
             if not self._judged_before(draft, base) or not len(self.stay):
                 break
             draft = self._draft(base)
@@ -288,10 +290,10 @@ class Entering:
             or any(np.abs(v).max() > LIMITS.gross for v in residuals)
         )
 
-    def _entered(self, system: LinearSystem, joint: Joint) -> Entered:
+    def _entered(self, system: LinearSystem, joint: JointTest) -> EntryResult:
         gains = self.rules.datum == "given"
         told = accepted(joint, self.rules.alpha, self.given, gains=gains)
-        return Entered(self.ledger, system, (*self.verdicts, *told), frozenset(self.new))
+        return EntryResult(self.ledger, system, (*self.verdicts, *told), frozenset(self.new))
 
     def _agreed(self, draft: Draft) -> FrontSystem | None:
         """Return the base where what looked disturbed beside known variables agrees with them.
@@ -386,7 +388,7 @@ class Entering:
         except AdjustmentError:
             return False  # the adjustment says what is wrong
 
-    def _leave_out(self, joint: Joint) -> bool:
+    def _leave_out(self, joint: JointTest) -> bool:
         """Leave out what fails its test; return whether anything was left out."""
         if not len(self.stay):
             return False
@@ -419,7 +421,7 @@ class Entering:
         Two rays on a short base meet somewhere until the photos turn by a little more. Other
         observations give a point a place, wherever a wild reading takes the network.
         """
-        rays = rays_alone(self.ledger, failure.loose or ())
+        rays = sole_rays(self.ledger, failure.loose or ())
         if not len(rays):
             return False
         names = self.ledger.names
@@ -431,24 +433,24 @@ class Entering:
         self.new -= self.dropped
         return True
 
-    def _refused(self, before: Ledger, failure: Failure) -> Entered | Refused:
+    def _refused(self, before: Ledger, failure: Failure) -> EntryResult | EntryRefusal:
         """Return what becomes of observations without a solution."""
         system = self._fronts()
         free = system is not None and system.is_free
         loses_datum = free and failure.loose is not None
         if self.found or system is None or loses_datum:
-            return Refused(loses_datum, self._noticing() if loses_datum else NO_ROWS)
+            return EntryRefusal(loses_datum, self._noticing() if loses_datum else NO_ROWS)
         self.stay = self.ready
         tested = self.ready[~self._untested()]
         if system.doubt or not len(tested):
             system = system if system.doubt else with_doubt(system, failure.reason)
             kept = [v for u in before.units(self.ready) for v in untested(u, "accepted")]
             ledger = before.moved(self.ready, "accepted", "arrival")
-            return Entered(ledger, system, tuple(kept))
+            return EntryResult(ledger, system, tuple(kept))
         failed = self.rules.failed
         told = [v for u in before.units(tested) for v in untested(u, failed, NO_SOLUTION)]
         ledger = before.moved(tested, failed, "no solution", {v.id: v for v in told})
-        return Entered(ledger, system, tuple(told))
+        return EntryResult(ledger, system, tuple(told))
 
     def _noticing(self) -> Index:
         """Return what notices motions that the datum of a free network leaves open."""
@@ -477,7 +479,7 @@ def _is_likely(system: LinearSystem, vtpv: float, redundancy: int) -> bool:
     return system.vtpv - vtpv <= LIMITS.disturbed**2 * spare
 
 
-def rays_alone(ledger: Ledger, variables: Iterable[Variable]) -> Index:
+def sole_rays(ledger: Ledger, variables: Iterable[Variable]) -> Index:
     """Return the image points in the graph of those variables that only image points determine."""
     points = {n for kind, n in variables if kind == "point"}
     points = {n for n in points if ledger.network.points[n].sigma is None}

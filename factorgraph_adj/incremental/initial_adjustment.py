@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
-from ..ledger.candidates import Candidates, Nothing
+from ..ledger.candidates import Candidates, NothingKnown
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..linear_system import engines
@@ -23,16 +23,16 @@ from ..solve.minimum import adjust_from
 from ..solve.solution import Solution
 from ..solve.start import Start
 from ..types import NO_ROWS, Array, Index
-from .determinability import Reached, Search
-from .entry import rays_alone
+from .determinability import ApproximateNetwork, DeterminabilitySearch
+from .entry import sole_rays
 from .second_minimum import smaller_minimum
-from .worklist import IncrementalState, Task, absorb, in_chosen_engine
+from .worklist import IncrementalState, Task, in_chosen_engine, worked_off
 
-MOST_LET_GO = 5
+MAX_REDUCTIONS = 5
 """Largest number of adjustments at the start, each without points that the one before named."""
 
 
-def begin(ledger: Ledger, rules: Options, start: Solution | None) -> IncrementalState:
+def initial_state(ledger: Ledger, rules: Options, start: Solution | None) -> IncrementalState:
     """Put a network's own observations in, without a test; what they do not determine waits.
 
     Args:
@@ -43,7 +43,7 @@ def begin(ledger: Ledger, rules: Options, start: Solution | None) -> Incremental
     inside = ledger.having("accepted")
     if not len(inside):
         return IncrementalState(ledger)
-    every = Candidates(ledger, Nothing(), inside)
+    every = Candidates(ledger, NothingKnown(), inside)
     posed = all(f.rotation is not None for f in ledger.network.photos.values())
     stay: Candidates | None = None
     if start is None and posed:
@@ -57,14 +57,14 @@ def begin(ledger: Ledger, rules: Options, start: Solution | None) -> Incremental
     if not isinstance(system, FrontSystem):
         assert stay is not None
         ledger = _without(ledger, inside, stay.rows)
-        found = Candidates(ledger, Nothing(), stay.rows)
+        found = Candidates(ledger, NothingKnown(), stay.rows)
         system = at_its_start(ledger, found, rules, system, start)
         if system is None:
             ledger = _without(ledger, inside, NO_ROWS)
     return _entered(IncrementalState(ledger, system, settled=False), inside, rules)
 
 
-class _Whole(Search):
+class _Whole(DeterminabilitySearch):
     """A search among all observations of a network, which is that of its adjustment."""
 
     def _local(self) -> Network:
@@ -73,7 +73,7 @@ class _Whole(Search):
         return known_network(ledger, None, new=self.left.counts)
 
 
-def _determined(every: Candidates, rules: Options) -> tuple[Candidates, Reached | None]:
+def _determined(every: Candidates, rules: Options) -> tuple[Candidates, ApproximateNetwork | None]:
     """Return observations that determine what they touch, and their network.
 
     Those of points that only nearly parallel rays determine are not among them: an adjustment in
@@ -84,7 +84,7 @@ def _determined(every: Candidates, rules: Options) -> tuple[Candidates, Reached 
     if reached is None or reached.solver is None or not reached.equations.n_rays:
         return stay, reached
     names = narrow(reached.equations, reached.state, reached.solver.layers)
-    rays = rays_alone(every.ledger, [("point", name) for name in names])
+    rays = sole_rays(every.ledger, [("point", name) for name in names])
     return stay.only(np.setdiff1d(stay.rows, rays)), reached
 
 
@@ -93,7 +93,7 @@ def adjusted(
     rules: Options,
     start: Solution | None,
     stay: Candidates | None = None,
-    reached: Reached | None = None,
+    reached: ApproximateNetwork | None = None,
 ) -> tuple[Ledger, FrontSystem | Failure | None]:
     """Adjust what is in, without what is not determined: that waits.
 
@@ -109,9 +109,11 @@ def adjusted(
     """
     inside = ledger.having("accepted")
     if stay is None:
-        stay = Search(Candidates(ledger, Nothing(), inside), rules.datum, {}).counted(())
+        stay = DeterminabilitySearch(
+            Candidates(ledger, NothingKnown(), inside), rules.datum, {}
+        ).counted(())
     system: FrontSystem | Failure | None = None
-    for _ in range(MOST_LET_GO):
+    for _ in range(MAX_REDUCTIONS):
         ledger = _without(ledger, inside, stay.rows)
         system = adjusted_once(ledger, stay, rules, start, reached)
         if isinstance(system, FrontSystem):
@@ -122,7 +124,7 @@ def adjusted(
         elif system.singular and rules.datum == "given":
             gone = stay.touching(system.loose)
         else:
-            gone = rays_alone(ledger, system.loose)
+            gone = sole_rays(ledger, system.loose)
         if not len(gone):
             break
         stay = stay.only(np.setdiff1d(stay.rows, gone))
@@ -140,7 +142,7 @@ def _entered(state: IncrementalState, inside: Index, rules: Options) -> Incremen
     state = _with_values(state)
     waiting = state.ledger.having("waiting")
     if len(waiting):
-        state, _ = absorb(state, [Task(waiting, inside)], rules)
+        state, _ = worked_off(state, [Task(waiting, inside)], rules)
     state = in_chosen_engine(state, rules)
     if state.system is not None:
         state.system.prepared()
@@ -165,7 +167,7 @@ def _draft(
     stay: Candidates,
     rules: Options,
     start: Solution | None,
-    reached: Reached | None = None,
+    reached: ApproximateNetwork | None = None,
     there: Mapping[Variable, Array] | None = None,
 ) -> Draft:
     if reached is None:
@@ -185,7 +187,7 @@ def adjusted_once(
     stay: Candidates,
     rules: Options,
     start: Solution | None = None,
-    reached: Reached | None = None,
+    reached: ApproximateNetwork | None = None,
     there: Mapping[Variable, Array] | None = None,
 ) -> FrontSystem | Failure | None:
     """Return the system of a network's adjustment; none where it ends in an error.

@@ -103,7 +103,7 @@ def is_undisturbed(solution: Solution) -> bool:
     return bool((vtpv <= LIMITS.disturbed**2 * np.maximum(spare, 1)).all())
 
 
-def placed(local: Network) -> bool:
+def has_datum(local: Network) -> bool:
     """Return whether anything says where a local network is; its rank need not be looked at."""
     return (
         any(p.sigma is not None or any(p.fixed) for p in local.points.values())
@@ -113,7 +113,7 @@ def placed(local: Network) -> bool:
     )
 
 
-def may_be_placed(local: Network) -> bool:
+def may_have_datum(local: Network) -> bool:
     """Return whether an observation may say where a local network is; its rank tells."""
     every = local.observations.values()
     return any(isinstance(o, OwnFactor) or o.record.fixes != "nothing" for o in every)
@@ -183,7 +183,7 @@ def _common(network: Network, lost: Mask) -> bool:
     return bool((common.data[~own] >= LEAST_COMMON).any())
 
 
-def how_oriented(local: Network, block: BlockStart | None) -> Mapping[str, str]:
+def orientation_methods(local: Network, block: BlockStart | None) -> Mapping[str, str]:
     """Return in words how the photos of a local network that enter were oriented.
 
     Args:

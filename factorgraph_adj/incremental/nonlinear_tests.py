@@ -41,7 +41,7 @@ from ..ledger.verdicts import Side, Verdict
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.joint_tests import RowsInBase
 from ..linear_system.rebase import Draft
-from ..linear_system.test_statistics import accepted
+from ..linear_system.test_decisions import accepted
 from ..network.network import DatumChoice
 from ..quality.leave_out import critical_t2
 from ..solve.ambiguous_points import standing_free
@@ -63,7 +63,7 @@ def with_points_at(start: Start, places: Mapping[str, Iterable[float]]) -> Start
     return replace(start, state={**start.state, "point": points})
 
 
-def without(
+def adjusted_without(
     ledger: Ledger,
     system: FrontSystem,
     rows: Index,
@@ -83,7 +83,7 @@ def without(
     return found if isinstance(found, FrontSystem) and found.converged else None
 
 
-def other_sides(
+def changed_sides(
     before: FrontSystem, after: FrontSystem, here: FrontSystem, names: Iterable[str]
 ) -> list[Side]:
     """Return which points readings have moved to their other sides.
@@ -108,7 +108,7 @@ def other_sides(
     return out
 
 
-def examined(ledger: Ledger, system: FrontSystem | None, rules: Options) -> Ledger:
+def with_current_sides(ledger: Ledger, system: FrontSystem | None, rules: Options) -> Ledger:
     """Return the ledger after a command, with which of its readings still tell a side alone.
 
     Sides of points are looked at of which anything has come, left or changed.
@@ -128,16 +128,16 @@ def examined(ledger: Ledger, system: FrontSystem | None, rules: Options) -> Ledg
 def _alone(ledger: Ledger, system: FrontSystem, ident: str, side: Side, rules: Options) -> bool:
     """Return whether nothing but a reading tells the side of a point."""
     row = ledger.find([ident])
-    here = without(ledger, system, row, rules.datum, {})
-    other = without(ledger, system, row, rules.datum, {side.point: side.other})
+    here = adjusted_without(ledger, system, row, rules.datum, {})
+    other = adjusted_without(ledger, system, row, rules.datum, {side.point: side.other})
     if here is None:
         return side.alone
-    if other is None or not other_sides(other, system, here, [side.point]):
+    if other is None or not changed_sides(other, system, here, [side.point]):
         return False
     return abs(other.vtpv - here.vtpv) <= critical_t2(rules.alpha, 1)
 
 
-def contradicted(ledger: Ledger, system: FrontSystem, row: int, rules: Options) -> str:
+def contradicted_reading(ledger: Ledger, system: FrontSystem, row: int, rules: Options) -> str:
     """Return a sentence on the reading without which a suspect fits, as it alone tells a side.
 
     Empty: there is none.
@@ -148,8 +148,8 @@ def contradicted(ledger: Ledger, system: FrontSystem, row: int, rules: Options) 
             continue
         told, there = ledger.find([ident]), {side.point: side.other}
         both = ledger.moved(own, "accepted", "side")
-        fits = without(both, system, told, rules.datum, there)
-        neither = without(ledger, system, told, rules.datum, there)
+        fits = adjusted_without(both, system, told, rules.datum, there)
+        neither = adjusted_without(ledger, system, told, rules.datum, there)
         if fits is None or neither is None:
             continue
         dof = max(fits.redundancy - neither.redundancy, 1)
@@ -307,8 +307,8 @@ def _with(
         return None
     if not isinstance(found, FrontSystem) or not found.converged:
         return None
-    here = without(ledger, found, rows, rules.datum, {})
-    sides = [] if here is None else other_sides(system, found, here, points)
+    here = adjusted_without(ledger, found, rows, rules.datum, {})
+    sides = [] if here is None else changed_sides(system, found, here, points)
     vtpv = min(system.vtpv, np.inf if here is None else here.vtpv)
     if here is not None and sides:
         vtpv = here.vtpv

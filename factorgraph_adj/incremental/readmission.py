@@ -31,19 +31,19 @@ from ..errors import AdjustmentError
 from ..ledger.candidates import Candidates, known_in
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
-from ..ledger.row_store import GONE
+from ..ledger.row_store import REMOVED
 from ..ledger.verdicts import DISCARDED, SNOOPED, Outcome, Verdict
 from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.joint_tests import RowsBesideBase
 from ..linear_system.rebase import Draft
-from ..linear_system.test_statistics import decide
+from ..linear_system.test_decisions import decide
 from ..quality.leave_out import critical_t2
 from ..types import NO_ROWS, Index
 from .nonlinear_tests import tested_by_readjustment
-from .worklist import AT_ONCE, IncrementalState, Task, Verdicts, absorb
+from .worklist import MAX_RETESTED_TOGETHER, IncrementalState, Task, Verdicts, worked_off
 
-MOST_LOOKS = 5
+MAX_READMISSION_ROUNDS = 5
 """Largest number of looks after one command; each begins from what the one before let in."""
 
 
@@ -71,7 +71,7 @@ def readmitted(
     state, bent = _bent(state, {*told, *but}, rules)
     told |= bent
     tested = {*told, *but}
-    for _ in range(MOST_LOOKS):
+    for _ in range(MAX_READMISSION_ROUNDS):
         ledger = state.ledger
         rows = np.setdiff1d(_left_out(ledger), ledger.find(tested))
         if not len(rows):
@@ -111,10 +111,10 @@ def _bent(
     return IncrementalState(ledger, system, settled=False), {v.id: v for v in told}
 
 
-def measured_again(ledger: Ledger, chosen: Index) -> Index:
+def remeasured(ledger: Ledger, chosen: Index) -> Index:
     """Return those of some image points whose points have been measured in their photos since."""
     rows = ledger.rows
-    rays, every = rows.images(chosen), rows.images(np.flatnonzero(rows.status != GONE))
+    rays, every = rows.images(chosen), rows.images(np.flatnonzero(rows.status != REMOVED))
     pairs = zip(rows.photo[every].tolist(), rows.point[every].tolist(), strict=True)
     last = dict(zip(pairs, every.tolist(), strict=True)) if len(rays) else {}
     since = [last[int(rows.photo[r]), int(rows.point[r])] != r for r in rays.tolist()]
@@ -129,7 +129,7 @@ def _left_out(ledger: Ledger) -> Index:
         for row in rejected.tolist()
         if any(v.cause == DISCARDED for v in ledger.rows.verdicts.get(row, ()))
     ]
-    rejected = np.setdiff1d(rejected, [*by_hand, *measured_again(ledger, rejected).tolist()])
+    rejected = np.setdiff1d(rejected, [*by_hand, *remeasured(ledger, rejected).tolist()])
     return np.union1d(ledger.having("suspect"), rejected).astype(np.intp)
 
 
@@ -189,7 +189,7 @@ def _besides(
     What has no place beside it, or no answer there, is left out.
     """
     whole: FrontSystem | None = None
-    for part in np.array_split(rows, -(-len(rows) // AT_ONCE)) if len(rows) else ():
+    for part in np.array_split(rows, -(-len(rows) // MAX_RETESTED_TOGETHER)) if len(rows) else ():
         joint = _beside(ledger, system, part)
         if joint is None and whole is None:
             whole = _whole(ledger, system, rules)
@@ -235,8 +235,8 @@ def _entered(
     rejected = before.having("rejected")
     while len(rows):
         ledger = before.moved(rows, "waiting", "tested again")
-        parts = np.array_split(rows, -(-len(rows) // AT_ONCE))
-        after, told = absorb(replace(state, ledger=ledger), [Task(p) for p in parts], rules)
+        parts = np.array_split(rows, -(-len(rows) // MAX_RETESTED_TOGETHER))
+        after, told = worked_off(replace(state, ledger=ledger), [Task(p) for p in parts], rules)
         thrown = np.intersect1d(rows, rejected)
         waits = after.ledger.rows.among(thrown, "waiting").tolist()
         inside = after.ledger.rows.among(rows, "accepted")

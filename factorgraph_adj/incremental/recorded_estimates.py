@@ -15,9 +15,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ..graph.dependence import Variable
-from ..ledger.candidates import Candidates, Nothing
+from ..ledger.candidates import Candidates, NothingKnown
 from ..ledger.ledger import Ledger
-from ..ledger.row_store import GONE
+from ..ledger.row_store import REMOVED
 from ..linear_system.linear_system import LinearSystem
 from ..models.variables import ROTATION, UNKNOWNS
 from ..types import NO_ROWS, Array, Index
@@ -75,7 +75,7 @@ class RecordedEstimates:
         if everything or changed > len(self._known):
             found = all_estimates(system)
             return RecordedLine(found, system.vtpv, self._known - found.keys(), 0)
-        touched = {*Candidates(ledger, Nothing(), rows).links.variables}
+        touched = {*Candidates(ledger, NothingKnown(), rows).links.variables}
         lost = {v for v in touched & self._known if not system.known(*v)}
         wanted = touched - self._known
         if ledger.sides != before.sides:
@@ -91,7 +91,7 @@ class RecordedEstimates:
 
 def _changed(before: Ledger, after: Ledger) -> Index:
     """Return the rows of which something else has become."""
-    was = np.full(after.rows.n, GONE, dtype=np.int8)
+    was = np.full(after.rows.n, REMOVED, dtype=np.int8)
     was[: before.rows.n] = before.rows.status
     return np.flatnonzero(was != after.rows.status)
 

@@ -9,22 +9,22 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import AdjustmentError
-from ..ledger.candidates import Candidates, Nothing
+from ..ledger.candidates import Candidates, NothingKnown
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.verdicts import REST
 from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.rebase import Draft, Failure, with_doubt
-from ..linear_system.row_removal import loosened, without
-from ..linear_system.test_statistics import untested
+from ..linear_system.row_removal import determined_only_by, downdated
+from ..linear_system.test_decisions import untested
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Index
 from .initial_adjustment import adjusted
 from .worklist import IncrementalState, Task
 
 
-class Out(NamedTuple):
+class Removal(NamedTuple):
     """What is left to do once observations have been taken out."""
 
     state: IncrementalState
@@ -35,9 +35,9 @@ class Out(NamedTuple):
     """Where everything was, if all of it has to be found out anew."""
 
 
-def take_out(
+def remove_observations(
     state: IncrementalState, ids: Sequence[str], rules: Options, cause: str = "removed"
-) -> Out:
+) -> Removal:
     """Take observations out, wherever they are.
 
     Args:
@@ -67,17 +67,17 @@ def take_out(
     start, again, system = None, NO_ROWS, state.system
     if system is not None and (len(inside) or weights):
         gone = [*firsts, *weights]
-        smaller = engines.without(system, gone, ledger, rules)
+        smaller = engines.reduced(system, gone, ledger, rules)
         if smaller is None and (fronts := state.fronts) is not None:
             if fronts is not system:
-                smaller = engines.without(fronts, gone, ledger, rules)
+                smaller = engines.reduced(fronts, gone, ledger, rules)
             if smaller is None:
                 ledger, smaller, again, start = _without(ledger, fronts, gone, rules)
         system = smaller
     held = np.union1d(fixed, again)
     tasks = [Task(np.union1d(rest, again), held), Task(ledger.having("waiting"))]
     after = IncrementalState(ledger, system, settled=False)
-    return Out(after, tuple(t for t in tasks if len(t.rows)), start)
+    return Removal(after, tuple(t for t in tasks if len(t.rows)), start)
 
 
 def _without(
@@ -93,11 +93,11 @@ def _without(
             whole = Draft.of(ledger, system, rules.datum).adjusted(rules.datum)
             if isinstance(whole, FrontSystem) and whole.converged:
                 return ledger, whole, NO_ROWS, None
-    loose = set() if system.doubt or rules.datum == "free" else loosened(system, ids)
+    loose = set() if system.doubt or rules.datum == "free" else determined_only_by(system, ids)
     again = NO_ROWS
     if loose:
         inside = ledger.having("accepted")
-        again = Candidates(ledger, Nothing(), inside).touching(loose)
+        again = Candidates(ledger, NothingKnown(), inside).touching(loose)
         ledger = ledger.moved(again, "waiting", "undetermined")
     if loose is not None and len(ledger.having("accepted")):
         try:
@@ -113,7 +113,7 @@ def _without(
             if isinstance(anew, FrontSystem) and anew.converged:
                 left = np.setdiff1d(ledger.having("accepted"), smaller.having("accepted"))
                 return smaller, anew, np.union1d(left, again), None
-            stays = without(system, ids) or system
+            stays = downdated(system, ids) or system
             return ledger, with_doubt(stays, found.reason), again, None
     inside, where = ledger.having("accepted"), system.solution
     if loose is None:

@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..ledger.candidates import Candidates, Nothing
+from ..ledger.candidates import Candidates, NothingKnown
 from ..ledger.journal_entries import reading, replay
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.rebase import Failure
 from ..network.network import Network
-from .initial_adjustment import adjusted_once, at_its_start, begin, settled
+from .initial_adjustment import adjusted_once, at_its_start, initial_state, settled
 from .recorded_estimates import Estimates, all_estimates, read_estimates
 from .retirement import retired_again, with_everything
 from .worklist import IncrementalState
@@ -68,7 +68,7 @@ def resumed(
     if first is not None:
         moment = Moment(0, ledger, {})
     else:  # a journal of a version that did not record estimates
-        begun = begin(ledger, rules, None)
+        begun = initial_state(ledger, rules, None)
         there = {} if begun.system is None else all_estimates(begun.system)
         moment = Moment(1, begun.ledger.recorded()[0], there)
     lines = _Lines([first or {}, *entries], rules, journal)
@@ -76,7 +76,7 @@ def resumed(
     if isinstance(found, FrontSystem):
         state = settled(IncrementalState(moment.ledger, found), rules)
         return lines.compared(state)
-    inside = Candidates(moment.ledger, Nothing(), moment.ledger.having("accepted"))
+    inside = Candidates(moment.ledger, NothingKnown(), moment.ledger.having("accepted"))
     system = at_its_start(moment.ledger, inside, rules, found, there=moment.estimates)
     return IncrementalState(moment.ledger, system, settled=not len(inside.rows))
 
@@ -101,7 +101,7 @@ class _Lines:
         ends, found = [len(self.lines)], None
         for n in range(1, MOST_ADJUSTED + len(self.lines).bit_length() + 1):
             end = self._moment(moment, ends[-1])
-            inside = Candidates(end.ledger, Nothing(), end.ledger.having("accepted"))
+            inside = Candidates(end.ledger, NothingKnown(), end.ledger.having("accepted"))
             found = adjusted_once(end.ledger, inside, self.rules, there=end.estimates)
             far = n < MOST_ADJUSTED and end.line - moment.line > 1
             if far and self._excess(end.line, found) > 0.0:

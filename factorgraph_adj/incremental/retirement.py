@@ -19,12 +19,12 @@ from ..graph.dependence import Variable
 from ..graph.equations import Equations
 from ..graph.variables import calibration_name
 from ..ledger import journal_entries
-from ..ledger.archive import LastEstimate
-from ..ledger.candidates import Candidates, Nothing
+from ..ledger.candidates import Candidates, NothingKnown
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.retired import Retired
-from ..ledger.row_store import GONE
+from ..ledger.retired_archive import LastEstimate
+from ..ledger.row_store import REMOVED
 from ..linear_system import engines
 from ..linear_system.rebase import EFFORT, Draft, Failure, known_network
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
@@ -67,7 +67,7 @@ class Leaving(NamedTuple):
             lens = calibration_name(ledger.network, name) if kind == "pose" else ""
             if "@" in lens and lens not in ledger.network.cameras:
                 gone["calibration", lens] = None
-        every = Candidates(ledger, Nothing(), np.flatnonzero(ledger.rows.status != GONE))
+        every = Candidates(ledger, NothingKnown(), np.flatnonzero(ledger.rows.status != REMOVED))
         rows = every.touching(gone)
         for kind, name in every.only(rows).links.variables:
             needs_no_one = UNKNOWNS[kind].absent == "found"
@@ -205,7 +205,7 @@ def retire(
 def retired_again(ledger: Ledger, line: Mapping[str, Any]) -> Ledger:
     """Return the ledger after a retirement of which the journal says this."""
     variables: list[Variable] = [(kind, name) for kind, name in line["unknowns"]]
-    every = Candidates(ledger, Nothing(), np.flatnonzero(ledger.rows.status != GONE))
+    every = Candidates(ledger, NothingKnown(), np.flatnonzero(ledger.rows.status != REMOVED))
     rows = np.union1d(every.touching(variables), ledger.find(line["between"]))
     leaving = Leaving(tuple(variables), rows, tuple(line["between"]))
     moment = moment_of(ledger)
@@ -386,7 +386,7 @@ def _shrunk(
         table = network.of_kind(kind.name)
         for key in [k for k in table if (kind.name, parameter_name(k)) in gone]:
             del table[key]
-    there = ledger.rows.status != GONE
+    there = ledger.rows.status != REMOVED
     there[leaving.rows] = False
     photo, point = (
         np.array([numbers.get(n, -1) for n in every], dtype=np.intp)

@@ -9,13 +9,13 @@ from ..graph.dependence import Variable
 from ..ledger.arrival_time import ticks
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
-from ..ledger.row_store import GONE
+from ..ledger.row_store import REMOVED
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.entities import parameter_name
 from ..network.network import Network
 from ..types import Array
 
-LOT = 0.25
+BATCH_SHARE = 0.25
 """Part of what is kept that is retired together: each time all that remains is adjusted again."""
 
 
@@ -30,7 +30,7 @@ def untouched(ledger: Ledger, since: int, *, later: int | None = None) -> list[V
         later: the same for photos of which points remain; none: they stay.
     """
     rows, names = ledger.rows, ledger.names
-    there = np.flatnonzero(rows.status != GONE)
+    there = np.flatnonzero(rows.status != REMOVED)
     rays = rows.images(there)
     latest: dict[Variable, int] = {}
     for row, unit in rows.units(there):
@@ -66,7 +66,7 @@ def untouched(ledger: Ledger, since: int, *, later: int | None = None) -> list[V
     return out
 
 
-def between_given(ledger: Ledger, since: int) -> list[str]:
+def observations_between_given(ledger: Ledger, since: int) -> list[str]:
     """Return the ids of observations in the graph that touch only what is given."""
     rows = ledger.rows
     inside = ledger.having("accepted")
@@ -85,11 +85,11 @@ def extent(ledger: Ledger, options: Options) -> float:
 def lot_of(options: Options) -> float:
     """Return how many photos, or the photos of how many seconds, are retired together."""
     if options.keep_seconds is not None:
-        return LOT * options.keep_seconds
-    return max(1, round(LOT * (options.keep or 0)))
+        return BATCH_SHARE * options.keep_seconds
+    return max(1, round(BATCH_SHARE * (options.keep or 0)))
 
 
-def due(ledger: Ledger, options: Options) -> tuple[list[Variable], list[str]]:
+def due_for_retirement(ledger: Ledger, options: Options) -> tuple[list[Variable], list[str]]:
     """Return what is to be retired where the last photos or seconds are kept, several at once.
 
     Returns:
@@ -106,7 +106,7 @@ def due(ledger: Ledger, options: Options) -> tuple[list[Variable], list[str]]:
     found = untouched(ledger, since, later=later)
     if not found or sum(kind == "pose" for kind, _ in found) < least:
         return [], []
-    return found, between_given(ledger, since)
+    return found, observations_between_given(ledger, since)
 
 
 def _first_of_last(ledger: Ledger, photos: int) -> int:
@@ -115,12 +115,12 @@ def _first_of_last(ledger: Ledger, photos: int) -> int:
     if n < photos:
         return 0
     first = np.full(n, np.iinfo(np.intp).max)
-    rays = ledger.rows.images(np.flatnonzero(ledger.rows.status != GONE))
+    rays = ledger.rows.images(np.flatnonzero(ledger.rows.status != REMOVED))
     np.minimum.at(first, ledger.rows.photo[rays], ledger.rows.arrived[rays])
     return int(first[n - photos :].min())
 
 
-def since_of(ledger: Ledger, before: str) -> int:
+def command_of(ledger: Ledger, before: str) -> int:
     """Return the number of the command with which an observation, or the first of a photo, came.
 
     Raises:
@@ -129,7 +129,7 @@ def since_of(ledger: Ledger, before: str) -> int:
     rows = ledger.find([before])
     number = ledger.names.photo.get(before)
     if not len(rows) and number is not None:
-        rows = np.flatnonzero((ledger.rows.photo == number) & (ledger.rows.status != GONE))
+        rows = np.flatnonzero((ledger.rows.photo == number) & (ledger.rows.status != REMOVED))
     if not len(rows):
         told = ledger.unknown(before)
         raise InputError(

@@ -26,12 +26,12 @@ from ..network.network import DatumChoice
 from ..solve.second_start import describe_other_minimum
 from ..solve.start import Start
 
-BEYOND_CHANCE = 4.0
+MAX_CHANCE_EXCESS = 4.0
 """Excess of vᵀPv over the redundancy r, in units of its standard deviation √(2r), from which on a
 network is adjusted from approximate values."""
-LOWER = 1e-6
+MIN_RELATIVE_DECREASE = 1e-6
 """Decrease of vᵀPv, relative to 1 + vᵀPv, from which another minimum counts as better."""
-LARGE = 3_000
+LARGE_NETWORK_UNKNOWNS = 3_000
 """Number of unknowns from which on a network is large."""
 
 
@@ -48,14 +48,14 @@ def smaller_minimum(
         datum: given or free.
         tolerances: bounds of the last step, as for `Draft.adjusted`.
     """
-    if draft.equations.unknowns.n_columns > LARGE and not exceeds_chance(found):
+    if draft.equations.unknowns.n_columns > LARGE_NETWORK_UNKNOWNS and not exceeds_chance(found):
         return found
     with suppress(AdjustmentError):  # no approximate values, or nothing can be computed there
         values = start_of(draft.equations, datum, None).state
         begin = Start(draft.equations.unknowns, values, draft.start.origin)
         anew = replace(draft, start=begin).adjusted(datum, tolerances=tolerances)
         if isinstance(anew, FrontSystem) and anew.converged:
-            least = LOWER * (1.0 + min(found.vtpv, anew.vtpv))
+            least = MIN_RELATIVE_DECREASE * (1.0 + min(found.vtpv, anew.vtpv))
             if anew.vtpv < found.vtpv - least:
                 return _with_other(anew, found)
             if found.vtpv < anew.vtpv - least:
@@ -71,4 +71,4 @@ def _with_other(system: FrontSystem, other: FrontSystem) -> FrontSystem:
 def exceeds_chance(system: FrontSystem) -> bool:
     """Return whether vᵀPv is larger than chance explains."""
     r = system.redundancy
-    return r > 0 and system.vtpv - r > BEYOND_CHANCE * np.sqrt(2.0 * r)
+    return r > 0 and system.vtpv - r > MAX_CHANCE_EXCESS * np.sqrt(2.0 * r)

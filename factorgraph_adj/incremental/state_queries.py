@@ -18,10 +18,10 @@ import numpy as np
 from ..blas_threads import one_at_a_time
 from ..errors import InputError, Problem, known
 from ..graph.dependence import Variable
-from ..ledger.archive import LastEstimate
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.retired import Retired
+from ..ledger.retired_archive import LastEstimate
 from ..ledger.verdicts import Verdict
 from ..linear_system import engines
 from ..linear_system.rebase import known_network, solution_of
@@ -152,7 +152,7 @@ def photo_doubts(ledger: Ledger) -> tuple[str, ...]:
     )
 
 
-class Results:
+class StateQueries:
     """What an adjustment says of what has arrived, and of what it comes to."""
 
     _lock: RLock

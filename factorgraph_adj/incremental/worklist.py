@@ -27,16 +27,21 @@ from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.linear_system import LinearSystem
 from ..linear_system.rebase import EFFORT, Draft
-from ..linear_system.renewal import Renewal, advanced
 from ..linear_system.section_choice import is_due
+from ..linear_system.staged_rebase import Renewal, next_stage
 from ..network.network import DatumChoice
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Index
-from .determinability import Found, Search, find_in_parts, well_determined
-from .entry import Entered, Entering
-from .nonlinear_tests import MAX_UNITS_TESTED, contradicted, examined, tested_by_readjustment
+from .determinability import DeterminabilitySearch, Enterable, determined_in_parts, well_determined
+from .entry import Entry, EntryResult
+from .nonlinear_tests import (
+    MAX_UNITS_TESTED,
+    contradicted_reading,
+    tested_by_readjustment,
+    with_current_sides,
+)
 
-AT_ONCE = 50
+MAX_RETESTED_TOGETHER = 50
 """Largest number of suspects that are tested again together: they have room beside a base."""
 TOO_WEAK = "is determined too weakly yet: no solution was reached with it"
 OPEN = (
@@ -67,7 +72,7 @@ class IncrementalState:
         Raises:
             AdjustmentError: there is no minimum.
         """
-        return engines.in_base(self.system, self.ledger)
+        return engines.with_border_adjusted(self.system, self.ledger)
 
     def on_fronts(self) -> IncrementalState:
         """Return the state with its network in fronts; errors as of `fronts`."""
@@ -101,7 +106,7 @@ class Task(NamedTuple):
     is then looked at alone. Infinite: it was not split."""
 
 
-class Over(NamedTuple):
+class StateBeforeRestart(NamedTuple):
     """Where a run stood before everything was begun anew."""
 
     state: IncrementalState
@@ -118,7 +123,7 @@ class Over(NamedTuple):
     """What of it notices motions that the datum had left open."""
 
 
-def absorb(
+def worked_off(
     state: IncrementalState,
     tasks: Collection[Task],
     rules: Options,
@@ -139,19 +144,19 @@ def absorb(
         InputError: names observations whose geometry has no answer.
     """
     begun = in_chosen_engine(state, rules) if growing else state
-    after, told = _Loop(begun, list(tasks), rules, start, growing).run()
+    after, told = Worklist(begun, list(tasks), rules, start, growing).run()
     return (replace(after, refused=begun.refused) if begun.refused else after), told
 
 
 def in_chosen_engine(state: IncrementalState, rules: Options) -> IncrementalState:
     """Return a state whose network is in the engine that the options choose, if it suits it."""
-    system, refused = engines.chosen(state.system, state.ledger, rules, state.refused)
+    system, refused = engines.in_chosen_engine(state.system, state.ledger, rules, state.refused)
     if system is state.system and refused == state.refused:
         return state
     return replace(state, system=system, refused=refused)
 
 
-class _Loop:
+class Worklist:
     """One run of the loop."""
 
     def __init__(
@@ -167,7 +172,7 @@ class _Loop:
         self.told: Verdicts = {}
         self.given = {i for t in tasks for i in state.ledger.ids_of(t.rows)}
         self.fixed: Index = np.concatenate([NO_ROWS, *(t.fixed for t in tasks)])
-        self.over: Over | None = None
+        self.over: StateBeforeRestart | None = None
         """What there was before everything was begun anew; none: it was not."""
         self.anew = rules.datum == "free"
         """Whether everything may be begun anew: once in a run."""
@@ -179,14 +184,14 @@ class _Loop:
         self._test_by_adjusting(self.told)
         if self.growing and isinstance(system := self.state.system, FrontSystem):
             ledger = self.state.ledger
-            system, renewal = advanced(before.renewal, ledger, system, self.rules)
+            system, renewal = next_stage(before.renewal, ledger, system, self.rules)
             self.state = replace(self.state, system=system, renewal=renewal)
         told = before.ledger.rows.verdicts
         again = self._fitting_by_now(before.system)
         if len(again):
             ledger = self.state.ledger.moved(again, "waiting", "tested again")
             self.state = replace(self.state, ledger=ledger)
-            parts = np.array_split(again, -(-len(again) // AT_ONCE))
+            parts = np.array_split(again, -(-len(again) // MAX_RETESTED_TOGETHER))
             self.tasks = [Task(part) for part in parts]
             self._work()
             self._test_by_adjusting(ledger.ids_of(again))
@@ -196,7 +201,7 @@ class _Loop:
             self.state = replace(self.state, ledger=ledger)
         if self.state.ledger.sides:
             self.state = self.state.on_fronts()
-            ledger = examined(self.state.ledger, self.state.fronts, self.rules)
+            ledger = with_current_sides(self.state.ledger, self.state.fronts, self.rules)
             self.state = replace(self.state, ledger=ledger)
         return self.state, self.told
 
@@ -227,7 +232,7 @@ class _Loop:
         """Name the readings that alone tell a side, without which others would fit."""
         failed = self.rules.failed
         for row in ledger.rows.among(rows, failed).tolist() if ledger.sides else ():
-            if doubt := contradicted(ledger, system, row, self.rules):
+            if doubt := contradicted_reading(ledger, system, row, self.rules):
                 ids = ledger.unit(row).ids
                 told = {i: replace(self.told[i], doubt=doubt) for i in ids if i in self.told}
                 self.told |= told
@@ -301,7 +306,7 @@ class _Loop:
         coming = np.concatenate([NO_ROWS, *(e.rows for e in found)])
         if np.isin(late, coming).all():
             fixed = np.append(task.fixed, self.fixed)
-            entering = Entering(before.ledger, system, ready, found, fixed, self.rules, self.given)
+            entering = Entry(before.ledger, system, ready, found, fixed, self.rules, self.given)
             with suppress(AdjustmentError):
                 if (result := entering.at_once()) is not None:
                     self._entered(task, ready, found, result)
@@ -317,7 +322,7 @@ class _Loop:
         datum: DatumChoice,
         *,
         at_once: bool = False,
-    ) -> list[Found]:
+    ) -> list[Enterable]:
         """Return what of observations with open variables, and of what waits, may enter.
 
         Args:
@@ -337,13 +342,15 @@ class _Loop:
             several = np.union1d(late, waiting)
         lacks: dict[Variable | str, str] = {}
         touched = candidates.only(late).counts
-        left = Search(candidates.only(several), datum, lacks).counted(touched)
+        left = DeterminabilitySearch(candidates.only(several), datum, lacks).counted(touched)
         parts = [p for p in left.only(left.late).parts() if np.isin(p, late).any()]
         if at_once:
             ready = candidates.ready if len(parts) == 1 else NO_ROWS
-            found = [Search(left.only(p), datum, lacks).at_once(ready) for p in parts]
+            found = [
+                DeterminabilitySearch(left.only(p), datum, lacks).at_once(ready) for p in parts
+            ]
         else:
-            found = find_in_parts(
+            found = determined_in_parts(
                 left,
                 parts,  # of which something has just come
                 datum,
@@ -353,27 +360,27 @@ class _Loop:
         self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
         return found
 
-    def _enter(self, task: Task, ready: Index, found: list[Found]) -> None:
+    def _enter(self, task: Task, ready: Index, found: list[Enterable]) -> None:
         """Put observations in with what enters with them; see `entry`."""
         before = self.state
         fixed = np.append(task.fixed, self.fixed)
-        entering = Entering(
-            before.ledger, before.system, ready, found, fixed, self.rules, self.given
-        )
+        entering = Entry(before.ledger, before.system, ready, found, fixed, self.rules, self.given)
         try:
             result = entering.run()
         except InputError as error:
             if task.asked or not self._impossible(task, ready, error):
                 raise
             return
-        if isinstance(result, Entered):
+        if isinstance(result, EntryResult):
             self._entered(task, ready, found, result)
         elif result.loses_datum and self.anew and before.system is not None:
             self._begin_anew(task, result.noticing)
         else:
             self._wait_on(task, ready, found)
 
-    def _entered(self, task: Task, ready: Index, found: list[Found], result: Entered) -> None:
+    def _entered(
+        self, task: Task, ready: Index, found: list[Enterable], result: EntryResult
+    ) -> None:
         """Take over what has entered, and look at what that awakes."""
         before = self.state
         self.told |= {v.id: v for v in result.verdicts}
@@ -418,7 +425,7 @@ class _Loop:
         if len(touching := waiting.touching(new)):
             self.tasks.append(Task(touching))
 
-    def _wait_on(self, task: Task, ready: Index, found: Sequence[Found]) -> None:
+    def _wait_on(self, task: Task, ready: Index, found: Sequence[Enterable]) -> None:
         """Let what was to enter wait; try what is ready alone, and what is left in parts."""
         ledger, system = self.state.ledger, self.state.system
         entering = np.unique(np.concatenate([NO_ROWS, *(e.rows for e in found)]))
@@ -434,7 +441,7 @@ class _Loop:
                 self.tasks.append(Task(part, task.fixed, most=len(entering)))
 
     @staticmethod
-    def _fewer(candidates: Candidates, found: Sequence[Found]) -> list[Index]:
+    def _fewer(candidates: Candidates, found: Sequence[Enterable]) -> list[Index]:
         """Split what reached no solution together: what is firm before the rest, or in halves."""
         parts = [p for e in found for p in e.parts]
         if len(parts) > 1:
@@ -450,7 +457,9 @@ class _Loop:
 
         Parts of a free network that do not notice it are loose then.
         """
-        self.over = Over(self.state, dict(self.told), self.tasks, self.fixed, task, noticing)
+        self.over = StateBeforeRestart(
+            self.state, dict(self.told), self.tasks, self.fixed, task, noticing
+        )
         self.anew = False
         ledger = self.state.ledger
         inside = ledger.having("accepted")
@@ -477,7 +486,7 @@ class _Loop:
             self.tasks.insert(0, task._replace(rows=np.setdiff1d(task.rows, noticing)))
 
 
-def _with_oriented(result: Entered, found: Sequence[Found]) -> Ledger:
+def _with_oriented(result: EntryResult, found: Sequence[Enterable]) -> Ledger:
     """Return the ledger with how the photos that have entered were oriented."""
     entered = {name for kind, name in result.new if kind == "pose"}
     how = {name: words for e in found for name, words in e.oriented.items() if name in entered}

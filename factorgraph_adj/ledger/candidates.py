@@ -172,7 +172,7 @@ class _Excerpt:
         return replace(given, values=values, fixed=fixed, sigma=(np.inf,) * k)
 
 
-class Nothing:
+class NothingKnown:
     """Knows no variable."""
 
     def known(self, kind: VariableKind, name: str) -> bool:
@@ -188,10 +188,10 @@ class Nothing:
 
 def known_in(system: Known | None) -> Known:
     """Return what knows the variables of a system; none: nothing is known."""
-    return Nothing() if system is None else system
+    return NothingKnown() if system is None else system
 
 
-class AtRetirement(Nothing):
+class AtRetirement(NothingKnown):
     """Knows what retired observations say of, where it was when they were retired."""
 
     def __init__(self, prior: Prior) -> None:
@@ -233,7 +233,7 @@ class Candidates:
 
     def __post_init__(self) -> None:
         """Know what was known when others were retired, where nothing else is."""
-        if self.ledger.retired is not None and type(self.known) is Nothing:
+        if self.ledger.retired is not None and type(self.known) is NothingKnown:
             object.__setattr__(self, "known", AtRetirement(self.ledger.retired.prior))
 
     @cached_property

@@ -47,10 +47,10 @@ from ..network.network import Network
 from ..observations import Correlated, Observation
 from ..observations.identity import identity
 from ..types import Array, Index
-from .input import Input
+from .command_input import Input
 from .ledger import Ledger
 from .options import Options
-from .row_store import GONE, Rows, Unit
+from .row_store import REMOVED, RowStore, Unit
 from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Side, Verdict
 
 _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
@@ -129,17 +129,17 @@ def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
         after: the ledger now, with its changes since then.
     """
     n, rows = before.rows.n, after.rows
-    was = np.append(before.rows.status, np.full(rows.n - n, GONE, dtype=np.int8))
+    was = np.append(before.rows.status, np.full(rows.n - n, REMOVED, dtype=np.int8))
     changed = np.flatnonzero(was != rows.status)
     out: dict[str, Any] = {}
     defined: list[dict[str, Any]] = []
     causes: dict[str, list[str]] = {}
     for row, unit in rows.units(changed):
         code, cause = int(rows.status[row]), after.causes[row]
-        ids = list(unit.ids) if code != GONE else after.missing(unit.ids)
+        ids = list(unit.ids) if code != REMOVED else after.missing(unit.ids)
         if row >= n:
             defined.append(definition(unit))
-        outcome = "gone" if code == GONE else OUTCOMES[code]
+        outcome = "gone" if code == REMOVED else OUTCOMES[code]
         if outcome in _TOLD:
             told = {v.id: figures(v) for v in rows.verdicts.get(row, ())}
             out.setdefault(outcome, {}).update({i: told.get(i, {}) for i in ids})
@@ -169,7 +169,7 @@ def everything_of(
         points: names of the points.
         photos: names of the photos.
     """
-    status = np.full(ledger.rows.n, GONE, dtype=np.int8)
+    status = np.full(ledger.rows.n, REMOVED, dtype=np.int8)
     status[rows] = ledger.rows.status[rows]
     told = ledger.rows.verdicts
     causes = {r: told[r][0].cause if told.get(r) else "" for r in rows.tolist()}
@@ -186,7 +186,7 @@ def everything_of(
         "points": [point_fields(p) for n, p in network.points.items() if n in points],
         "photos": [photo_fields(f) for n, f in network.photos.items() if n in photos],
     }
-    return {k: v for k, v in found.items() if v} | difference(replace(mine, rows=Rows()), mine)
+    return {k: v for k, v in found.items() if v} | difference(replace(mine, rows=RowStore()), mine)
 
 
 def _lacks(before: Ledger, after: Ledger) -> list[list[str]]:
@@ -219,7 +219,7 @@ def _images(after: Ledger, changed: Index, first: int) -> list[dict[str, Any]]:
     for (photo, status, cause, is_new), mine in parts.items():
         record: dict[str, Any] = {
             "photo": names.photos[photo],
-            "outcome": "gone" if status == GONE else OUTCOMES[status],
+            "outcome": "gone" if status == REMOVED else OUTCOMES[status],
             "points": [names.points[p] for p in rows.point[mine].tolist()],
         }
         if cause != "arrival":

@@ -29,7 +29,7 @@ from ..observations.identity import identity, named
 from ..types import Array, Index
 from .arrival_time import checked, ticks
 from .retired import Retired
-from .row_store import CODE, GONE, Names, Room, Rows, Unit
+from .row_store import OUTCOME_CODE, REMOVED, Names, RowColumns, RowStore, Unit
 from .verdicts import OUTCOMES, Outcome, Side, Verdict
 
 
@@ -41,7 +41,7 @@ class Ledger:
     """Points, photos and other unknowns; it has no observations."""
     names: Names
     """Names of its photos and points."""
-    rows: Rows
+    rows: RowStore
     """Observations, correlated groups and image points, in the order of arrival."""
     lacks: Mapping[Variable | str, str] = field(default_factory=dict)
     """Why variables are not determined, and why observations, by their first ids, still wait."""
@@ -80,8 +80,8 @@ class Ledger:
                 found = tuple(named(network.observations[i], i) for i in ids)
                 units[ids[0]] = found, group[ident][1]
         made = Unit.of_each(network, list(units.values()))
-        rows = Rows().with_more(Room.of_units(made), "accepted")
-        return cls(bare, Names.of(bare), rows.with_more(Room(network.images), "accepted"))
+        rows = RowStore().with_more(RowColumns.of_units(made), "accepted")
+        return cls(bare, Names.of(bare), rows.with_more(RowColumns(network.images), "accepted"))
 
     # -- arrivals -----------------------------------------------------------------------------
 
@@ -122,7 +122,7 @@ class Ledger:
 
     def _touched_variables(self, network: Network) -> Iterator[tuple[str, list[Variable]]]:
         """Yield the first id of each unit, and its variables here and in another network."""
-        rows = np.flatnonzero(self.rows.status != GONE)
+        rows = np.flatnonzero(self.rows.status != REMOVED)
         for _, unit in self.rows.units(rows):
             now = Unit.of(network, unit.observations, unit.covariance).variables
             yield unit.ids[0], [*now, *unit.variables]
@@ -184,7 +184,7 @@ class Ledger:
         ]
         units = Unit.of_each(self.network, groups)
         ledger = replace(
-            self, rows=self.rows.with_more(Room.of_units(units), "waiting", self.clock)
+            self, rows=self.rows.with_more(RowColumns.of_units(units), "waiting", self.clock)
         )
         ledger, rays = ledger.with_images(table, cause)
         n = self.rows.n
@@ -198,7 +198,7 @@ class Ledger:
     def with_images(self, table: ImageTable, cause: str) -> tuple[Ledger, Index]:
         """Take image points in as waiting; return their rows."""
         n = self.rows.n
-        ledger = replace(self, rows=self.rows.with_more(Room(table), "waiting", self.clock))
+        ledger = replace(self, rows=self.rows.with_more(RowColumns(table), "waiting", self.clock))
         rows = n + np.arange(table.size)
         return ledger.moved(rows, "waiting", cause), rows
 
@@ -222,7 +222,7 @@ class Ledger:
         every = [m for item in observations for m in _members(item)]
         named_here = Counter(i for o in every if (i := identity(o)) is not None)
         rows = self.find(named_here)
-        rejected = self.rows.status[rows] == CODE["rejected"]
+        rejected = self.rows.status[rows] == OUTCOME_CODE["rejected"]
         used = set(self.ids_of(rows[~rejected]))
         for _, unit in self.rows.units(rows[rejected]):
             left = [i for i in unit.ids if i not in named_here]
@@ -266,7 +266,7 @@ class Ledger:
     def _measured(self, photo: str) -> set[str]:
         """Return the points that are measured in a photo, rejected image points apart."""
         status, number = self.rows.status, self.names.photo[photo]
-        there = (self.rows.photo == number) & (status != GONE)
+        there = (self.rows.photo == number) & (status != REMOVED)
         there &= status != OUTCOMES.index("rejected")
         return {self.names.points[p] for p in self.rows.point[there].tolist()}
 
@@ -314,7 +314,7 @@ class Ledger:
         lost = {v for u in self.units(gone) for v in u.variables if v in self.lacks}
         if not lost and not of_ids:
             return self
-        there = np.flatnonzero(self.rows.status != GONE)
+        there = np.flatnonzero(self.rows.status != REMOVED)
         for _, unit in self.rows.units(there):
             lost.difference_update(unit.variables)
         seen = self.rows.point[self.rows.images(there)]
@@ -376,7 +376,7 @@ class Ledger:
         """Return the problem that no observation has an id."""
         if told := self.told_of_retired(ident):
             return Problem(told, f"observation {ident!r}")
-        there = np.flatnonzero(self.rows.status != GONE)
+        there = np.flatnonzero(self.rows.status != REMOVED)
         meant = similar(ident, self.ids_of(there)) if len(there) <= MOST_COMPARED else ""
         return Problem(f"unknown observation{meant}", f"observation {ident!r}")
 
@@ -425,7 +425,7 @@ class Ledger:
     def observations(self, first: int = 0) -> list[tuple[str, Observation]]:
         """Return ids and observations of rows from a number on, in their order, no image points."""
         rows = np.arange(first, self.rows.n)
-        rows = rows[self.rows.status[rows] != GONE]
+        rows = rows[self.rows.status[rows] != REMOVED]
         return [
             pair
             for _, unit in self.rows.units(rows)
@@ -441,7 +441,7 @@ class Ledger:
     def everything(self) -> Network:
         """Everything that was described or is named by an observation; it has no observations."""
         out = self.network.copy()
-        for _, unit in self.rows.units(np.flatnonzero(self.rows.status != GONE)):
+        for _, unit in self.rows.units(np.flatnonzero(self.rows.status != REMOVED)):
             for o in unit.observations:
                 out.state_found(o)
         return out

@@ -15,7 +15,7 @@ from ..network.network import Network
 from ..observations import Observation
 from ..solve.missed_step import NOTHING_MISSED, MissedStep
 from ..solve.prior import Prior
-from .archive import Archive, LastEstimate
+from .retired_archive import Archive, LastEstimate
 
 TAKES_BACK = "settle(all=True) takes everything back"
 

@@ -132,9 +132,9 @@ def _scaled(o: Observation, by: float) -> Observation:
     return replace(o, **changes)
 
 
-GONE = -1
+REMOVED = -1
 """Status of a row that was taken out; its room is given back by `Rows.compacted`."""
-CODE: dict[Outcome, int] = {outcome: number for number, outcome in enumerate(OUTCOMES)}
+OUTCOME_CODE: dict[Outcome, int] = {outcome: number for number, outcome in enumerate(OUTCOMES)}
 """Status of a row by what became of it."""
 NO_PHOTO = -1
 """Number of the photo of rows that are no image points."""
@@ -160,7 +160,7 @@ class Names:
         return cls(tuple(network.photos), tuple(network.points), *numbers)
 
 
-class Room:
+class RowColumns:
     """What rows hold, shared by several tables: each uses the rows up to its own end.
 
     A table appends in place if no other table has used the rows after its end, otherwise to a
@@ -188,7 +188,7 @@ class Room:
             self.rows.setdefault(ident, []).append(row)
 
     @classmethod
-    def of_units(cls, units: Iterable[Unit]) -> Room:
+    def of_units(cls, units: Iterable[Unit]) -> RowColumns:
         """Return the room of units."""
         found = list(units)
         out, n = cls(), len(found)
@@ -213,10 +213,10 @@ class Room:
             for ident in unit.ids:
                 self.rows.setdefault(ident, []).append(n + row)
 
-    def kept(self, there: Mask) -> Room:
+    def kept(self, there: Mask) -> RowColumns:
         """Return a room with some of the first rows, (n,)."""
         new = (np.cumsum(there) - 1).tolist()
-        out = Room()
+        out = RowColumns()
         out.columns = [c[: len(there)][there] for c in self.columns]
         out.used = len(out.columns[0])
         maps = (
@@ -226,7 +226,7 @@ class Room:
         out._name(0, *maps)  # type: ignore[arg-type]
         return out
 
-    def appended(self, n: int, more: Room) -> Room:
+    def appended(self, n: int, more: RowColumns) -> RowColumns:
         """Return a room with more rows after the first n."""
         end = n + more.used
         room = self if self.used == n else self.kept(np.ones(n, dtype=bool))
@@ -244,12 +244,12 @@ class Room:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class RowStore:
     """Rows and what became of them; a value: every change returns another table."""
 
     status: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
     """What became of each, `CODE` or `GONE`, (n,)."""
-    room: Room = field(default_factory=Room)
+    room: RowColumns = field(default_factory=RowColumns)
     """What they hold."""
     verdicts: Mapping[int, tuple[Verdict, ...]] = field(default_factory=dict)
     """Verdicts on suspect and rejected rows."""
@@ -286,11 +286,11 @@ class Rows:
 
     def having(self, outcome: Outcome) -> Index:
         """Return the rows that have an outcome."""
-        return np.flatnonzero(self.status == CODE[outcome])
+        return np.flatnonzero(self.status == OUTCOME_CODE[outcome])
 
     def among(self, rows: Index, outcome: Outcome) -> Index:
         """Return those of some rows that have an outcome."""
-        return np.asarray(rows[self.status[rows] == CODE[outcome]])
+        return np.asarray(rows[self.status[rows] == OUTCOME_CODE[outcome]])
 
     def images(self, rows: Index) -> Index:
         """Return those of some rows that are image points."""
@@ -303,48 +303,48 @@ class Rows:
 
     # -- changes ------------------------------------------------------------------------------
 
-    def with_more(self, more: Room, outcome: Outcome, arrived: int = 0) -> Rows:
+    def with_more(self, more: RowColumns, outcome: Outcome, arrived: int = 0) -> RowStore:
         """Return the table with more rows."""
         more.columns[4][: more.used] = arrived
-        status = np.full(self.n + more.used, CODE[outcome], dtype=np.int8)
+        status = np.full(self.n + more.used, OUTCOME_CODE[outcome], dtype=np.int8)
         status[: self.n] = self.status
         return replace(self, status=status, room=self.room.appended(self.n, more))
 
     def moved(
         self, rows: Index, outcome: Outcome | None, told: Mapping[int, tuple[Verdict, ...]]
-    ) -> Rows:
+    ) -> RowStore:
         """Return the table with another outcome of some rows; none: they are taken out."""
         status = self.status.copy()
-        status[rows] = GONE if outcome is None else CODE[outcome]
+        status[rows] = REMOVED if outcome is None else OUTCOME_CODE[outcome]
         verdicts = self.verdicts
         if verdicts or told:
             left = set(rows.tolist())
             verdicts = {r: v for r, v in verdicts.items() if r not in left} | dict(told)
         return replace(self, status=status, verdicts=verdicts)
 
-    def compacted(self) -> tuple[Rows, Index | None]:
+    def compacted(self) -> tuple[RowStore, Index | None]:
         """Return the table without the rows that were taken out, where these are many.
 
         Returns:
             The table, and the new numbers of its rows; none: they are as they were.
         """
         self.room.made.clear()
-        there = self.status != GONE
+        there = self.status != REMOVED
         if self.n < 64 or 2 * int(there.sum()) > self.n:
             return self, None
-        new = np.where(there, np.cumsum(there) - 1, GONE)
+        new = np.where(there, np.cumsum(there) - 1, REMOVED)
         told = {int(new[r]): v for r, v in self.verdicts.items()}
-        return Rows(self.status[there], self.room.kept(there), told), new
+        return RowStore(self.status[there], self.room.kept(there), told), new
 
-    def only(self, there: Mask, photo: Index, point: Index) -> Rows:
+    def only(self, there: Mask, photo: Index, point: Index) -> RowStore:
         """Return the table with some of its rows, (n,), and new numbers of photos and points."""
-        new = np.where(there, np.cumsum(there) - 1, GONE)
+        new = np.where(there, np.cumsum(there) - 1, REMOVED)
         told = {int(new[r]): v for r, v in self.verdicts.items() if there[r]}
         room = self.room.kept(there)
         for column, number in zip(room.columns, (photo, point), strict=False):
             rays = column != NO_PHOTO
             column[rays] = number[column[rays]]
-        return Rows(self.status[there], room, told)
+        return RowStore(self.status[there], room, told)
 
     # -- questions ----------------------------------------------------------------------------
 
@@ -384,7 +384,7 @@ class Rows:
 
     def measured(self, photo: int, points: Index) -> Index:
         """Return the rows of some points in a photo, those that were taken out apart."""
-        rows = np.flatnonzero((self.photo == photo) & (self.status != GONE))
+        rows = np.flatnonzero((self.photo == photo) & (self.status != REMOVED))
         return np.asarray(rows[np.isin(self.point[rows], points)])
 
     def ids(self, names: Names, row: int) -> tuple[str, ...]:

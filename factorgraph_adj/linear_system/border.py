@@ -21,7 +21,7 @@ from ..models.variables import UNKNOWNS, VariableKind
 from ..types import NO_ROWS, Array, Index
 from .linear_forms import LinearForms
 
-MARGIN = 4.0
+PREDICTION_MARGIN = 4.0
 """Factor by which what forms miss may grow faster with movement than where they were looked at."""
 
 
@@ -38,7 +38,7 @@ class NewUnknown(NamedTuple):
     """Flags of the values that an adjustment may change, (width,)."""
 
 
-class Look(NamedTuple):
+class LinearisationCheck(NamedTuple):
     """How far linear forms were found to hold."""
 
     movement: Array
@@ -50,7 +50,7 @@ class Look(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Watched:
+class WatchedRows:
     """Rows that touch new unknowns."""
 
     forms: LinearForms
@@ -59,7 +59,7 @@ class Watched:
     """Which of their columns are free ones of new unknowns, (n,)."""
     place: Index
     """Numbers of these, (n,)."""
-    last: Look | None = None
+    last: LinearisationCheck | None = None
     """The last look at them; none: there was none."""
     half: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """R⁻¹ with the cofactors R Rᵀ of the new unknowns at the first look, (n, n)."""
@@ -69,7 +69,7 @@ class Watched:
     """The change of variances after it."""
 
     @classmethod
-    def of(cls, forms: LinearForms, border: Border, first: int) -> Watched:
+    def of(cls, forms: LinearForms, border: Border, first: int) -> WatchedRows:
         """Watch forms.
 
         Args:
@@ -81,16 +81,18 @@ class Watched:
         place = border.place[forms.columns[mine] - first]
         return cls(forms, mine[place >= 0], place[place >= 0])
 
-    def ahead(self, movement: Array) -> Look | None:
+    def ahead(self, movement: Array) -> LinearisationCheck | None:
         """Return what a look would tell after a movement (m,); none: that is not known yet."""
         last, here = self.last, movement[self.new]
         if last is None:
             return None
         since = float(np.linalg.norm(self.half @ (here - last.movement)))
-        gap = (np.sqrt(last.gap) + np.sqrt(MARGIN * self.bend) * since) ** 2
-        return Look(here, float(gap), last.change + MARGIN * self.turn * since)
+        gap = (np.sqrt(last.gap) + np.sqrt(PREDICTION_MARGIN * self.bend) * since) ** 2
+        return LinearisationCheck(
+            here, float(gap), last.change + PREDICTION_MARGIN * self.turn * since
+        )
 
-    def looked(self, movement: Array, cofactors: Array) -> Watched:
+    def looked(self, movement: Array, cofactors: Array) -> WatchedRows:
         """Return the rows after a look at them; see `Border.looked`."""
         values, vectors = np.linalg.eigh(cofactors[np.ix_(self.place, self.place)])
         root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -106,11 +108,11 @@ class Watched:
         bend, turn = max(there.gap, now.gap) / size**2, max(there.change, now.change) / size
         return replace(self, last=now, half=half, bend=bend, turn=turn)
 
-    def _look(self, movement: Array, root: Array) -> Look:
+    def _look(self, movement: Array, root: Array) -> LinearisationCheck:
         gap, change = self.forms.missed(movement)
         by_new = float(np.linalg.norm(change[:, self.new] @ root))
         relative = float(np.hypot(self.forms.relative(change), 2.0 * by_new))
-        return Look(movement[self.new], gap, relative)
+        return LinearisationCheck(movement[self.new], gap, relative)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +123,7 @@ class Border:
     """The unknowns."""
     place: Index = field(default_factory=lambda: NO_ROWS)
     """Number of each column among the free ones, (k,); −1: it is held."""
-    watched: tuple[Watched, ...] = ()
+    watched: tuple[WatchedRows, ...] = ()
     """Rows that touch them."""
 
     @property
@@ -158,7 +160,7 @@ class Border:
                 found[kind, name] = new
         return replace(self, unknowns=found, place=place.astype(np.intp))
 
-    def watching(self, rows: Watched) -> Border:
+    def watching(self, rows: WatchedRows) -> Border:
         """Return the border with more rows that are watched, if they touch it."""
         return replace(self, watched=(*self.watched, rows)) if len(rows.new) else self
 

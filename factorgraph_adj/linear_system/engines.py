@@ -16,7 +16,7 @@ from ..errors import AdjustmentError
 from ..graph.dependence import Variable
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
-from ..ledger.candidates import Candidates, Nothing
+from ..ledger.candidates import Candidates, NothingKnown
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..quality.leave_out import Tested
@@ -28,8 +28,8 @@ from .isam2_system import EnteredRows, ISAM2System
 from .joint_tests import RowsBesideBase
 from .linear_system import LinearSystem
 from .linearisation_error import is_small, near_minimum
-from .rebase import EFFORT, Draft, notices
-from .test_statistics import Joint
+from .rebase import EFFORT, Draft, notices_motion
+from .test_decisions import JointTest
 
 if TYPE_CHECKING:
     import gtsam
@@ -64,7 +64,7 @@ class Refused(NamedTuple):
         return cls(len(touched), equations.unknowns.n_unknowns, placing)
 
 
-def chosen(
+def in_chosen_engine(
     system: LinearSystem | None, ledger: Ledger, rules: Options, refused: Refused | None = None
 ) -> tuple[LinearSystem | None, Refused | None]:
     """Return a system in the engine that the options choose, where it suits the network.
@@ -103,7 +103,7 @@ def in_fronts(system: LinearSystem | None) -> FrontSystem | None:
     return system if isinstance(system, FrontSystem) else None
 
 
-def in_base(system: LinearSystem | None, ledger: Ledger) -> FrontSystem | None:
+def with_border_adjusted(system: LinearSystem | None, ledger: Ledger) -> FrontSystem | None:
     """Return a system in fronts that has all unknowns in its base or section; see `in_fronts`.
 
     Raises:
@@ -156,13 +156,13 @@ def copied_isam2(system: LinearSystem | None) -> gtsam.ISAM2 | None:
 # -- rows enter -----------------------------------------------------------------------------------
 
 
-def joined(
+def joined_on_trial(
     system: LinearSystem,
     ledger: Ledger,
     rows: Index,
     starts: Sequence[Start],
     new: Collection[Variable],
-) -> Joint | None:
+) -> JointTest | None:
     """Return observations joined to a system, to be tested; none where it cannot take them.
 
     Args:
@@ -191,7 +191,7 @@ def rows_beside(system: FrontSystem, ledger: Ledger, rows: Index) -> RowsBesideB
         InputError: names observations whose geometry has no answer.
     """
     if system.section is not None:
-        variables = Candidates(ledger, Nothing(), rows).links.variables
+        variables = Candidates(ledger, NothingKnown(), rows).links.variables
         reaching = system.reaching(variables)
         if reaching is None:
             return None
@@ -199,7 +199,7 @@ def rows_beside(system: FrontSystem, ledger: Ledger, rows: Index) -> RowsBesideB
     forms = system.forms(ledger, rows)
     held = system.datum_solution
     datum = None if held is None else held.datum
-    if datum is not None and notices(forms.a, datum.motions[forms.columns]):
+    if datum is not None and notices_motion(forms.a, datum.motions[forms.columns]):
         return None
     return RowsBesideBase.of(system, forms)
 
@@ -225,8 +225,8 @@ def _bordered(
     return None if found is None else RowsBesideBase.of(*found)
 
 
-def absorbed(
-    system: LinearSystem, joint: Joint, ledger: Ledger, rules: Options
+def committed(
+    system: LinearSystem, joint: JointTest, ledger: Ledger, rules: Options
 ) -> LinearSystem | None:
     """Return a system at its minimum with what has joined it; none where it is not near enough.
 
@@ -246,7 +246,7 @@ def absorbed(
     return None
 
 
-def joined_at_once(
+def joined_directly(
     system: LinearSystem,
     ledger: Ledger,
     rows: Index,
@@ -254,7 +254,7 @@ def joined_at_once(
     new: Collection[Variable],
     fits: Callable[[Tested], bool],
     equations: Equations | None = None,
-) -> tuple[LinearSystem, Joint] | None:
+) -> tuple[LinearSystem, JointTest] | None:
     """Join observations with new variables that need no local adjustment before: in iSAM2 alone.
 
     None: they need one, as something does not fit or may be on the other side of its readings.
@@ -283,7 +283,7 @@ def joined_at_once(
 # -- rows leave -----------------------------------------------------------------------------------
 
 
-def without(
+def reduced(
     system: LinearSystem, ids: Sequence[str], ledger: Ledger, rules: Options
 ) -> LinearSystem | None:
     """Return a system at its minimum without observations; none where something is lost with them.
@@ -298,6 +298,6 @@ def without(
         if isinstance(system, ISAM2System):
             return system.without(ids, ledger)
         if isinstance(system, FrontSystem) and not system.doubt and not system.border.unknowns:
-            after = row_removal.without(system, ids)
+            after = row_removal.downdated(system, ids)
             return None if after is None else near_minimum(ledger, after, rules)
     return None

@@ -33,12 +33,12 @@ from .linear_forms import LinearForms
 from .linear_system import EngineName
 from .section import Attempts, Section, renumbered
 
-MOST_BESIDE = 256
+MAX_UPDATE_ROWS = 256
 """Largest number of rows beside a base: with more of them it costs less on average to make a new
 base, from 400 to 1 000 points."""
-MOST_BESIDE_LARGE = 512
+MAX_UPDATE_ROWS_LARGE = 512
 """The same for large networks, measured with 10 000 points."""
-LARGE = 10_000
+LARGE_SYSTEM_UNKNOWNS = 10_000
 """Number of unknowns of the reduced system from which on a network is large."""
 
 
@@ -208,7 +208,11 @@ class FrontSystem:
     @property
     def most_beside(self) -> int:
         """Largest number of rows beside the base."""
-        return MOST_BESIDE if len(self.lifted.columns) < LARGE else MOST_BESIDE_LARGE
+        return (
+            MAX_UPDATE_ROWS
+            if len(self.lifted.columns) < LARGE_SYSTEM_UNKNOWNS
+            else MAX_UPDATE_ROWS_LARGE
+        )
 
     def has_room(self, slots: Mapping[int, int]) -> bool:
         """Return whether there is room for slots of points beside the coordinates u."""

@@ -16,9 +16,9 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..factor_graph.joint_covariance import JointCovariance
+from ..factor_graph.linear_isam2 import MAX_TURNS, LinearISAM2, Mark
 from ..factor_graph.linear_rows import Arriving
-from ..factor_graph.together import Together
-from ..factor_graph.tree import MOST_TURNS, Mark, Tree
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State, Unknowns
@@ -39,17 +39,17 @@ from .front_system import FrontSystem
 from .linear_forms import rows_of
 from .linear_system import EngineName
 from .rebase import EFFORT, Draft
-from .test_statistics import MOVES, TIED, Place
+from .test_decisions import MIN_MOTION, SINGULAR_REDUNDANCY, PointCovariance
 
 MAX_UNKNOWNS_CHOSEN = 2_500
 """Largest number of unknowns of a network without poses for which iSAM2 is chosen, measured with
 grids of total stations: a single reading takes as long in fronts with 1 600 unknowns, and a third
 of the time with 4 100, where new stations take as long; with 40 000 these take half."""
-MOST_RAYS = 64
+MAX_IMAGE_POINTS = 64
 """Largest number of image points that arrive together in a tree; more of them are for fronts."""
-SAMPLED = 1.5
+SAMPLED_SIGMA_FACTOR = 1.5
 """Factor that makes upper bounds of standard deviations that come from samples."""
-SHARE = 0.5
+LINEARISATION_SHARE = 0.5
 """Part of the promised accuracy that gaps of rows may have: their bound is of first order."""
 
 
@@ -57,7 +57,7 @@ class ISAM2System:
     """A network at its minimum, in iSAM2."""
 
     def __init__(
-        self, tree: Tree, ledger: Ledger, rules: Options, beside: FrontSystem | None = None
+        self, tree: LinearISAM2, ledger: Ledger, rules: Options, beside: FrontSystem | None = None
     ) -> None:
         """Take a tree over as it stands.
 
@@ -92,14 +92,16 @@ class ISAM2System:
     def of(cls, system: FrontSystem, ledger: Ledger, rules: Options) -> ISAM2System | None:
         """Put a network into iSAM2; none where iSAM2 refuses it."""
         base = system.base
-        tree = Tree(base.equations.network.frame, accuracy=SHARE * rules.accuracy)
+        tree = LinearISAM2(
+            base.equations.network.frame, accuracy=LINEARISATION_SHARE * rules.accuracy
+        )
         equations, state = base.equations, base.state
         if system.changed:
             draft = Draft.of(ledger, system, rules.datum)
             equations, state = draft.equations, draft.start.state
         try:
             tree.enter([Arriving(equations.weighted_at(state), state)])
-            tree.bound(base.equations.unknowns, SAMPLED * system.lifted.sigma)
+            tree.bound(base.equations.unknowns, SAMPLED_SIGMA_FACTOR * system.lifted.sigma)
             tree.follow()
         except AdjustmentError:
             return None
@@ -108,7 +110,7 @@ class ISAM2System:
     # -- what is known ------------------------------------------------------------------------
 
     @property
-    def tree(self) -> Tree:
+    def tree(self) -> LinearISAM2:
         """The tree as this system has it: what came since is undone."""
         if self._tree.version != self._version:
             assert self._mark is not None
@@ -299,7 +301,7 @@ class ISAM2System:
             return None
         units = np.array([tree.unit[i] for i in ids], dtype=np.intp)
         redundancy = tree.together(units).least_redundancy
-        if redundancy <= TIED:
+        if redundancy <= SINGULAR_REDUNDANCY:
             return None
         self._mark = tree.mark()
         with suppress(AdjustmentError):
@@ -318,7 +320,7 @@ class ISAM2System:
         tree = self.tree
         self._mark = tree.mark()
         with suppress(AdjustmentError):
-            if tree.settle() < MOST_TURNS and tree.agrees(beside.unknowns, beside.state):
+            if tree.settle() < MAX_TURNS and tree.agrees(beside.unknowns, beside.state):
                 return ISAM2System(tree, self._ledger, self._rules, beside)
         _ = self.tree  # it goes back
         return None
@@ -344,14 +346,14 @@ def outgrown(n_unknowns: int, n_poses: int, rules: Options) -> bool:
 
 def _most_rays(rules: Options) -> int:
     """Return the largest number of image points in a tree: fronts are made for photos."""
-    return MOST_RAYS if rules.engine == "isam2" else 0
+    return MAX_IMAGE_POINTS if rules.engine == "isam2" else 0
 
 
 @dataclass(frozen=True, eq=False)
 class EnteredRows:
     """Units that have entered a tree, as `test_statistics.Joint`."""
 
-    tree: Tree
+    tree: LinearISAM2
     """The tree with them."""
     units: tuple[Unit, ...]
     """The units."""
@@ -361,14 +363,14 @@ class EnteredRows:
     """Their numbers in the tree."""
     equations: Equations
     """The units alone."""
-    together: Together
+    together: JointCovariance
     """The units with the joint covariance of what they touch, before anything is evaluated anew: a
     gross error bends everything that it touches, and linear forms do not hold that far."""
     version: int
     """Version of the tree in which they are tested."""
 
     @classmethod
-    def of(cls, tree: Tree, equations: Equations, units: tuple[Unit, ...]) -> EnteredRows:
+    def of(cls, tree: LinearISAM2, equations: Equations, units: tuple[Unit, ...]) -> EnteredRows:
         """Find units that have just entered."""
         raw = rows_of(units, equations)[1]
         numbers = np.array([tree.unit[u.ids[0]] for u in units], dtype=np.intp)
@@ -389,13 +391,13 @@ class EnteredRows:
         """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""
         return self.together.spread(i, columns)
 
-    def place(self, name: str) -> Place:
+    def place(self, name: str) -> PointCovariance:
         """Return a point with all units in."""
         columns = self.tree.columns("point", name)
         free: Mask = columns >= 0
         if not free.any():
-            return Place(NO_ROWS, free, np.zeros(0))
-        return Place(columns, free, self.together.variance(columns))
+            return PointCovariance(NO_ROWS, free, np.zeros(0))
+        return PointCovariance(columns, free, self.together.variance(columns))
 
     def images(self, new: Collection[Variable]) -> bool:
         """Return whether new points may fit on other sides too; see `solve.ambiguous_points`."""
@@ -425,6 +427,6 @@ class EnteredRows:
                 continue
             motion = self.spread(i, columns) @ combinations
             far = np.abs(motion).max(axis=1) * self.tree.weight(columns)
-            if (far > MOVES).any():
+            if (far > MIN_MOTION).any():
                 out.add((kind, name))
         return out

@@ -23,10 +23,10 @@ from ..solve.normal import NormalEquations
 from ..solve.solution import Solution
 from ..solve.update import Update
 from ..types import Array, Index
-from .border import Watched
+from .border import WatchedRows
 from .front_system import FrontSystem
 from .linear_forms import LinearForms, rows_of, stacked
-from .test_statistics import MOVES, Place
+from .test_decisions import MIN_MOTION, PointCovariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class RowsBesideBase:
         system = replace(self.system, update=self.update, joined=joined, slots=self.slots)
         if not system.border.unknowns:
             return system
-        watched = Watched.of(self.forms, system.border, system.unknowns.n_columns)
+        watched = WatchedRows.of(self.forms, system.border, system.unknowns.n_columns)
         return replace(system, border=system.border.watching(watched))
 
     @property
@@ -101,12 +101,12 @@ class RowsBesideBase:
         f = self.after.expand(columns, np.eye(len(columns)))
         return self.update.gain(f.at, f.b)[:, rows]
 
-    def place(self, name: str) -> Place:
+    def place(self, name: str) -> PointCovariance:
         """Return a point with all units in."""
         point: Variable = ("point", name)
         columns = self.after.columns(*point)
         variance = np.diag(self.after.cofactors(point, point)) if len(columns) else np.zeros(0)
-        return Place(columns, self.after.free(columns), variance)
+        return PointCovariance(columns, self.after.free(columns), variance)
 
     def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
         """Return which of new variables combinations (d, n) of a unit's rows determine.
@@ -121,16 +121,16 @@ class RowsBesideBase:
             place = place[place >= 0]
             motion = self.update.parts.k[np.ix_(place, rows)] @ combinations
             weight = np.linalg.norm(self.update.border[:, place], axis=0)
-            if (np.abs(motion).max(axis=1) * weight > MOVES).any():
+            if (np.abs(motion).max(axis=1) * weight > MIN_MOTION).any():
                 out.add(variable)
         return out
 
 
-FEW = 300
+MAX_DENSE_ROWS = 300
 """Number of rows up to which all columns of M are solved for at once."""
-MOST_NUMBERS = 3_000_000
+MAX_DENSE_NUMBERS = 3_000_000
 """Largest number of rows times unknowns for which this is done."""
-AT_ONCE = 64
+ROWS_PER_SOLUTION = 64
 """Number of rows that are solved for at once beyond that."""
 
 
@@ -199,7 +199,10 @@ class RowsInBase:
     @property
     def _few(self) -> bool:
         """Whether all columns of M are solved for at once."""
-        return len(self.every) <= FEW and self.a.shape[0] * self.a.shape[1] <= MOST_NUMBERS
+        return (
+            len(self.every) <= MAX_DENSE_ROWS
+            and self.a.shape[0] * self.a.shape[1] <= MAX_DENSE_NUMBERS
+        )
 
     @cached_property
     def _spread(self) -> Array:
@@ -218,8 +221,8 @@ class RowsInBase:
         rays = np.array([isinstance(u.observations[0], ImagePoint) for u in self.units])
         self._of_rays(np.flatnonzero(rays), out)
         rest = np.flatnonzero(~rays)
-        for start in range(0, len(rest), AT_ONCE):
-            part = rest[start : start + AT_ONCE].tolist()
+        for start in range(0, len(rest), ROWS_PER_SOLUTION):
+            part = rest[start : start + ROWS_PER_SOLUTION].tolist()
             own, rows = stacked([self.rows[i] for i in part])
             x = self.a[rows] @ self._solved(rows)
             for i, at in zip(part, own, strict=True):
@@ -249,13 +252,13 @@ class RowsInBase:
         """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""
         return np.asarray(self._solved(self.rows[i])[columns])
 
-    def place(self, name: str) -> Place:
+    def place(self, name: str) -> PointCovariance:
         """Return a point at the minimum."""
         assert self.base is not None
         unknowns = self.normal.system.unknowns
         columns = unknowns.columns("point", unknowns["point"].number[name])
         variance = np.diag(self.base.covariance(name))
-        return Place(columns, unknowns.free[columns], variance)
+        return PointCovariance(columns, unknowns.free[columns], variance)
 
     def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
         """Return which of new variables combinations (d, n) of a unit's rows determine."""
@@ -266,6 +269,6 @@ class RowsInBase:
         out: set[Variable] = set()
         for kind, name in new:
             number = unknowns[kind].number.get(name)
-            if number is not None and (far[unknowns.columns(kind, number)] > MOVES).any():
+            if number is not None and (far[unknowns.columns(kind, number)] > MIN_MOTION).any():
                 out.add((kind, name))
         return out

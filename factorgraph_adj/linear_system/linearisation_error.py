@@ -29,7 +29,7 @@ from .linear_system import LinearSystem
 from .rebase import Draft
 from .section import Looked
 
-SHARE_OF_FORMS = 0.5
+STEP_SHARE = 0.5
 """Part of the promised accuracy that the step that is left may be, where σ̂0 is 1 or less. Where
 residuals are large the minimum is further away than such a step, as second partials count too:
 there it is this divided by σ̂0."""
@@ -103,7 +103,7 @@ def largest_step(system: FrontSystem, accuracy: float) -> float:
     """Return the largest step, relative to σ, that may be left."""
     r = system.redundancy
     sigma0 = float(np.sqrt(system.vtpv / r)) if r > 0 else 1.0
-    return SHARE_OF_FORMS * accuracy / max(1.0, sigma0)
+    return STEP_SHARE * accuracy / max(1.0, sigma0)
 
 
 def _within(
@@ -264,16 +264,16 @@ def _since(system: FrontSystem, then: Array) -> tuple[float, float]:
     return float(np.sqrt(max(float(w @ moved), 0.0))), inner
 
 
-MOST_UNKNOWNS = 250
+MAX_SMALL_UNKNOWNS = 250
 """Largest number of unknowns of a network that is linearised anew after every change: the look at
 its linear forms would take as long."""
-SHARE = 0.9
+SIGMA_SHARE = 0.9
 """Part of the promised accuracy by which a standard deviation may differ there."""
 
 
 def is_small(system: LinearSystem) -> bool:
     """Return whether everything is linearised after every change."""
-    return system.n_rows - system.redundancy <= MOST_UNKNOWNS
+    return system.n_rows - system.redundancy <= MAX_SMALL_UNKNOWNS
 
 
 def near_minimum(
@@ -320,4 +320,4 @@ def _is_near(ledger: Ledger, system: FrontSystem, rules: Options) -> bool:
         found = np.diag(system.cofactors(v, v)) if len(columns) else NO_ROWS
         own[columns] = found[: len(columns)]
     ratio = np.sqrt(np.maximum(own[there], 0.0) / variance[there])
-    return bool(np.max(np.abs(ratio - 1.0), initial=0.0) <= SHARE * rules.accuracy)
+    return bool(np.max(np.abs(ratio - 1.0), initial=0.0) <= SIGMA_SHARE * rules.accuracy)

@@ -64,7 +64,7 @@ class Effort:
 
 EFFORT = Effort()
 """The effort of every rebase."""
-NOTICED = 1e-6
+MIN_NOTICED_MOTION = 1e-6
 """|A g| relative to Σ|A||g| from which on a row notices a motion g of a free network."""
 
 
@@ -200,7 +200,7 @@ class Draft:
         out = []
         for unit in ids:
             a = system.sparse(np.concatenate(self.equations.find(unit)))
-            out.append(notices(a, motions))
+            out.append(notices_motion(a, motions))
         return out
 
     def adjusted(
@@ -414,14 +414,16 @@ def _left(solution: Solution) -> float:
     return left * max(1.0, float(np.sqrt(solution.vtpv / r)) if r > 0 else 1.0)
 
 
-def notices(a: Array | csr_array, motions: Array) -> bool:
+def notices_motion(a: Array | csr_array, motions: Array) -> bool:
     """Return whether rows notice motions: |A g| > `NOTICED` Σ|A||g|.
 
     Args:
         a: partials of the rows, (k, m).
         motions: the motions, (m, d).
     """
-    return bool(np.any(np.abs(a @ motions) > NOTICED * (abs(a) @ np.abs(motions)) + 1e-300))
+    return bool(
+        np.any(np.abs(a @ motions) > MIN_NOTICED_MOTION * (abs(a) @ np.abs(motions)) + 1e-300)
+    )
 
 
 def with_doubt(system: FrontSystem, reason: str) -> FrontSystem:

@@ -10,10 +10,10 @@ import numpy as np
 from ..graph.dependence import Variable
 from ..types import NO_ROWS, Index
 from .front_system import FrontSystem
-from .test_statistics import MOVES, TIED
+from .test_decisions import MIN_MOTION, SINGULAR_REDUNDANCY
 
 
-def without(system: FrontSystem, ids: Sequence[str]) -> FrontSystem | None:
+def downdated(system: FrontSystem, ids: Sequence[str]) -> FrontSystem | None:
     """Return a system without observations; none where an update cannot tell.
 
     Args:
@@ -21,12 +21,12 @@ def without(system: FrontSystem, ids: Sequence[str]) -> FrontSystem | None:
         ids: first ids of units, ids of image points, and names of weighted unknowns.
     """
     found = _reduced(system, ids)
-    if found is None or not found.update.trusted or found.update.condition <= TIED:
+    if found is None or not found.update.trusted or found.update.condition <= SINGULAR_REDUNDANCY:
         return None
     return found
 
 
-def loosened(system: FrontSystem, ids: Sequence[str]) -> set[Variable] | None:
+def determined_only_by(system: FrontSystem, ids: Sequence[str]) -> set[Variable] | None:
     """Return the variables that observations alone determine; none where that is not known.
 
     With M of the rows that leave, a null vector z of M is a motion x = Q Aᵀ z that only these
@@ -46,13 +46,13 @@ def loosened(system: FrontSystem, ids: Sequence[str]) -> set[Variable] | None:
     values, vectors = np.linalg.eigh(-0.5 * (e + e.T))
     weight = np.sqrt(np.where(found.unknowns.free, system.base.normal().diagonal, 0.0))
     far = np.zeros(len(weight))
-    for z in vectors[:, values <= TIED].T:
+    for z in vectors[:, values <= SINGULAR_REDUNDANCY].T:
         far = np.maximum(far, np.abs(system.lifted.unknowns(g @ z, found.slots)) * weight)
     unknowns = system.unknowns
     return {
         (kind, unknowns[kind].names[number])
         for kind, number in unknowns.active()
-        if (far[unknowns.columns(kind, number)] > MOVES).any()
+        if (far[unknowns.columns(kind, number)] > MIN_MOTION).any()
     }
 
 

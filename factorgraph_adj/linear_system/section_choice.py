@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..graph.equations import Equations, compile_network
-from ..ledger.candidates import Candidates, Nothing, excerpt
+from ..ledger.candidates import Candidates, NothingKnown, excerpt
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import NO_PHOTO
 from ..models.variables import VariableKind
@@ -15,17 +15,17 @@ from ..types import Array, Index
 from .front_system import FrontSystem
 from .section import Looked, Section
 
-MOST_COLUMNS = 600
+MAX_SECTION_UNKNOWNS = 600
 """Largest number of unknowns of the reduced system in a section: their cofactors are dense."""
-SMALLEST = 3
+MIN_SIZE_RATIO = 3
 """The whole network has at least this many times the rays of a section."""
-LEAST = 10_000
+MIN_NETWORK_RAYS = 10_000
 """Smallest number of rays of a network that is adjusted in sections: in smaller ones the whole is
 adjusted about as fast."""
-WORK = 1.0
+MAX_SECTION_WORK = 1.0
 """The whole is adjusted again when the sections that have been adjusted since had this many times
 its rays together."""
-MOST_AT_ONCE = 1_000
+MAX_RAYS_PER_PIECE = 1_000
 """Number of rays in one piece of what arrives in a large network, to the end of a photo: the search
 for gross errors among new rays takes more time than in proportion to their number."""
 
@@ -44,14 +44,18 @@ def in_pieces(ledger: Ledger, n_rays: int, rows: Index) -> list[Index]:
         The pieces, in the order in which the photos came; one of everything in small networks.
     """
     rays = ledger.rows.images(rows)
-    if n_rays < LEAST or len(rays) <= MOST_AT_ONCE or SMALLEST * len(rays) > n_rays:
+    if (
+        n_rays < MIN_NETWORK_RAYS
+        or len(rays) <= MAX_RAYS_PER_PIECE
+        or MIN_SIZE_RATIO * len(rays) > n_rays
+    ):
         return [rows]
     photos, first, counts = np.unique(
         ledger.rows.photo[rays], return_index=True, return_counts=True
     )
     order = np.argsort(first)
     number = np.full(len(ledger.names.photos), np.iinfo(np.intp).max)
-    number[photos[order]] = np.cumsum(counts[order]) // MOST_AT_ONCE
+    number[photos[order]] = np.cumsum(counts[order]) // MAX_RAYS_PER_PIECE
     piece = np.full(len(rows), number.max())
     is_ray = ledger.rows.photo[rows] != NO_PHOTO
     piece[is_ray] = number[ledger.rows.photo[rows[is_ray]]]
@@ -64,10 +68,10 @@ def in_pieces(ledger: Ledger, n_rays: int, rows: Index) -> list[Index]:
 
 def is_due(section: Section) -> bool:
     """Return whether the whole has to be adjusted again."""
-    return section.work > WORK * section.base.equations.n_rays
+    return section.work > MAX_SECTION_WORK * section.base.equations.n_rays
 
 
-class Described:
+class UnknownsOfRest:
     """Knows the unknowns whose weights stand in what is known of the rest."""
 
     def __init__(self, outer: FrontSystem, inside: set[tuple[VariableKind, str]]) -> None:
@@ -97,7 +101,7 @@ def section_of(ledger: Ledger, system: FrontSystem) -> tuple[Equations, Section]
     if not outer.lifted.slots or (outer.update.signs < 0).any():
         return None
     all_rays = outer.base.equations.n_rays
-    if all_rays < LEAST:
+    if all_rays < MIN_NETWORK_RAYS:
         return None
     inside, before = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     inside[ledger.having("accepted")] = True
@@ -125,7 +129,7 @@ def section_of(ledger: Ledger, system: FrontSystem) -> tuple[Equations, Section]
     mine[[row for row, u in rows.units(np.flatnonzero(inside)) if own & {*u.points}]] = True
     size = int((mine & rays).sum())
     work = size + (system.section.work if system.section else 0)
-    if SMALLEST * size > all_rays:
+    if MIN_SIZE_RATIO * size > all_rays:
         return None
     looked = system.section.looked if system.section else None
     if looked is not None:
@@ -161,15 +165,15 @@ def _joined(
     of_points = base.equations.touching("point", numbers)
     touched: Index = np.unique(base.normal().system.sparse(of_points).indices).astype(np.intp)
     known = set(unknowns.owners(touched[outer.lifted.place[touched] >= 0]))
-    for kind, name in Candidates(ledger, Nothing(), rows).links.variables:
+    for kind, name in Candidates(ledger, NothingKnown(), rows).links.variables:
         number = unknowns[kind].number.get(name, -1)
         if number >= 0 and unknowns[kind].offset[number] >= 0:
             known.add((kind, name))
     known -= {("point", name) for name in points}
     columns: Index = np.sort(np.concatenate([touched[:0], *(outer.columns(*v) for v in known)]))
-    if len(columns) > MOST_COLUMNS:
+    if len(columns) > MAX_SECTION_UNKNOWNS:
         return None
-    network = excerpt(ledger, Described(outer, known), rows, hold=False)
+    network = excerpt(ledger, UnknownsOfRest(outer, known), rows, hold=False)
     try:
         equations = compile_network(network)
     except InputError:

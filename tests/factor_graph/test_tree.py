@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.factor_graph.linear_isam2 import IndeterminateError, LinearISAM2
 from factorgraph_adj.factor_graph.linear_rows import Arriving
-from factorgraph_adj.factor_graph.tree import IndeterminateError, Tree
 from factorgraph_adj.graph.equations import compile_rows
 from factorgraph_adj.observations import (
     AnyObservation,
@@ -33,8 +33,8 @@ def adjusted(seed: int) -> fga.Solution:
     return fga.adjust(network, datum="given", tolerance=1e-8)
 
 
-def whole(solution: fga.Solution) -> Tree:
-    tree = Tree(solution.network.frame)
+def whole(solution: fga.Solution) -> LinearISAM2:
+    tree = LinearISAM2(solution.network.frame)
     tree.enter([Arriving(solution.equations, solution.state)])
     return tree
 
@@ -63,7 +63,7 @@ def test_moved_values_come_back_to_the_minimum(seed: int) -> None:
     rng = np.random.default_rng(seed)
     weight = np.sqrt(np.maximum(solution.normal().diagonal, 1e-300))
     step = np.where(unknowns.free, 3.0 * rng.normal(size=unknowns.n_columns) / weight, 0.0)
-    tree = Tree(solution.network.frame)
+    tree = LinearISAM2(solution.network.frame)
     tree.enter([Arriving(solution.equations, unknowns.retract(solution.state, step))])
     tree.settle()
     for name in solution.network.points:
@@ -101,7 +101,7 @@ def test_an_arrival_is_tested_as_in_the_batch_and_leaves_again() -> None:
     network = levels(2)
     first = [HeightDifference("A", "P0", 1.0, sigma=0.001, id="a")]
     first += [HeightDifference("P0", "P1", 0.5, sigma=0.001, id="b")]
-    tree = Tree(network.frame)
+    tree = LinearISAM2(network.frame)
     tree.enter([arriving(network, *first)])
     before = float(tree.value("point", "P1")[2])
     wrong = HeightDifference("A", "P1", 1.510, sigma=0.001, id="wrong")
@@ -119,7 +119,7 @@ def test_an_arrival_is_tested_as_in_the_batch_and_leaves_again() -> None:
 
 def test_what_is_not_determined_leaves_the_tree_as_it_was() -> None:
     network = levels(3)
-    tree = Tree(network.frame)
+    tree = LinearISAM2(network.frame)
     tree.enter([arriving(network, HeightDifference("A", "P0", 1.0, sigma=0.001))])
     loose = HeightDifference("P1", "P2", 0.3, sigma=0.001)
     mark = tree.mark()
@@ -139,7 +139,7 @@ def test_a_survey_that_grows_is_the_batch_at_every_arrival() -> None:
     truth = {f"K{i}": at for i, at in enumerate(rng.uniform(0, 80, (4, 3)))}
     for name, at in truth.items():
         network.add_point(name, at, fixed="xyz")
-    tree, everything = Tree(network.frame), []
+    tree, everything = LinearISAM2(network.frame), []
     for step in range(6):
         name, at = f"P{step}", rng.uniform(0, 80, 3)
         network.add_point(name, at + rng.normal(0, 0.2, 3))
@@ -177,7 +177,7 @@ def test_rows_are_evaluated_anew_only_where_something_moved() -> None:
 def test_a_mark_brings_the_tree_back(what: str) -> None:
     """Whatever was done since."""
     network = levels(4)
-    tree = Tree(network.frame)
+    tree = LinearISAM2(network.frame)
     first = [HeightDifference("A", "P0", 1.0, sigma=0.001, id="a")]
     first += [HeightDifference("P0", "P1", 0.5, sigma=0.001, id="b")]
     first += [HeightDifference("A", "P1", 1.501, sigma=0.001, id="c")]
@@ -211,12 +211,12 @@ def test_a_mark_brings_the_tree_back(what: str) -> None:
 
 def test_a_tree_that_is_lost_for_good_keeps_its_values(monkeypatch: pytest.MonkeyPatch) -> None:
     network = levels(3)
-    tree = Tree(network.frame)
+    tree = LinearISAM2(network.frame)
     tree.enter([arriving(network, HeightDifference("A", "P0", 1.0, sigma=0.001, id="a"))])
     mark = tree.mark()
     with pytest.raises(IndeterminateError):
         tree.enter([arriving(network, HeightDifference("P1", "P2", 0.3, sigma=0.001))])
-    monkeypatch.setattr(Tree, "_plant", lambda _: None)
+    monkeypatch.setattr(LinearISAM2, "_plant", lambda _: None)
     tree.restore(mark)
     assert tree.lost and tree.version == mark.version
     assert float(tree.value("point", "P0")[2]) == pytest.approx(1.0, abs=1e-12)
@@ -242,7 +242,7 @@ def test_the_diagonal_of_the_normal_matrix_counts_correlated_groups_whitened() -
     rises += [HeightDifference("P0", "P1", 0.5, sigma=0.001, id="b")]
     rises += [HeightDifference("A", "P1", 1.5, sigma=0.001, id="c")]
     covariance = 1e-6 * (0.2 * np.eye(3) + 0.8)
-    tree = Tree(network.frame)
+    tree = LinearISAM2(network.frame)
     units = tree.enter([arriving(network, Correlated(rises, covariance))])
     a = np.array([[1.0, 0.0], [-1.0, 1.0], [0.0, 1.0]])
     normal = a.T @ np.linalg.inv(covariance) @ a

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.ledger.candidates import Candidates, Nothing
+from factorgraph_adj.ledger.candidates import Candidates, NothingKnown
 from factorgraph_adj.ledger.ledger import Ledger
 from factorgraph_adj.network.network import Network
 from tests.benchmarks.beginning import (
@@ -90,7 +90,7 @@ def test_variables_are_counted_as_by_leaving_out_one_after_the_other() -> None:
         a, b = rng.choice(30, 2, replace=False).tolist()
         network.add(fga.observations.SlopeDistance(f"{a}", f"{b}", 50.0, sigma=0.01))
     ledger = Ledger.of(network)
-    every = Candidates(ledger, Nothing(), ledger.having("accepted"))
+    every = Candidates(ledger, NothingKnown(), ledger.having("accepted"))
     left, lost = every.counted()
     rows = dict(enumerate(o.points() for o in network.observations.values()))
     few: dict[str, int] = {}
@@ -107,6 +107,6 @@ def test_variables_are_counted_as_by_leaving_out_one_after_the_other() -> None:
     assert 0 < len(rows) < 85
     assert left.rows.tolist() == list(rows)
     assert lost == {("point", p): k for p, k in few.items()}
-    again = Candidates(ledger, Nothing(), left.rows)
+    again = Candidates(ledger, NothingKnown(), left.rows)
     assert left.counts == again.counts
     assert [set(v) for v in left.lacking()] == [set(v) for v in again.lacking()]

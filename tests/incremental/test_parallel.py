@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental.entry import Entering
+from factorgraph_adj.incremental.entry import Entry
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.simulation.simulate import measure
@@ -154,7 +154,7 @@ def test_nothing_is_lost_when_it_is_interrupted(monkeypatch: pytest.MonkeyPatch)
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Entering, "_let_go", interrupted)
+    monkeypatch.setattr(Entry, "_let_go", interrupted)
     with pytest.raises(KeyboardInterrupt):
         inc.add(later)
     monkeypatch.undo()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj import IncrementalAdjustment, adjust
-from factorgraph_adj.factor_graph.tree import IndeterminateError, Tree
+from factorgraph_adj.factor_graph.linear_isam2 import IndeterminateError, LinearISAM2
 from factorgraph_adj.ledger.options import Engine
 from factorgraph_adj.linear_system.isam2_system import ISAM2System
 from factorgraph_adj.network.network import Network
@@ -44,10 +44,10 @@ def test_fronts_take_what_breaks_the_tree_while_it_is_relinearised(monkeypatch: 
         inc.add(item)
     assert isinstance(inc._state.system, ISAM2System)
 
-    def follow(tree: Tree, *_: object, **__: object) -> int:
+    def follow(tree: LinearISAM2, *_: object, **__: object) -> int:
         raise IndeterminateError("Indeterminate linear system")
 
-    monkeypatch.setattr(Tree, "follow", follow)
+    monkeypatch.setattr(LinearISAM2, "follow", follow)
     arrival = inc.add(last)
     assert [v.verdict for v in arrival.verdicts] == ["accepted"]
     batch = adjust(network)

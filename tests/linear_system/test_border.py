@@ -32,7 +32,7 @@ def system(inc: fga.IncrementalAdjustment) -> FrontSystem:
 @pytest.fixture
 def large(monkeypatch) -> None:
     """Let small networks be looked at as large ones are."""
-    monkeypatch.setattr(linearisation_error, "MOST_UNKNOWNS", 0)
+    monkeypatch.setattr(linearisation_error, "MAX_SMALL_UNKNOWNS", 0)
 
 
 def stations() -> tuple[fga.Network, list[list[AnyObservation]]]:

@@ -8,8 +8,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.factor_graph.linear_isam2 import IndeterminateError, LinearISAM2
 from factorgraph_adj.factor_graph.linear_rows import Arriving
-from factorgraph_adj.factor_graph.tree import IndeterminateError, Tree
 from factorgraph_adj.linear_system import isam2_system
 from factorgraph_adj.observations import (
     Azimuth,
@@ -147,11 +147,11 @@ def test_fronts_take_over_where_a_tree_is_lost_and_cannot_be_planted_anew(
     wrong = inc.add(HeightDifference("A", "Q", 1.7, sigma=0.001, id="wrong"))
     assert [v.verdict for v in wrong.verdicts] == ["suspect"]
 
-    def refused(self: Tree, units: Index, gone: list[int]) -> None:
+    def refused(self: LinearISAM2, units: Index, gone: list[int]) -> None:
         self.version, self.lost = self.version + 1_000_000, True
         raise IndeterminateError("refused")
 
-    monkeypatch.setattr(Tree, "_update", refused)
+    monkeypatch.setattr(LinearISAM2, "_update", refused)
     arrival = inc.add(HeightDifference("A", "Q", 1.501, sigma=0.001))
     assert [v.verdict for v in arrival.verdicts] == ["accepted"] and inc.engine == "fronts"
     batch = fga.adjust(inc.network(), tolerance=1e-10)
@@ -171,13 +171,13 @@ def test_a_network_that_isam2_refuses_is_put_into_it_again_only_when_its_datum_i
     network.add(HeightDifference("A", "P", 1.0, sigma=1e-4))
     network.add(HeightDifference("P", "Q", 0.5, sigma=1e-4))
     tried: list[int] = []
-    enter = Tree.enter
+    enter = LinearISAM2.enter
 
-    def counted(self: Tree, arrivals: list[Arriving]) -> Index:
+    def counted(self: LinearISAM2, arrivals: list[Arriving]) -> Index:
         tried.append(len(arrivals))
         return enter(self, arrivals)
 
-    monkeypatch.setattr(Tree, "enter", counted)
+    monkeypatch.setattr(LinearISAM2, "enter", counted)
     inc = fga.IncrementalAdjustment(network, engine="isam2")
     assert inc.engine == "fronts" and len(tried) == 1
     for rise in (1.5, 1.5001, 1.4999):

@@ -45,8 +45,8 @@ def rows_and_m(case: Eliminated, found: RowsInBase) -> tuple[Array, Array]:
 @pytest.mark.parametrize("few", [10_000, 0])
 @pytest.mark.parametrize("name", NETWORKS)
 def test_whole_matrix_and_columns_on_demand_are_those_of_the_dense_matrix(name, few, monkeypatch):
-    monkeypatch.setattr(module, "FEW", few)
-    monkeypatch.setattr(module, "AT_ONCE", 7)
+    monkeypatch.setattr(module, "MAX_DENSE_ROWS", few)
+    monkeypatch.setattr(module, "ROWS_PER_SOLUTION", 7)
     case = eliminated(name)
     units = units_of(case.solution.network)
     found = RowsInBase.of(case.solution.normal(), case.factor, units, case.solution)

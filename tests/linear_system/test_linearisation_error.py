@@ -35,7 +35,7 @@ def test_movements_since_a_look_are_measured_with_the_one_before(
 
     The base itself has moved before, along its gradient. The networks count as large ones.
     """
-    monkeypatch.setattr(linearisation_error, "MOST_UNKNOWNS", 0)
+    monkeypatch.setattr(linearisation_error, "MAX_SMALL_UNKNOWNS", 0)
     system = late_rows(name, 3)
     k, n = len(system.update.signs), system.unknowns.n_columns
     assert k

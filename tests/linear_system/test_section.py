@@ -48,7 +48,7 @@ BLOCKS = ("combined block", "own cameras", "held photo", "AICON, 12 photos", "ca
 
 @pytest.fixture(autouse=True)
 def _small_networks_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(section_choice, "LEAST", 0)
+    monkeypatch.setattr(section_choice, "MIN_NETWORK_RAYS", 0)
 
 
 class Driving:
@@ -182,8 +182,8 @@ def test_verdicts_are_those_of_the_whole(monkeypatch):
     """
     found = []
     for least in (0, 10**9):
-        monkeypatch.setattr(section_choice, "LEAST", least)
-        monkeypatch.setattr(section_choice, "WORK", 1.0)
+        monkeypatch.setattr(section_choice, "MIN_NETWORK_RAYS", least)
+        monkeypatch.setattr(section_choice, "MAX_SECTION_WORK", 1.0)
         driving = Driving(gross=0.02, seed=3)
         told, used = {}, 0
         for event in driving.later[:-2]:
@@ -191,7 +191,7 @@ def test_verdicts_are_those_of_the_whole(monkeypatch):
             told |= {i: v for i, v in new.items() if v.verdict != "waiting"}
             used += driving.system.section is not None
         assert (used > 0) == (least == 0)
-        monkeypatch.setattr(section_choice, "WORK", 0.0)
+        monkeypatch.setattr(section_choice, "MAX_SECTION_WORK", 0.0)
         for event in driving.later[-2:]:
             driving.add([event])
         found.append((told, driving.inc))
@@ -256,7 +256,7 @@ def test_the_whole_is_adjusted_again_when_sections_have_taken_as_long(monkeypatc
     section_with(driving)
     before = driving.system.whole.base
     assert driving.system.section is not None and driving.system.section.work > 0
-    monkeypatch.setattr(section_choice, "WORK", 0.0)
+    monkeypatch.setattr(section_choice, "MAX_SECTION_WORK", 0.0)
     driving.add(driving.later[6:7])
     driving.add(driving.later[7:8])
     assert driving.system.whole.base is not before
@@ -297,8 +297,8 @@ def scattered(driving: Driving, n: int, seed: int = 3) -> Iterator[Observation]:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_rows_beside_a_section_reach_the_whole_network(monkeypatch, seed):
     """Estimates, counts, vᵀPv and covariances anywhere, also of what no row touches."""
-    monkeypatch.setattr(section_choice, "WORK", np.inf)
-    monkeypatch.setattr(section_choice, "SMALLEST", 0)
+    monkeypatch.setattr(section_choice, "MAX_SECTION_WORK", np.inf)
+    monkeypatch.setattr(section_choice, "MIN_SIZE_RATIO", 0)
     driving = Driving(seed=seed)
     section_with(driving)
     beside, removed = 0, ""
@@ -329,7 +329,7 @@ def test_rows_beside_a_section_reach_the_whole_network(monkeypatch, seed):
 @LONG
 def test_what_a_section_makes_of_a_step_of_the_rest(monkeypatch):
     """(Q' − Q) g, of gradients by points outside and by photos of T."""
-    monkeypatch.setattr(section_choice, "SMALLEST", 0)
+    monkeypatch.setattr(section_choice, "MIN_SIZE_RATIO", 0)
     driving = Driving()
     section_with(driving)
     for o in scattered(driving, 2):
@@ -356,7 +356,7 @@ def test_what_a_section_makes_of_a_step_of_the_rest(monkeypatch):
 
 @pytest.mark.parametrize("least", [0, 10**9])
 def test_rows_may_touch_constants_that_have_come_since(monkeypatch, least):
-    monkeypatch.setattr(section_choice, "LEAST", least)
+    monkeypatch.setattr(section_choice, "MIN_NETWORK_RAYS", least)
     driving = Driving()
     for event in driving.later[:6]:
         driving.add([event])
@@ -374,7 +374,7 @@ def test_rows_may_touch_constants_that_have_come_since(monkeypatch, least):
 
 def test_what_touches_nothing_of_the_rest_is_a_section_too(monkeypatch):
     """Directions between constants: their orientation is all that is new."""
-    monkeypatch.setattr(section_choice, "SMALLEST", 0)
+    monkeypatch.setattr(section_choice, "MIN_SIZE_RATIO", 0)
     monkeypatch.setattr(FrontSystem, "most_beside", 0)  # there is no room beside the base
     driving = Driving()
     fixed = (True,) * 3
@@ -397,8 +397,8 @@ def test_what_touches_nothing_of_the_rest_is_a_section_too(monkeypatch):
 @LONG
 def test_the_rest_is_solved_for_what_is_new_in_a_section(monkeypatch):
     """Cofactors of T that the section before had are the same to the last bit."""
-    monkeypatch.setattr(section_choice, "WORK", np.inf)
-    monkeypatch.setattr(section_choice, "SMALLEST", 0)
+    monkeypatch.setattr(section_choice, "MAX_SECTION_WORK", np.inf)
+    monkeypatch.setattr(section_choice, "MIN_SIZE_RATIO", 0)
     driving = Driving()
     section_with(driving, 1)
     before, asked = driving.system.section, []
@@ -441,8 +441,8 @@ def test_rows_touch_no_more_of_the_rest_than_there_is_room_for():
 
 @LONG
 def test_observations_between_known_points_are_sections_too(monkeypatch):
-    monkeypatch.setattr(section_choice, "WORK", np.inf)
-    monkeypatch.setattr(section_choice, "SMALLEST", 0)
+    monkeypatch.setattr(section_choice, "MAX_SECTION_WORK", np.inf)
+    monkeypatch.setattr(section_choice, "MIN_SIZE_RATIO", 0)
     driving = Driving()
     section_with(driving)
     batch = driving.batch()
@@ -491,7 +491,7 @@ def test_image_points_of_a_free_network_are_not_cut():
 @LONG
 def test_photos_that_come_together_are_taken_one_by_one(monkeypatch):
     """The same is in, and everything is in the same place, as if they had come one by one."""
-    monkeypatch.setattr(section_choice, "MOST_AT_ONCE", RAYS)
+    monkeypatch.setattr(section_choice, "MAX_RAYS_PER_PIECE", RAYS)
     together, alone = Driving(seed=4), Driving(seed=4)
     rows = []
     taken = section_choice.in_pieces

@@ -14,23 +14,23 @@ from ..ledger.verdicts import Gain, Outcome, Verdict
 from ..quality.leave_out import Figures, Tested, critical_t2
 from ..types import Array, Index, Mask
 
-MOST_GAINS = 300
+MAX_GAINS = 300
 """Largest number of units of one arrival for which it is worked out what each adds to its points.
 """
-NOTHING = 1e-9
+ROUNDING = 1e-9
 """Eigenvalue of M, and part of σ, that are rounding."""
-TIED = 1e-5
+SINGULAR_REDUNDANCY = 1e-5
 """Eigenvalue of M up to which rows are all that determines something: without them its standard
 deviation would be more than 300 times as large."""
 ALIKE = 1e-6
 """Relative difference of test values up to which they are equal: of units that control each other
 alone the first one fails, however numbers are rounded."""
-MOVES = 1e-2
+MIN_MOTION = 1e-2
 """Movement relative to the conditional standard deviation from which on a variable takes part in a
 motion that nothing determines."""
 
 
-class Place(NamedTuple):
+class PointCovariance(NamedTuple):
     """A point in a system of equations."""
 
     columns: Index
@@ -41,7 +41,7 @@ class Place(NamedTuple):
     """Variances of its coordinates, (3,)."""
 
 
-class Joint(Protocol):
+class JointTest(Protocol):
     """Arriving units in one system of equations with everything else."""
 
     @property
@@ -58,7 +58,7 @@ class Joint(Protocol):
         """Return the units, to be tested against everything else."""
         ...
 
-    def anew(self) -> Joint:
+    def anew(self) -> JointTest:
         """Return the units, to be tested where everything is by now."""
         ...
 
@@ -66,7 +66,7 @@ class Joint(Protocol):
         """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""
         ...
 
-    def place(self, name: str) -> Place:
+    def place(self, name: str) -> PointCovariance:
         """Return a point with all units in."""
         ...
 
@@ -90,7 +90,7 @@ class Decision:
 
 
 def decide(
-    joint: Joint,
+    joint: JointTest,
     alpha: float,
     fixed: Mask,
     new: Collection[Variable],
@@ -114,7 +114,7 @@ def decide(
         worst = int(np.argmax(ratios >= (1.0 - ALIKE) * ratios.max()))
         i = out.stay[worst]
         values, vectors = np.linalg.eigh(tested.block(i))
-        tied = vectors[:, values <= TIED]
+        tied = vectors[:, values <= SINGULAR_REDUNDANCY]
         lost = joint.held_by(i, tied, new) if tied.shape[1] else set()
         # Without it something is not determined: whatever joins that goes back to waiting.
         gone = [j for j in out.stay if touching(j, lost)]
@@ -131,7 +131,7 @@ def decide(
 
 
 def left_out(
-    joint: Joint, decision: Decision, outcome: Outcome, alpha: float, given: Collection[str]
+    joint: JointTest, decision: Decision, outcome: Outcome, alpha: float, given: Collection[str]
 ) -> Iterator[Verdict]:
     """Iterate over the verdicts on the units that failed their tests.
 
@@ -147,7 +147,7 @@ def left_out(
 
 
 def accepted(
-    joint: Joint, alpha: float, given: Collection[str], *, gains: bool
+    joint: JointTest, alpha: float, given: Collection[str], *, gains: bool
 ) -> Iterator[Verdict]:
     """Iterate over the verdicts on units that all stay.
 
@@ -162,7 +162,7 @@ def accepted(
         return
     tested = joint.tested()
     figures = tested.figures(joint.raw, np.arange(len(joint.units)))
-    told = gains and len(joint.units) <= MOST_GAINS
+    told = gains and len(joint.units) <= MAX_GAINS
     for i, unit in enumerate(joint.units):
         added = tuple(_gains(joint, i, tested.block(i))) if told else ()
         yield from _tested(unit, "accepted", figures, i, alpha, given, added)
@@ -220,7 +220,7 @@ def _tested(
         )
 
 
-def _gains(joint: Joint, i: int, m: Array) -> Iterator[Gain]:
+def _gains(joint: JointTest, i: int, m: Array) -> Iterator[Gain]:
     """Iterate over what a unit adds to its points: without it, Q + Q Aᵀ M⁻¹ A Q.
 
     Args:
@@ -229,7 +229,7 @@ def _gains(joint: Joint, i: int, m: Array) -> Iterator[Gain]:
         m: M of the unit, (d, d).
     """
     values, vectors = np.linalg.eigh(m)
-    on = values > NOTHING
+    on = values > ROUNDING
     for name in dict.fromkeys(joint.units[i].points):
         columns, free, variance = joint.place(name)
         if not len(columns):
@@ -237,6 +237,6 @@ def _gains(joint: Joint, i: int, m: Array) -> Iterator[Gain]:
         variance = np.maximum(variance, 0.0)
         turned = joint.spread(i, columns) @ vectors
         more = (turned[:, on] ** 2 / values[on]).sum(axis=1)
-        lost = (np.abs(turned[:, ~on]) > NOTHING * np.sqrt(variance)[:, None]).any(axis=1)
+        lost = (np.abs(turned[:, ~on]) > ROUNDING * np.sqrt(variance)[:, None]).any(axis=1)
         before = np.where(free, np.where(lost, np.inf, np.sqrt(variance + more)), 0.0)
         yield Gain(name, before, np.where(free, np.sqrt(variance), 0.0))

@@ -12,7 +12,7 @@ from ..types import Array, Index
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
+class JointCovariance:
     """Units with the joint covariance of what they touch."""
 
     rows: list[Index]

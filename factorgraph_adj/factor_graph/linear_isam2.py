@@ -3,6 +3,7 @@
 iSAM2 eliminates, this library linearises (`linear_rows`): rows enter as linear containers. Where a
 variable gets a new point of linearisation, all rows that touch it are replaced in the same update,
 so that δ counts from there.
+
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from ..graph.dependence import Variable
 from ..graph.variables import Unknowns
 from ..models.variables import VariableKind
 from ..types import NO_ROWS, Array, Index
+from .joint_covariance import JointCovariance
 from .linear_rows import Arriving, LinearRows
 from .rows import Grown
-from .together import Together
 
-MOST_TURNS = 10
+MAX_TURNS = 10
 """Largest number of times that rows are evaluated anew after an arrival."""
 MOVED = 0.1
 """Movement since the last look, in conditional standard deviations 1/√N_jj, from which on the rows
@@ -35,7 +36,7 @@ KEPT = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
 NEAR, SHRINKING = 1e-6, 0.9
 """Norm of all gaps, and ratio of it to the last one, from which on it is rounding."""
-MOST_MISFIT = 1e9
+MAX_MISFIT = 1e9
 """Largest residual of a row that enters, in its σ: what it adds hides 10⁻⁷ σ of the others."""
 MOST_TERMS = 3
 """Largest number of keys with which iSAM2 takes a factor in one call from Python."""
@@ -72,7 +73,7 @@ class Mark:
     """Kind and numbers of variables, with their points of linearisation before."""
 
 
-class Tree(LinearRows):
+class LinearISAM2(LinearRows):
     """Observations in iSAM2."""
 
     def __init__(self, frame: Frame, *, accuracy: float = 1e-2) -> None:
@@ -128,7 +129,7 @@ class Tree(LinearRows):
         for sort, rows in new.items():
             own = np.concatenate(rows)
             self.rows[sort].linearise(own, self.frame, theta)
-            if not (np.abs(self.rows[sort].v.values[own]) < MOST_MISFIT).all():
+            if not (np.abs(self.rows[sort].v.values[own]) < MAX_MISFIT).all():
                 raise AdjustmentError("a reading is too far from everything else for iSAM2")
             self._weigh(sort, own, 1.0)
         self._weigh_groups(units, 1.0)
@@ -218,7 +219,7 @@ class Tree(LinearRows):
             on = (own >= 0) & (columns >= 0)
             self._bound.values[own[on]] = sigma[columns[on]]
 
-    def bound_new(self, entered: Together) -> None:
+    def bound_new(self, entered: JointCovariance) -> None:
         """Take over the standard deviations of columns that had no bounds before units entered."""
         new = np.isnan(self._bound.values[entered.columns])
         variance = np.maximum(np.diag(entered.covariance), 0.0)
@@ -366,7 +367,7 @@ class Tree(LinearRows):
         allowed = self.accuracy if accuracy is None else accuracy
         moved = MOVED if accuracy is None else 0.0
         last = np.inf
-        for turn in range(MOST_TURNS):
+        for turn in range(MAX_TURNS):
             self._look(moved, self._bounds)
             gap = self._gap.values
             whole = float(np.sqrt(gap.sum()))
@@ -374,7 +375,7 @@ class Tree(LinearRows):
                 return turn
             last = whole
             self._anew(_largest(gap, (KEPT * allowed) ** 2), moved)
-        return MOST_TURNS
+        return MAX_TURNS
 
     def settle(self) -> int:
         """Evaluate rows anew until nothing is missed; return the number of updates."""
@@ -386,7 +387,7 @@ class Tree(LinearRows):
         Where they are not, the tree may be lost: `restore` brings it back.
         """
         with suppress(IndeterminateError):
-            return self.follow() < MOST_TURNS
+            return self.follow() < MAX_TURNS
         return False
 
     def _anew(self, units: Index, moved: float) -> None:
@@ -436,12 +437,12 @@ class Tree(LinearRows):
 
     # -- figures ------------------------------------------------------------------------------
 
-    def together(self, units: Index) -> Together:
+    def together(self, units: Index) -> JointCovariance:
         """Return units with the joint covariance of what they touch."""
         a, v, columns, rows = self._stacked(units)
         keys = np.unique(self._key.values[columns]).tolist()
         v = v + a @ self._delta.values[columns]
-        return Together(rows, columns, a, v, self.covariance_of(keys))
+        return JointCovariance(rows, columns, a, v, self.covariance_of(keys))
 
     def covariance_of(self, keys: Sequence[int]) -> Array:
         """Return the joint covariance of keys, in their order."""

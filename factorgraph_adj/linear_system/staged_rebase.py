@@ -4,6 +4,7 @@ Every arrival with which rows beside the base have become many adds one stage: t
 stands is compiled, then put in order for its elimination and moved by the first step, then
 adjusted; then what has come since is put beside it. No arrival waits for all of them.
 
+
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from .joint_tests import RowsBesideBase
 from .linearisation_error import near_minimum
 from .rebase import EFFORT, Draft
 
-BEGIN = 0.65
+RENEWAL_FILL = 0.65
 """Part of the largest number of rows beside a base from which on a new one is made: there is room
 for some arrivals until it is there."""
 
@@ -43,7 +44,7 @@ class Renewal:
     """It adjusted; none: it is not yet."""
 
 
-def advanced(
+def next_stage(
     renewal: Renewal | None, ledger: Ledger, system: FrontSystem, rules: Options
 ) -> tuple[FrontSystem, Renewal | None]:
     """Return the system and the renewal of its base after the next stage.
@@ -54,7 +55,7 @@ def advanced(
         system: the system of that.
         rules: the options.
     """
-    many = len(system.update.signs) >= BEGIN * system.most_beside
+    many = len(system.update.signs) >= RENEWAL_FILL * system.most_beside
     if not many or system.section is not None or system.doubt or system.is_free:
         return system, None
     with suppress(AdjustmentError):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.graph.dependence import Variable
-from factorgraph_adj.linear_system.test_statistics import decide
+from factorgraph_adj.linear_system.test_decisions import decide
 from factorgraph_adj.quality import leave_out
 
 LOST: Variable = ("point", "P")

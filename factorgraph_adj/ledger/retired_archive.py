@@ -4,6 +4,7 @@ It has the last estimate and covariance of every retired unknown, by name, and w
 them, as a line of the journal that takes them in again. It goes when the adjustment goes: the
 journal has the same, and fills another archive when it is resumed.
 
+
 """
 
 from __future__ import annotations
