@@ -22,6 +22,7 @@ from ..graph.equations import Equations, compile_network
 from ..graph.factors import held_factor, observation_factor
 from ..graph.keys import KeyMap, insert, state_of
 from ..graph.made import MakesFactor, made
+from ..graph.partials import refuse_wrong_partials
 from ..graph.variables import State, Unknowns
 from ..models.variables import VariableKind
 from ..network.additions import UnknownsGiven, add_entities, unknowns_by_kind
@@ -232,6 +233,7 @@ class Isam:
         try:
             self._number(equations.unknowns)
             made_ones = {n: made(n, make, self.keys) for n, make in made_here.items()}
+            refuse_wrong_partials(made_ones, system.equations, system.state, self.keys)
             return self._take(network, system, made_ones)
         except BaseException:
             self._equations = before

@@ -15,7 +15,7 @@ from ..units import significant
 from .equations import Equations
 from .extra import dimension, each_once, variables_of
 from .keys import KeyMap, insert, is_pose
-from .variables import State, Unknowns
+from .variables import State
 
 STEPS = (1e-4, 1e-5)
 """Steps of the differences, metres, radians, image units: what two of them give tells how far they
@@ -35,7 +35,7 @@ def refuse_wrong_partials(
     factors: Mapping[str, gtsam.NonlinearFactor],
     equations: Equations,
     state: State,
-    keyed: Unknowns | None = None,
+    keys: KeyMap | None = None,
 ) -> None:
     """Refuse factors whose Jacobians contradict their errors.
 
@@ -46,13 +46,13 @@ def refuse_wrong_partials(
         factors: the factors by name.
         equations: the equations of the network.
         state: where they are linearised.
-        keyed: the unknowns that the keys belong to; none: those of ``equations``.
+        keys: the keys of the factors; none: those of ``equations``.
 
     Raises:
         InputError: the worst partial of each such factor; or keys as in `linearise_extra`.
     """
     unknowns = equations.unknowns
-    keys = KeyMap(unknowns if keyed is None else keyed)
+    keys = keys or KeyMap(unknowns)
     problems = []
     for name, factor in islice(factors.items(), MOST):
         values = gtsam.Values()

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..errors import InputError, Problem, known
 from ..graph.dependence import Variable, components
+from ..graph.keys import KeyMap
 from ..graph.made import FactorModel, observation_of
 from ..graph.partials import refuse_wrong_partials
 from ..graph.variables import Unknowns
@@ -104,7 +105,7 @@ def _refuse_wrong_partials(
         and o.model.factor is not None
         and all(parameter_name(key) in unknowns[kind].number for kind, key in o.unknowns)
     }
-    refuse_wrong_partials(joined, solution.equations, solution.state, keyed)
+    refuse_wrong_partials(joined, solution.equations, solution.state, KeyMap(keyed))
 
 
 def remove(

@@ -101,18 +101,18 @@ def fine(row: Row) -> None:
         raise InputError(row.problems)
 
 
-def ids(row: Row) -> tuple[str, ...]:
-    """Return the field ``ids``: a list of ids, or a single id. Raises as `fine` does."""
-    given = row.take("ids", required=True)
+def ids(row: Row, name: str = "ids", *, required: bool = True) -> tuple[str, ...]:
+    """Return a field with a list of ids, or a single id. Raises as `fine` does."""
+    given = row.take(name, required=required)
     listed: Sequence[object] = given if isinstance(given, list) else [given]
     found = []
     for ident in listed if given is not None else ():
         if isinstance(ident, bool) or not isinstance(ident, str | int) or ident == "":
-            row.wrong(f"ids must be a list of ids, or one id, not {shown(given)}")
+            row.wrong(f"{name} must be a list of ids, or one id, not {shown(given)}")
             break
         found.append(str(ident))
     if given == []:
-        row.wrong("ids is empty: name one observation or more")
+        row.wrong(f"{name} is empty: name one or more")
     fine(row)
     return tuple(found)
 

@@ -43,7 +43,11 @@ such as σ of a new point before the observation, are null.
 ``reweight``          ``ids``, ``factor``: multiply weights by the factor
 ``snoop``             set gross errors aside: ``set_aside``, ``points_set_aside``,
                       ``readmitted``, ``unresolved``, ``entered`` (verdicts on what fits then)
-``settle``            iterate to convergence; the result is that of a batch adjustment
+``settle``            iterate to convergence; the result is that of a batch adjustment; with
+                      ``all``: true everything that was retired is taken back first
+``retire``            ``points``, ``photos``: names, ``before``: an id: let these, and what nothing
+                      has touched since before the id came, leave with their observations:
+                      ``points_retired``, ``photos_retired``, ``observations_retired``
 ``write``             ``project``: a .toml file, or a folder; write the graph as a project.
                       Existing files are replaced only with ``overwrite``: true
 ``stop``              end the stream
@@ -282,8 +286,23 @@ class Stream:
         return self.answers.snooping(found, self.adjustment.latest)
 
     def _settle(self, row: Row) -> Answer:
-        self.adjustment.settle()
+        everything = row.flag("all")
+        requests.fine(row)
+        self.adjustment.settle(all=everything)
         return {}
+
+    def _retire(self, row: Row) -> Answer:
+        points, photos = (requests.ids(row, n, required=False) for n in ("points", "photos"))
+        before = row.text("before")
+        requests.fine(row)
+        was = self._numbers_retired()
+        self.adjustment.retire(points=points, photos=photos, before=before)
+        now = self._numbers_retired()
+        return {name: now[name] - was[name] for name in now}
+
+    def _numbers_retired(self) -> dict[str, int]:
+        names, retired = ("points", "photos", "observations"), self.adjustment.retired
+        return {f"{n}_retired": 0 if retired is None else getattr(retired, n) for n in names}
 
     # -- queries --------------------------------------------------------------------------------
 
@@ -369,7 +388,8 @@ COMMANDS: dict[str, Command] = {
     "replace": Command(Stream._replace, ("id", "observation")),
     "reweight": Command(Stream._reweight, ("ids", "factor")),
     "snoop": Command(Stream._snoop),
-    "settle": Command(Stream._settle),
+    "settle": Command(Stream._settle, ("all",)),
+    "retire": Command(Stream._retire, ("points", "photos", "before")),
     "write": Command(Stream._write, ("project", "overwrite")),
     "stop": Command(Stream._stop),
 }

@@ -109,7 +109,8 @@ class Extra:
             InputError: the partial of each factor that is most wrong; or as `at`.
         """
         if self.given():
-            refuse_wrong_partials(self.named(), equations, state, self.keyed)
+            keys = None if self.keyed is None else KeyMap(self.keyed)
+            refuse_wrong_partials(self.named(), equations, state, keys)
 
     def given(self) -> tuple[gtsam.NonlinearFactor, ...]:
         """Return the factors.

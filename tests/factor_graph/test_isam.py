@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.graph.made import KeyOf
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.graph.made import KeyOf, MakesFactor
 from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.network.selection import without
 from factorgraph_adj.observations import SlopeDistance
@@ -162,6 +163,34 @@ def test_native_factors_go_straight_in() -> None:
 
 
 PAIR = ("P35", "P36")
+
+
+def test_a_factor_whose_jacobian_has_the_wrong_sign_is_refused() -> None:
+    network = site_network()
+    isam = fga.Isam(network)
+    first, second = [n for n, p in network.points.items() if not any(p.fixed)][:2]
+
+    def tape(sign: float) -> MakesFactor:
+        def make(key: KeyOf) -> gtsam.NonlinearFactor:
+            keys = [key("point", first), key("point", second)]
+
+            def error(_: object, values: gtsam.Values, jacobians: list | None) -> np.ndarray:
+                a, b = (values.atPoint3(k) for k in keys)
+                length = np.linalg.norm(b - a)
+                if jacobians is not None:
+                    jacobians[0] = sign * (a - b)[None] / length
+                    jacobians[1] = (b - a)[None] / length
+                return np.array([length - 10.0])
+
+            return gtsam.CustomFactor(gtsam.noiseModel.Isotropic.Sigma(1, 1.0), keys, error)
+
+        return make
+
+    n = len(isam)
+    with pytest.raises(InputError, match="the sign of its Jacobian is wrong"):
+        isam.add(factors={"tape": tape(-1.0)})
+    assert len(isam) == n
+    assert isam.add(factors={"tape": tape(1.0)}) == ("tape",)
 
 
 def test_what_it_has_goes_into_an_isam2_of_your_own() -> None:

@@ -190,6 +190,23 @@ def test_the_solution_is_that_of_the_batch(yard):
     )
 
 
+def test_what_is_retired_is_taken_back(yard):
+    before = yard(do="estimate", point="C")
+    rows = yard.inc.n_observations
+    answer = yard(do="retire", points=["C"])
+    assert answer["ok"] and answer["points_retired"] == 1 and answer["photos_retired"] == 0
+    assert answer["observations_retired"] > 0
+    refused = yard.raw(json.dumps({"do": "estimate", "point": "C"}))
+    assert "settle(all=True) takes everything back" in refused["error"][0]["what"]
+    assert not yard.raw(json.dumps({"do": "settle", "all": "some"}))["ok"]
+    assert yard(do="settle", all=True)["ok"] and yard.inc.retired is None
+    assert yard.inc.n_observations == rows
+    after = yard(do="estimate", point="C")
+    assert [after[a] for a in COORDINATES] == pytest.approx(
+        [before[a] for a in COORDINATES], abs=1e-6
+    )
+
+
 def test_estimate_tells_a_point(yard):
     answer = yard(do="estimate", point="C")
     assert answer["name"] == "C"
