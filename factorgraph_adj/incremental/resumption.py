@@ -118,7 +118,7 @@ class _Lines:
     def compared(self, state: IncrementalState) -> IncrementalState:
         """Return a state at rest whose solution tells of a minimum that is not the journal's."""
         system, said = state.system, self.lines[-1].get("vtpv")
-        if not isinstance(system, FrontSystem) or said is None or system.base.second_places:
+        if not isinstance(system, FrontSystem) or said is None:
             return state
         if abs(system.vtpv - said) <= _within(said):
             return state
@@ -126,8 +126,7 @@ class _Lines:
             f"the journal ended at a minimum with vᵀPv {said:.6g}, which was not found again; "
             f"here it is {system.vtpv:.6g}"
         )
-        base = replace(system.base, second_places=(told,))
-        return replace(state, system=FrontSystem.of(base, rows=system.rows, section=system.section))
+        return replace(state, system=system.with_second_place(told))
 
     def _excess(self, line: int, found: FrontSystem | Failure | None) -> float:
         """Return by how much vᵀPv exceeds what a line says, beyond what is left to settle."""

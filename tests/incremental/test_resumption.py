@@ -82,6 +82,21 @@ def test_a_minimum_that_is_not_found_again_is_told(drive, tmp_path):
     assert "the journal ended at a minimum with vᵀPv 85.6951, which was not found again" in told
 
 
+def test_a_minimum_that_is_not_found_again_is_told_beside_other_places(tmp_path):
+    network = sided()
+    network.add_point("Q", (31.0, -38.0, 0.0), fixed="z")
+    inc = fga.IncrementalAdjustment(network, journal=tmp_path / "journal")
+    at = {"A": 50.0, "B": 50.0, "C": 60.0}
+    inc.add([SlopeDistance(s, "P", d, sigma=0.01) for s, d in at.items()])
+    inc.add([SlopeDistance(s, "Q", 50.0, sigma=0.01) for s in "AB"])
+    del inc
+    lines = lines_of(tmp_path / "journal")
+    lines[-1]["vtpv"] += 50.0
+    side, told = state_of(lines, tmp_path).system.base.second_places
+    assert "point 'Q' fits equally well" in side
+    assert "which was not found again" in told
+
+
 def sided():
     """Return a network whose point has approximate values on the wrong side."""
     network = fga.Network("two sides")

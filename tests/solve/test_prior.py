@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from factorgraph_adj.solve.prior import STEP, Marginal, marginal
+from factorgraph_adj.solve.prior import Marginal, marginal
 from factorgraph_adj.types import Array, Index
 from tests.networks.eliminated import ELIMINATED, FIRST_LAYER, eliminated
 
@@ -15,6 +15,9 @@ GIVEN = tuple(n for n in FIRST_LAYER if "free" not in n and n != "held photos")
 """Cases with a given datum, points that only cameras see, and something that these depend on."""
 KNOWN = 1e-6
 """Share of the information along a direction from which on it is compared."""
+
+STEP = 1e-6
+"""Step of the central differences, metres and radians."""
 
 
 class Divided:
