@@ -112,7 +112,8 @@ def log_rotation(r: Array) -> Array:
     """Return the rotation vector (n, 3) of rotation matrices (n, 3, 3); |result| ≤ π."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_matrix(r).as_rotvec(), dtype=float)
+    writable = np.require(r, requirements="W")  # scipy before 1.14 takes no other
+    return np.asarray(Rotation.from_matrix(writable).as_rotvec(), dtype=float)
 
 
 def right_jacobian_inverse(w: Array) -> Array:
