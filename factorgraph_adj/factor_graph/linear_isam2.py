@@ -32,6 +32,9 @@ MAX_TURNS = 10
 MOVED = 0.1
 """Movement since the last look, in conditional standard deviations 1/√N_jj, from which on the rows
 of a variable are looked at: below it they miss less than any accuracy that is asked for."""
+WEAK = 3.0
+"""Standard deviation in conditional ones from which on a variable is looked at after less: a
+movement that its own rows hardly notice turns the direction in which it is weak."""
 KEPT = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
 NEAR, SHRINKING = 1e-6, 0.9
@@ -365,7 +368,7 @@ class LinearISAM2(LinearRows):
             accuracy: largest norm of all gaps; none: that of the tree.
         """
         allowed = self.accuracy if accuracy is None else accuracy
-        moved = MOVED if accuracy is None else 0.0
+        moved = self._moved_from() if accuracy is None else np.zeros(len(self._delta.values))
         last = np.inf
         for turn in range(MAX_TURNS):
             self._look(moved, self._bounds)
@@ -376,6 +379,11 @@ class LinearISAM2(LinearRows):
             last = whole
             self._anew(_largest(gap, (KEPT * allowed) ** 2), moved)
         return MAX_TURNS
+
+    def _moved_from(self) -> Array:
+        """Return the movement of each column from which on its rows are looked at; see `MOVED`."""
+        weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
+        return np.asarray(MOVED / np.fmax(1.0, self._bound.values * weight / WEAK) ** 2)
 
     def settle(self) -> int:
         """Evaluate rows anew until nothing is missed; return the number of updates."""
@@ -390,7 +398,7 @@ class LinearISAM2(LinearRows):
             return self.follow() < MAX_TURNS
         return False
 
-    def _anew(self, units: Index, moved: float) -> None:
+    def _anew(self, units: Index, moved: Array) -> None:
         """Give variables of units that have moved new points of linearisation.
 
         All rows that touch them are replaced.

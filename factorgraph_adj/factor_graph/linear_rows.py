@@ -344,14 +344,15 @@ class LinearRows:
                     out[own], v[own] = w @ out[own], w @ v[own]
         return Stacked(out, v, every, rows_of)
 
-    def _look(self, moved: float, bounds: Callable[[Index], Array]) -> None:
+    def _look(self, moved: Array, bounds: Callable[[Index], Array]) -> None:
         """Measure the gaps of rows whose variables have moved since the last look.
 
         Partials change too, by dA. With s = |dA Q^½| of a row, standard deviations change by no
         more than s of themselves, and the gradient Aᵀv moves estimates by no more than s|v|.
 
         Args:
-            moved: movement in conditional standard deviations from which on rows are looked at.
+            moved: movement of each column in conditional standard deviations from which on its rows
+                are looked at.
             bounds: returns upper bounds of the standard deviations of columns.
         """
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
