@@ -188,3 +188,25 @@ def test_a_network_that_isam2_refuses_is_put_into_it_again_only_when_its_datum_i
     assert inc.engine == "isam2" and len(tried) == 3
     batch = fga.adjust(inc.network(), tolerance=1e-10)
     assert inc.estimate("Q")[2] == pytest.approx(batch.point("Q")[2], abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_deviations_of_a_point_that_hardly_anything_determines_are_those_of_the_batch(
+    seed: int,
+) -> None:
+    """Distances along a short base leave it free across, where a movement turns its ellipse."""
+    rng, n, sigma = np.random.default_rng(seed), 12, 0.3
+    there = np.array([rng.uniform(-3.0, 3.0), 15.0, 0.0])
+    net = fga.Network("a beacon")
+    for i in range(n):
+        net.add_point(f"S{i}", (0.16 * i - 2.0, rng.normal(0.0, 0.05), 0.0), fixed="xyz")
+    net.add_point(
+        "b", tuple(there + np.append(rng.normal(0.0, 2.0, 2), 0.0)), fixed="z", sigma=10.0
+    )
+    inc = fga.IncrementalAdjustment(net, policy="accept")
+    for i in range(n):
+        distance = float(np.linalg.norm(there - net.points[f"S{i}"].coordinates))
+        inc.add(SlopeDistance(f"S{i}", "b", distance + rng.normal(0.0, sigma), sigma=sigma))
+        batch = fga.adjust(inc.network(), start=inc.solution(), tolerance=1e-9)
+        ours, theirs = (x.standard_deviations("b")[:2] for x in (inc, batch))
+        assert ours == pytest.approx(theirs, rel=1e-2), i
