@@ -29,13 +29,13 @@ from .rows import Grown
 
 MAX_TURNS = 10
 """Largest number of times that rows are evaluated anew after an arrival."""
-MOVED = 0.1
+MIN_MOVEMENT = 0.1
 """Movement since the last look, in conditional standard deviations 1/√N_jj, from which on the rows
 of a variable are looked at: below it they miss less than any accuracy that is asked for."""
-WEAK = 3.0
+WEAK_SIGMA_RATIO = 3.0
 """Standard deviation in conditional ones from which on a variable is looked at after less: a
 movement that its own rows hardly notice turns the direction in which it is weak."""
-KEPT = 0.25
+REMAINING_GAP_SHARE = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
 NEAR, SHRINKING = 1e-6, 0.9
 """Norm of all gaps, and ratio of it to the last one, from which on it is rounding."""
@@ -43,7 +43,7 @@ MAX_MISFIT = 1e9
 """Largest residual of a row that enters, in its σ: what it adds hides 10⁻⁷ σ of the others."""
 MOST_TERMS = 3
 """Largest number of keys with which iSAM2 takes a factor in one call from Python."""
-AT_REST = 1e-7
+CONVERGED_GAP = 1e-7
 """Norm of all gaps at which `Tree.settle` ends."""
 
 
@@ -377,17 +377,19 @@ class LinearISAM2(LinearRows):
             if whole <= allowed or (whole <= NEAR and whole > SHRINKING * last):
                 return turn
             last = whole
-            self._anew(_largest(gap, (KEPT * allowed) ** 2), moved)
+            self._anew(_largest(gap, (REMAINING_GAP_SHARE * allowed) ** 2), moved)
         return MAX_TURNS
 
     def _moved_from(self) -> Array:
-        """Return the movement of each column from which on its rows are looked at; see `MOVED`."""
+        """Return the movement of each column from which on its rows are looked at."""
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
-        return np.asarray(MOVED / np.fmax(1.0, self._bound.values * weight / WEAK) ** 2)
+        return np.asarray(
+            MIN_MOVEMENT / np.fmax(1.0, self._bound.values * weight / WEAK_SIGMA_RATIO) ** 2
+        )
 
     def settle(self) -> int:
         """Evaluate rows anew until nothing is missed; return the number of updates."""
-        return self.follow(AT_REST)
+        return self.follow(CONVERGED_GAP)
 
     def follow_to_rest(self) -> bool:
         """Evaluate rows anew until their gaps are small; return whether they are.

@@ -242,7 +242,7 @@ class IncrementalAdjustment(StateQueries):
         given = Input.of(observations, points, photos, cameras, unknowns, factors)
         if self._journal is not None:
             given.refuse_factors()
-        result = commands.add(commands.at(self._state, time, self._rules), given, self._rules)
+        result = commands.add(commands.at_time(self._state, time, self._rules), given, self._rules)
         new = journal_entries.entities(self._state.ledger.network, result[0].ledger.network, given)
         new |= {} if time is None else {"time": float(time)}
         arrived = result[0].ledger.observations(self._state.ledger.rows.n)

@@ -45,7 +45,7 @@ MAX_SETTLING_ROUNDS = 5
 """Largest number of times that what waits is looked at before everything is at rest."""
 
 
-def at(state: IncrementalState, time: float | None, rules: Options) -> IncrementalState:
+def at_time(state: IncrementalState, time: float | None, rules: Options) -> IncrementalState:
     """Return the state at the time of what arrives; none: that of the latest arrival.
 
     Raises:

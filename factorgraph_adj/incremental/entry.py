@@ -40,7 +40,7 @@ from .second_minimum import smaller_minimum
 
 MAX_JUDGEMENTS = 5
 """Number of times that what enters together is judged, each time without what did not fit."""
-MOST_TO_AGREE = 1500
+MAX_UNKNOWNS_ADJUSTED_FIRST = 1500
 """Largest number of unknowns of a network with which arrivals that look disturbed are adjusted
 before a search for what stands out among them, which takes as long there."""
 CONTRADICT = "its observations contradict each other, and nothing tells yet which of them is wrong"
@@ -271,7 +271,7 @@ class Entry:
         system = self.system
         if not isinstance(system, FrontSystem) or system.doubt or not self._tests():
             return False
-        few = system.unknowns.n_columns <= MOST_TO_AGREE
+        few = system.unknowns.n_columns <= MAX_UNKNOWNS_ADJUSTED_FIRST
         disturbed = [e.rows for e in self.found if e.is_disturbed]
         return few and any(len(self.ledger.rows.images(rows)) for rows in disturbed)
 

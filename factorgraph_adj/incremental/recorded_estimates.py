@@ -25,7 +25,7 @@ from .worklist import IncrementalState
 
 Estimates: TypeAlias = dict[Variable, Array]
 """Values of unknowns, as in a state."""
-MOST_SKEW = 1e-6
+MAX_ORTHOGONALITY_ERROR = 1e-6
 """Largest deviation of R Rᵀ from I of a rotation in a journal."""
 
 
@@ -111,7 +111,7 @@ def read_estimates(line: Mapping[str, Any]) -> Estimates:
                 raise ValueError(f"{given!r:.40} is no estimate of {name!r}")
             if UNKNOWNS[kind].rotates:
                 r = value[:ROTATION].reshape(3, 3)
-                if not np.abs(r @ r.T - np.eye(3)).max() < MOST_SKEW:
+                if not np.abs(r @ r.T - np.eye(3)).max() < MAX_ORTHOGONALITY_ERROR:
                     raise ValueError(f"the estimate of {name!r} has no rotation")
             out[kind, name] = value
     if not math.isfinite(line.get("vtpv", 0.0)):

@@ -27,9 +27,9 @@ from .recorded_estimates import Estimates, all_estimates, read_estimates
 from .retirement import retired_again, with_everything
 from .worklist import IncrementalState
 
-MOST_ADJUSTED = 100
+MAX_ADJUSTED_LINES = 100
 """Largest number of lines at which the network is adjusted on the way."""
-WITHIN = 1e-4
+VTPV_TOLERANCE = 1e-4
 """Difference of two vᵀPv of one minimum, relative to 100 + vᵀPv: what is left until everything
 settles."""
 
@@ -99,11 +99,11 @@ class _Lines:
             moment: a moment before.
         """
         ends, found = [len(self.lines)], None
-        for n in range(1, MOST_ADJUSTED + len(self.lines).bit_length() + 1):
+        for n in range(1, MAX_ADJUSTED_LINES + len(self.lines).bit_length() + 1):
             end = self._moment(moment, ends[-1])
             inside = Candidates(end.ledger, NothingKnown(), end.ledger.having("accepted"))
             found = adjusted_once(end.ledger, inside, self.rules, there=end.estimates)
-            far = n < MOST_ADJUSTED and end.line - moment.line > 1
+            far = n < MAX_ADJUSTED_LINES and end.line - moment.line > 1
             if far and self._excess(end.line, found) > 0.0:
                 ends.append((moment.line + end.line) // 2)
                 continue
@@ -156,4 +156,4 @@ class _Lines:
 
 
 def _within(vtpv: float) -> float:
-    return WITHIN * (100.0 + vtpv)
+    return VTPV_TOLERANCE * (100.0 + vtpv)

@@ -32,7 +32,7 @@ from ..network.entities import Key, parameter_name
 from ..network.network import Network
 from ..network.selection import keep_entities
 from ..solve.marginalisation import NAME, marginalised
-from ..solve.missed_step import MOVES, NOTHING_MISSED, MissedStep
+from ..solve.missed_step import N_MOVEMENTS, NOTHING_MISSED, MissedStep
 from ..solve.prior import Group, Prior
 from ..types import Array, Index
 from .retirement_window import is_stated, stated_at
@@ -133,7 +133,7 @@ class Rest(NamedTuple):
         sigma, gradients, lengths = (
             np.array(told[name], dtype=float) for name in ("sigma", "gradients", "lengths")
         )
-        shape = len(lengths), len(sigma), MOVES
+        shape = len(lengths), len(sigma), N_MOVEMENTS
         missed = MissedStep(sigma, gradients.reshape(shape), lengths, float(told["older"]))
         return cls(prior, missed)
 

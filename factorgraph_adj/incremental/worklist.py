@@ -62,7 +62,7 @@ class IncrementalState:
     """Whether nothing has changed since it was at rest."""
     renewal: Renewal | None = None
     """A new base in the making; none: there is none."""
-    refused: engines.Refused | None = None
+    refused: engines.RefusedNetwork | None = None
     """What there was of the network when iSAM2 refused it; none: it has not."""
 
     @cached_property

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import gtsam
 
 
-class Refused(NamedTuple):
+class RefusedNetwork(NamedTuple):
     """What there was of a network when iSAM2 refused it, without which it would do so again.
 
     Cholesky's factorisation in iSAM2 refuses a weak datum: further observations between what is
@@ -50,7 +50,7 @@ class Refused(NamedTuple):
     """Number of observations and weights that say where it is."""
 
     @classmethod
-    def of(cls, system: FrontSystem, ledger: Ledger) -> Refused:
+    def of(cls, system: FrontSystem, ledger: Ledger) -> RefusedNetwork:
         """Return what there is of a network."""
         equations = system.base.equations
         beside = [unit for _, unit in ledger.rows.units(ledger.find(system.joined))]
@@ -65,8 +65,11 @@ class Refused(NamedTuple):
 
 
 def in_chosen_engine(
-    system: LinearSystem | None, ledger: Ledger, rules: Options, refused: Refused | None = None
-) -> tuple[LinearSystem | None, Refused | None]:
+    system: LinearSystem | None,
+    ledger: Ledger,
+    rules: Options,
+    refused: RefusedNetwork | None = None,
+) -> tuple[LinearSystem | None, RefusedNetwork | None]:
     """Return a system in the engine that the options choose, where it suits the network.
 
     Args:
@@ -85,11 +88,11 @@ def in_chosen_engine(
         return system, None
     if not ISAM2System.suits(system, rules):
         return system, refused
-    now = None if refused is None else Refused.of(system, ledger)
+    now = None if refused is None else RefusedNetwork.of(system, ledger)
     if now is not None and now == refused:
         return system, refused
     found = ISAM2System.of(system, ledger, rules)
-    return (system, now or Refused.of(system, ledger)) if found is None else (found, None)
+    return (system, now or RefusedNetwork.of(system, ledger)) if found is None else (found, None)
 
 
 def in_fronts(system: LinearSystem | None) -> FrontSystem | None:

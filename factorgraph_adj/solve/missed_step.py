@@ -12,10 +12,14 @@ for a movement of unit length, and multiplied by the square of the length that T
 rows are marginalised again.
 
 Unknowns of T that leave then take what was missed along with them, but for what the others notice.
-The gradients are therefore carried on to what remains in the same way, exactly. After `LOTS`
-marginalisations hardly anything of them changes: what is left of them, in unknowns that stay, such
-as a calibration, is added to a sum of lengths. A length never grows, as observations that come only
-make Q smaller.
+The gradients are therefore carried on to what remains in the same way, exactly. After
+`MAX_KEPT_MARGINALISATIONS` hardly anything of them changes: what is left of them, in unknowns that
+stay, such as a calibration, is added to a sum of lengths. A length never grows, as observations
+that come only make Q smaller.
+
+The result is an estimate, not a bound. Three movements over all of T do not show one unknown among
+many whose rows are curved most: with 60 neighbours 0.005 σ was found where 0.12 σ was missed. The
+rows of earlier marginalisations count with the movement that T had at the last one.
 """
 
 from __future__ import annotations
@@ -30,13 +34,13 @@ from .linear import LinearisedEquations
 from .normal import NormalEquations
 from .prior import Prior
 
-MOVES = 3
+N_MOVEMENTS = 3
 """Number of movements at which linear rows are compared with what they stand for."""
 SEED = 1
 """Seed of these movements."""
-LOTS = 4
+MAX_KEPT_MARGINALISATIONS = 4
 """Number of marginalisations whose gradients are kept."""
-VANISHED = 1e-12
+MIN_RELATIVE_EIGENVALUE = 1e-12
 """Smallest eigenvalue of a correlation matrix that counts, relative to the largest one."""
 
 
@@ -45,7 +49,7 @@ class MissedStep(NamedTuple):
 
     sigma: Array = np.zeros(0)
     """σ of the unknowns of the prior when its rows were made, (m,); 0 for held components."""
-    gradients: Array = np.zeros((0, 0, MOVES))
+    gradients: Array = np.zeros((0, 0, N_MOVEMENTS))
     """Gradients that the rows of the last marginalisations miss, the last one first, (lots, m,
     moves): of the last one for a movement of unit length, of others as T has moved."""
     lengths: Array = np.zeros(0)
@@ -96,7 +100,7 @@ class _Remaining(NamedTuple):
         on = sigma > 0
         c = own[np.ix_(on, on)] / np.outer(sigma[on], sigma[on])
         values, vectors = np.linalg.eigh((c + c.T) / 2)
-        counts = values > VANISHED * values.max(initial=0.0)
+        counts = values > MIN_RELATIVE_EIGENVALUE * values.max(initial=0.0)
         return cls(q, sigma, vectors[:, counts] / np.sqrt(values[counts]))
 
     def carried(self, gradients: Array) -> tuple[Array, Array]:
@@ -131,8 +135,10 @@ def missed_step(
     left = _Remaining.of(factor.solve(unit), columns)
     others = np.ones(len(here.every_residual), dtype=bool)
     others[rows], others[here.equations.n_rows :] = False, False
-    noise = np.random.default_rng(SEED).standard_normal((len(others), MOVES)) * others[:, None]
-    fresh = np.zeros((unknowns.n_columns, MOVES))
+    noise = (
+        np.random.default_rng(SEED).standard_normal((len(others), N_MOVEMENTS)) * others[:, None]
+    )
+    fresh = np.zeros((unknowns.n_columns, N_MOVEMENTS))
     for i, movement in enumerate(factor.solve(here.transposed(noise)).T):
         state = unknowns.retract(here.state, movement)
         extra = () if before is None else before.at(here.equations, state).rows
@@ -150,6 +156,6 @@ def missed_step(
             lots.append(whole)
     found = [left.carried(lot) for lot in lots]
     lengths = np.array([steps.max(initial=0.0) for _, steps in found])
-    gradients = np.array([gradient for gradient, _ in found[:LOTS]])
-    older = known.older + float(lengths[LOTS:].sum())
-    return MissedStep(left.sigma, gradients, lengths[:LOTS], older)
+    gradients = np.array([gradient for gradient, _ in found[:MAX_KEPT_MARGINALISATIONS]])
+    older = known.older + float(lengths[MAX_KEPT_MARGINALISATIONS:].sum())
+    return MissedStep(left.sigma, gradients, lengths[:MAX_KEPT_MARGINALISATIONS], older)

@@ -8,7 +8,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.solve.linear import LinearisedEquations
 from factorgraph_adj.solve.marginalisation import marginalised
-from factorgraph_adj.solve.missed_step import LOTS, MissedStep
+from factorgraph_adj.solve.missed_step import MAX_KEPT_MARGINALISATIONS, MissedStep
 from factorgraph_adj.solve.normal import NormalEquations, Solver
 from factorgraph_adj.solve.singular import SingularError
 from tests.networks.small_block import small_block
@@ -115,7 +115,7 @@ def test_what_was_missed_moves_what_remains_as_it_would_move_everything():
     assert relative <= later.missed.lengths[2] * (1 + 1e-9)
     # The rows of the marginalisation before have not moved; six and a new one are three too many.
     assert later.missed.lengths[1] == 0
-    assert len(later.missed.lengths) == LOTS
+    assert len(later.missed.lengths) == MAX_KEPT_MARGINALISATIONS
     assert later.missed.older > 0.5
     still = np.zeros(len(e2.columns))
     assert later.missed.at(still) == pytest.approx(
