@@ -335,10 +335,7 @@ def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWE
     try:
         system, factor = solution.normal().system, solution.factor
     except SingularError as error:
-        raise AdjustmentError(
-            f"no reliability: the normal equations are singular at the solution ({error}; "
-            f"{solution.reason})"
-        ) from None
+        raise AdjustmentError(f"no reliability: {error}") from None
     found = leverages(system, factor, _transform(solution))
     equations = solution.equations
     blocks, clusters = found.hats

@@ -272,10 +272,7 @@ def significance(
     try:
         variables = list(_variables(solution))
     except SingularError as error:
-        raise AdjustmentError(
-            f"no tests of parameters: the normal equations are singular at the solution ({error}; "
-            f"{solution.reason})"
-        ) from None
+        raise AdjustmentError(f"no tests of parameters: {error}") from None
     photos = partners_of_photos(solution) if ties else {}
     points = partners_of_points(solution) if ties else NO_PARTNERS
     parameters: list[TestedParameter] = []

@@ -32,6 +32,7 @@ from .normal import NormalEquations, Solver
 from .observation_table import ObservationTable
 from .reference_datum import ReferenceDatum
 from .run import Looked
+from .singular import SingularError
 
 ROUNDING = 1e-15
 """Smallest relative error of a variance that is assumed."""
@@ -380,9 +381,14 @@ class Solution(Shown):
 
         Raises:
             SingularError: an unknown is not determined, or so weakly that covariances would be
-                wrong.
+                wrong; the text has the reason why the iteration ended.
         """
-        return self.normal().for_covariances(self.constraint, self.datum)
+        normal = self.normal()
+        try:
+            return normal.for_covariances(self.constraint, self.datum)
+        except SingularError as error:
+            what = f"singular at the solution ({error}; {self.reason})"
+            raise SingularError(f"the normal equations are {what}") from None
 
     @cached_property
     @with_one_thread

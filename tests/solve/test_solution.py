@@ -18,6 +18,7 @@ from factorgraph_adj.observations import (
 )
 from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
 from factorgraph_adj.solve.normal import NormalEquations, Solver
+from tests.networks.exchanged_day import day
 from tests.networks.total_station import MILLIMETRE, POINTS, total_station
 
 
@@ -227,3 +228,12 @@ def test_a_large_block_without_datum_is_refused_by_its_defects_alone() -> None:
     with pytest.raises(fga.DatumError, match="scale") as error:
         fga.adjust(network, datum="given")
     assert error.value.defect >= 7
+
+
+def test_where_there_are_no_covariances_the_end_of_the_iteration_is_reported():
+    """A day with an exchange of targets, whose adjustment ends where a point is lost."""
+    solution = fga.adjust(day(3).network)
+    assert not solution.converged
+    for asked in (solution.point_table, lambda: solution.covariance("P1")):
+        with pytest.raises(fga.AdjustmentError, match="singular at the solution .* not at rest"):
+            asked()
