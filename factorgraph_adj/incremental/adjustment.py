@@ -219,8 +219,9 @@ class IncrementalAdjustment(StateQueries):
 
         Each is compared with its prediction from everything else, see
         `factorgraph_adj.ledger.verdicts`. Of several that are beyond the critical value the
-        worst goes first, as in data snooping. The arrival has a verdict on each observation given,
-        then on those that entered by themselves.
+        worst goes first, as in data snooping. Suspects that fit with what has entered come back at
+        once, see `factorgraph_adj.incremental.readmission`. The arrival has a verdict on each
+        observation given, then on those that entered by themselves.
 
         Args:
             observations: one or many, of any kind, correlated groups among them.

@@ -35,7 +35,7 @@ from ..solve.solution import Solution
 from ..types import Index
 from .arrival import Arrival, arrival_of
 from .initial_adjustment import settled
-from .readmission import readmitted, remeasured
+from .readmission import readmitted, readmitted_suspects, remeasured
 from .removal import remove_observations
 from .worklist import IncrementalState, Task, Verdicts, worked_off
 
@@ -84,6 +84,7 @@ def add(state: IncrementalState, given: Input, rules: Options) -> tuple[Incremen
         waiting = Candidates(ledger, known_in(state.system), state.ledger.having("waiting"))
         tasks.append(Task(waiting.touching(placed)))
     after, told = worked_off(replace(state, ledger=ledger), tasks, rules, growing=True)
+    after, told = readmitted_suspects(after, told, rules)
     if given.factors:
         _refuse_wrong_partials(after, made, Unknowns(described), rules)
     after = _with_weighted(after, given.variables, rules)

@@ -1,15 +1,22 @@
-"""What was left out comes back after a command, where it fits by now.
+"""What was left out comes back where it fits by now, by one rule for all networks and both engines.
 
-A command that takes observations out, puts them in or changes them may have removed what others
-contradicted. All suspects and rejected observations are then looked at once more:
+An observation that was left out fits where T² of its innovation, computed from everything that is
+in − observed, is below its critical value: first alone, then together with the others that come
+back. Several gross errors that agree with one another do not outvote what is in, as each has to fit
+without the others. When it is looked at:
 
-- An observation between known variables comes back if T² of its innovation, computed from
-  everything that is in − observed, is below its critical value: first alone, then together with
-  the others that come back. Several gross errors that agree with one another do not outvote what
-  is in, as each has to fit without the others.
-- What lost everything that determined its variables is looked at like an arrival. A suspect may
-  wait again. A rejected observation comes back only where something else tests it, and stays
-  rejected otherwise: nothing says that what it contradicted was the wrong one.
+- Suspects after every arrival of which something has entered. All of them are predicted, the
+  latest `MAX_SUSPECTS_PREDICTED` where there are more; those whose innovations are within
+  √critical · σ of their last tests, beyond which they contradict whatever has entered since, are
+  tested, the nearest `MAX_SUSPECTS_TESTED` first; where one comes back, so are the others once
+  more. Rejected observations have been decided on: arrivals leave them where they are.
+- Suspects and rejected observations, all of them, after a command that takes observations out,
+  puts them in or changes them, which may have removed what others contradicted, and at `settle`.
+  What then lost everything that determined its variables is looked at like an arrival. A suspect
+  may wait again. A rejected observation comes back only where something else tests it, and stays
+  rejected otherwise: nothing says that what it contradicted was the wrong one. Suspects that bend
+  too much for a test on linear forms are tested by adjusting (`nonlinear_tests`), which takes too
+  long after each arrival.
 
 What data snooping judges, it judges again in the same way: after `snoop` no component of what
 comes back has a test value |w| beyond the limit of that search, and what a search threw out has to
@@ -22,27 +29,27 @@ Observations that were discarded by hand, or that have been measured again since
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from ..errors import AdjustmentError
 from ..ledger.candidates import Candidates, known_in
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.row_store import REMOVED
 from ..ledger.verdicts import DISCARDED, SNOOPED, Outcome, Verdict
-from ..linear_system import engines
-from ..linear_system.front_system import FrontSystem
-from ..linear_system.joint_tests import RowsBesideBase
-from ..linear_system.rebase import Draft
-from ..linear_system.test_decisions import decide
-from ..quality.leave_out import critical_t2
+from ..linear_system.innovations import innovation_tests, near_enough
 from ..types import NO_ROWS, Index
 from .nonlinear_tests import tested_by_readjustment
-from .worklist import MAX_RETESTED_TOGETHER, IncrementalState, Task, Verdicts, worked_off
+from .worklist import IncrementalState, Task, Verdicts, worked_off
 
+MAX_RETESTED_TOGETHER = 50
+"""Largest number of observations that are tested again together."""
+MAX_SUSPECTS_PREDICTED = 250
+"""Largest number of suspects that are predicted after an arrival: the latest ones."""
+MAX_SUSPECTS_TESTED = 10
+"""Largest number of them that are tested in one look: each takes covariances of its own."""
 MAX_READMISSION_ROUNDS = 5
 """Largest number of looks after one command; each begins from what the one before let in."""
 
@@ -76,16 +83,15 @@ def readmitted(
         rows = np.setdiff1d(_left_out(ledger), ledger.find(tested))
         if not len(rows):
             break
-        system = state.fronts
-        if system is not None and system.doubt:
+        if state.system is not None and state.system.doubt:
             break
-        found = Candidates(ledger, known_in(system), rows)
+        found = Candidates(ledger, known_in(state.system), rows)
         ready, late = found.ready, found.late
-        if system is None:
+        if state.system is None:
             ready, late = NO_ROWS, rows
         limits = _limits(ledger, rows, limit)
-        if system is not None:
-            ready = _fitting(ledger, system, ready, rules, limits)
+        if len(ready):
+            ready = _fitting(state, ready, rules, limits)
         state, more = _entered(state, ready, rules, limits)
         # With the policy "accept" nothing is tested that enters with new variables.
         late = late if rules.policy != "accept" else NO_ROWS
@@ -94,6 +100,38 @@ def readmitted(
         told |= more | other
         if not back:
             break
+    return state, told
+
+
+def readmitted_suspects(
+    state: IncrementalState, told: Verdicts, rules: Options
+) -> tuple[IncrementalState, Verdicts]:
+    """Let suspects come back that fit by now, after an arrival of which something has entered.
+
+    Args:
+        state: the state after the arrival.
+        told: verdicts of the arrival; what it has tested is not looked at again.
+        rules: the options.
+
+    Returns:
+        The state, and the verdicts of the arrival and on what came back.
+    """
+    told, tested = dict(told), set(told)
+    latest = told
+    for _ in range(MAX_READMISSION_ROUNDS):
+        entered = any(v.verdict == "accepted" for v in latest.values())
+        if rules.policy != "flag" or state.system is None or state.system.doubt or not entered:
+            break
+        ledger = state.ledger
+        suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(tested))
+        ready = Candidates(ledger, known_in(state.system), suspects).ready
+        latest_ready = ready[-MAX_SUSPECTS_PREDICTED:]
+        near = near_enough(ledger, state.system, latest_ready)[:MAX_SUSPECTS_TESTED]
+        tested.update(ledger.ids_of(near))
+        limits = dict.fromkeys(near.tolist(), np.inf)
+        fits = _fitting(state, near, rules, limits)
+        state, latest = _entered(state, fits, rules, limits)
+        told |= latest
     return state, told
 
 
@@ -143,81 +181,14 @@ def _limits(ledger: Ledger, rows: Index, limit: float) -> Mapping[int, float]:
     return out
 
 
-# -- between known variables ----------------------------------------------------------------------
-
-
 def _fitting(
-    ledger: Ledger, system: FrontSystem, rows: Index, rules: Options, limits: Mapping[int, float]
+    state: IncrementalState, rows: Index, rules: Options, limits: Mapping[int, float]
 ) -> Index:
-    """Return those of some observations between known variables that fit, alone and together."""
-    alone = [
-        row
-        for joint, part in _besides(ledger, system, rows, rules)
-        for row, (test, w) in zip(part.tolist(), _alone(joint, rules.alpha), strict=True)
-        if test <= 1.0 and w <= limits[row]
-    ]
-    out = [NO_ROWS]
-    for joint, part in _besides(ledger, system, np.array(alone, dtype=np.intp), rules):
-        fixed = np.zeros(len(part), dtype=bool)
-        decision = decide(joint, rules.alpha, fixed, (), lambda *_: False)
-        out.append(part[sorted(decision.stay)])
-    return np.concatenate(out)
-
-
-def _alone(joint: RowsBesideBase, alpha: float) -> Iterator[tuple[float, float]]:
-    """Iterate over T²/critical and the largest |w| of each unit, without the other units.
-
-    With M and e of all of them, C = M⁻¹ is the joint covariance of their innovations d = M⁻¹e. A
-    unit u alone has M = C_uu⁻¹ and e = M d_u.
-    """
-    new = len(joint.system.update.signs) + np.arange(len(joint.forms.v))
-    inverse = joint.update.inverse
-    covariance = np.linalg.inv(inverse[np.ix_(new, new)])
-    innovation = covariance @ (inverse[new] @ joint.update.residuals)
-    for rows in joint.forms.rows:
-        own = np.linalg.inv(covariance[np.ix_(rows, rows)])
-        e = own @ innovation[rows]
-        w = np.abs(e) / np.sqrt(np.diag(own))
-        yield float(e @ innovation[rows]) / critical_t2(alpha, len(rows)), float(w.max())
-
-
-def _besides(
-    ledger: Ledger, system: FrontSystem, rows: Index, rules: Options
-) -> Iterator[tuple[RowsBesideBase, Index]]:
-    """Iterate over observations beside a system, a few at a time.
-
-    What has no place beside it, or no answer there, is left out.
-    """
-    whole: FrontSystem | None = None
-    for part in np.array_split(rows, -(-len(rows) // MAX_RETESTED_TOGETHER)) if len(rows) else ():
-        joint = _beside(ledger, system, part)
-        if joint is None and whole is None:
-            whole = _whole(ledger, system, rules)
-        if joint is None and whole is not None:
-            joint = _beside(ledger, whole, part)
-        if joint is not None:
-            yield joint, part
-        elif len(part) > 1:
-            for row in part:
-                one = _beside(ledger, whole or system, np.array([row]))
-                if one is not None:
-                    yield one, np.array([row])
-
-
-def _beside(ledger: Ledger, system: FrontSystem, rows: Index) -> RowsBesideBase | None:
-    try:
-        return engines.rows_beside(system, ledger, rows)
-    except AdjustmentError:
-        return None
-
-
-def _whole(ledger: Ledger, system: FrontSystem, rules: Options) -> FrontSystem | None:
-    """Return a new base of the whole, which has room for rows beside it."""
-    try:
-        found = Draft.of(ledger, system, rules.datum).adjusted(rules.datum)
-    except AdjustmentError:
-        return None
-    return found if isinstance(found, FrontSystem) and found.converged else None
+    """Return those of some observations between known variables that fit, each alone."""
+    assert state.system is not None
+    tests = innovation_tests(state.ledger, state.system, rows, rules.alpha)
+    fits = [t.row for t in tests if t.ratio <= 1.0 and t.w <= limits[t.row]]
+    return np.array(fits, dtype=np.intp)
 
 
 # -- entering -------------------------------------------------------------------------------------

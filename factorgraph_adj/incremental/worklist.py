@@ -41,8 +41,6 @@ from .nonlinear_tests import (
     with_current_sides,
 )
 
-MAX_RETESTED_TOGETHER = 50
-"""Largest number of suspects that are tested again together: they have room beside a base."""
 TOO_WEAK = "is determined too weakly yet: no solution was reached with it"
 OPEN = (
     "it fixes a motion that the datum of the free network left open, and other parts of the "
@@ -168,7 +166,7 @@ class Worklist:
         growing: bool,
     ) -> None:
         self.state, self.tasks, self.rules, self.start = state, tasks, rules, start
-        self.growing, self.grown = growing, False
+        self.growing = growing
         self.told: Verdicts = {}
         self.given = {i for t in tasks for i in state.ledger.ids_of(t.rows)}
         self.fixed: Index = np.concatenate([NO_ROWS, *(t.fixed for t in tasks)])
@@ -178,7 +176,7 @@ class Worklist:
         """Whether everything may be begun anew: once in a run."""
 
     def run(self) -> tuple[IncrementalState, Verdicts]:
-        """Work the list off; where a new base was made, test again what had been left out."""
+        """Work the list off."""
         before = self.state
         self._work()
         self._test_by_adjusting(self.told)
@@ -186,19 +184,6 @@ class Worklist:
             ledger = self.state.ledger
             system, renewal = next_stage(before.renewal, ledger, system, self.rules)
             self.state = replace(self.state, system=system, renewal=renewal)
-        told = before.ledger.rows.verdicts
-        again = self._fitting_by_now(before.system)
-        if len(again):
-            ledger = self.state.ledger.moved(again, "waiting", "tested again")
-            self.state = replace(self.state, ledger=ledger)
-            parts = np.array_split(again, -(-len(again) // MAX_RETESTED_TOGETHER))
-            self.tasks = [Task(part) for part in parts]
-            self._work()
-            self._test_by_adjusting(ledger.ids_of(again))
-            still = self.state.ledger.rows.among(again, "suspect")
-            first = {v.id: v for row in still.tolist() for v in told[row]}
-            ledger = self.state.ledger.moved(still, "suspect", "tested again", first)
-            self.state = replace(self.state, ledger=ledger)
         if self.state.ledger.sides:
             self.state = self.state.on_fronts()
             ledger = with_current_sides(self.state.ledger, self.state.fronts, self.rules)
@@ -255,23 +240,6 @@ class Worklist:
         elif system.section.looked is not None:
             found = replace(found, drift=system.section.looked.drift.anew())
         self.state = replace(self.state, system=found)
-
-    def _fitting_by_now(self, before: LinearSystem | None) -> Index:
-        """Return suspects that may fit now that everything is linearised anew.
-
-        Beside a new section only those are looked at of which it has everything.
-        """
-        ledger, system = self.state.ledger, self.state.system
-        if self.rules.policy != "flag" or (system is not None and system.doubt):
-            return NO_ROWS
-        suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(self.told))
-        if system is None or before is None or not len(suspects):
-            return NO_ROWS
-        if not engines.linearised_anew(before, system, grown=self.grown):
-            return NO_ROWS
-        if isinstance(system, FrontSystem):
-            system = replace(system, section=None)
-        return Candidates(ledger, known_in(system), suspects).ready
 
     # -- one task -----------------------------------------------------------------------------
 
@@ -385,7 +353,6 @@ class Worklist:
         before = self.state
         self.told |= {v.id: v for v in result.verdicts}
         self.state = IncrementalState(_with_oriented(result, found), result.system, settled=False)
-        self.grown = self.grown or bool(result.new)
         if result.system is None:
             return
         # What lies between constants has waited for anything, and while there was no minimum

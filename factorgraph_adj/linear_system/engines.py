@@ -131,26 +131,6 @@ def converged(system: LinearSystem, found: FrontSystem) -> LinearSystem:
     return tree or found.prepared()
 
 
-def linearised_anew(before: LinearSystem, after: LinearSystem, *, grown: bool) -> bool:
-    """Return whether forms have changed so that what failed a test on them may fit.
-
-    In fronts there is a new base then. In iSAM2 rows of a small network were evaluated anew, or it
-    has grown, which in fronts makes a new base of it; in a large one what failed waits for
-    `IncrementalAdjustment.settle`, as to test it takes covariances from all over the tree.
-
-    Args:
-        before: the system before.
-        after: the system after.
-        grown: whether it has new unknowns.
-    """
-    if isinstance(after, FrontSystem):
-        return not isinstance(before, FrontSystem) or not after.has_base_of(before)
-    if not isinstance(after, ISAM2System) or not is_small(after):
-        return False
-    same = isinstance(before, ISAM2System) and after.relinearised == before.relinearised
-    return grown or not same
-
-
 def copied_isam2(system: LinearSystem | None) -> gtsam.ISAM2 | None:
     """Return a copy of the tree of a system; none: it is in fronts."""
     return system.tree.copied() if isinstance(system, ISAM2System) else None

@@ -69,8 +69,6 @@ class ISAM2System:
         """
         self._tree, self._ledger, self._rules, self._beside = tree, ledger, rules, beside
         self._version = tree.version
-        self.relinearised = tree.relinearised
-        """Number of rows that its tree had evaluated anew by then."""
         self._mark: Mark | None = None
         self.doubt = ""
 

@@ -14,6 +14,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.incremental.arrival import Arrival
 from factorgraph_adj.ledger.options import Engine
 from factorgraph_adj.observations import AnyObservation, SlopeDistance
+from tests.support import days
 from tests.support.days import compare, drawn, play
 from tests.support.two_engines import NEAR, pairs
 
@@ -29,6 +30,9 @@ TWO_MINIMA = 178
 UNLIKE = (5023, 5029, 6000)
 """Days on which the engines judged new unknowns at different places, or tested suspects again at
 different moments."""
+
+SUSPECTS = range(6060, 6120, 3)
+"""Days with the policy "flag"; on two of them suspects come back while observations arrive."""
 
 
 @LONG
@@ -62,6 +66,26 @@ def test_verdicts_of_a_day_do_not_depend_on_the_engine(seed: int, engine: Engine
     assert len(found) > 30
     for pair in found:
         assert pair.same and pair.difference <= NEAR, pair
+
+
+@LONG
+def test_verdicts_of_twenty_days_agree_after_every_arrival(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Suspects come back at the same moments, whatever an engine adjusts anew at which of them."""
+    if engine == "fronts":
+        pytest.skip("both engines are compared once")
+    monkeypatch.setattr(days, "compare", lambda *_: None)
+    came_back = 0
+    for seed in SUSPECTS:
+        arrivals: list[list[Arrival]] = [[], []]
+        for name, told in zip(("isam2", "fronts"), arrivals, strict=True):
+            list(play(seed, name, told))
+        for pair in pairs(*arrivals):
+            assert pair.same or pair.critical, (seed, pair)
+        told_of = (v.cause for arrival in arrivals[0] for v in arrival.verdicts)
+        came_back += sum(cause == "came back after add()" for cause in told_of)
+    assert came_back
 
 
 def test_a_moment_outside_the_promise_is_noticed() -> None:

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.incremental import readmission
 from factorgraph_adj.observations import ControlPoint, HeightDifference, SlopeDistance
 
 MM = 1e-3
+LARGE = 300
+"""Number of heights beyond which networks are not adjusted anew for each arrival."""
 
 
 def line(journal: Path | None = None) -> fga.IncrementalAdjustment:
@@ -110,3 +113,63 @@ def test_a_suspect_waits_where_nothing_determines_its_point_any_more() -> None:
     inc.remove(["x", "y"])
     assert not inc.suspects
     assert [w.id for w in inc.waiting] == ["tape"]
+
+
+def benchmarks(more: int) -> fga.IncrementalAdjustment:
+    """Return a height with a good reading left out, as a slightly wrong one came first.
+
+    Args:
+        more: number of other heights.
+    """
+    network = fga.Network("levelling")
+    network.add_point("A", (0.0, 0.0, 100.0), fixed="xyz")
+    for name in ("B", *(f"C{i}" for i in range(more))):
+        network.add_point(name, (100.0, 0.0, np.nan), fixed="xy")
+    for i in range(more):
+        network.add(HeightDifference("A", f"C{i}", 1.0, sigma=MM))
+    inc = fga.IncrementalAdjustment(network)
+    for ident, value in (("wrong", 1.006), ("good", 1.000)):
+        inc.add(HeightDifference("A", "B", value, sigma=MM, id=ident))
+    assert [v.id for v in inc.suspects] == ["good"]
+    return inc
+
+
+@pytest.mark.parametrize("more", [0, LARGE])
+def test_a_suspect_comes_back_with_the_arrival_that_makes_it_fit(more: int) -> None:
+    """In networks of every size, at once: not when the engine makes a new base, or at `settle`."""
+    inc = benchmarks(more)
+    arrival = inc.add(HeightDifference("A", "B", 1.0015, sigma=MM, id="another"))
+    assert [(v.id, v.verdict, v.cause) for v in arrival.verdicts] == [
+        ("another", "accepted", ""),
+        ("good", "accepted", "came back after add()"),
+    ]
+    # T² = vᵀPv with it − vᵀPv without, 3.75² mm² / (1 + 1/2) mm².
+    assert arrival.verdicts[1].t2 == pytest.approx(3.75**2 / 1.5, rel=1e-4)
+    assert not inc.suspects
+    assert inc.estimate("B")[2] == pytest.approx(101.0 + 7.5 * MM / 3.0, abs=1e-7)
+
+
+def test_suspects_that_agree_do_not_come_back_against_what_is_in() -> None:
+    """Each is tested alone: five gross errors of the same size do not outvote a good reading."""
+    inc = benchmarks(0)
+    for i in range(5):
+        inc.add(HeightDifference("A", "B", 1.0, sigma=MM, id=f"like it {i}"))
+    assert len(inc.suspects) == 6
+    arrival = inc.add(HeightDifference("A", "B", 1.0055, sigma=MM, id="another"))
+    assert [v.id for v in arrival.verdicts] == ["another"]
+    assert len(inc.suspects) == 6
+
+
+def test_what_still_contradicts_is_recognised_without_a_covariance(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its innovation exceeds the σ of its last test, which what enters only makes smaller."""
+    inc = benchmarks(0)
+    inc.add(HeightDifference("A", "B", 1.5, sigma=MM, id="bad"))
+    inc.discard("good")
+    tested: list[int] = []
+    monkeypatch.setattr(
+        readmission, "innovation_tests", lambda *_: tested.extend(_[2].tolist()) or ()
+    )
+    inc.add(HeightDifference("A", "B", 1.0062, sigma=MM, id="another"))
+    assert [v.id for v in inc.suspects] == ["bad"] and not tested

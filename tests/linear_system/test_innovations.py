@@ -1,0 +1,88 @@
+"""What is left out, predicted from what is in: the test that it has in an adjustment with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.incremental import commands
+from factorgraph_adj.ledger.options import Engine
+from factorgraph_adj.linear_system.innovations import innovation_tests, near_enough
+from factorgraph_adj.observations import GnssVector, SlopeDistance
+
+MM = 1e-3
+CORNERS = {"A": (0.0, 0.0, 0.0), "B": (80.0, 0.0, 0.0), "C": (0.0, 60.0, 10.0)}
+PLACES = {"P": (40.0, 30.0, 5.0), "Q": (50.0, 20.0, 1.0)}
+
+
+def vector(a: str, b: str, at: dict[str, np.ndarray], off: np.ndarray, ident: str) -> GnssVector:
+    """Return a vector with an error, metres, and correlated components."""
+    covariance = MM**2 * np.array([[4.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 9.0]])
+    return GnssVector(a, b, tuple(at[b] - at[a] + off), covariance=covariance, id=ident)
+
+
+def distance(at: dict[str, np.ndarray], off: float) -> float:
+    """Return the distance from A to P with an error, metres."""
+    return float(np.linalg.norm(at["P"] - at["A"])) + off
+
+
+def with_suspects(engine: Engine) -> fga.IncrementalAdjustment:
+    """Return two points with suspects of one and of three components, of all sizes."""
+    rng = np.random.default_rng(3)
+    network = fga.Network("two points")
+    at = {n: np.array(p) for n, p in (CORNERS | PLACES).items()}
+    for name, place in (CORNERS | PLACES).items():
+        network.add_point(name, place, fixed="xyz" if name in CORNERS else "")
+    for a in CORNERS:
+        for b in PLACES:
+            off = rng.normal(0.0, 2 * MM, 3)
+            network.add(vector(a, b, at, off, f"{a} to {b}"))
+    inc = fga.IncrementalAdjustment(network, engine=engine)
+    for i in range(4):
+        inc.add(vector("P", "Q", at, rng.normal(0.0, 12 * MM, 3) + 8 * MM, f"vector {i}"))
+        length = distance(at, rng.uniform(9 * MM, 15 * MM))
+        inc.add(SlopeDistance("A", "P", length, sigma=2 * MM, id=f"distance {i}"))
+    return inc
+
+
+@pytest.mark.parametrize("engine", ["isam2", "fronts"])
+def test_the_test_is_that_of_an_adjustment_with_it(engine: Engine) -> None:
+    """T² = vᵀPv with it − vᵀPv without; w² is at most that, and this with one component."""
+    inc = with_suspects(engine)
+    ledger, system = inc._state.ledger, inc._state.system
+    assert system is not None and system.engine == engine
+    rows = ledger.having("suspect")
+    assert len(rows) > 4
+    for test in innovation_tests(ledger, system, rows, inc.alpha):
+        unit = ledger.unit(test.row)
+        network = inc.network()
+        without = fga.adjust(network)
+        network.add(unit.item)
+        both = fga.adjust(network)
+        (verdict,) = (v for v in inc.suspects if v.id == unit.ids[0])
+        t2 = test.ratio * verdict.critical
+        assert t2 == pytest.approx(both.vtpv - without.vtpv, rel=2e-3)
+        assert test.w <= np.sqrt(t2) * (1.0 + 1e-12)
+        assert len(verdict.components) > 1 or test.w == pytest.approx(np.sqrt(t2), rel=1e-12)
+
+
+@pytest.mark.parametrize("engine", ["isam2", "fronts"])
+def test_nothing_that_fits_is_too_far_to_be_tested(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever has entered since its last test; others are too far, or there were no need of it."""
+    monkeypatch.setattr(commands, "readmitted_suspects", lambda state, told, _: (state, told))
+    inc = with_suspects(engine)
+    at = {n: np.array(p) for n, p in (CORNERS | PLACES).items()}
+    fitting, far = 0, 0
+    for i in range(8):
+        inc.add(SlopeDistance("A", "P", distance(at, 5 * MM), sigma=2 * MM, id=f"shifted {i}"))
+        ledger, system = inc._state.ledger, inc._state.system
+        assert system is not None
+        rows = ledger.having("suspect")
+        near = set(near_enough(ledger, system, rows).tolist())
+        fits = {t.row for t in innovation_tests(ledger, system, rows, inc.alpha) if t.ratio <= 1}
+        assert fits <= near
+        fitting, far = fitting + len(fits), far + len(rows) - len(near)
+    assert fitting and far
