@@ -1,10 +1,4 @@
-"""What an incremental adjustment says of itself at any time.
-
-Among its doubts are photos that most of their image points contradict. Three image points leave up
-to four places of a photo. One that came by few of them may be at the wrong one, and its other image
-points are then suspects for good, however right they are: only points are looked for at other
-places (`nonlinear_tests`).
-"""
+"""What an incremental adjustment says of itself at any time."""
 
 from __future__ import annotations
 
@@ -18,7 +12,6 @@ import numpy as np
 from ..blas_threads import one_at_a_time
 from ..errors import InputError, Problem, known
 from ..graph.dependence import Variable
-from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.retired import Retired
 from ..ledger.retired_archive import LastEstimate
@@ -34,7 +27,7 @@ from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
 from ..types import Array
 from ..validate.preliminary.copied_blocks import CopiedBlocks
-from . import nonlinear_tests, retirement
+from . import doubts, nonlinear_tests, retirement
 from .arrival import Waiting, waiting_of
 from .worklist import IncrementalState
 
@@ -130,28 +123,6 @@ def _require(state: IncrementalState, name: str, kind: Literal["point", "pose"] 
         raise InputError(Problem(f"is not determined: {lacks}", f"{noun} {name!r}"))
 
 
-MIN_SUSPECTS_OF_PHOTO = 3
-"""Smallest number of suspects of a photo that may be right against what is in."""
-
-
-def photo_doubts(ledger: Ledger) -> tuple[str, ...]:
-    """Return sentences on photos of which more image points are suspects than accepted."""
-    rows, names = ledger.rows, ledger.names
-    out, inside = rows.images(ledger.having("suspect")), rows.images(ledger.having("accepted"))
-    if len(out) < MIN_SUSPECTS_OF_PHOTO:
-        return ()
-    n = len(names.photos)
-    suspects = np.bincount(rows.photo[out], minlength=n)
-    accepted = np.bincount(rows.photo[inside], minlength=n)
-    told = np.flatnonzero((suspects >= MIN_SUSPECTS_OF_PHOTO) & (suspects > accepted))
-    return tuple(
-        f"{suspects[f]} of {suspects[f] + accepted[f]} image points of photo {names.photos[f]!r} "
-        "are suspects: it may be at the wrong one of two places; remove the image points that are "
-        "in, or adjust all of them at once (fga.adjust)"
-        for f in told.tolist()
-    )
-
-
 class StateQueries:
     """What an adjustment says of what has arrived, and of what it comes to."""
 
@@ -216,13 +187,14 @@ class StateQueries:
     @property
     @one_at_a_time
     def doubts(self) -> tuple[str, ...]:
-        """Why the result may be wrong: points and photos at the wrong place, and copies.
+        """Why the result may be wrong: no minimum, wrong places of points and photos, and copies.
 
-        The solution tells of the places.
+        The solution tells of the places, and with ``converged`` of the minimum.
         """
         inside = self._state.ledger.is_accepted
         copied = self._copies.told(inside, lambda ident, _: repr(ident))
-        return (*self._places_in_doubt(), *self._doubts_of_retired(), *copied)
+        minimum = doubts.minimum_doubts(self._state, self._rules)
+        return (*minimum, *self._places_in_doubt(), *self._doubts_of_retired(), *copied)
 
     def _doubts_of_retired(self) -> tuple[str, ...]:
         """Say where linear rows do not hold, and where something could not be retired."""
@@ -233,7 +205,7 @@ class StateQueries:
 
     def _places_in_doubt(self) -> tuple[str, ...]:
         ledger = self._state.ledger
-        return (*nonlinear_tests.side_doubts(ledger), *photo_doubts(ledger))
+        return (*nonlinear_tests.side_doubts(ledger), *doubts.photo_doubts(ledger))
 
     @one_at_a_time
     def network(self) -> Network:
@@ -355,8 +327,15 @@ class StateQueries:
     @property
     @one_at_a_time
     def vtpv(self) -> float:
-        """VᵀPv, of the linear forms."""
-        return 0.0 if self._state.system is None else self._state.system.vtpv
+        """VᵀPv, of the linear forms; without a minimum, of everything in the graph as it stands.
+
+        See `doubts`, and ``converged`` and ``reason`` of the solution. Infinite where an
+        observation has no answer there, or its residual no finite square.
+        """
+        system = self._state.system
+        if system is None:
+            return 0.0
+        return self.solution().vtpv if system.doubt else system.vtpv
 
     @property
     @one_at_a_time

@@ -88,7 +88,7 @@ class ISAM2System:
 
     @classmethod
     def of(cls, system: FrontSystem, ledger: Ledger, rules: Options) -> ISAM2System | None:
-        """Put a network into iSAM2; none where iSAM2 refuses it."""
+        """Put a network into iSAM2; none where iSAM2 refuses it, or linear forms do not hold."""
         base = system.base
         tree = LinearISAM2(
             base.equations.network.frame, accuracy=LINEARISATION_SHARE * rules.accuracy
@@ -100,8 +100,9 @@ class ISAM2System:
         try:
             tree.enter([Arriving(equations.weighted_at(state), state)])
             tree.bound(base.equations.unknowns, SAMPLED_SIGMA_FACTOR * system.lifted.sigma)
-            tree.follow()
         except AdjustmentError:
+            return None
+        if not tree.follow_to_rest():
             return None
         return cls(tree, ledger, rules, None if system.changed else system)
 

@@ -156,11 +156,21 @@ def what_is_undetermined(
 
 
 def name_overflow(run: Run) -> None:
-    """Raise an error that names the observations whose residuals are not finite."""
+    """Raise an error that names the observations for which vᵀPv is not finite."""
     v = run.equations.residuals(run.state)
-    bad = np.flatnonzero(~np.isfinite(v))[:LISTED]
+    with np.errstate(over="ignore"):
+        bad = np.flatnonzero(~np.isfinite(v * v))[:LISTED]
+    bad = bad if len(bad) else np.argsort(-np.abs(v))[:1]
     raise InputError(
-        [Problem("its residual is not a finite number", run.equations.label(int(r))) for r in bad]
+        [
+            Problem(
+                f"its residual is {abs(v[r]):.3g} σ: vᵀPv with it is not a finite number"
+                if np.isfinite(v[r])
+                else "its residual is not a finite number",
+                run.equations.label(int(r)),
+            )
+            for r in bad
+        ]
     )
 
 

@@ -188,7 +188,7 @@ def _gauss_newton(
         del normal  # or two linearisations are in memory at once
     total = earlier + max_iterations
     reason = not_at_rest(total, bounds, tolerance)
-    return Ended(max_iterations, False, reason, vtpv)
+    return Ended(max_iterations, False, reason, vtpv if bounds else run.vtpv(run.state))
 
 
 # -- one iteration --------------------------------------------------------------------------------

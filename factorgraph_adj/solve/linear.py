@@ -23,6 +23,12 @@ from .linear_block import LinearBlock
 from .linear_rays import LinearRays
 
 
+def sum_of_squares(*residuals: Array) -> float:
+    """Return Σv² of whitened residuals; infinite beyond the largest number."""
+    with np.errstate(over="ignore"):
+        return sum(float(v @ v) for v in residuals)
+
+
 @dataclass(frozen=True)
 class ExtraRows:
     """Whitened rows of a factor that the user added."""
@@ -102,9 +108,7 @@ class LinearisedEquations:
     @property
     def vtpv(self) -> float:
         """Weighted sum of squared residuals vᵀPv."""
-        return float(self.residual @ self.residual) + sum(
-            float(e.residual @ e.residual) for e in self.extra
-        )
+        return sum_of_squares(self.residual, *(e.residual for e in self.extra))
 
     @property
     def every_residual(self) -> Array:

@@ -15,7 +15,7 @@ from ..types import Array, Mask
 from .datum import Defect, FreeDatum
 from .extra import NOTHING_MORE, Extra
 from .extrapolation import NONE_TAKEN, Extrapolated
-from .linear import LinearisedEquations
+from .linear import LinearisedEquations, sum_of_squares
 from .normal import NormalEquations, Solver
 
 
@@ -135,5 +135,5 @@ class Run:
             return np.inf
         self.last = state, evaluated
         extra = self.extra.at(self.equations, state).rows
-        value = float(v @ v) + sum(float(e.residual @ e.residual) for e in extra)
+        value = sum_of_squares(v, *(e.residual for e in extra))
         return value if np.isfinite(value) else np.inf

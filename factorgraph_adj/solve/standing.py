@@ -11,7 +11,7 @@ from ..types import Array
 from .datum import Defect, FreeDatum, find_defects
 from .extra import NOTHING_MORE, Extra
 from .free_network import MOTION, datum_columns, is_nothing, moved_from, onto_constraints
-from .linear import LinearisedEquations
+from .linear import LinearisedEquations, sum_of_squares
 from .minimum import OFF_DATUM
 from .normal import Solver
 from .solution import Solution
@@ -67,7 +67,7 @@ def standing(
         reason=doubt or reason,
         iterations=0,
         within=np.inf if doubt else within,
-        vtpv=float(v @ v) + sum(float(e.residual @ e.residual) for e in extra.rows),
+        vtpv=sum_of_squares(v, *(e.residual for e in extra.rows)),
         solver=Solver.of(equations, extra.rows),
         constraint=np.zeros(equations.unknowns.n_columns) if constraint is None else constraint,
         datum=datum,

@@ -148,6 +148,63 @@ def test_a_start_without_minimum_says_so() -> None:
     assert_as_batch(begun)
 
 
+def one_point() -> fga.Network:
+    """Return a point that four distances determine."""
+    network = fga.Network("one point")
+    network.add_point("P", (40.01, 50.01, 3.01))
+    corners = {"A": (0.0, 0.0, 0.0), "B": (100.0, 0.0, 0.0), "C": (0.0, 100.0, 0.0)}
+    for name, place in {**corners, "D": (80.0, 90.0, 5.0)}.items():
+        network.add_point(name, place, fixed="xyz")
+        length = float(np.linalg.norm(np.subtract(place, (40.0, 50.0, 3.0))))
+        network.add(SlopeDistance(name, "P", length, sigma=2e-3, id=name))
+    return network
+
+
+FAR = GnssVector("A", "P", (1e9, 0.0, 0.0), sigma=(1e-4,) * 3, id="wild")
+BEYOND_SQUARES = GnssVector("A", "P", (1e152, 0.0, 0.0), sigma=(1e-4,) * 3, id="wild")
+"""A reading whose vᵀPv is no finite number."""
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("wild", [FAR, BEYOND_SQUARES])
+def test_without_a_minimum_it_is_said_why_and_what_contradicts_it(wild: Observation) -> None:
+    """Of `doubts`, vᵀPv, σ0 and text none tells of a network that fits."""
+    inc = IncrementalAdjustment(one_point())
+    assert not inc.doubts
+    inc.add(wild)
+    inc.accept("wild")
+    (doubt,) = inc.doubts
+    assert doubt.startswith("there is no minimum of everything in the graph: ")
+    assert "without 'wild'; 'wild' contradicts it most" in doubt
+    assert f"BUT {doubt}" in repr(inc)
+    assert inc.vtpv == inc.solution().vtpv > 1e20 and inc.sigma0 > 1e9
+    assert not inc.solution().converged
+    inc.add(SlopeDistance("A", "P", float(np.linalg.norm((40.0, 50.0, 3.0))), sigma=2e-3, id="E"))
+    assert "'wild' contradicts it most" in inc.doubts[0]
+    inc.remove("wild")
+    assert not inc.doubts and inc.vtpv < 1.0
+
+
+def test_a_beginning_without_a_minimum_has_a_finite_sum_and_says_so() -> None:
+    """No step has been taken: vᵀPv is that of the values with which it begins."""
+    network = one_point()
+    network.add(FAR)
+    inc = IncrementalAdjustment(network)
+    (doubt,) = inc.doubts
+    assert "no minimum" in doubt and doubt.endswith("Everything stands where it began")
+    assert inc.vtpv == pytest.approx((1e9 / 1e-4) ** 2, rel=1e-6)
+    inc.remove("wild")
+    assert not inc.doubts and inc.solution().converged
+
+
+def test_an_overflow_names_the_reading() -> None:
+    """Its residual is finite, and its square is not."""
+    network = one_point()
+    network.add(BEYOND_SQUARES)
+    with pytest.raises(fga.InputError, match=r"id wild\) x: its residual is 1e\+156 σ: vᵀPv"):
+        fga.adjust(network)
+
+
 def _ids(inc: fga.IncrementalAdjustment) -> set[str]:
     return set(inc.described.observations)
 

@@ -8,7 +8,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.factor_graph.linear_isam2 import IndeterminateError, LinearISAM2
+from factorgraph_adj.factor_graph.linear_isam2 import MAX_TURNS, IndeterminateError, LinearISAM2
 from factorgraph_adj.factor_graph.linear_rows import Arriving
 from factorgraph_adj.linear_system import isam2_system
 from factorgraph_adj.observations import (
@@ -48,6 +48,26 @@ def test_fronts_carry_it_where_they_are_asked_for() -> None:
     assert inc.engine == "fronts" and repr(inc).endswith("fronts>")
     with pytest.raises(InputError, match="fronts carry this network"):
         _ = inc.isam
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_fronts_take_over_where_a_tree_does_not_come_to_rest(
+    monkeypatch: pytest.MonkeyPatch, *, fails: bool
+) -> None:
+    """Its linear forms would be those of another place; nothing shows it from outside."""
+
+    def follow(tree: LinearISAM2, accuracy: float | None = None) -> int:
+        if fails:
+            raise IndeterminateError("Indeterminate linear system")
+        return MAX_TURNS
+
+    monkeypatch.setattr(LinearISAM2, "follow", follow)
+    inc = levels(engine="isam2")
+    assert inc.engine == "fronts"
+    inc.add(HeightDifference("A", "Q", 1.501, sigma=0.001))
+    assert inc.engine == "fronts" and not inc.doubts
+    batch = fga.adjust(inc.network())
+    assert inc.estimate("Q")[2] == pytest.approx(batch.point("Q")[2], abs=1e-9)
 
 
 def test_photos_and_free_networks_are_for_fronts() -> None:
