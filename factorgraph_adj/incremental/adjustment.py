@@ -194,6 +194,8 @@ class IncrementalAdjustment(StateQueries):
     ) -> Arrival:
         """Write the difference of two ledgers to the journal, then take the new state over."""
         state, arrival = result
+        if do != "add":
+            self._told_of_suspects = None
         if self._journal is not None:
             before = self._state.ledger
             line = self._recorded.next_line(before, state, everything=do == "settle")

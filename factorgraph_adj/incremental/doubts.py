@@ -3,6 +3,11 @@
 Without a minimum everything stands where the last one was, and what came since is not in it. The
 solution has ``converged`` false then; here it is said what contradicts that place most.
 
+Nothing tests the first reading of a point. If it is wrong, later ones are suspects, however right
+they are: where several suspects share a point, a station or another unknown, the readings of it
+that are in are left out in turn, with the suspects in, and the one is named without which most of
+them fit. Where there is none, an error that they share may be the reason (`causes`).
+
 Three image points leave up to four places of a photo. One that came by few of them may be at the
 wrong one, and its other image points are then suspects for good, however right they are: only
 points are looked for at other places (`nonlinear_tests`).
@@ -12,10 +17,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..graph.dependence import Variable
+from ..ledger.candidates import Candidates, NothingKnown, known_in
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
+from ..ledger.row_store import NO_PHOTO
 from ..linear_system.front_system import FrontSystem
-from ..linear_system.innovations import innovation_tests
+from ..linear_system.innovations import innovation_tests, joined
+from ..models.variables import UNKNOWNS
+from ..quality.leave_out import Tested
+from ..types import Index
 from .worklist import IncrementalState
 
 MAX_OBSERVATIONS_NAMED = 5
@@ -66,6 +77,120 @@ def minimum_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
         by = float(np.sqrt(beyond[0].ratio))
         told += f"; {worst!r} contradicts it most ({by:.2g} times the critical value): remove it"
     return (told,)
+
+
+MIN_SUSPECTS_TOGETHER = 2
+"""Smallest number of suspects of an unknown that may be right against a reading that is in."""
+MIN_SUSPECTS_SHARING = 3
+"""Smallest number of suspects of an unknown that may share an error."""
+MIN_SHARE_OF_SUSPECTS = 0.1
+"""Smallest share that they have of its observations: single gross errors are fewer."""
+SHARED_ERROR = (
+    "causes() looks for an error that several share, such as a wrong height of an instrument"
+)
+MAX_SUSPECTS_TOGETHER = 12
+"""Largest number of suspects of an unknown that are looked at: the latest."""
+MAX_UNKNOWNS_LOOKED_AT = 5
+"""Largest number of unknowns that suspects share and at which is looked: those of most."""
+MAX_READINGS_BESIDE = 12
+"""Largest number of readings of it that are in, and looked at with them: the first."""
+
+
+def suspects_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
+    """Return sentences on suspects that share an unknown.
+
+    They name the reading that is in and without which several suspects fit, as they control each
+    other then; or how many suspects share what, for an error that they may have in common.
+    """
+    ledger, system = state.ledger, state.system
+    rows = ledger.having("suspect")
+    rows = rows[ledger.rows.photo[rows] == NO_PHOTO]  # see `photo_doubts`
+    if system is None or system.doubt or len(rows) < MIN_SUSPECTS_TOGETHER:
+        return ()
+    suspects = Candidates(ledger, known_in(system), rows)
+    inside = Candidates(ledger, NothingKnown(), ledger.having("accepted"))
+    left, out = suspects.ready, []
+    for variable in _shared(suspects)[:MAX_UNKNOWNS_LOOKED_AT]:
+        mine = np.intersect1d(suspects.touching([variable]), left)
+        if len(mine) < MIN_SUSPECTS_TOGETHER:
+            continue
+        told = _told_of(state, variable, mine, inside.touching([variable]), rules)
+        if told:
+            out.append(told)
+            left = np.setdiff1d(left, mine)
+    return tuple(out)
+
+
+def _shared(suspects: Candidates) -> list[Variable]:
+    """Return the variables that several suspects share, those of most first."""
+    every = suspects.links.variables
+    number = np.bincount(suspects.links.variable, minlength=len(every)).tolist()
+    shared = [i for i, n in enumerate(number) if n >= MIN_SUSPECTS_TOGETHER]
+    return [every[i] for i in sorted(shared, key=lambda i: (-number[i], every[i][0] != "point"))]
+
+
+def _told_of(
+    state: IncrementalState, variable: Variable, suspects: Index, inside: Index, rules: Options
+) -> str:
+    """Return a sentence on the suspects of a variable; empty: there is nothing to say."""
+    ledger = state.ledger
+    ids = ledger.ids_of(suspects)
+    found = _contradicted(state, suspects[-MAX_SUSPECTS_TOGETHER:], inside, rules)
+    if found is not None:
+        wrong, fitting = found
+        return (
+            f"suspects {_listed(fitting)} fit without {wrong!r}, which is in: if that is the wrong "
+            f"one, remove it, and they come back; {SHARED_ERROR}"
+        )
+    every = len(suspects) + len(inside)
+    if len(suspects) < max(MIN_SUSPECTS_SHARING, MIN_SHARE_OF_SUSPECTS * every):
+        return ""
+    noun, name = UNKNOWNS[variable[0]].noun, variable[1]
+    return (
+        f"{len(suspects)} suspects ({_listed(ids)}) touch {noun} {name!r}, of which "
+        f"{len(inside)} observations are in: {SHARED_ERROR}"
+    )
+
+
+def _contradicted(
+    state: IncrementalState, suspects: Index, inside: Index, rules: Options
+) -> tuple[str, list[str]] | None:
+    """Return the reading that is in and without which most of some suspects fit, and these."""
+    ledger = state.ledger
+    rows = inside[ledger.rows.photo[inside] == NO_PHOTO][:MAX_READINGS_BESIDE]
+    if state.system is None or not len(rows):
+        return None
+    joint = joined(ledger, state.system, suspects, rows)
+    if joint is None:
+        return None
+    every = np.union1d(suspects, rows)
+    out = np.flatnonzero(np.isin(every, suspects))
+    best: tuple[int, list[int]] = (0, [])
+    for number in np.flatnonzero(np.isin(every, rows)).tolist():
+        fits = _fitting_without(joint.tested(), number, out.tolist(), rules.alpha)
+        best = (number, fits) if len(fits) > len(best[1]) else best
+    number, fits = best
+    if len(fits) < MIN_SUSPECTS_TOGETHER:
+        return None
+    return ledger.ids_of(every[[number]])[0], ledger.ids_of(every[fits])
+
+
+def _fitting_without(tested: Tested, wrong: int, suspects: list[int], alpha: float) -> list[int]:
+    """Return which suspects fit, each against all others, where a reading is left out.
+
+    None where other readings do not fit then. What nothing controls fits anything.
+    """
+    tested.leave_out(wrong)
+    left = list(suspects)
+    while left:
+        ratios = tested.ratios(alpha)
+        worst = max(left, key=lambda i: ratios[i])
+        if ratios[worst] <= 1.0:
+            dof = tested.statistics()[1]
+            return [i for i in left if dof[i]] if (ratios <= 1.0).all() else []
+        tested.leave_out(worst)
+        left.remove(worst)
+    return []
 
 
 def _listed(ids: list[str]) -> str:

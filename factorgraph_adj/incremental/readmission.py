@@ -40,6 +40,8 @@ from ..ledger.options import Options
 from ..ledger.row_store import REMOVED
 from ..ledger.verdicts import DISCARDED, SNOOPED, Outcome, Verdict
 from ..linear_system.innovations import innovation_tests, near_enough
+from ..linear_system.rebase import known_network
+from ..network.network import Network
 from ..types import NO_ROWS, Index
 from .nonlinear_tests import tested_by_readjustment
 from .worklist import IncrementalState, Task, Verdicts, worked_off
@@ -169,6 +171,13 @@ def _left_out(ledger: Ledger) -> Index:
     ]
     rejected = np.setdiff1d(rejected, [*by_hand, *remeasured(ledger, rejected).tolist()])
     return np.union1d(ledger.having("suspect"), rejected).astype(np.intp)
+
+
+def with_what_was_left_out(state: IncrementalState) -> Network:
+    """Return the network with suspects and rejected observations that may come back, put in."""
+    ledger = state.ledger
+    rows = Candidates(ledger, known_in(state.system), _left_out(ledger)).ready
+    return known_network(ledger.moved(rows, "accepted", "causes"), state.system)
 
 
 def _limits(ledger: Ledger, rows: Index, limit: float) -> Mapping[int, float]:

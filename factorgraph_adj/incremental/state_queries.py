@@ -22,12 +22,14 @@ from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import Photo, Point
 from ..network.network import Network
 from ..observations import Observation
+from ..quality.causes.search import Causes
 from ..quality.reliability import Reliability, check_probabilities, reliability
+from ..quality.snooping import snoop
 from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
 from ..types import Array
 from ..validate.preliminary.copied_blocks import CopiedBlocks
-from . import doubts, nonlinear_tests, retirement
+from . import doubts, nonlinear_tests, readmission, retirement
 from .arrival import Waiting, waiting_of
 from .worklist import IncrementalState
 
@@ -133,6 +135,8 @@ class StateQueries:
     _copies: CopiedBlocks
     _next_try: float = 0.0
     _not_retired: str = ""
+    _told_of_suspects: tuple[tuple[str, ...], tuple[str, ...]] | None = None
+    """Ids of suspects, and what was said of them; none: a command has changed what is in."""
 
     @property
     @one_at_a_time
@@ -187,14 +191,22 @@ class StateQueries:
     @property
     @one_at_a_time
     def doubts(self) -> tuple[str, ...]:
-        """Why the result may be wrong: no minimum, wrong places of points and photos, and copies.
+        """Why the result may be wrong: no minimum, suspects that agree, wrong places, and copies.
 
         The solution tells of the places, and with ``converged`` of the minimum.
         """
         inside = self._state.ledger.is_accepted
         copied = self._copies.told(inside, lambda ident, _: repr(ident))
         minimum = doubts.minimum_doubts(self._state, self._rules)
-        return (*minimum, *self._places_in_doubt(), *self._doubts_of_retired(), *copied)
+        told = (*minimum, *self._doubts_of_suspects(), *self._places_in_doubt())
+        return (*told, *self._doubts_of_retired(), *copied)
+
+    def _doubts_of_suspects(self) -> tuple[str, ...]:
+        """Say what several suspects contradict; it is looked for when others are suspects."""
+        ids = tuple(v.id for v in self.suspects)
+        if self._told_of_suspects is None or self._told_of_suspects[0] != ids:
+            self._told_of_suspects = ids, doubts.suspects_doubts(self._state, self._rules)
+        return self._told_of_suspects[1]
 
     def _doubts_of_retired(self) -> tuple[str, ...]:
         """Say where linear rows do not hold, and where something could not be retired."""
@@ -247,6 +259,31 @@ class StateQueries:
         chosen = self._rules.alpha if alpha is None else alpha
         check_probabilities(chosen, power)
         return reliability(self.solution(), alpha=chosen, power=power)
+
+    @one_at_a_time
+    def causes(self, *, alpha: float | None = None) -> Causes | None:
+        """Look for causes that several observations share, such as a wrong instrument height.
+
+        Everything is looked at in batch, as by `factorgraph_adj.snoop`: what is in, suspects, and
+        rejected observations that may come back; it takes several adjustments. Nothing changes.
+
+        Args:
+            alpha: probability of a false alarm of one test; none: that of this adjustment.
+
+        Returns:
+            The causes, the likeliest first (``likeliest`` is the one that explains more than single
+            readings and all others); none where nothing misfits.
+
+        Raises:
+            InputError: nothing is in the graph; something was retired.
+            AdjustmentError: errors of `factorgraph_adj.snoop`.
+        """
+        if self.retired is not None:
+            raise InputError("causes are looked for among all observations: settle(all=True) first")
+        if self._state.system is None:
+            raise InputError("nothing is determined yet: there are no causes of misfits")
+        network = readmission.with_what_was_left_out(self._state)
+        return snoop(network, alpha=self._rules.alpha if alpha is None else alpha).causes
 
     @one_at_a_time
     def estimate(self, name: str) -> Array:

@@ -32,7 +32,7 @@ from ..ledger.candidates import excerpt
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import Unit
 from ..models.variables import VariableKind
-from ..quality.leave_out import critical_t2
+from ..quality.leave_out import Tested, critical_t2
 from ..solve.starts_on_lines import beside_lines
 from ..types import Array, Index
 from .linear_forms import LinearForms, rows_of
@@ -125,6 +125,56 @@ def innovation_tests(
             touched = _touched(equations.unknowns, forms.columns)
             if not _says_where_network_is(system, touched, forms.a):
                 yield _test(row, forms, _cofactors(system, touched), alpha)
+
+
+class JoinedRows(NamedTuple):
+    """Units of which some are in and some are taken in, each against all others."""
+
+    of_units: Sequence[Index]
+    """Rows of each unit, in the order of the ledger."""
+    v: Array
+    """Residuals with all of them in, (k,)."""
+    m: Array
+    """Redundancy matrix M, (k, k)."""
+
+    def tested(self) -> Tested:
+        """Return the units, to be tested and left out one after the other."""
+        return Tested(self.of_units, self.v, lambda u: self.m[:, u])
+
+
+def joined(ledger: Ledger, system: LinearSystem, out: Index, inside: Index) -> JoinedRows | None:
+    """Return units that are left out, as if they were in, and units that are in: each against all.
+
+    With the rows S of what is left out and C = I + A_S Q A_Sᵀ:
+
+        Q′ = Q − Q A_Sᵀ C⁻¹ A_S Q,   v′ = v − A Q A_Sᵀ C⁻¹ v_S,   M = I − A Q′ Aᵀ.
+
+    None: something has no answer, or says where a free network is.
+
+    Args:
+        ledger: where they stand.
+        system: where everything is, without what is left out.
+        out: observations that are left out, between known variables.
+        inside: observations that are in.
+    """
+    try:
+        rows = np.union1d(out, inside)
+        units = ledger.units(rows)
+        equations = compile_rows(excerpt(ledger, system, rows, hold=False))
+        forms = _forms(equations, units)
+        touched = _touched(equations.unknowns, forms.columns)
+        if _says_where_network_is(system, touched, forms.a):
+            return None
+        a, q = forms.a, _cofactors(system, touched)
+    except AdjustmentError:
+        return None
+    of_out = [forms.rows[i] for i in np.flatnonzero(np.isin(rows, out)).tolist()]
+    entering = np.concatenate(of_out)
+    spread = a @ q @ a[entering].T
+    gain = spread @ np.linalg.inv(np.eye(len(entering)) + spread[entering])
+    m = np.eye(len(a)) - a @ q @ a.T + gain @ spread.T
+    v = forms.v - gain @ forms.v[entering]
+    return JoinedRows(forms.rows, v, m)
 
 
 def _forms(equations: Equations, units: Sequence[Unit]) -> LinearForms:

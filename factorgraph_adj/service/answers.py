@@ -18,6 +18,7 @@ from ..incremental.arrival import Arrival, Waiting
 from ..io.numbers import Units, write
 from ..ledger.verdicts import Gain, Verdict
 from ..observations import ImagePoint, observation_kind
+from ..quality.causes.search import Causes
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.reliability import Reliability
 from ..report import axes
@@ -276,6 +277,20 @@ class Answers:
             "estimated_error": figure(row.sign * rel.estimated_errors[i] / row.scale.size),
             "small_unit": row.scale.small,
             "delta_bar": figure(rel.delta_bar[i]),
+        }
+
+    def causes(self, found: Causes | None) -> Answer:
+        """Return the causes of misfits; empty where nothing misfits."""
+        if found is None:
+            return {"likeliest": None, "undecided": [], "causes": []}
+        return {
+            "likeliest": None if found.likeliest is None else str(found.likeliest),
+            "undecided": list(found.undecided),
+            "causes": [
+                fields_of(c, "cause", "where", "t2", "dof", "critical")
+                | {"error": c.error.tolist(), "sigma": c.sigma.tolist(), "ids": list(c.ids)}
+                for c in found.found
+            ],
         }
 
     def snooping(self, found: Snooping, came_back: Arrival) -> Answer:

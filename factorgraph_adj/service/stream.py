@@ -33,9 +33,14 @@ such as σ of a new point before the observation, are null.
 ``waiting``           all waiting observations, with the support that they lack
 ``suspects``          verdicts of doubtful observations that wait for a decision
 ``rejected``          verdicts of rejected observations
-``doubts``            sentences: which observations alone tell the side of a point, and which
+``doubts``            sentences: why there is no minimum, which suspects agree and what they
+                      contradict, which observations alone tell the side of a point, and which
                       blocks of them repeat earlier ones in all digits (also at the end of the
                       stream, on standard error)
+``causes``            what several observations may have in common that misfits, suspects among
+                      them, such as a wrong height of an instrument: ``likeliest`` and
+                      ``undecided``, sentences; ``causes``: ``cause``, ``where``, ``error`` and
+                      ``sigma`` (SI), ``t2``, ``dof``, ``critical``, ``ids``; takes adjustments
 ``accept``            ``ids``: put suspect or rejected observations into the graph
 ``discard``           ``ids``: discard suspect observations
 ``remove``            ``ids``: remove observations; those that lose their support wait again
@@ -346,6 +351,9 @@ class Stream:
     def _doubts(self, row: Row) -> Answer:
         return {"doubts": list(self.adjustment.doubts)}
 
+    def _causes(self, row: Row) -> Answer:
+        return self.answers.causes(self.adjustment.causes())
+
     def _write(self, row: Row) -> Answer:
         name = row.text("project", required=True)
         overwrite = row.take("overwrite")
@@ -382,6 +390,7 @@ COMMANDS: dict[str, Command] = {
     "suspects": Command(Stream._suspects),
     "rejected": Command(Stream._rejected),
     "doubts": Command(Stream._doubts),
+    "causes": Command(Stream._causes),
     "accept": Command(Stream._accept, ("ids",)),
     "discard": Command(Stream._discard, ("ids",)),
     "remove": Command(Stream._remove, ("ids",)),

@@ -272,6 +272,20 @@ def test_snooping_sets_aside_what_was_accepted_against_its_test(yard):
     assert [v["id"] for v in yard(do="rejected")["rejected"]] == ["s3"]
 
 
+def test_causes_of_misfits_are_told_with_suspects_among_the_readings(yard):
+    answer = yard(do="causes")
+    assert (answer["likeliest"], answer["causes"]) == (None, []), "nothing misfits"
+    yard(WRONG)
+    answer = yard(do="causes")
+    assert answer["ok"] and yard.inc.suspects
+    found = yard.inc.causes()
+    assert [c["cause"] for c in answer["causes"]] == [c.cause for c in found.found]
+    assert answer["undecided"] == list(found.undecided)
+    assert all(
+        len(c["error"]) == len(c["sigma"]) and c["t2"] > c["critical"] for c in answer["causes"]
+    )
+
+
 def test_removing_the_last_support_of_a_point_makes_it_wait_again(empty):
     empty(*ARRIVALS[:4])
     answer = empty(do="remove", ids=["s1"])

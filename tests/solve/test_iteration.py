@@ -450,7 +450,8 @@ def test_an_iteration_that_may_take_no_steps_has_gone_nowhere() -> None:
     run = begun(small_block())
     before = run.state
     ended = iterate(run, tolerance=1e-5, max_iterations=0)
-    assert (ended.iterations, ended.converged, ended.vtpv) == (0, False, np.inf)
+    assert (ended.iterations, ended.converged) == (0, False)
+    assert ended.vtpv == run.vtpv(before) < np.inf
     assert ended.reason == "not at rest after 0 iterations: the last step was inf σ"
     assert run.state is before
 
