@@ -23,6 +23,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from .constructors import ChecksArguments
 from .ellipsoid import Ellipsoid, ellipsoid
 from .errors import InputError
 from .types import Array
@@ -182,7 +183,7 @@ class GeocentricFrame:
 
 
 @dataclass(frozen=True)
-class TopocentricFrame:
+class TopocentricFrame(metaclass=ChecksArguments):
     """East, north, up at an origin on an ellipsoid; verticals as rigorous as geocentric ones.
 
     The model is that of `GeocentricFrame` in turned and shifted coordinates:

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from .constructors import ChecksArguments
 from .errors import InputError
 from .types import Array
 
@@ -19,7 +20,7 @@ PARTS = ("ppm", "per_sqrt_km", "centring_instrument", "centring_target")
 
 
 @dataclass(frozen=True, slots=True)
-class StandardDeviation:
+class StandardDeviation(metaclass=ChecksArguments):
     """Parts of the standard deviation of an observation, and how they combine.
 
     Each part has an effect on the observation. S is a slope distance and D a horizontal distance,

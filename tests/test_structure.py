@@ -24,6 +24,7 @@ SOURCE = ROOT / PACKAGE
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "types", "version", "shown"),
     ("units", "rotation", "ellipsoid", "blas_threads", "columns", "files", "control_characters"),
+    ("constructors",),
     ("frames", "stochastic", "atmosphere"),
     # Grid coordinates and heights of reference systems, and geoids.
     ("crs",),

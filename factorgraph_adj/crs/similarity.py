@@ -6,6 +6,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from ..constructors import ChecksArguments
 from ..errors import InputError
 from ..types import Array
 
@@ -13,7 +14,7 @@ ARCSEC = np.pi / 648000.0
 
 
 @dataclass(frozen=True)
-class SevenParameters:
+class SevenParameters(metaclass=ChecksArguments):
     """X' = t + (1 + m) R X, with small rotations of the position vector.
 
     R = [[1, −r_z, r_y], [r_z, 1, −r_x], [−r_y, r_x, 1]] (EPSG method 1033, as ``+towgs84`` of

@@ -16,11 +16,12 @@ import numpy as np
 from ..approximate import approximate
 from ..blas_threads import with_one_thread
 from ..block_orientation.begin import start_of
+from ..constructors import ChecksArguments
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..graph.dependence import stated_late, variables_in_both
 from ..graph.equations import Equations, compile_network
 from ..graph.factors import held_factor, observation_factor
-from ..graph.keys import KeyMap, insert, state_of
+from ..graph.keys import KeyMap, insert, state_of, variable_in_error
 from ..graph.made import MakesFactor, made
 from ..graph.partials import refuse_wrong_partials
 from ..graph.variables import State, Unknowns
@@ -50,7 +51,7 @@ AT_REST = 1e-12
 """Decrease of ½ vᵀPv, relative to 1 + ½ vᵀPv, below which `Isam.settle` ends."""
 
 
-class Isam:
+class Isam(metaclass=ChecksArguments):
     """A network in GTSAM's iSAM2.
 
     Example:
@@ -464,10 +465,11 @@ class Isam:
         try:
             result = isam.update(graph, values, [e.slot for e in gone])
         except RuntimeError as error:
-            what = str(error).strip().splitlines()
-            raise AdjustmentError(
-                f"iSAM2 reached no solution: {' '.join(what[:2])}: something is not determined"
-            ) from error
+            if where := variable_in_error(error, self._numbers):
+                what = f"something is not determined, {where} or what it depends on"
+            else:
+                what = " ".join(str(error).strip().splitlines()[:2])
+            raise AdjustmentError(f"iSAM2 reached no solution: {what}") from error
         return list(result.getNewFactorsIndices())
 
 

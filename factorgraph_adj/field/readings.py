@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import pi
 
+from ..constructors import ChecksArguments
 from ..errors import InputError, Problem
 
 CIRCLE = 2 * pi * (1.0 + 1e-9)
@@ -13,7 +14,7 @@ CIRCLE = 2 * pi * (1.0 + 1e-9)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FaceReading:
+class FaceReading(metaclass=ChecksArguments):
     """One sight in one face, as it stands in the field book."""
 
     station: str

@@ -14,6 +14,7 @@ this library has ω = J_r(r) dr; GTSAM has dr.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import gtsam
@@ -29,6 +30,31 @@ from .variables import State, Unknowns
 _SHIFT = 56
 """Bits below the character of a gtsam.Symbol, which is the highest of eight bytes."""
 _NUMBER = (1 << _SHIFT) - 1
+
+
+_VARIABLE = re.compile(r"\bvariable\s+(\d+)\b")
+"""Where an error of GTSAM has the key of a variable."""
+
+
+def variable_in_error(
+    error: RuntimeError, numbers: Mapping[VariableKind, Mapping[str, int]]
+) -> str:
+    """Return the variable near which GTSAM found a system indeterminate: ``point 'P'``.
+
+    Empty where the error has none.
+
+    Args:
+        error: the error.
+        numbers: number of each variable in its key, by kind and name.
+    """
+    if (found := _VARIABLE.search(str(error))) is None:
+        return ""
+    letter, number = divmod(int(found[1]), 1 << _SHIFT)
+    for kind, own in numbers.items():
+        if ord(UNKNOWNS[kind].letter) == letter:
+            names = (name for name, n in own.items() if n == number)
+            return next((f"{UNKNOWNS[kind].noun} {name!r}" for name in names), "")
+    return ""
 
 
 class KeyMap:

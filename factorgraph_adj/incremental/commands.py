@@ -41,6 +41,10 @@ from .worklist import IncrementalState, Task, Verdicts, worked_off
 
 MAX_WEIGHT_FACTOR = 1e12
 """Largest factor by which a weight may be multiplied; its inverse is the smallest."""
+WEIGHT_OF_GIVEN_VALUE = (
+    "is a given value with a σ of its own, and no observation: remove it, and observe the unknown "
+    "with the σ that is meant (ControlPoint for a point)"
+)
 MAX_SETTLING_ROUNDS = 5
 """Largest number of times that what waits is looked at before everything is at rest."""
 
@@ -309,7 +313,13 @@ def known_ids(
     wanted = list(dict.fromkeys(ids))
     missing = [i for i in state.ledger.missing(wanted) if i not in weights]
     if missing:
-        raise InputError([state.ledger.unknown(i) for i in missing])
+        stated = weighted_unknowns(state.ledger.network)
+        raise InputError(
+            Problem(WEIGHT_OF_GIVEN_VALUE, f"weighted {i}")
+            if i in stated
+            else state.ledger.unknown(i)
+            for i in missing
+        )
     return wanted
 
 

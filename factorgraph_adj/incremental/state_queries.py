@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ..blas_threads import one_at_a_time
+from ..constructors import ChecksArguments
 from ..errors import InputError, Problem, known
 from ..graph.dependence import Variable
 from ..ledger.options import Options
@@ -125,7 +126,7 @@ def _require(state: IncrementalState, name: str, kind: Literal["point", "pose"] 
         raise InputError(Problem(f"is not determined: {lacks}", f"{noun} {name!r}"))
 
 
-class StateQueries:
+class StateQueries(metaclass=ChecksArguments):
     """What an adjustment says of what has arrived, and of what it comes to."""
 
     _lock: RLock

@@ -6,7 +6,7 @@ kind needs no change in this module.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import fields
 from functools import cache, lru_cache
 from itertools import product
@@ -237,12 +237,23 @@ def unknown_field(name: str, valid: Iterable[str]) -> str | None:
     if stem and len(units) > 1:
         order = [u for u in (*LENGTH, *ANGLE, "px", *(f"{u}2" for u in LENGTH)) if u in units]
         return f"unknown unit {unit!r} in {name!r}; valid: {', '.join(order)}"
+    if units := [n.rpartition("_")[2] for n in names if n.rpartition("_")[0] == name]:
+        return f"unknown column {name!r}: its unit ends its name{_with_usual_unit(name, units)}"
     if meant := similar(name, names):
         return f"unknown column {name!r}{meant}"
     stems = {n.rpartition("_")[0] for n in names if n.rpartition("_")[2] in (*LENGTH, *ANGLE)}
     short = sorted({n for n in names if n.rpartition("_")[0] not in stems})
     every = [*short, *sorted(s + "_…" for s in stems)]
     return f"unknown column {name!r}; known: {known(every, most=40)}"
+
+
+def _with_usual_unit(stem: str, units: Collection[str]) -> str:
+    """Return which units a column may have, and the column with the usual one."""
+    order = [u for u in (*LENGTH, *ANGLE, "px", *(f"{u}2" for u in LENGTH)) if u in units]
+    order += sorted(set(units).difference(order))
+    small = ("mm", "mm2", "mgon") if stem.startswith(("sigma", "covariance")) else ("m", "gon")
+    usual = next((u for u in small if u in order), order[0])
+    return f" ({', '.join(order)}); did you mean {f'{stem}_{usual}'!r}?"
 
 
 def offer(kind: str) -> str:

@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from ..constructors import ChecksArguments
 from ..errors import InputError, Problem, similar
 from ..models.lens import Lens
 from ..models.variables import UnknownKind
@@ -21,7 +22,7 @@ REFRACTION_OF_THE_NETWORK = ""
 
 
 @dataclass(frozen=True)
-class Point:
+class Point(metaclass=ChecksArguments):
     """An object point."""
 
     name: str
@@ -57,7 +58,7 @@ _LOWER_LEFT: dict[Origin, tuple[float, float]] = {
 
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(metaclass=ChecksArguments):
     """A camera: lens model, calibration values, and which values are estimated."""
 
     name: str
@@ -99,7 +100,7 @@ class Camera:
 
 
 @dataclass(frozen=True)
-class Photo:
+class Photo(metaclass=ChecksArguments):
     """A photo: its camera and its exterior orientation."""
 
     name: str
@@ -119,7 +120,7 @@ class Photo:
 
 
 @dataclass(frozen=True)
-class Parameter:
+class Parameter(metaclass=ChecksArguments):
     """An unknown besides points, photos and cameras, such as a coefficient of refraction."""
 
     values: tuple[float, ...]

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
+from ..constructors import ChecksArguments
 from ..control_characters import has_control_characters, why_refused
 from ..errors import InputError, Problem
 from ..frames import Frame
@@ -57,7 +58,7 @@ def _name(observation: Observation) -> str:
 
 
 @dataclass(frozen=True)
-class Observation:
+class Observation(metaclass=ChecksArguments):
     """Base of every kind of observation."""
 
     kind: ClassVar[str] = ""
@@ -150,7 +151,7 @@ class Observation:
 
     def _check(self) -> None:
         """Check values, standard deviations and names."""
-        for name, text, optional in _fields(type(self)):  # type: ignore[arg-type]  # hashable
+        for name, text, optional in _fields(type(self)):
             value = getattr(self, name)
             if text:
                 if not isinstance(value, str) and (value is not None or not optional):

@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ..constructors import ChecksArguments
 from ..errors import InputError, Problem
 from ..stochastic import whitening
 from ..types import Array
@@ -15,7 +16,7 @@ from .image import ImagePoint
 
 
 @dataclass(frozen=True)
-class Correlated:
+class Correlated(metaclass=ChecksArguments):
     """Observations with one joint covariance (GNSS clusters, control with covariance)."""
 
     observations: tuple[Observation, ...]

@@ -401,3 +401,14 @@ def test_weights_follow_the_lengths_of_sights_after_an_arrival_too() -> None:
     network.add(*later)
     moved, scatter = apart(isam, fga.adjust(network, tolerance=1e-9))
     assert max(moved, scatter) < AT_REST
+
+
+def test_what_is_not_determined_is_named_as_the_network_calls_it() -> None:
+    """GTSAM has a symbol for it, such as p1."""
+    network = fga.Network("one distance")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("bolt 7", (3.0, 0.0, 0.0))
+    network.add(SlopeDistance("A", "bolt 7", 3.0, sigma=1e-3))
+    with pytest.raises(fga.AdjustmentError, match="not determined, point 'bolt 7' or") as raised:
+        fga.Isam(network)
+    assert "p1" not in str(raised.value)

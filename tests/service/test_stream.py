@@ -286,6 +286,27 @@ def test_causes_of_misfits_are_told_with_suspects_among_the_readings(yard):
     )
 
 
+@pytest.mark.parametrize(
+    ("kind", "meant"), [("slope_distance", "sigma_mm"), ("zenith_angle", "sigma_mgon")]
+)
+def test_a_standard_deviation_without_a_unit_is_asked_for_in_that_of_the_first_line(
+    empty, kind, meant
+):
+    line = {"kind": kind, "station": "A", "target": "C", "value": 12.3, "sigma": 2}
+    (problem,) = empty.refused(line)
+    assert problem["what"].startswith("unknown column 'sigma': its unit ends its name (")
+    assert problem["what"].endswith(f"did you mean '{meant}'?")
+
+
+def test_a_weighted_coordinate_cannot_be_reweighted_and_it_is_said_what_can(empty, tmp_path):
+    network = fga.Network("weighted")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("C", (10.0, 0.0, 0.0), fixed="yz", sigma=(0.01, np.inf, np.inf))
+    inc = IncrementalAdjustment(network)
+    with pytest.raises(fga.InputError, match="weighted point C x: is a given value with a σ"):
+        inc.reweight("point C x", 2.0)
+
+
 def test_removing_the_last_support_of_a_point_makes_it_wait_again(empty):
     empty(*ARRIVALS[:4])
     answer = empty(do="remove", ids=["s1"])
