@@ -169,6 +169,31 @@ class Equations:
                 out.append((first[:, None] + np.arange(block.dimension)).ravel())
         return np.concatenate(out)
 
+    def of_rows(self, rows: Index) -> Equations:
+        """Return the equations of some observations, with all unknowns.
+
+        Args:
+            rows: scalar rows of whole observations, and of whole clusters, (k,).
+        """
+        on = np.zeros(self.n_rows, dtype=bool)
+        on[rows] = True
+        blocks, in_cluster, first = [], {}, 0
+        for place, block in enumerate(self.blocks):
+            chosen = on[block.rows].reshape(block.observed.shape)[:, 0]
+            if not chosen.any():
+                continue
+            if place in self.in_cluster:
+                number = np.cumsum(chosen) - 1
+                clustered = self.in_cluster[place]
+                in_cluster[len(blocks)] = number[clustered[chosen[clustered]]]
+            blocks.append(replace(block.select(np.flatnonzero(chosen)), first_row=first))
+            first += blocks[-1].observed.size
+        number = np.cumsum(on) - 1
+        clusters = tuple(
+            replace(c, rows=number[c.rows]) for c in self.clusters if on[c.rows].all()
+        )
+        return replace(self, blocks=tuple(blocks), clusters=clusters, in_cluster=in_cluster)
+
     @cached_property
     def _rows_of(self) -> dict[str, Index]:
         """Rows of the observations other than image points, by id."""

@@ -22,6 +22,7 @@ from ..ledger import journal_entries
 from ..ledger.candidates import Candidates, NothingKnown
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
+from ..ledger.packed_arrays import packed, packed_symmetric, unpacked, unpacked_symmetric
 from ..ledger.retired import Retired
 from ..ledger.retired_archive import LastEstimate
 from ..ledger.row_store import REMOVED
@@ -32,12 +33,14 @@ from ..network.entities import Key, parameter_name
 from ..network.network import Network
 from ..network.selection import keep_entities
 from ..solve.marginalisation import NAME, marginalised
-from ..solve.missed_step import N_MOVEMENTS, NOTHING_MISSED, MissedStep
+from ..solve.missed_step import NOTHING_MISSED, MissedStep, not_known
 from ..solve.prior import Group, Prior
 from ..types import Array, Index
 from .retirement_window import is_stated, stated_at
 from .worklist import IncrementalState
 
+SMALL_PARTS = ("scale", "constant", "linear")
+"""Parts of `MissedStep` that the journal has with seven digits."""
 NO_MINIMUM = "there is no minimum, of which the observations of what is retired could tell"
 
 
@@ -106,13 +109,7 @@ class Rest(NamedTuple):
             for g in self.prior.groups
         ]
         rows = {"r": r.tolist(), "z": z.tolist(), "apart": self.prior.apart}
-        missed = {
-            "sigma": self.missed.sigma.tolist(),
-            "gradients": self.missed.gradients.tolist(),
-            "lengths": self.missed.lengths.tolist(),
-            "older": self.missed.older,
-        }
-        return {"groups": groups, "width": r.shape[1], **rows, "missed": missed}
+        return {"groups": groups, "width": r.shape[1], **rows, "missed": _fields_of(self.missed)}
 
     @classmethod
     def read(cls, fields: Mapping[str, Any]) -> Rest:
@@ -129,13 +126,27 @@ class Rest(NamedTuple):
         r = np.array(fields["r"], dtype=float).reshape(-1, int(fields["width"]))
         z: Array = np.array(fields["z"], dtype=float)
         prior = Prior(groups=groups, r=r, z=z, apart=int(fields["apart"]), name=NAME)
-        told = fields["missed"]
-        sigma, gradients, lengths = (
-            np.array(told[name], dtype=float) for name in ("sigma", "gradients", "lengths")
-        )
-        shape = len(lengths), len(sigma), N_MOVEMENTS
-        missed = MissedStep(sigma, gradients.reshape(shape), lengths, float(told["older"]))
-        return cls(prior, missed)
+        return cls(prior, _missed_of(fields["missed"], r.shape[1]))
+
+
+def _fields_of(missed: MissedStep) -> dict[str, Any]:
+    """Return what the journal says of what rows miss; nothing where it is not known."""
+    if not missed.is_known:
+        return {}
+    most, quadratic = packed_symmetric(missed.quadratic)
+    fields = {k: packed(a) for k, a in zip(SMALL_PARTS, missed[:3], strict=True)}
+    return {"rank": len(missed.constant), **fields, "most": most, "quadratic": quadratic}
+
+
+def _missed_of(fields: Mapping[str, Any], width: int) -> MissedStep:
+    """Return what rows miss as the journal has it."""
+    if not fields:
+        return not_known(width)
+    k = int(fields["rank"])
+    shapes = (k, width), (k,), (k, k)
+    parts = (unpacked(fields[n], *s) for n, s in zip(SMALL_PARTS, shapes, strict=True))
+    quadratic = unpacked_symmetric(float(fields["most"]), fields["quadratic"], k)
+    return MissedStep(*parts, quadratic)
 
 
 def retire(
@@ -242,17 +253,35 @@ def taken_back(state: IncrementalState, rules: Options) -> IncrementalState:
     return IncrementalState(ledger, found.prepared(), settled=True)
 
 
+def missed_step(state: IncrementalState) -> float:
+    """Return a bound of the step that linear rows miss, relative to σ: √(gᵀQg), see
+    `solve.missed_step`; infinite where it is not known.
+    """
+    retired = state.ledger.retired
+    fronts = None if retired is None else engines.in_fronts(state.system)
+    if retired is None or fronts is None or not retired.prior.groups:
+        return 0.0
+    solution = fronts.solution
+    gradient = retired.missed.gradient(
+        retired.prior.movement(solution.equations, solution.state)
+    )
+    if not np.isfinite(gradient).all():
+        return np.inf
+    columns = np.zeros(len(gradient), dtype=np.intp)
+    for group in retired.prior.groups:
+        for name, places in zip(group.names, group.columns, strict=True):
+            own = fronts.columns(group.kind, name)
+            columns[places[: len(own)]] = own
+    f = fronts.expand(columns, gradient[None])
+    variance = fronts.update.between(f.at, f.b, f.at, f.b) + f.own
+    return float(np.sqrt(max(variance[0, 0], 0.0)))
+
+
 def doubt(state: IncrementalState, rules: Options) -> str:
     """Say that the linear rows of what was retired may miss more than is promised; or nothing."""
-    retired, system = state.ledger.retired, state.system
-    if retired is None or system is None:
+    if state.system is None or state.system.doubt:
         return ""
-    fronts = engines.in_fronts(system)
-    missed = (
-        0.0
-        if fronts is None
-        else retired.missed_at(fronts.solution.equations, fronts.solution.state)
-    )
+    missed = missed_step(state)
     if missed <= rules.accuracy:
         return ""
     return (

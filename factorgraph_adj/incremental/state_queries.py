@@ -209,6 +209,19 @@ class StateQueries(metaclass=ChecksArguments):
             self._told_of_suspects = ids, doubts.suspects_doubts(self._state, self._rules)
         return self._told_of_suspects[1]
 
+    @property
+    @one_at_a_time
+    def missed_step(self) -> float:
+        """Bound, to second order, of what the linear rows of all that was retired miss.
+
+        No estimate is further from what it was with everything in the graph, relative to its σ;
+        see `solve.missed_step`. Infinite where it is not known.
+
+        Raises:
+            AdjustmentError: there is no minimum.
+        """
+        return retirement.missed_step(self._state)
+
     def _doubts_of_retired(self) -> tuple[str, ...]:
         """Say where linear rows do not hold, and where something could not be retired."""
         why = [self._not_retired] if self._not_retired else []

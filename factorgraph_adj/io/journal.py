@@ -31,7 +31,7 @@ from ..files import note_read, refuse_replacing, refuse_special
 if sys.platform != "win32":
     import fcntl
 
-VERSION = 3
+VERSION = 4
 """Version of the format, the value of ``journal`` in the header; no other is read."""
 DIGITS = 16
 """Hexadecimal digits of a link of the chain."""

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 
 from ..errors import Problem
 from ..graph.dependence import Variable
-from ..graph.equations import Equations
-from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import FREE_ORIENTATION, Key, Photo, Point, parameter_name
 from ..network.network import Network
@@ -40,10 +38,6 @@ class Retired:
     """Unknowns of the prior that nobody has to state, such as orientations."""
     missed: MissedStep = NOTHING_MISSED
     """What the linear rows miss."""
-
-    def missed_at(self, equations: Equations, state: State) -> float:
-        """Return the step that the linear rows miss at a state, relative to σ."""
-        return self.missed.at(self.prior.movement(equations, state))
 
     def last_estimate(self, variable: Variable) -> LastEstimate | None:
         """Return what was known of an unknown when it was retired; none: it was not."""

@@ -141,7 +141,9 @@ def _together(
     Returns:
         The rows that are kept, and the columns that they touch.
     """
-    joint = _stacked([*(_Rows(e.columns, e.a, e.residual) for e in earlier), *parts], last)
+    free = normal.system.unknowns.free
+    old = [_Rows(e.columns[on], e.a[:, on], e.residual) for e in earlier for on in (free[e.columns],)]
+    joint = _stacked([*old, *parts], last)
     n = len(last)
     own: Array = np.zeros((len(joint.v), 0))
     upper: Array = np.zeros((0, len(joint.columns)))

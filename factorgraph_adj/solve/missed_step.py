@@ -1,25 +1,33 @@
 """What linear rows in the place of others miss, and how far it moves the unknowns that remain.
 
-Rows of a marginalisation hold near where they were made. At a few movements that all other
-observations make, and which the unknowns that leave follow, the gradient g is known that their
-linear forms miss, see `solve.drift`. It moves the unknowns T that remain by s = −(Q g)_T, as the
-gradient Q_TT⁻¹ (Q g)_T of T alone would do, and each of them by no more than
+Rows of a marginalisation (`solve.marginalisation`) hold near where they were made. With all partials
+there, the unknowns R that leave follow a movement d of those that remain, T, by the movement M d of
+everything, with M = Q_·T Q_TT⁻¹, as R has no other rows; then the rows have the residuals
 
-    √(sᵀ Q_TT⁻¹ s)
+    v(M d) = v + A M d + ½ W[d, d] + …,    W = Mᵀ (∂²v/∂x²) M of each row,
 
-of its σ. With the square of the length √Σ(d/σ)² of a movement d of T this grows: a gradient is kept
-for a movement of unit length, and multiplied by the square of the length that T has moved by when
-rows are marginalised again.
+in the coordinates in which d is measured (`Prior.movement`). The gradient of vᵀv/2 with R at its
+minimum is to second order the one of the joint movement M d. Its linear part AᵀA is that of the
+linear rows; they miss
 
-Unknowns of T that leave then take what was missed along with them, but for what the others notice.
-The gradients are therefore carried on to what remains in the same way, exactly. After
-`MAX_KEPT_MARGINALISATIONS` hardly anything of them changes: what is left of them, in unknowns that
-stay, such as a calibration, is added to a sum of lengths. A length never grows, as observations
-that come only make Q smaller.
+    g(d) = Σ v W d + Σ (½ MᵀAᵀ W[d, d] + W d · A M d) = B d + τ[d, d],
 
-The result is an estimate, not a bound. Three movements over all of T do not show one unknown among
-many whose rows are curved most: with 60 neighbours 0.005 σ was found where 0.12 σ was missed. The
-rows of earlier marginalisations count with the movement that T had at the last one.
+with a matrix B and a tensor τ, both symmetric in all their places, as g is the gradient of a
+function. As the sum g₀ + B d + τ[d, d] of two marginalisations has the same form, one g₀, B and τ
+stand for all: where T has moved by d₀ since, and unknowns of T leave and follow those that remain
+by d = d₀ + C d',
+
+    g₀' = Cᵀ g(d₀),   B' = Cᵀ (B + 2 τ[d₀]) C,   τ' = τ[C, C, C],
+
+and what the new rows miss is added. T takes the step s = −(Q g)_T. In coordinates u of T in which
+its cofactor matrix is the identity, s = −g, and each function of the unknowns, such as one of them,
+moves by no more than
+
+    ‖s‖ = √(sᵀ Q_TT⁻¹ s)
+
+of its σ. Q is that of the last marginalisation; observations that come only make it smaller.
+
+So ‖s‖ is a bound to second order: what is cubic in d, and what d² changes by B, is left out.
 """
 
 from __future__ import annotations
@@ -29,87 +37,78 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, Index
-from .drift import missed
 from .linear import LinearisedEquations
 from .normal import NormalEquations
 from .prior import Prior
 
-N_MOVEMENTS = 3
-"""Number of movements at which linear rows are compared with what they stand for."""
-SEED = 1
-"""Seed of these movements."""
-MAX_KEPT_MARGINALISATIONS = 4
-"""Number of marginalisations whose gradients are kept."""
+MAX_UNKNOWNS = 250
+"""Largest number of components of T for which all second derivatives are computed: they take
+number³ × 8 bytes, 125 MB."""
+STEP = 0.01
+"""Movement for the differences of partials, relative to σ."""
 MIN_RELATIVE_EIGENVALUE = 1e-12
 """Smallest eigenvalue of a correlation matrix that counts, relative to the largest one."""
 
 
 class MissedStep(NamedTuple):
-    """What the rows of all marginalisations miss."""
+    """What the rows of all marginalisations miss, for a movement u = S d of T, (k,).
 
-    sigma: Array = np.zeros(0)
-    """σ of the unknowns of the prior when its rows were made, (m,); 0 for held components."""
-    gradients: Array = np.zeros((0, 0, N_MOVEMENTS))
-    """Gradients that the rows of the last marginalisations miss, the last one first, (lots, m,
-    moves): of the last one for a movement of unit length, of others as T has moved."""
-    lengths: Array = np.zeros(0)
-    """Largest step of each of them, relative to σ, (lots,)."""
-    older: float = 0.0
-    """Sum of the steps of all marginalisations before."""
+    k is the rank of the cofactor matrix of T, which is the identity for u.
+    """
 
-    def at(self, moved: Array) -> float:
-        """Return the step that is missed, relative to σ, after a movement of the prior's unknowns.
+    scale: Array = np.zeros((0, 0))
+    """S, (k, m), of a movement d of the prior's unknowns; zero for held components."""
+    constant: Array = np.zeros(0)
+    """g₀, (k,)."""
+    linear: Array = np.zeros((0, 0))
+    """B, (k, k)."""
+    quadratic: Array = np.zeros((0, 0, 0))
+    """τ, (k, k, k)."""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there are few enough unknowns that it was computed."""
+        return len(self.scale) == len(self.constant)
+
+    def gradient(self, moved: Array) -> Array:
+        """Return g(d) for d, (m,); infinite where it is not known.
 
         Args:
-            moved: the movement since the last marginalisation, (m,).
+            moved: the movement d since the last marginalisation, (m,).
         """
-        before = self.older + float(self.lengths[1:].sum())
-        return before + float(self.lengths[:1].sum()) * self._square(moved)
+        if not self.is_known:
+            return np.full(len(moved), np.inf)
+        return self._moved(moved)[0] @ self.scale
 
-    def _square(self, moved: Array) -> float:
-        """Return the square of the length of a movement."""
-        on = self.sigma > 0
-        relative = moved[on] / self.sigma[on]
-        return float(relative @ relative)
+    def carried(self, moved: Array, scale: Array, follow: Array) -> MissedStep:
+        """Return the same of the unknowns of a later marginalisation.
 
-    def as_moved(self, moved: Array) -> Array:
-        """Return all gradients after a movement, (lots, m, moves)."""
-        out = self.gradients.copy()
-        out[:1] *= self._square(moved)
-        return out
+        Args:
+            moved: the movement d₀ until then, (m,).
+            scale: S of the unknowns of the later one, (k', m').
+            follow: how the unknowns of this one follow a movement u' of them, (m, k').
+        """
+        constant, linear = self._moved(moved)
+        c = self.scale @ follow
+        quadratic = self.quadratic
+        for _ in range(3):  # one place after another
+            quadratic = np.tensordot(quadratic, c, (0, 0))
+        return MissedStep(scale, c.T @ constant, c.T @ linear @ c, quadratic)
+
+    def _moved(self, moved: Array) -> tuple[Array, Array]:
+        """Return g(d) and its derivative."""
+        u = self.scale @ moved
+        half = self.quadratic @ u
+        return self.constant + (self.linear + half) @ u, self.linear + 2.0 * half
 
 
 NOTHING_MISSED = MissedStep()
 """Nothing was marginalised."""
 
 
-class _Remaining(NamedTuple):
-    """Cofactors of the unknowns that remain."""
-
-    q: Array
-    """Their columns of the cofactor matrix, (n, m)."""
-    sigma: Array
-    """Their σ, (m,)."""
-    root: Array
-    """Root of the inverse of their correlation matrix, (of them that move, k)."""
-
-    @classmethod
-    def of(cls, q: Array, columns: Index) -> _Remaining:
-        own = q[columns]
-        sigma = np.sqrt(np.maximum(np.diag(own), 0.0))
-        on = sigma > 0
-        c = own[np.ix_(on, on)] / np.outer(sigma[on], sigma[on])
-        values, vectors = np.linalg.eigh((c + c.T) / 2)
-        counts = values > MIN_RELATIVE_EIGENVALUE * values.max(initial=0.0)
-        return cls(q, sigma, vectors[:, counts] / np.sqrt(values[counts]))
-
-    def carried(self, gradients: Array) -> tuple[Array, Array]:
-        """Return gradients (n, k) as those of what remains, (m, k), and their steps, (k,)."""
-        on = self.sigma > 0
-        half = self.root.T @ ((self.q.T @ gradients)[on] / self.sigma[on, None])
-        out = np.zeros((len(self.sigma), gradients.shape[1]))
-        out[on] = self.root @ half / self.sigma[on, None]
-        return out, np.linalg.norm(half, axis=0)
+def not_known(m: int) -> MissedStep:
+    """Return that it was not computed what the rows of m columns miss."""
+    return MissedStep(np.zeros((1, m)))
 
 
 def missed_step(
@@ -129,33 +128,63 @@ def missed_step(
         known: what these and those before them miss.
     """
     here, unknowns = normal.system, normal.system.unknowns
+    if len(columns) > MAX_UNKNOWNS or not known.is_known:
+        return not_known(len(columns))
     factor = normal.factorise(np.zeros(unknowns.n_columns))
     unit = np.zeros((unknowns.n_columns, len(columns)))
     unit[columns, np.arange(len(columns))] = unknowns.free[columns]
-    left = _Remaining.of(factor.solve(unit), columns)
-    others = np.ones(len(here.every_residual), dtype=bool)
-    others[rows], others[here.equations.n_rows :] = False, False
-    noise = (
-        np.random.default_rng(SEED).standard_normal((len(others), N_MOVEMENTS)) * others[:, None]
-    )
-    fresh = np.zeros((unknowns.n_columns, N_MOVEMENTS))
-    for i, movement in enumerate(factor.solve(here.transposed(noise)).T):
-        state = unknowns.retract(here.state, movement)
+    q = factor.solve(unit)
+    scale = _scale(q[columns])
+    follow = q @ scale.T
+    found = _missed(here, rows, before, scale, follow)
+    if before is None:
+        return found
+    prior = before.at(here.equations, here.state)
+    moved = before.movement(here.equations, here.state)
+    old = known.carried(moved, scale, follow[prior.rows[0].columns])
+    return MissedStep(scale, *(a + b for a, b in zip(found[1:], old[1:], strict=True)))
+
+
+def _scale(cofactors: Array) -> Array:
+    """Return S (k, m) with S Q_TT Sᵀ = I, zero for held components."""
+    sigma = np.sqrt(np.maximum(np.diag(cofactors), 0.0))
+    on = sigma > 0
+    c = cofactors[np.ix_(on, on)] / np.outer(sigma[on], sigma[on])
+    values, vectors = np.linalg.eigh((c + c.T) / 2)
+    counts = values > MIN_RELATIVE_EIGENVALUE * values.max(initial=0.0)
+    out = np.zeros((int(counts.sum()), len(cofactors)))
+    out[:, on] = (vectors[:, counts] / np.sqrt(values[counts])).T / sigma[on]
+    return out
+
+
+def _missed(
+    here: LinearisedEquations, rows: Index, before: Prior | None, scale: Array, follow: Array
+) -> MissedStep:
+    """Return what rows miss, from differences of their partials.
+
+    Args:
+        here: the network.
+        rows: the rows that become linear.
+        before: rows of an earlier marginalisation, which become linear anew; none: there are none.
+        scale: S, (k, m).
+        follow: M Sᵀ Q_TT of all unknowns, (n_columns, k): movements of unit u.
+    """
+    equations = here.equations.of_rows(rows)
+
+    def linearised(movement: Array) -> LinearisedEquations:
+        state = here.unknowns.retract(here.state, movement)
         extra = () if before is None else before.at(here.equations, state).rows
-        there = LinearisedEquations(here.equations, state, extra)
-        on = left.sigma > 0
-        length = float(np.linalg.norm(movement[columns][on] / left.sigma[on]))
-        if length > 0:
-            fresh[:, i] = missed(here, there, movement, np.flatnonzero(others)) / length**2
-    lots = [fresh]
-    if before is not None and len(known.gradients):
-        (extra_rows,) = before.at(here.equations, here.state).rows
-        for gradient in known.as_moved(before.movement(here.equations, here.state)):
-            whole = np.zeros_like(fresh)
-            whole[extra_rows.columns] = gradient
-            lots.append(whole)
-    found = [left.carried(lot) for lot in lots]
-    lengths = np.array([steps.max(initial=0.0) for _, steps in found])
-    gradients = np.array([gradient for gradient, _ in found[:MAX_KEPT_MARGINALISATIONS]])
-    older = known.older + float(lengths[MAX_KEPT_MARGINALISATIONS:].sum())
-    return MissedStep(left.sigma, gradients, lengths[:MAX_KEPT_MARGINALISATIONS], older)
+        return LinearisedEquations(equations, state, extra)
+
+    base = linearised(np.zeros(len(follow)))
+    weights = np.column_stack([base.times(follow), base.every_residual])
+    nothing = base.transposed(weights)
+    k = follow.shape[1]
+    w = np.empty((k, k, k + 1))  # Σ W[a, b] of the rows, each times A M of c, or v
+    for a in range(k):
+        there = linearised(STEP * follow[:, a]).transposed(weights)
+        w[a] = follow.T @ ((there - nothing) / STEP)
+    w = 0.5 * (w + w.transpose(1, 0, 2))
+    x = w[:, :, :k]
+    quadratic = 0.5 * (x + x.transpose(0, 2, 1) + x.transpose(2, 0, 1))
+    return MissedStep(scale, np.zeros(k), w[:, :, k].copy(), quadratic)

@@ -24,8 +24,8 @@ HIDDEN = 0.2
 """Fraction of the sights that is hidden."""
 
 
-def plan(seed: int) -> Network:
-    """Return the block with its true values."""
+def plan(seed: int, sigma: float = SIGMA) -> Network:
+    """Return the block with its true values; σ of image coordinates in mm."""
     rng = np.random.default_rng([seed, 7])
     network = Network("close-range block")
     points = rng.uniform(-0.5, 0.5, (POINTS, 3)) * BOX
@@ -47,14 +47,14 @@ def plan(seed: int) -> Network:
         xy = FOCAL * seen[:, :2] / seen[:, 2:]
         inside = (np.abs(xy) < HALF_FORMAT).all(axis=1) & (rng.random(POINTS) > HIDDEN)
         for j in np.flatnonzero(inside).tolist():
-            network.add(ImagePoint(photo, names[j], 0.0, 0.0, sigma=SIGMA))
+            network.add(ImagePoint(photo, names[j], 0.0, 0.0, sigma=sigma))
     return network
 
 
-def block(seed: int) -> Network:
+def block(seed: int, sigma: float = SIGMA) -> Network:
     """Return the block with measuring errors and approximate values."""
     return disturb(
-        measure(plan(seed), seed=seed),
+        measure(plan(seed, sigma), seed=seed),
         seed=seed,
         points=0.05,
         centres=0.2,

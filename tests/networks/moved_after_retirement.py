@@ -1,0 +1,118 @@
+"""Random networks of which some unknowns are retired, and the others are then moved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+import factorgraph_adj as fga
+from factorgraph_adj.observations import ControlPoint, Direction, SlopeDistance
+from factorgraph_adj.types import Array
+
+from .photo_block import CONTROL, PHOTOS, POINTS, SIGMA, block
+
+KINDS = ("distances", "directions", "photos")
+"""What is observed."""
+MOVEMENTS = ("one point", "all points", "weakest direction")
+"""What moves after something was retired: σ of a point in any direction, of some points each as
+they are correlated, and of these points where their joint cofactor matrix is largest."""
+MOST_MOVED = 6
+"""Largest number of points that move together."""
+
+
+def plane(rng: np.random.Generator, *, directions: bool) -> fga.Network:
+    """Return points in a plane, each observed from some of those before it."""
+    network = fga.Network("plane")
+    size = 10.0 ** rng.uniform(1.0, 3.3)
+    at = {name: size * np.array(x) for name, x in (("A", (0, 0)), ("B", (1, 0)), ("C", (0.2, 1)))}
+    sigma = 10.0 ** rng.uniform(-4.0, -1.5)
+    for name, x in at.items():
+        network.add_point(name, (*x.tolist(), 0.0), fixed="xyz")
+    for i in range(int(rng.integers(4, 13))):
+        name, others = f"P{i}", list(at)
+        at[name] = rng.uniform(0.0, size, 2)
+        start = at[name] + size * sigma * rng.normal(size=2)
+        network.add_point(name, (*start.tolist(), 0.0), fixed="z")
+        near = sorted(others, key=lambda n: float(np.linalg.norm(at[n] - at[name])))[:2]
+        for other in {*near, *rng.choice(others, 3, replace=False).tolist()}:
+            d = at[name] - at[other]
+            length = float(np.linalg.norm(d))
+            reading = length + size * sigma * rng.normal()
+            network.add(SlopeDistance(other, name, reading, sigma=size * sigma))
+            if directions:
+                azimuth = np.arctan2(d[0], d[1]) + sigma * rng.normal()
+                network.add(Direction(other, name, float(azimuth % (2 * np.pi)), sigma=sigma))
+    return network
+
+
+def moved_after_retirement(seed: int, kind: str, movement: str) -> fga.IncrementalAdjustment:
+    """Return a settled adjustment after up to three retirements and movements.
+
+    Args:
+        seed: the seed.
+        kind: one of `KINDS`.
+        movement: one of `MOVEMENTS`.
+    """
+    rng = np.random.default_rng([seed, KINDS.index(kind), MOVEMENTS.index(movement)])
+    if kind == "photos":
+        network = block(seed, SIGMA * 10.0 ** rng.uniform(0.0, 1.3))
+        left = [f"P{i}" for i in range(CONTROL, POINTS)]
+    else:
+        network = plane(rng, directions=kind == "directions")
+        left = [n for n in network.points if n.startswith("P")]
+    inc = fga.IncrementalAdjustment(network, policy="accept")
+    inc.settle()
+    left = [name for name in left if inc.determined(name)]
+    for turn in range(int(rng.integers(1, 4))):
+        gone = rng.choice(left, max(1, len(left) // 4), replace=False).tolist()
+        left = [name for name in left if name not in gone]
+        photos = [f"F{turn + 1}"] if kind == "photos" and rng.random() < 0.3 else []
+        inc.retire(points=gone, photos=[p for p in photos if 2 * turn < PHOTOS])
+        move(inc, left, movement, rng, turn)
+        inc.settle()
+    return inc
+
+
+def move(
+    inc: fga.IncrementalAdjustment,
+    left: Sequence[str],
+    movement: str,
+    rng: np.random.Generator,
+    turn: int,
+) -> None:
+    """Observe coordinates of points up to ten σ away from where they are."""
+    some = min(len(left), 1 if movement == "one point" else MOST_MOVED)
+    names = rng.choice(list(left), some, replace=False).tolist()
+    q = np.block([[inc.covariance(a, b) for b in names] for a in names])
+    values, vectors = np.linalg.eigh((q + q.T) / 2)
+    values = np.sqrt(np.maximum(values, 0.0))
+    along: Array = np.append(np.zeros(len(values) - 1), rng.choice([-1.0, 1.0]))
+    if movement != "weakest direction":
+        along = rng.normal(size=len(values))
+    d = 10.0 ** rng.uniform(-0.5, 1.0) * (vectors @ (values * along)).reshape(-1, 3)
+    narrower = 10.0 ** rng.uniform(-1.5, 0.0)
+    for i, name in enumerate(names):
+        sigma = inc.standard_deviations(name)
+        axes = "".join(a for a, s in zip("xyz", sigma, strict=True) if s > 0)
+        to, on = inc.estimate(name) + d[i], sigma > 0
+        stated = tuple((narrower * sigma[on]).tolist())
+        ident = f"{name} moved {turn}"
+        inc.add([ControlPoint(name, tuple(to[on].tolist()), axes=axes, sigma=stated, id=ident)])
+
+
+def truly_missed(inc: fga.IncrementalAdjustment) -> float:
+    """Take everything back; return the largest change of an estimate, relative to its σ."""
+    network = inc.solution().network
+    points = {n: inc.estimate(n) for n in network.points if inc.determined(n)}
+    photos = {n: inc.pose(n).position for n in network.photos}
+    inc.settle(all=True)
+    found = [0.0]
+    for name, was in points.items():
+        sigma = inc.standard_deviations(name)
+        on = sigma > 0
+        found += (np.abs(inc.estimate(name) - was)[on] / sigma[on]).tolist()
+    for name, was in photos.items():
+        pose = inc.pose(name)
+        found += (np.abs(pose.position - was) / pose.sigmas[3:]).tolist()
+    return max(found)
