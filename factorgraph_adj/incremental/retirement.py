@@ -33,7 +33,7 @@ from ..network.entities import Key, parameter_name
 from ..network.network import Network
 from ..network.selection import keep_entities
 from ..solve.marginalisation import NAME, marginalised
-from ..solve.missed_step import NOTHING_MISSED, MissedStep, not_known
+from ..solve.missed_step import MAX_UNKNOWNS, NOTHING_MISSED, MissedStep, not_known
 from ..solve.prior import Group, Prior
 from ..types import Array, Index
 from .retirement_window import is_stated, stated_at
@@ -134,8 +134,9 @@ def _fields_of(missed: MissedStep) -> dict[str, Any]:
     if not missed.is_known:
         return {}
     most, quadratic = packed_symmetric(missed.quadratic)
-    fields = {k: packed(a) for k, a in zip(SMALL_PARTS, missed[:3], strict=True)}
-    return {"rank": len(missed.constant), **fields, "most": most, "quadratic": quadratic}
+    fields: dict[str, Any] = {k: packed(a) for k, a in zip(SMALL_PARTS, missed[:3], strict=True)}
+    fields |= {"most": most, "quadratic": quadratic, "remainder": missed.remainder}
+    return {"rank": len(missed.constant), **fields}
 
 
 def _missed_of(fields: Mapping[str, Any], width: int) -> MissedStep:
@@ -146,7 +147,7 @@ def _missed_of(fields: Mapping[str, Any], width: int) -> MissedStep:
     shapes = (k, width), (k,), (k, k)
     parts = (unpacked(fields[n], *s) for n, s in zip(SMALL_PARTS, shapes, strict=True))
     quadratic = unpacked_symmetric(float(fields["most"]), fields["quadratic"], k)
-    return MissedStep(*parts, quadratic)
+    return MissedStep(*parts, quadratic, float(fields["remainder"]))
 
 
 def retire(
@@ -254,19 +255,19 @@ def taken_back(state: IncrementalState, rules: Options) -> IncrementalState:
 
 
 def missed_step(state: IncrementalState) -> float:
-    """Return a bound of the step that linear rows miss, relative to σ: √(gᵀQg), see
-    `solve.missed_step`; infinite where it is not known.
+    """Return the bound of the step that linear rows miss, relative to σ; see `solve.missed_step`.
+
+    √(gᵀQg) + ρ with the cofactors Q of the state; infinite where it is not known.
+
+    Raises:
+        AdjustmentError: there is no minimum.
     """
-    retired = state.ledger.retired
-    fronts = None if retired is None else engines.in_fronts(state.system)
+    retired, fronts = state.ledger.retired, engines.in_fronts(state.system)
     if retired is None or fronts is None or not retired.prior.groups:
         return 0.0
     solution = fronts.solution
-    gradient = retired.missed.gradient(
-        retired.prior.movement(solution.equations, solution.state)
-    )
-    if not np.isfinite(gradient).all():
-        return np.inf
+    moved = retired.prior.movement(solution.equations, solution.state)
+    gradient, remainder = retired.missed.at(moved)
     columns = np.zeros(len(gradient), dtype=np.intp)
     for group in retired.prior.groups:
         for name, places in zip(group.names, group.columns, strict=True):
@@ -274,7 +275,7 @@ def missed_step(state: IncrementalState) -> float:
             columns[places[: len(own)]] = own
     f = fronts.expand(columns, gradient[None])
     variance = fronts.update.between(f.at, f.b, f.at, f.b) + f.own
-    return float(np.sqrt(max(variance[0, 0], 0.0)))
+    return float(np.sqrt(max(variance[0, 0], 0.0))) + remainder
 
 
 def doubt(state: IncrementalState, rules: Options) -> str:
@@ -284,6 +285,12 @@ def doubt(state: IncrementalState, rules: Options) -> str:
     missed = missed_step(state)
     if missed <= rules.accuracy:
         return ""
+    if np.isinf(missed):
+        return (
+            "what was retired had observations in common with so much of the rest, more than "
+            f"{MAX_UNKNOWNS} components at once, that it is not known what their linear rows miss: "
+            "settle(all=True) takes them back"
+        )
     return (
         "what remains has moved since others were retired, whose linear rows may miss "
         f"{missed:.2g} σ by now: settle(all=True) takes them back"

@@ -27,7 +27,13 @@ moves by no more than
 
 of its σ. Q is that of the last marginalisation; observations that come only make it smaller.
 
-So ‖s‖ is a bound to second order: what is cubic in d, and what d² changes by B, is left out.
+This is exact to second order. Of the third order it is known how large it may be: a movement that
+changes the normal matrix, which is the identity for u, by D = B + 2 τ[d] changes the curvature by
+about ‖D‖ of itself. In which direction is not known, so that
+
+    ρ = ‖D‖ ‖τ[d, d]‖
+
+is added, and summed over the marginalisations. The bound of the step is ‖s‖ + ρ.
 """
 
 from __future__ import annotations
@@ -64,21 +70,24 @@ class MissedStep(NamedTuple):
     """B, (k, k)."""
     quadratic: Array = np.zeros((0, 0, 0))
     """τ, (k, k, k)."""
+    remainder: float = 0.0
+    """ρ of all marginalisations before the last one."""
 
     @property
     def is_known(self) -> bool:
         """Whether there are few enough unknowns that it was computed."""
         return len(self.scale) == len(self.constant)
 
-    def gradient(self, moved: Array) -> Array:
-        """Return g(d) for d, (m,); infinite where it is not known.
+    def at(self, moved: Array) -> tuple[Array, float]:
+        """Return g(d) for d, (m,), and ρ; infinite where it is not known.
 
         Args:
             moved: the movement d since the last marginalisation, (m,).
         """
         if not self.is_known:
-            return np.full(len(moved), np.inf)
-        return self._moved(moved)[0] @ self.scale
+            return np.zeros(len(moved)), np.inf
+        gradient, _, remainder = self._moved(moved)
+        return gradient @ self.scale, remainder
 
     def carried(self, moved: Array, scale: Array, follow: Array) -> MissedStep:
         """Return the same of the unknowns of a later marginalisation.
@@ -88,18 +97,21 @@ class MissedStep(NamedTuple):
             scale: S of the unknowns of the later one, (k', m').
             follow: how the unknowns of this one follow a movement u' of them, (m, k').
         """
-        constant, linear = self._moved(moved)
+        constant, linear, remainder = self._moved(moved)
         c = self.scale @ follow
         quadratic = self.quadratic
         for _ in range(3):  # one place after another
             quadratic = np.tensordot(quadratic, c, (0, 0))
-        return MissedStep(scale, c.T @ constant, c.T @ linear @ c, quadratic)
+        return MissedStep(scale, c.T @ constant, c.T @ linear @ c, quadratic, remainder)
 
-    def _moved(self, moved: Array) -> tuple[Array, Array]:
-        """Return g(d) and its derivative."""
+    def _moved(self, moved: Array) -> tuple[Array, Array, float]:
+        """Return g(d), its derivative B + 2 τ[d], and ρ."""
         u = self.scale @ moved
         half = self.quadratic @ u
-        return self.constant + (self.linear + half) @ u, self.linear + 2.0 * half
+        curved, derivative = half @ u, self.linear + 2.0 * half
+        size = float(np.linalg.norm(derivative, 2)) if len(u) else 0.0
+        remainder = self.remainder + size * float(np.linalg.norm(curved))
+        return self.constant + self.linear @ u + curved, derivative, remainder
 
 
 NOTHING_MISSED = MissedStep()
@@ -136,7 +148,7 @@ def missed_step(
     q = factor.solve(unit)
     scale = _scale(q[columns])
     follow = q @ scale.T
-    found = _missed(here, rows, before, scale, follow)
+    found = _missed(here, rows, scale, follow)
     if before is None:
         return found
     prior = before.at(here.equations, here.state)
@@ -157,33 +169,28 @@ def _scale(cofactors: Array) -> Array:
     return out
 
 
-def _missed(
-    here: LinearisedEquations, rows: Index, before: Prior | None, scale: Array, follow: Array
-) -> MissedStep:
+def _missed(here: LinearisedEquations, rows: Index, scale: Array, follow: Array) -> MissedStep:
     """Return what rows miss, from differences of their partials.
+
+    Rows of an earlier marginalisation are linear, and stay so.
 
     Args:
         here: the network.
         rows: the rows that become linear.
-        before: rows of an earlier marginalisation, which become linear anew; none: there are none.
         scale: S, (k, m).
-        follow: M Sᵀ Q_TT of all unknowns, (n_columns, k): movements of unit u.
+        follow: movements of everything for a unit of each of u, (n_columns, k).
     """
-    equations = here.equations.of_rows(rows)
-
-    def linearised(movement: Array) -> LinearisedEquations:
-        state = here.unknowns.retract(here.state, movement)
-        extra = () if before is None else before.at(here.equations, state).rows
-        return LinearisedEquations(equations, state, extra)
-
-    base = linearised(np.zeros(len(follow)))
-    weights = np.column_stack([base.times(follow), base.every_residual])
-    nothing = base.transposed(weights)
-    k = follow.shape[1]
+    equations, k = here.equations.of_rows(rows), follow.shape[1]
+    base, every = LinearisedEquations(equations, here.state), np.arange(equations.n_rows)
+    a = base.sparse(every)
+    touched = np.unique(a.indices)
+    at = follow[touched]
+    weights = np.column_stack([a @ follow, base.residual])
     w = np.empty((k, k, k + 1))  # Σ W[a, b] of the rows, each times A M of c, or v
-    for a in range(k):
-        there = linearised(STEP * follow[:, a]).transposed(weights)
-        w[a] = follow.T @ ((there - nothing) / STEP)
+    for i in range(k):
+        there = here.unknowns.retract(here.state, STEP * follow[:, i])
+        change = LinearisedEquations(equations, there).sparse(every) - a
+        w[i] = at.T @ (change[:, touched].T @ weights) / STEP
     w = 0.5 * (w + w.transpose(1, 0, 2))
     x = w[:, :, :k]
     quadratic = 0.5 * (x + x.transpose(0, 2, 1) + x.transpose(2, 0, 1))

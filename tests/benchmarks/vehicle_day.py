@@ -98,8 +98,7 @@ def _tell(
     last, retired = out[-1], inc.retired
     archive = bound = 0.0
     if retired is not None:
-        solution = inc.solution()
-        bound = retired.missed_at(solution.equations, solution.state)
+        bound = inc.missed_step
         archive = retired.archive.size / 1e6
     written = 0.0 if journal is None else Path(journal).stat().st_size / 1e6
     print(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 import factorgraph_adj as fga
+from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import ControlPoint, Direction, SlopeDistance
 from factorgraph_adj.types import Array
 
@@ -17,6 +18,8 @@ KINDS = ("distances", "directions", "photos")
 MOVEMENTS = ("one point", "all points", "weakest direction")
 """What moves after something was retired: σ of a point in any direction, of some points each as
 they are correlated, and of these points where their joint cofactor matrix is largest."""
+NEAREST = 0.1
+"""Smallest distance of two points in the plane, relative to its side."""
 MOST_MOVED = 6
 """Largest number of points that move together."""
 
@@ -31,11 +34,14 @@ def plane(rng: np.random.Generator, *, directions: bool) -> fga.Network:
         network.add_point(name, (*x.tolist(), 0.0), fixed="xyz")
     for i in range(int(rng.integers(4, 13))):
         name, others = f"P{i}", list(at)
-        at[name] = rng.uniform(0.0, size, 2)
+        x = rng.uniform(0.0, size, 2)
+        while min(np.linalg.norm(x - y) for y in at.values()) < NEAREST * size:
+            x = rng.uniform(0.0, size, 2)
+        at[name] = x
         start = at[name] + size * sigma * rng.normal(size=2)
         network.add_point(name, (*start.tolist(), 0.0), fixed="z")
         near = sorted(others, key=lambda n: float(np.linalg.norm(at[n] - at[name])))[:2]
-        for other in {*near, *rng.choice(others, 3, replace=False).tolist()}:
+        for other in sorted({*near, *rng.choice(others, 3, replace=False).tolist()}):
             d = at[name] - at[other]
             length = float(np.linalg.norm(d))
             reading = length + size * sigma * rng.normal()
@@ -102,17 +108,15 @@ def move(
 
 
 def truly_missed(inc: fga.IncrementalAdjustment) -> float:
-    """Take everything back; return the largest change of an estimate, relative to its σ."""
-    network = inc.solution().network
-    points = {n: inc.estimate(n) for n in network.points if inc.determined(n)}
-    photos = {n: inc.pose(n).position for n in network.photos}
+    """Take everything back; return the largest change of an unknown, relative to its σ."""
+    before = inc.solution()
     inc.settle(all=True)
-    found = [0.0]
-    for name, was in points.items():
-        sigma = inc.standard_deviations(name)
-        on = sigma > 0
-        found += (np.abs(inc.estimate(name) - was)[on] / sigma[on]).tolist()
-    for name, was in photos.items():
-        pose = inc.pose(name)
-        found += (np.abs(pose.position - was) / pose.sigmas[3:]).tolist()
-    return max(found)
+    after, worst = inc.solution(), 0.0
+    for kind, table in before.equations.unknowns.tables.items():
+        for name, number in table.number.items():
+            sigma = np.sqrt(np.maximum(np.diag(after.variable_covariance((kind, name))), 0.0))
+            there = after.state[kind][after.number(kind, name)]
+            step = UNKNOWNS[kind].local(before.state[kind][number : number + 1], there[None])
+            d, on = step[0, : len(sigma)], sigma > 0
+            worst = max(worst, float((np.abs(d[on]) / sigma[on]).max(initial=0.0)))
+    return worst
