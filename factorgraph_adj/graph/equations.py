@@ -177,7 +177,9 @@ class Equations:
         """
         on = np.zeros(self.n_rows, dtype=bool)
         on[rows] = True
-        blocks, in_cluster, first = [], {}, 0
+        blocks: list[Block] = []
+        in_cluster: dict[int, Index] = {}
+        first = 0
         for place, block in enumerate(self.blocks):
             chosen = on[block.rows].reshape(block.observed.shape)[:, 0]
             if not chosen.any():
@@ -189,9 +191,7 @@ class Equations:
             blocks.append(replace(block.select(np.flatnonzero(chosen)), first_row=first))
             first += blocks[-1].observed.size
         number = np.cumsum(on) - 1
-        clusters = tuple(
-            replace(c, rows=number[c.rows]) for c in self.clusters if on[c.rows].all()
-        )
+        clusters = tuple(replace(c, rows=number[c.rows]) for c in self.clusters if on[c.rows].all())
         return replace(self, blocks=tuple(blocks), clusters=clusters, in_cluster=in_cluster)
 
     @cached_property

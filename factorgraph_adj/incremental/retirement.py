@@ -145,9 +145,11 @@ def _missed_of(fields: Mapping[str, Any], width: int) -> MissedStep:
         return not_known(width)
     k = int(fields["rank"])
     shapes = (k, width), (k,), (k, k)
-    parts = (unpacked(fields[n], *s) for n, s in zip(SMALL_PARTS, shapes, strict=True))
+    scale, constant, linear = (
+        unpacked(fields[name], *shape) for name, shape in zip(SMALL_PARTS, shapes, strict=True)
+    )
     quadratic = unpacked_symmetric(float(fields["most"]), fields["quadratic"], k)
-    return MissedStep(*parts, quadratic, float(fields["remainder"]))
+    return MissedStep(scale, constant, linear, quadratic, float(fields["remainder"]))
 
 
 def retire(

@@ -1,6 +1,6 @@
 """The journal: a JSON Lines file to which every transaction is appended before it counts.
 
-The first line is the header ``{"journal": 3, …}``, every further line one entry, an object. A
+The first line is the header ``{"journal": 4, …}``, every further line one entry, an object. A
 line counts as recorded when all of it is in the file. Whatever stops the process, the file
 holds whole lines and at most one torn line at its end, which is found and left out on opening.
 

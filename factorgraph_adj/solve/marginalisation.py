@@ -142,7 +142,9 @@ def _together(
         The rows that are kept, and the columns that they touch.
     """
     free = normal.system.unknowns.free
-    old = [_Rows(e.columns[on], e.a[:, on], e.residual) for e in earlier for on in (free[e.columns],)]
+    old = [
+        _Rows(e.columns[on], e.a[:, on], e.residual) for e in earlier for on in (free[e.columns],)
+    ]
     joint = _stacked([*old, *parts], last)
     n = len(last)
     own: Array = np.zeros((len(joint.v), 0))

@@ -1,39 +1,39 @@
 """What linear rows in the place of others miss, and how far it moves the unknowns that remain.
 
-Rows of a marginalisation (`solve.marginalisation`) hold near where they were made. With all partials
-there, the unknowns R that leave follow a movement d of those that remain, T, by the movement M d of
-everything, with M = Q_·T Q_TT⁻¹, as R has no other rows; then the rows have the residuals
+Rows of a marginalisation (`solve.marginalisation`) hold near where they were made. There, with all
+partials, the unknowns R that leave follow a movement d of those that remain, T, as everything does,
+by M d with M = Q_·T Q_TT⁻¹, since R has no other rows. The rows then have the residuals
 
     v(M d) = v + A M d + ½ W[d, d] + …,    W = Mᵀ (∂²v/∂x²) M of each row,
 
-in the coordinates in which d is measured (`Prior.movement`). The gradient of vᵀv/2 with R at its
-minimum is to second order the one of the joint movement M d. Its linear part AᵀA is that of the
-linear rows; they miss
+in the coordinates in which d is measured (`Prior.movement`). With R at its minimum, the gradient of
+vᵀv/2 by T is to second order Mᵀ times that of the joint movement M d. Its part MᵀAᵀ(v + A M d) is
+that of the linear rows; they miss
 
     g(d) = Σ v W d + Σ (½ MᵀAᵀ W[d, d] + W d · A M d) = B d + τ[d, d],
 
-with a matrix B and a tensor τ, both symmetric in all their places, as g is the gradient of a
-function. As the sum g₀ + B d + τ[d, d] of two marginalisations has the same form, one g₀, B and τ
-stand for all: where T has moved by d₀ since, and unknowns of T leave and follow those that remain
-by d = d₀ + C d',
+with a matrix B and a tensor τ that are symmetric in all places, as g is the gradient of a function.
+The sum of several marginalisations has the same form g₀ + B d + τ[d, d], so one g₀, B and τ stand
+for all: where T has moved by d₀, and its unknowns follow those that remain later by d₀ + C d',
 
-    g₀' = Cᵀ g(d₀),   B' = Cᵀ (B + 2 τ[d₀]) C,   τ' = τ[C, C, C],
+    g₀' = Cᵀ g(d₀),    B' = Cᵀ (B + 2 τ[d₀]) C,    τ' = τ[C, C, C],
 
-and what the new rows miss is added. T takes the step s = −(Q g)_T. In coordinates u of T in which
-its cofactor matrix is the identity, s = −g, and each function of the unknowns, such as one of them,
-moves by no more than
+and what the rows that become linear then miss is added. T takes the step s = −(Q g)_T, and every
+function of the unknowns, such as one of them, moves by no more than
 
-    ‖s‖ = √(sᵀ Q_TT⁻¹ s)
+    ‖s‖ = √(gᵀ Q g)
 
-of its σ. Q is that of the last marginalisation; observations that come only make it smaller.
+of its σ, Q being the cofactors of the present. In coordinates u of T in which its cofactor matrix
+was the identity when the rows were made, s = −g.
 
-This is exact to second order. Of the third order it is known how large it may be: a movement that
-changes the normal matrix, which is the identity for u, by D = B + 2 τ[d] changes the curvature by
-about ‖D‖ of itself. In which direction is not known, so that
+This is exact to second order, and nothing is sampled. Of the third order it is known how large it
+may be: a movement that changes the normal matrix, the identity for u, by D = B + 2 τ[d] changes the
+curvature by about ‖D‖ of itself. In which direction is not known, so that
 
     ρ = ‖D‖ ‖τ[d, d]‖
 
-is added, and summed over the marginalisations. The bound of the step is ‖s‖ + ρ.
+is added, and summed over the marginalisations. The bound of the step is ‖s‖ + ρ: to second order a
+bound, beyond it an estimate.
 """
 
 from __future__ import annotations
@@ -154,7 +154,13 @@ def missed_step(
     prior = before.at(here.equations, here.state)
     moved = before.movement(here.equations, here.state)
     old = known.carried(moved, scale, follow[prior.rows[0].columns])
-    return MissedStep(scale, *(a + b for a, b in zip(found[1:], old[1:], strict=True)))
+    return MissedStep(
+        scale,
+        old.constant,
+        found.linear + old.linear,
+        found.quadratic + old.quadratic,
+        old.remainder,
+    )
 
 
 def _scale(cofactors: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -52,13 +53,16 @@ def plane(rng: np.random.Generator, *, directions: bool) -> fga.Network:
     return network
 
 
-def moved_after_retirement(seed: int, kind: str, movement: str) -> fga.IncrementalAdjustment:
+def moved_after_retirement(
+    seed: int, kind: str, movement: str, journal: str | Path | None = None
+) -> fga.IncrementalAdjustment:
     """Return a settled adjustment after up to three retirements and movements.
 
     Args:
         seed: the seed.
         kind: one of `KINDS`.
         movement: one of `MOVEMENTS`.
+        journal: its journal; none: it keeps none.
     """
     rng = np.random.default_rng([seed, KINDS.index(kind), MOVEMENTS.index(movement)])
     if kind == "photos":
@@ -67,7 +71,7 @@ def moved_after_retirement(seed: int, kind: str, movement: str) -> fga.Increment
     else:
         network = plane(rng, directions=kind == "directions")
         left = [n for n in network.points if n.startswith("P")]
-    inc = fga.IncrementalAdjustment(network, policy="accept")
+    inc = fga.IncrementalAdjustment(network, policy="accept", journal=journal)
     inc.settle()
     left = [name for name in left if inc.determined(name)]
     for turn in range(int(rng.integers(1, 4))):

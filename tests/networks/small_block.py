@@ -22,7 +22,9 @@ from factorgraph_adj.observations import (
 )
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.simulate import disturb, look_at, measure
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.types import Array
 from factorgraph_adj.units import CC
 from tests.support.shifted import shift_first_distance, shift_image
 
@@ -108,3 +110,16 @@ def blundered() -> Network:
     shift_first_distance(network, 0.02)
     shift_image(network, "F1/P6", 0.08)
     return network
+
+
+def columns_of(solution: Solution, *names: str) -> list[Array]:
+    """Return the columns of some points."""
+    table = solution.equations.unknowns["point"]
+    return [solution.equations.unknowns.columns("point", table.number[n]) for n in names]
+
+
+def rows_of(solution: Solution, *names: str) -> Array:
+    """Return the rows that touch some points."""
+    number = solution.equations.unknowns["point"].number
+    touching = solution.equations.touching("point", np.array([number[n] for n in names]))
+    return np.unique(touching)

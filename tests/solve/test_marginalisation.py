@@ -8,26 +8,14 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.solve.linear import LinearisedEquations
 from factorgraph_adj.solve.marginalisation import marginalised
-from factorgraph_adj.solve.missed_step import MAX_KEPT_MARGINALISATIONS, MissedStep
 from factorgraph_adj.solve.normal import NormalEquations, Solver
 from factorgraph_adj.solve.singular import SingularError
-from tests.networks.small_block import small_block
+from tests.networks.small_block import columns_of, rows_of, small_block
 
 
 def dense(system: LinearisedEquations) -> tuple[np.ndarray, np.ndarray]:
     n = system.unknowns.n_columns
     return system.times(np.eye(n)), system.every_residual
-
-
-def columns_of(solution: fga.Solution, *names: str) -> list[np.ndarray]:
-    table = solution.equations.unknowns["point"]
-    return [solution.equations.unknowns.columns("point", table.number[n]) for n in names]
-
-
-def rows_of(solution: fga.Solution, *names: str) -> np.ndarray:
-    number = solution.equations.unknowns["point"].number
-    touching = solution.equations.touching("point", np.array([number[n] for n in names]))
-    return np.unique(touching)
 
 
 def schur(a: np.ndarray, v: np.ndarray, gone: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -72,7 +60,7 @@ def test_rows_have_the_normal_matrix_gradient_and_sum_of_squares_of_what_they_st
     # A second time, with these rows in the place of the others.
     again = NormalEquations(Solver.of(solution.equations, extra), state, extra)
     more = np.setdiff1d(rows_of(solution, *second), rows)
-    later = marginalised(again, more, columns_of(solution, *second), found.prior)
+    later = marginalised(again, more, columns_of(solution, *second), *found)
     both = np.union1d(rows, more)
     n, g, vtpv = schur(a[both], v[both], np.concatenate(columns_of(solution, *first, *second)))
     scale = np.outer(lengths(a[both]), lengths(a[both]))
@@ -82,66 +70,6 @@ def test_rows_have_the_normal_matrix_gradient_and_sum_of_squares_of_what_they_st
     assert np.abs((ours - n) / scale).max() < 1e-9
     assert float(e.residual @ e.residual) == pytest.approx(vtpv, rel=1e-9)
     assert later.prior.n_rows == len(both) - sum(map(len, columns_of(solution, *first, *second)))
-
-
-def test_what_was_missed_moves_what_remains_as_it_would_move_everything():
-    """Gradients are carried on from one marginalisation to the next, exactly."""
-    solution = fga.adjust(small_block())
-    normal = solution.normal()
-    rows, state = rows_of(solution, "P3", "P5"), solution.state
-    found = marginalised(normal, rows, columns_of(solution, "P3", "P5"))
-    extra = found.prior.at(solution.equations, state).rows
-    again = NormalEquations(Solver.of(solution.equations, extra), state, extra)
-    (e,) = extra
-    rng = np.random.default_rng(1)
-    free = solution.equations.unknowns.free[e.columns]
-    gradients = rng.standard_normal((6, len(e.columns), 3)) * lengths(e.a)[:, None]
-    gradients *= free[:, None]
-    known = MissedStep(found.missed.sigma, gradients, np.ones(6), older=0.5)
-    more = np.setdiff1d(rows_of(solution, "P1"), rows)
-    gone = columns_of(solution, "P1")
-    later = marginalised(again, more, gone, found.prior, known)
-    (e2,) = later.prior.at(solution.equations, state).rows
-    whole = np.zeros((solution.equations.unknowns.n_columns, 3))
-    whole[e.columns] = gradients[1]
-    factor = again.factorise(np.zeros(len(whole)))
-    wanted = factor.solve(whole)[e2.columns]
-    carried = np.zeros_like(whole)
-    carried[e2.columns] = later.missed.gradients[2]
-    assert factor.solve(carried)[e2.columns] == pytest.approx(wanted, rel=1e-6, abs=1e-12)
-    sigma = later.missed.sigma[:, None]
-    on = sigma[:, 0] > 0
-    relative = np.abs(wanted[on] / sigma[on]).max()
-    assert relative <= later.missed.lengths[2] * (1 + 1e-9)
-    # The rows of the marginalisation before have not moved; six and a new one are three too many.
-    assert later.missed.lengths[1] == 0
-    assert len(later.missed.lengths) == MAX_KEPT_MARGINALISATIONS
-    assert later.missed.older > 0.5
-    still = np.zeros(len(e2.columns))
-    assert later.missed.at(still) == pytest.approx(
-        later.missed.older + later.missed.lengths[1:].sum()
-    )
-
-
-def test_what_linear_rows_miss_grows_with_their_curvature():
-    """Sights ten times as precise have movements ten times as small: they miss a tenth of σ."""
-    missed = []
-    for by in (1.0, 0.1):
-        network = fga.Network("sights")
-        for name, at in {"A": (0, 0, 0), "B": (9, 0, 0), "C": (0, 9, 0)}.items():
-            network.add_point(name, at, fixed="xyz")
-        network.add_point("P", (4.0, 5.0, 0.0), fixed="z")
-        network.add_point("Q", (6.0, 8.0, 0.0), fixed="z")
-        for a, b in ("AP", "BP", "CP", "PQ", "AQ", "BQ"):
-            d = np.subtract(network.points[b].coordinates, network.points[a].coordinates)
-            length = float(np.linalg.norm(d))
-            network.add(fga.observations.SlopeDistance(a, b, length, sigma=0.2 * by))
-        solution = fga.adjust(network)
-        rows = rows_of(solution, "Q")
-        found = marginalised(solution.normal(), rows, columns_of(solution, "Q"))
-        missed.append(float(found.missed.lengths[0]))
-    assert missed[0] > 1e-3
-    assert missed[1] == pytest.approx(0.1 * missed[0], rel=0.1)
 
 
 def test_an_unknown_that_its_rows_do_not_determine_is_refused():
