@@ -641,8 +641,8 @@ FOREIGN = {
     "bytes": (bytes(range(256)), "is not a journal: the first line is not its header {…}"),
     "JSON": (b"[1, 2]\n", "is not a journal: the first line is not its header {…}"),
     "observations": (b'{"kind": "azimuth"}\n{}\n', 'is not a journal: its first line lacks "jo'),
-    "another version": (b'{"journal": 2}\n', "is a journal of version 2; valid: 3"),
-    "a version that is true": (b'{"journal": true}\n', "is a journal of version True; valid: 3"),
+    "another version": (b'{"journal": 3}\n', "is a journal of version 3; valid: 4"),
+    "a version that is true": (b'{"journal": true}\n', "is a journal of version True; valid: 4"),
     "empty": (b"", "is empty: nothing had been recorded"),
 }
 
