@@ -22,6 +22,7 @@ from ..frames import Frame
 from ..graph.dependence import Variable
 from ..graph.variables import Unknowns
 from ..models.variables import VariableKind
+from ..solve.extrapolation import Extrapolation
 from ..types import NO_ROWS, Array, Index
 from .joint_covariance import JointCovariance
 from .linear_rows import Arriving, LinearRows
@@ -39,6 +40,8 @@ REMAINING_GAP_SHARE = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
 NEAR, SHRINKING = 1e-6, 0.9
 """Norm of all gaps, and ratio of it to the last one, from which on it is rounding."""
+SLOW = 0.3
+"""Ratio of the norm of all gaps to the last one from which on steps are extrapolated."""
 MAX_MISFIT = 1e9
 """Largest residual of a row that enters, in its σ: what it adds hides 10⁻⁷ σ of the others."""
 MOST_TERMS = 3
@@ -102,6 +105,8 @@ class LinearISAM2(LinearRows):
         """Number of units that were evaluated anew."""
         self.lost = False
         """Whether an update has failed, which leaves iSAM2 without use."""
+        self._before = np.zeros(0)
+        """δ of each column before the last update."""
         self._marks: WeakSet[Mark] = WeakSet()
         """Marks that may be gone back to."""
 
@@ -369,16 +374,32 @@ class LinearISAM2(LinearRows):
         """
         allowed = self.accuracy if accuracy is None else accuracy
         moved = self._moved_from() if accuracy is None else np.zeros(len(self._delta.values))
-        last = np.inf
+        last, beyond = np.inf, Extrapolation()
         for turn in range(MAX_TURNS):
             self._look(moved, self._bounds)
             gap = self._gap.values
             whole = float(np.sqrt(gap.sum()))
             if whole <= allowed or (whole <= NEAR and whole > SHRINKING * last):
                 return turn
+            units = _largest(gap, (REMAINING_GAP_SHARE * allowed) ** 2)
+            if turn:
+                self._extrapolate(beyond, slow=whole > SLOW * last)
             last = whole
-            self._anew(_largest(gap, (REMAINING_GAP_SHARE * allowed) ** 2), moved)
+            self._anew(units, moved)
         return MAX_TURNS
+
+    def _extrapolate(self, beyond: Extrapolation, *, slow: bool) -> None:
+        """Move further by what the last steps tell, where gaps shrink slowly.
+
+        Their metric is the diagonal of N.
+        """
+        step = self._delta.values - self._before
+        weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
+        movement = beyond.beyond(step, lambda dx: weight * dx)
+        if movement is None or not slow:
+            movement = step
+        beyond.moved(movement)
+        self._delta.values[:] += movement - step
 
     def _moved_from(self) -> Array:
         """Return the movement of each column from which on its rows are looked at."""
@@ -401,20 +422,25 @@ class LinearISAM2(LinearRows):
         return False
 
     def _anew(self, units: Index, moved: Array) -> None:
-        """Give variables of units that have moved new points of linearisation.
+        """Give variables of units that have moved new points of linearisation; all, if none has.
 
         All rows that touch them are replaced.
         """
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
         far = np.abs(self._delta.values) * weight > moved
-        keys, touched = np.zeros((2, self._first.n), dtype=bool)
-        _, sort, row = self._members_of(units)
-        for each, rows, _ in self._by_sort(sort, row):
-            for _, columns in self._forms(each, rows):
-                own = columns[columns >= 0]
-                touched[self._key.values[own]] = True
-                keys[self._key.values[own[far[own]]]] = True
-        keys = keys if keys.any() else touched
+        keys = np.zeros(self._first.n, dtype=bool)
+        place, sort, row = self._members_of(units)
+        members = [
+            (place[at], columns)
+            for each, rows, at in self._by_sort(sort, row)
+            for _, columns in self._forms(each, rows)
+        ]
+        moving = np.zeros(len(units), dtype=bool)
+        for of_unit, columns in members:
+            moving[of_unit] |= (far[columns] & (columns >= 0)).any(axis=1)
+        for of_unit, columns in members:
+            chosen = (columns >= 0) & (far[columns] | ~moving[of_unit, None])
+            keys[self._key.values[columns[chosen]]] = True
         columns = keys[self._key.values]
         for kind, table in self.tables.items():
             own_keys = table.key.values
@@ -425,6 +451,7 @@ class LinearISAM2(LinearRows):
                 table.theta.values[numbers] = self._moved(kind, numbers)
         self._delta.values[columns] = 0.0
         self._looked.values[columns] = 0.0
+        self._before = self._delta.values.copy()
         theta = self._theta()
         anew = list(self._touching(columns))
         found = [self.rows[sort].unit.values[rows] for sort, rows in anew]

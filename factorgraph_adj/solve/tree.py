@@ -211,11 +211,15 @@ class TreeFactors:
         return self.layers.ordering
 
     def _ordering(self, graph: gtsam.GaussianFactorGraph, first: list[int]) -> gtsam.Ordering:
-        """Order the tree's variables: calibrations and then poses late, others by COLAMD."""
+        """Order the tree's variables by COLAMD, with what most observations touch last.
+
+        Poses and frames are among the others: a point that a hundred poses observe, eliminated
+        before them, would join them all.
+        """
         layers = self.layers
         table = layers.unknowns
         late = [
-            int(table[kind].offset[number]) for kind, number in layers.tree if UNKNOWNS[kind].late
+            int(table[kind].offset[number]) for kind, number in layers.tree if UNKNOWNS[kind].late > 1
         ]
         inside = set(first)
         present = set(graph.keyVector())

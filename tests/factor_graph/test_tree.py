@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.factor_graph.linear_isam2 import IndeterminateError, LinearISAM2
+from factorgraph_adj.factor_graph.linear_isam2 import MAX_TURNS, IndeterminateError, LinearISAM2
 from factorgraph_adj.factor_graph.linear_rows import Arriving
 from factorgraph_adj.graph.equations import compile_rows
 from factorgraph_adj.observations import (
@@ -164,6 +164,32 @@ def test_a_survey_that_grows_is_the_batch_at_every_arrival() -> None:
     tree.settle()
     moved = np.abs(tree.value("point", "P5") - batch.point("P5"))
     assert (moved < 1e-6 * batch.standard_deviations("P5")).all()
+
+
+@pytest.mark.parametrize("longer", [0.02, -0.02])
+def test_steps_that_shrink_slowly_are_extrapolated(longer: float) -> None:
+    """Two distances nearly across a direction contradict a third, which is along it.
+
+    Each Gauss-Newton step then leaves two thirds of the way, or goes too far by as much.
+    """
+    network = fga.Network("across")
+    for name, at in {"A": (-10, 0, 0), "B": (10, 0, 0), "C": (0, 50, 0)}.items():
+        network.add_point(name, at, fixed="xyz")
+    network.add_point("P", (0.0, 1.2, 0.0), fixed="z")
+    across = float(np.hypot(10.0, 0.5)) + longer
+    readings = (
+        SlopeDistance("A", "P", across, sigma=0.01),
+        SlopeDistance("B", "P", across, sigma=0.01),
+        SlopeDistance("C", "P", 49.5 + 100 * longer, sigma=0.316),
+    )
+    network.add(*readings)
+    tree = LinearISAM2(network.frame)
+    tree.enter([arriving(network, *readings)])
+    assert tree.follow() < MAX_TURNS
+    assert tree.settle() < MAX_TURNS
+    batch = fga.adjust(network, tolerance=1e-9)
+    moved = np.abs(tree.value("point", "P") - batch.point("P"))
+    assert (moved <= 1e-6 * batch.standard_deviations("P")).all()
 
 
 def test_rows_are_evaluated_anew_only_where_something_moved() -> None:
