@@ -38,6 +38,9 @@ WEAK_SIGMA_RATIO = 3.0
 movement that its own rows hardly notice turns the direction in which it is weak."""
 REMAINING_GAP_SHARE = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
+MIN_SHARE_OF_MOVEMENT = 0.1
+"""Movement of a variable, relative to the largest one of its row in conditional standard
+deviations, from which on it gets a new point of linearisation where the row has a gap."""
 NEAR, SHRINKING = 1e-6, 0.9
 """Norm of all gaps, and ratio of it to the last one, from which on it is rounding."""
 SLOW = 0.3
@@ -422,12 +425,13 @@ class LinearISAM2(LinearRows):
         return False
 
     def _anew(self, units: Index, moved: Array) -> None:
-        """Give variables of units that have moved new points of linearisation; all, if none has.
+        """Give variables of units that have moved, or moved most, new points of linearisation.
 
         All rows that touch them are replaced.
         """
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
-        far = np.abs(self._delta.values) * weight > moved
+        far = np.append(np.abs(self._delta.values) * weight, 0.0)  # the last one is held
+        moved = np.append(moved, np.inf)
         keys = np.zeros(self._first.n, dtype=bool)
         place, sort, row = self._members_of(units)
         members = [
@@ -435,12 +439,13 @@ class LinearISAM2(LinearRows):
             for each, rows, at in self._by_sort(sort, row)
             for _, columns in self._forms(each, rows)
         ]
-        moving = np.zeros(len(units), dtype=bool)
+        farthest = np.zeros(len(units))
         for of_unit, columns in members:
-            moving[of_unit] |= (far[columns] & (columns >= 0)).any(axis=1)
+            np.maximum.at(farthest, of_unit, far[columns].max(axis=1))
         for of_unit, columns in members:
-            chosen = (columns >= 0) & (far[columns] | ~moving[of_unit, None])
-            keys[self._key.values[columns[chosen]]] = True
+            least = np.minimum(moved[columns], MIN_SHARE_OF_MOVEMENT * farthest[of_unit, None])
+            moving = (far[columns] >= least) & (columns >= 0)
+            keys[self._key.values[columns[moving]]] = True
         columns = keys[self._key.values]
         for kind, table in self.tables.items():
             own_keys = table.key.values

@@ -117,12 +117,14 @@ class Incremental:
         return True
 
     def _place(self, photo: str) -> tuple[Array, Array]:
-        held = self.inc.described.photos[photo]
-        if all(held.fixed):
-            assert held.rotation is not None
-            return held.rotation, np.array(held.position)
-        there = self.inc.pose(photo)
-        return there.rotation, there.position
+        """Return where a photo is; where it was said to be, as long as it waits."""
+        given = self.inc.described.photos[photo]
+        if not all(given.fixed):
+            with suppress(InputError):
+                there = self.inc.pose(photo)
+                return there.rotation, there.position
+        assert given.rotation is not None
+        return given.rotation, np.array(given.position)
 
     def settle(self) -> float:
         """Settle; return CPU seconds."""
