@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from itertools import count
 from weakref import WeakSet
 
@@ -21,11 +20,11 @@ from ..errors import AdjustmentError
 from ..frames import Frame
 from ..graph.dependence import Variable
 from ..graph.variables import Unknowns
-from ..models.variables import VariableKind
 from ..solve.extrapolation import Extrapolation
 from ..types import NO_ROWS, Array, Index
 from .joint_covariance import JointCovariance
 from .linear_rows import Arriving, LinearRows
+from .mark import Mark
 from .rows import Grown
 
 MAX_TURNS = 10
@@ -58,28 +57,6 @@ _VERSIONS = count()
 
 class IndeterminateError(AdjustmentError):
     """Rows do not determine all of their unknowns."""
-
-
-@dataclass(eq=False)
-class Mark:
-    """A tree before something is done to it, and what was replaced in it since then."""
-
-    version: int
-    """Its version."""
-    counts: dict[VariableKind, int]
-    """Number of variables of each kind."""
-    of_units: tuple[Array, ...]
-    """Whether each unit is in, and its gap."""
-    of_keys: tuple[Array, ...]
-    """Which keys have rows."""
-    of_columns: tuple[Array, ...]
-    """δ, δ at the last look, diagonal of N and bound of each column."""
-    units: list[Index] = field(default_factory=list)
-    """Units whose rows were evaluated anew."""
-    forms: list[tuple[int, Index, list[Array]]] = field(default_factory=list)
-    """Sort and numbers of their rows, with residuals and partials before."""
-    theta: list[tuple[VariableKind, Index, Array]] = field(default_factory=list)
-    """Kind and numbers of variables, with their points of linearisation before."""
 
 
 class LinearISAM2(LinearRows):

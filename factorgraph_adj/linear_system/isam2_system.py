@@ -17,8 +17,9 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..factor_graph.joint_covariance import JointCovariance
-from ..factor_graph.linear_isam2 import MAX_TURNS, LinearISAM2, Mark
+from ..factor_graph.linear_isam2 import MAX_TURNS, LinearISAM2
 from ..factor_graph.linear_rows import Arriving
+from ..factor_graph.mark import Mark
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State, Unknowns

@@ -219,7 +219,9 @@ class TreeFactors:
         layers = self.layers
         table = layers.unknowns
         late = [
-            int(table[kind].offset[number]) for kind, number in layers.tree if UNKNOWNS[kind].late > 1
+            int(table[kind].offset[number])
+            for kind, number in layers.tree
+            if UNKNOWNS[kind].late > 1
         ]
         inside = set(first)
         present = set(graph.keyVector())

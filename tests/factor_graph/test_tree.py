@@ -212,7 +212,7 @@ def test_a_mark_brings_the_tree_back(what: str) -> None:
     mark = tree.mark()
     unit = tree.enter([arriving(network, HeightDifference("A", "P1", 1.7, sigma=0.001, id="d"))])
     if what == "anew":
-        tree._anew(unit, 0.0)
+        tree._anew(unit, np.zeros(tree._delta.n))
     elif what == "new point":
         tree.enter([arriving(network, HeightDifference("A", "P2", 2.0, sigma=0.001, id="e"))])
     elif what == "leaves":
@@ -274,5 +274,5 @@ def test_the_diagonal_of_the_normal_matrix_counts_correlated_groups_whitened() -
     normal = a.T @ np.linalg.inv(covariance) @ a
     columns = [int(tree.columns("point", name)[2]) for name in ("P0", "P1")]
     assert tree.weight(np.array(columns)) == pytest.approx(np.sqrt(np.diag(normal)), rel=1e-12)
-    tree._anew(units, 0.0)
+    tree._anew(units, np.zeros(tree._delta.n))
     assert tree.weight(np.array(columns)) == pytest.approx(np.sqrt(np.diag(normal)), rel=1e-12)
