@@ -86,7 +86,8 @@ MIN_SUSPECTS_SHARING = 3
 MIN_SHARE_OF_SUSPECTS = 0.1
 """Smallest share that they have of its observations: single gross errors are fewer."""
 SHARED_ERROR = (
-    "causes() looks for an error that several share, such as a wrong height of an instrument"
+    "causes() looks for an error that several share, such as wrong given "
+    "coordinates or a wrong height of an instrument"
 )
 MAX_SUSPECTS_TOGETHER = 12
 """Largest number of suspects of an unknown that are looked at: the latest."""
@@ -122,10 +123,15 @@ def suspects_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
 
 
 def _shared(suspects: Candidates) -> list[Variable]:
-    """Return the variables that several suspects share, those of most first."""
+    """Return the points and unknowns that several suspects share, those of most first."""
     every = suspects.links.variables
     number = np.bincount(suspects.links.variable, minlength=len(every)).tolist()
-    shared = [i for i, n in enumerate(number) if n >= MIN_SUSPECTS_TOGETHER]
+    needs = suspects.ledger.needs
+    shared = [
+        i
+        for i, n in enumerate(number)
+        if n >= MIN_SUSPECTS_TOGETHER and (every[i][0] == "point" or needs(every[i])[0])
+    ]
     return [every[i] for i in sorted(shared, key=lambda i: (-number[i], every[i][0] != "point"))]
 
 
@@ -170,8 +176,8 @@ def _contradicted(
         fits = _fitting_without(joint.tested(), number, out.tolist(), rules.alpha)
         best = (number, fits) if len(fits) > len(best[1]) else best
     number, fits = best
-    if len(fits) < MIN_SUSPECTS_TOGETHER:
-        return None
+    if len(fits) < MIN_SUSPECTS_TOGETHER or 2 * len(fits) <= len(out):
+        return None  # what most do not fit is another error
     return ledger.ids_of(every[[number]])[0], ledger.ids_of(every[fits])
 
 

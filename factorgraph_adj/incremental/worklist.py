@@ -42,6 +42,8 @@ from .nonlinear_tests import (
 )
 
 TOO_WEAK = "is determined too weakly yet: no solution was reached with it"
+MAX_GIVEN_POINTS_NAMED = 6
+"""Largest number of given points that a message names."""
 OPEN = (
     "it fixes a motion that the datum of the free network left open, and other parts of the "
     "network need such observations too"
@@ -399,7 +401,7 @@ class Worklist:
         if len(ready) and found:
             self.tasks.insert(0, Task(ready, task.fixed))
         candidates = Candidates(ledger, known_in(system), entering)
-        lacks = dict.fromkeys(candidates.counts, TOO_WEAK)
+        lacks = dict.fromkeys(candidates.counts, _why_no_solution(candidates))
         self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
         doubted = system is not None and bool(system.doubt)
         # Fewer each time, or it would not end; and nothing helps where there was no minimum before.
@@ -451,6 +453,28 @@ class Worklist:
         self.state = replace(before, ledger=ledger.with_lacks(lacks))
         if len(noticing):
             self.tasks.insert(0, task._replace(rows=np.setdiff1d(task.rows, noticing)))
+
+
+def _why_no_solution(candidates: Candidates) -> str:
+    """Return why no solution was reached with observations, by how many there are.
+
+    Where there are more than their unknowns take, these are not weak: something is wrong, and a
+    gross error of given coordinates is what all of them contradict.
+    """
+    ledger = candidates.ledger
+    opened = candidates.counts
+    spare = ledger.n_scalars(candidates.rows) - sum(ledger.needs(v)[0] for v in opened)
+    points = ledger.network.points
+    touched = (name for kind, name in candidates.links.variables if kind == "point")
+    given = [name for name in touched if name in points and all(points[name].fixed)]
+    if spare <= 0 or not given:
+        return TOO_WEAK
+    listed = ", ".join(map(repr, given[:MAX_GIVEN_POINTS_NAMED]))
+    more = f" and {n} more" if (n := len(given) - MAX_GIVEN_POINTS_NAMED) > 0 else ""
+    return (
+        f"no solution was reached with it, though there are {spare} more readings than it takes: "
+        f"given coordinates ({listed}{more}), a name or a reading may be grossly wrong"
+    )
 
 
 def _with_oriented(result: EntryResult, found: Sequence[Enterable]) -> Ledger:

@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from ..quality.distributions import ChiSquareTest
 from ..types import Array
 
 Policy: TypeAlias = Literal["accept", "flag", "reject"]
@@ -56,7 +57,7 @@ class Side:
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class Verdict(ChiSquareTest):
     """What became of an observation, and why; arrays over its k scalar components.
 
     Figures are none where nothing was tested: while it waits, and after `snoop`.
@@ -101,13 +102,3 @@ class Verdict:
     gains: tuple[Gain, ...] = ()
     """What it adds to its points; empty for observations that are left out, and in free networks
     (there the standard deviations belong to all datum points together)."""
-
-    @property
-    def controlled(self) -> bool:
-        """Whether anything else controls it."""
-        return self.dof > 0
-
-    @property
-    def test(self) -> float:
-        """√(T²/critical): beyond the critical value above 1; NaN where nothing controls it."""
-        return float(np.sqrt(self.t2 / self.critical)) if self.dof else np.nan

@@ -150,6 +150,12 @@ class FrontSystem:
         own = set(self.unknowns[kind].number) | self.border.names(kind)
         return own | set(self.whole.unknowns[kind].number)
 
+    @property
+    def has_poses(self) -> bool:
+        """Whether a pose is known."""
+        new = any(kind == "pose" for kind, _ in self.border.unknowns)
+        return new or any(s.unknowns["pose"].number for s in (self, self.whole))
+
     def places(self) -> list[tuple[Unknowns, State, State]]:
         """Return unknowns, state and start values: what stands later has been adjusted later."""
         own = self.unknowns, self.state, self.base.start

@@ -84,7 +84,7 @@ class ISAM2System:
             or rules.datum == "free"
             or base.extra.rows
             or base.equations.n_rays > _most_rays(rules)
-            or outgrown(int(base.equations.unknowns.free.sum()), len(system.names("pose")), rules)
+            or outgrown(base.equations.unknowns.n_unknowns, rules, has_poses=system.has_poses)
         )
 
     @classmethod
@@ -222,9 +222,15 @@ class ISAM2System:
         return "isam2"
 
     @property
+    def has_poses(self) -> bool:
+        """Whether a pose is known."""
+        table = self.tree.tables.get("pose")
+        return table is not None and len(table.number) > 0
+
+    @property
     def outgrown(self) -> bool:
         """Whether fronts would be faster by now."""
-        return outgrown(self.tree.n_unknowns, len(self.names("pose")), self._rules)
+        return outgrown(self.tree.n_unknowns, self._rules, has_poses=self.has_poses)
 
     @property
     def adjusted_solution(self) -> Solution | None:
@@ -336,12 +342,12 @@ class ISAM2System:
         return None
 
 
-def outgrown(n_unknowns: int, n_poses: int, rules: Options) -> bool:
+def outgrown(n_unknowns: int, rules: Options, *, has_poses: bool) -> bool:
     """Return whether fronts are faster than iSAM2, where the engine may be chosen.
 
     A new base for each pose of a long chain takes longer in fronts, whatever their number.
     """
-    return rules.engine == "auto" and not n_poses and n_unknowns > MAX_UNKNOWNS_CHOSEN
+    return rules.engine == "auto" and not has_poses and n_unknowns > MAX_UNKNOWNS_CHOSEN
 
 
 def _most_rays(rules: Options) -> int:

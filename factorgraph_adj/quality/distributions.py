@@ -70,3 +70,27 @@ def fisher_quantile(p: float, numerator: float, denominator: float) -> float:
 def poisson_from(n: int, mean: float) -> float:
     """Return the probability that a Poisson variable of this mean > 0 is n or more, n ≥ 1."""
     return float(special.pdtrc(n - 1, mean))
+
+
+class ChiSquareTest:
+    """A test of an item with all its components, T² against χ²; its figures are those of a class.
+
+    A plain base: a data class that derives from it states the three figures where it lists them.
+    """
+
+    t2: float
+    """T²."""
+    dof: int
+    """Its degrees of freedom; 0: nothing else controls the item."""
+    critical: float
+    """Its critical value."""
+
+    @property
+    def controlled(self) -> bool:
+        """Whether anything else controls it."""
+        return self.dof > 0
+
+    @property
+    def test(self) -> float:
+        """√(T²/critical): beyond the critical value above 1; NaN where nothing controls it."""
+        return float(np.sqrt(self.t2 / self.critical)) if self.dof else np.nan

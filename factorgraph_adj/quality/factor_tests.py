@@ -22,7 +22,7 @@ import numpy as np
 from ..solve.leverage import ClusterLeverage
 from ..solve.linear import ExtraRows
 from ..types import Array
-from .distributions import chi2_quantile
+from .distributions import ChiSquareTest, chi2_quantile
 
 UNSEEN = 1e-6
 """Redundancy number, or eigenvalue of M, up to which nothing else controls a row; the value is that
@@ -30,7 +30,7 @@ of `factorgraph_adj.quality.reliability.UNCONTROLLED`."""
 
 
 @dataclass(frozen=True, eq=False)
-class FactorReliability:
+class FactorReliability(ChiSquareTest):
     """Reliability of a factor that the user added; arrays over its k rows."""
 
     name: str
@@ -53,16 +53,6 @@ class FactorReliability:
     """Its degrees of freedom."""
     critical: float
     """Critical value of T²; NaN without degrees of freedom."""
-
-    @property
-    def controlled(self) -> bool:
-        """Whether anything else controls the factor."""
-        return self.dof > 0
-
-    @property
-    def test(self) -> float:
-        """√(T²/critical): beyond the critical value above 1; NaN where nothing controls it."""
-        return float(np.sqrt(self.t2 / self.critical)) if self.dof else np.nan
 
 
 def factor_reliability(

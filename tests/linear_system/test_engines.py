@@ -10,7 +10,9 @@ import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.factor_graph.linear_isam2 import MAX_TURNS, IndeterminateError, LinearISAM2
 from factorgraph_adj.factor_graph.linear_rows import Arriving
+from factorgraph_adj.ledger.options import Engine, Options
 from factorgraph_adj.linear_system import isam2_system
+from factorgraph_adj.linear_system.front_system import FrontSystem
 from factorgraph_adj.observations import (
     Azimuth,
     HeightDifference,
@@ -18,7 +20,7 @@ from factorgraph_adj.observations import (
     StandardDeviation,
 )
 from factorgraph_adj.types import Index
-from tests.networks.small_block import images_only
+from tests.networks.small_block import images_only, small_block
 
 
 def levels(**options: object) -> fga.IncrementalAdjustment:
@@ -230,3 +232,24 @@ def test_deviations_of_a_point_that_hardly_anything_determines_are_those_of_the_
         batch = fga.adjust(inc.network(), start=inc.solution(), tolerance=1e-9)
         ours, theirs = (x.standard_deviations("b")[:2] for x in (inc, batch))
         assert ours == pytest.approx(theirs, rel=1e-2), i
+
+
+@pytest.mark.parametrize("engine", ["isam2", "fronts"])
+def test_whether_there_are_poses_is_known_without_their_names(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An arrival that asks for the names of all poses would take longer the more there are."""
+    inc = levels(engine=engine)
+    system = inc._state.system
+    assert system is not None and not system.has_poses
+    with_photos = fga.IncrementalAdjustment(small_block(), engine=engine)
+    system = with_photos._state.system
+    assert system is not None and system.has_poses and system.engine == engine
+    monkeypatch.setattr(type(system), "names", lambda *_: pytest.fail("all names"))
+    if isinstance(system, isam2_system.ISAM2System):
+        assert not system.outgrown
+    else:
+        assert isinstance(system, FrontSystem)
+        assert not isam2_system.ISAM2System.suits(
+            system, Options("flag", 0.001, 0.01, "given", "isam2")
+        )
