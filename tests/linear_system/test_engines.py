@@ -250,6 +250,6 @@ def test_whether_there_are_poses_is_known_without_their_names(
         assert not system.outgrown
     else:
         assert isinstance(system, FrontSystem)
-        assert not isam2_system.ISAM2System.suits(
+        assert isam2_system.ISAM2System.suits(
             system, Options("flag", 0.001, 0.01, "given", "isam2")
         )
