@@ -23,7 +23,16 @@ SOURCE = ROOT / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "types", "version", "shown"),
-    ("units", "rotation", "ellipsoid", "blas_threads", "columns", "files", "control_characters"),
+    (
+        "units",
+        "rotation",
+        "ellipsoid",
+        "blas_threads",
+        "columns",
+        "files",
+        "control_characters",
+        "garbage_collection",
+    ),
     ("constructors",),
     ("frames", "stochastic", "atmosphere"),
     # Grid coordinates and heights of reference systems, and geoids.

@@ -355,7 +355,8 @@ class Entry:
             for kind in ("point", "pose"):
                 number = e.start.unknowns[kind].number
                 start = e.start.origin[kind]
-                values = {n: start[number[n]] for k, n in self.new if k == kind and n in number}
+                new = [n for k, n in self.new if k == kind and n in number]
+                values = {n: start[number[n]].tolist() for n in new}
                 self.ledger = self.ledger.with_values(kind, values)
 
     # -- judging ------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..garbage_collection import without_collections
 from ..graph.dependence import Variable
 from ..ledger.candidates import Candidates, NothingKnown
 from ..ledger.ledger import Ledger
@@ -237,12 +238,13 @@ def at_its_start(
     return None
 
 
+@without_collections
 def _with_values(state: IncrementalState) -> IncrementalState:
     """Write approximate values that were found into the ledger, where none were given."""
     ledger = state.ledger
     kinds: tuple[VariableKind, ...] = ("point", "pose")
     for unknowns, _, start in () if state.system is None else state.system.places():
         for kind in kinds:
-            values = dict(zip(unknowns[kind].names, start[kind], strict=True))
+            values = dict(zip(unknowns[kind].names, start[kind].tolist(), strict=True))
             ledger = ledger.with_values(kind, values)
     return replace(state, ledger=ledger)

@@ -312,7 +312,8 @@ def _with_values(ledger: Ledger, values: Mapping[Variable, Array]) -> Ledger:
     """Write last estimates into the ledger, where no approximate values were given."""
     kinds: tuple[VariableKind, ...] = ("point", "pose")
     for kind in kinds:
-        ledger = ledger.with_values(kind, {n: x for (k, n), x in values.items() if k == kind})
+        own = {n: x.tolist() for (k, n), x in values.items() if k == kind}
+        ledger = ledger.with_values(kind, own)
     return ledger
 
 

@@ -26,6 +26,7 @@ from ..network.network import DatumChoice, Network
 from ..solve.prior import Prior
 from ..types import Array, Index, Mask
 from .ledger import Ledger
+from .row_store import insert_units
 
 HELD = (True, True, True)
 """Flags of a point that is held altogether."""
@@ -93,8 +94,7 @@ class _Excerpt:
             self._point(name)
         for name in poses:
             self._photo(name)
-        for unit in units:
-            unit.insert_into(out)
+        insert_units(out, units)
         out.images = rows.table(rays)
         for column, all_names, number_of in (
             (out.images.photo, names.photos, out.photo_number),

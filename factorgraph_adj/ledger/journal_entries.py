@@ -329,8 +329,7 @@ def _after(line: Mapping[str, Any], ledger: Ledger, where: str) -> Ledger:
     if line.get("unweighted"):
         ledger = ledger.without_weights(line["unweighted"])
     for kind, values in line.get("found", {}).items():
-        found = {n: np.array(v, dtype=float) for n, v in values.items()}
-        ledger = ledger.with_values(kind, found)
+        ledger = ledger.with_values(kind, {n: [float(x) for x in v] for n, v in values.items()})
     changed = {tuple(key) if len(key) > 1 else key[0]: why for *key, why in line.get("lacks", ())}
     kept = {key: why for key, why in ({**ledger.lacks, **changed}).items() if why}
     if "sides" in line:

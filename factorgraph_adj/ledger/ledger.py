@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import MOST_COMPARED, InputError, Problem, similar
+from ..garbage_collection import without_collections
 from ..graph.dependence import Variable, components, stated_late
 from ..models.variables import VariableKind
 from ..network.additions import NO_UNKNOWNS, UnknownsGiven, add_entities
@@ -29,7 +30,7 @@ from ..observations.identity import identity, named
 from ..types import Array, Index
 from .arrival_time import checked, ticks
 from .retired import Retired
-from .row_store import OUTCOME_CODE, REMOVED, Names, RowColumns, RowStore, Unit
+from .row_store import OUTCOME_CODE, REMOVED, Names, RowColumns, RowStore, Unit, insert_units
 from .verdicts import OUTCOMES, Outcome, Side, Verdict
 
 
@@ -67,6 +68,7 @@ class Ledger:
     """What stands for all that was retired; none: nothing was."""
 
     @classmethod
+    @without_collections
     def of(cls, network: Network) -> Ledger:
         """Return a ledger with the observations of a network, all accepted."""
         bare = network.copy()
@@ -118,7 +120,7 @@ class Ledger:
         if problems:
             raise InputError(problems)
         out = replace(self, network=network, names=Names.of(network), sizes={})
-        return out.with_values("point", {n: np.array(p.coordinates) for n, p in placed.items()})
+        return out.with_values("point", {n: list(p.coordinates) for n, p in placed.items()})
 
     def _touched_variables(self, network: Network) -> Iterator[tuple[str, list[Variable]]]:
         """Yield the first id of each unit, and its variables here and in another network."""
@@ -322,7 +324,7 @@ class Ledger:
         dropped = lost | of_ids
         return replace(self, lacks={v: w for v, w in self.lacks.items() if v not in dropped})
 
-    def with_values(self, kind: VariableKind, found: Mapping[str, Array]) -> Ledger:
+    def with_values(self, kind: VariableKind, found: Mapping[str, Sequence[float]]) -> Ledger:
         """Return the ledger with approximate values where none were given."""
         entities = self.network.points if kind == "point" else self.network.photos
         changed: dict[str, Point | Photo] = {}
@@ -334,7 +336,7 @@ class Ledger:
             return self
         network = self.network.copy()
         (network.points if kind == "point" else network.photos).update(changed)  # type: ignore[arg-type]
-        values = {n: np.asarray(found[n]).tolist() for n in changed}
+        values = {n: found[n] for n in changed}
         filled = {**self.filled, kind: {**self.filled.get(kind, {}), **values}}
         return replace(self, network=network, filled=filled)
 
@@ -447,13 +449,13 @@ class Ledger:
         return out
 
     @cached_property
+    @without_collections
     def described(self) -> Network:
         """Everything that was described, with the observations in the graph."""
         out, inside = self.network.copy(), self.having("accepted")
         if self.retired is not None:
             self.retired.state_found(out)
-        for _, unit in self.rows.units(inside):
-            unit.insert_into(out)
+        insert_units(out, (unit for _, unit in self.rows.units(inside)))
         out.images = self.rows.table(self.rows.images(inside))
         return out
 
@@ -462,16 +464,19 @@ def _members(item: AnyObservation) -> tuple[Observation, ...]:
     return item.observations if isinstance(item, Correlated) else (item,)
 
 
-def _filled(entity: Point | Photo, value: Array) -> Point | Photo | None:
+def _filled(entity: Point | Photo, value: Sequence[float]) -> Point | Photo | None:
     """Return a point or photo with an approximate value; none where all of it is given."""
     if isinstance(entity, Point):
         given = entity.coordinates
         if not isnan(sum(given)):
             return None
-        x, y, z = (v if isnan(g) else g for g, v in zip(given, value.tolist(), strict=True))
-        return replace(entity, coordinates=(x, y, z))
+        found = tuple([v if isnan(g) else g for g, v in zip(given, value, strict=True)])
+        other = object.__new__(Point)  # all else is as it was
+        vars(other).update(vars(entity), coordinates=found)
+        return other
     if entity.position is not None and entity.rotation is not None:
         return None
-    position = entity.position or tuple(np.asarray(value)[9:].tolist())
+    x, y, z = value[9:]
+    position = entity.position or (x, y, z)
     rotation = np.array(value[:9]).reshape(3, 3) if entity.rotation is None else entity.rotation
     return replace(entity, position=position, rotation=rotation)

@@ -16,11 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..graph.dependence import Variable, variables_of_each
+from ..graph.make_blocks import attribute_keys
 from ..graph.variables import calibration_name
-from ..models.variables import VariableKind
-from ..network.entities import FREE_ORIENTATION, ImageTable, Key
+from ..network.entities import FREE_ORIENTATION, ImageTable
 from ..network.network import Network
-from ..observations import AnyObservation, Correlated, ImagePoint, Observation
+from ..observations import (
+    AnyObservation,
+    Correlated,
+    ImagePoint,
+    Observation,
+    observation_kind,
+)
 from ..observations.identity import identity
 from ..stochastic import StandardDeviation
 from ..types import Array, Index, Mask
@@ -82,23 +88,6 @@ class Unit:
             return self.observations[0]
         return Correlated(self.observations, self.covariance)
 
-    @cached_property
-    def _found(self) -> tuple[tuple[VariableKind, Key], ...]:
-        """Kind and key of the unknowns that nobody has to state, such as orientations."""
-        return tuple(p for o in self.observations for p in o.found_parameters())
-
-    def insert_into(self, network: Network) -> None:
-        """Add the observation or group to a network; its names have been checked."""
-        for kind, key in self._found:
-            network.of_kind(kind).setdefault(key, FREE_ORIENTATION)
-        for ident, o in zip(self.ids, self.observations, strict=True):
-            if isinstance(o, ImagePoint):
-                network.insert(o)
-            else:
-                network.observations[ident] = o
-        if self.covariance is not None:
-            network.clusters.append((self.ids, self.covariance))
-
     def without(self, network: Network, gone: set[str]) -> Unit | None:
         """Return what remains of a group without some ids; none where nothing does."""
         stays = [i not in gone for i in self.ids]
@@ -115,6 +104,38 @@ class Unit:
         if self.covariance is None:
             return scaled[0]
         return Correlated(scaled, self.covariance * by**2)
+
+
+def insert_units(network: Network, units: Iterable[Unit]) -> None:
+    """Add observations and groups to a network; their names have been checked.
+
+    Unknowns that nobody has to state, such as orientations, are stated in the order in which
+    observations name them. Keys are looked up once for all observations in which they are equal.
+    """
+    every: list[Observation] = []
+    for unit in units:
+        every += unit.observations
+        for ident, o in zip(unit.ids, unit.observations, strict=True):
+            if isinstance(o, ImagePoint):
+                network.insert(o)
+            else:
+                network.observations[ident] = o
+        if unit.covariance is not None:
+            network.clusters.append((unit.ids, unit.covariance))
+    by_kind: dict[str, list[int]] = {}
+    first: set[int] = set()  # observations that name unknowns which none before them has named
+    for place, o in enumerate(every):
+        by_kind.setdefault(o.kind, []).append(place)
+        if o.further:
+            first.add(place)
+    for name, places in by_kind.items():
+        own = [every[place] for place in reversed(places)]
+        for kind, attribute in observation_kind(name).found:
+            keys = attribute_keys(kind, attribute, own)
+            first |= set(dict(zip(keys, reversed(places), strict=True)).values())
+    for place in sorted(first):
+        for kind, key in every[place].found_parameters():
+            network.of_kind(kind).setdefault(key, FREE_ORIENTATION)
 
 
 def _scaled(o: Observation, by: float) -> Observation:
