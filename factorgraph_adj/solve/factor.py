@@ -282,3 +282,28 @@ class Factor:
         if self.nodes is not None:
             place, inverse = self.nodes.place_of, self.inverse
         return SelectedInverse(self.cliques, inverse, place, len(place))
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """What all factorisations of one linearisation have in common."""
+
+    plan: Plan
+    """Layers and index lists."""
+    sums: RaySums | None
+    """Products of the rays; none: there is no first layer."""
+    factors: TreeFactors
+    """Factors of the second layer."""
+
+    @classmethod
+    def of(cls, system: LinearisedEquations, plan: Plan) -> Elimination:
+        """Return that of a linearisation."""
+        return cls(plan, plan.sums(system), TreeFactors(plan.layers, system))
+
+    def factorised(self, extra: Array, *, qr: bool) -> Factor:
+        """Return N + diag(extra); see `Factor`.
+
+        Raises:
+            SingularError: a pivot vanished.
+        """
+        return Factor(self.plan, self.sums, self.factors, extra, qr=qr)

@@ -14,11 +14,10 @@ from ..types import Array, Index
 from .core import core
 from .datum import UNNOTICED, Defect, find_defects, generators, in_part, middle
 from .elimination import layers_of
-from .factor import Factor, Plan
+from .factor import Elimination, Factor, Plan
 from .linear import LinearisedEquations
 from .singular import SingularError
 from .stiff import eased_diagonal
-from .tree import TreeFactors
 
 NULL = 1e-7
 """Ratio |A z| / |√diag(N) z| below which a combination z counts as undetermined."""
@@ -65,11 +64,14 @@ def _scale(system: LinearisedEquations, diagonal: Array) -> Array:
     return np.where(diagonal > 0, np.sqrt(np.maximum(eased, 0.0)), 1.0)
 
 
-def null_space(system: LinearisedEquations, diagonal: Array) -> Array:
+def null_space(
+    system: LinearisedEquations, diagonal: Array, given: Elimination | None = None
+) -> Array:
     """Return an orthonormal basis (n_columns, d) of the null space of N, scaled by √diagonal.
 
     The method is inverse iteration with a block of vectors on the regularised normal equations;
-    the result includes unknowns without any observation.
+    the result includes unknowns without any observation. Large networks are eliminated as it was
+    ``given``, if it was.
     """
     unknowns = system.unknowns
     empty = unknowns.free & (diagonal <= 0)
@@ -77,12 +79,13 @@ def null_space(system: LinearisedEquations, diagonal: Array) -> Array:
     scale = _scale(system, diagonal)
     large = len(diagonal) > LARGE
     extra = np.where(empty, 1.0, (REGULARISED_LARGE if large else REGULARISED) * diagonal)
-    touched = np.zeros(len(diagonal), dtype=bool)
-    for e in system.extra:
-        touched[e.columns] = True
-    layers = layers_of(system.equations, reduce_points=large, touched=touched)
-    plan = Plan.of(system.equations, layers)
-    factor = Factor(plan, plan.sums(system), TreeFactors(layers, system), extra, qr=True)
+    if given is None or not large:
+        touched = np.zeros(len(diagonal), dtype=bool)
+        for e in system.extra:
+            touched[e.columns] = True
+        layers = layers_of(system.equations, reduce_points=large, touched=touched)
+        given = Elimination.of(system, Plan.of(system.equations, layers))
+    factor = given.factorised(extra, qr=True)
     found = np.zeros((len(diagonal), 0))
     for most in (FEW, MOST) if large else (MOST,):
         n = min(most, int(live.sum()))
@@ -426,9 +429,10 @@ def loose(
     empty = unknowns.free & (diagonal <= 0)
     if empty.any() and not free:  # without them the rest is smaller
         return _moved(unknowns, empty.astype(float), 0.0, UNDETERMINED)
-    if plan is not None and _is_determined(system, diagonal, plan):
+    given = None if plan is None else Elimination.of(system, plan)
+    if given is not None and _is_determined(given, diagonal):
         return {}
-    z = _whole_null_space(system, diagonal)
+    z = _whole_null_space(system, diagonal, given)
     if free and z.shape[1]:
         scale = _scale(system, diagonal)
         defects = find_defects(system, state, diagonal, free=True)
@@ -446,14 +450,13 @@ def loose(
     )
 
 
-def _is_determined(system: LinearisedEquations, diagonal: Array, plan: Plan) -> bool:
+def _is_determined(given: Elimination, diagonal: Array) -> bool:
     """Return whether the pivots of N say that all is determined.
 
     Rounding leaves pivots up to 10⁻¹⁰ in a singular N, see `iterate.Iteration.poor`.
     """
-    factors, nothing = TreeFactors(plan.layers, system), np.zeros(len(diagonal))
     try:
-        factor = Factor(plan, plan.sums(system), factors, nothing, qr=False)
+        factor = given.factorised(np.zeros(len(diagonal)), qr=False)
     except SingularError:
         return False
     return factor.smallest_pivot(diagonal, tree=1.0, point=1.0) > SOUND
@@ -463,18 +466,24 @@ def _moved(
     unknowns: Unknowns, share: Array, least: float, why: str
 ) -> dict[tuple[VariableKind, str], str]:
     """Return the variables with more than a share in their columns."""
-    return {
-        (kind, unknowns[kind].names[number]): why
-        for kind, number in unknowns.active()
-        if share[unknowns.columns(kind, number)].sum() > least
-    }
+    out: dict[tuple[VariableKind, str], str] = {}
+    sums = np.concatenate([[0.0], share])
+    for kind, table in unknowns.tables.items():
+        at = np.flatnonzero(table.offset >= 0)
+        wide = np.arange(int(table.size[at].max(initial=0)))
+        columns = np.where(wide < table.size[at][:, None], table.offset[at][:, None] + wide + 1, 0)
+        found = at[sums[columns].sum(axis=1) > least]
+        out |= {(kind, table.names[i]): why for i in found.tolist()}
+    return out
 
 
-def _whole_null_space(system: LinearisedEquations, diagonal: Array) -> Array:
+def _whole_null_space(
+    system: LinearisedEquations, diagonal: Array, given: Elimination | None
+) -> Array:
     """Return a basis of all that is undetermined, scaled by √diagonal, (n_columns, d)."""
     n = system.unknowns.n_columns
     if n > DENSE:
-        return null_space(system, diagonal)
+        return null_space(system, diagonal, given)
     free = np.flatnonzero(system.unknowns.free)
     if not len(free):
         return np.zeros((n, 0))
