@@ -33,12 +33,15 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import AdjustmentError
-from ..ledger.candidates import Candidates, known_in
+from ..graph.equations import Equations, compile_rows
+from ..graph.variables import State
+from ..ledger.candidates import Candidates, NothingKnown, excerpt, known_in
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.row_store import Unit
 from ..ledger.verdicts import Side, Verdict
 from ..linear_system.front_system import FrontSystem
+from ..linear_system.isam2_system import ISAM2System
 from ..linear_system.joint_tests import RowsInBase
 from ..linear_system.rebase import Draft
 from ..linear_system.test_decisions import accepted
@@ -223,15 +226,38 @@ def tested_by_readjustment(
     return ledger, system, told
 
 
-def _weakest(system: FrontSystem, name: str) -> Array | None:
+def may_bend(ledger: Ledger, system: ISAM2System, rows: Index) -> bool:
+    """Return whether observations that failed may bend as far as a test by adjusting asks.
+
+    Where none does, `tested_by_readjustment` would leave all as they are; fronts take longer.
+
+    Args:
+        ledger: where they were left out.
+        system: where everything is without them.
+        rows: the observations.
+    """
+    ready = Candidates(ledger, known_in(system), rows).ready[-MAX_UNITS_TESTED:]
+    last = [row for row in ready.tolist() if ledger.unit(row).points]
+    if not last:
+        return False
+    points = [("point", name) for row in last for name in ledger.unit(row).points]
+    inside = Candidates(ledger, NothingKnown(), ledger.having("accepted"))
+    try:  # weights of points, which could only refuse an image, are not asked
+        beside = compile_rows(excerpt(ledger, system, inside.touching(points), hold=False))
+        images = _mirror_images(ledger, beside, beside.unknowns.start(), ready)
+    except AdjustmentError:
+        return True
+    return any(_bends(ledger, system, row, images) for row in last)
+
+
+def _weakest(system: FrontSystem | ISAM2System, name: str) -> Array | None:
     """Return the farthest movement of a point that is likely, (3,) metres; none: it is held."""
-    columns = system.columns("point", name)
-    if not system.known("point", name) or not len(columns):
+    if not system.known("point", name) or not len(system.columns("point", name)):
         return None
     values, vectors = np.linalg.eigh(system.cofactors(("point", name), ("point", name)))
-    extent = float(np.linalg.norm(np.ptp(system.state["point"], axis=0)))
     farthest = min(
-        MAX_MOVE_IN_SIGMA * np.sqrt(max(float(values[-1]), 0.0)), MAX_MOVE_IN_EXTENTS * extent
+        MAX_MOVE_IN_SIGMA * np.sqrt(max(float(values[-1]), 0.0)),
+        MAX_MOVE_IN_EXTENTS * system.extent,
     )
     return np.asarray(vectors[:, -1] * farthest)
 
@@ -249,6 +275,13 @@ def _images(ledger: Ledger, system: FrontSystem, rows: Index, rules: Options) ->
         except AdjustmentError:
             return {}
         equations, state = draft.equations, draft.start.state
+    return _mirror_images(ledger, equations, state, rows)
+
+
+def _mirror_images(
+    ledger: Ledger, equations: Equations, state: State, rows: Index
+) -> dict[str, Array]:
+    """Return the movements of points of observations to their mirror images in some equations."""
     unknowns = equations.unknowns["point"]
     candidates = np.zeros(len(unknowns.offset), dtype=bool)
     for unit in ledger.units(rows):
@@ -258,7 +291,9 @@ def _images(ledger: Ledger, system: FrontSystem, rows: Index, rules: Options) ->
     return {unknowns.names[n]: 2.0 * (at - state["point"][n]) for n, at in middles.items()}
 
 
-def _bends(ledger: Ledger, system: FrontSystem, row: int, images: Mapping[str, Array]) -> bool:
+def _bends(
+    ledger: Ledger, system: FrontSystem | ISAM2System, row: int, images: Mapping[str, Array]
+) -> bool:
     """Return whether an observation bends by as much as it contradicts, within reach of a point.
 
     So does one that fits at the mirror image of a point: its form holds on one side only.

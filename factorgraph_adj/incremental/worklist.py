@@ -25,6 +25,7 @@ from ..ledger.options import Options
 from ..ledger.verdicts import Verdict
 from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
+from ..linear_system.isam2_system import ISAM2System
 from ..linear_system.linear_system import LinearSystem
 from ..linear_system.rebase import EFFORT, Draft
 from ..linear_system.section_choice import is_due
@@ -37,6 +38,7 @@ from .entry import Entry, EntryResult
 from .nonlinear_tests import (
     MAX_UNITS_TESTED,
     contradicted_reading,
+    may_bend,
     tested_by_readjustment,
     with_current_sides,
 )
@@ -205,15 +207,20 @@ class Worklist:
         told = [self.told[i] for i in ids if i in self.told]
         failed = [v.id for v in told if v.verdict == self.rules.failed and v.dof]
         ledger, system = self.state.ledger, self.state.system
-        if not failed or (system := engines.in_fronts(system)) is None:
+        if not failed:
+            return
+        rows = ledger.find(failed)
+        if isinstance(system, ISAM2System) and not (ledger.sides or may_bend(ledger, system, rows)):
+            return
+        if (system := engines.in_fronts(system)) is None:
             return
         ledger, found, entered = tested_by_readjustment(
-            ledger, system, ledger.find(failed), self.rules, self.given
+            ledger, system, rows, self.rules, self.given
         )
         self.told |= {v.id: v for v in entered}
         if entered:
             self.state = IncrementalState(ledger, found, settled=False)
-        self._name_contradicted(ledger, found, ledger.find(failed)[-MAX_UNITS_TESTED:])
+        self._name_contradicted(ledger, found, rows[-MAX_UNITS_TESTED:])
 
     def _name_contradicted(self, ledger: Ledger, system: FrontSystem, rows: Index) -> None:
         """Name the readings that alone tell a side, without which others would fit."""

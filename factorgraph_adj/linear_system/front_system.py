@@ -307,6 +307,11 @@ class FrontSystem:
         return self.base.equations.unknowns.retract(self.base.state, self.movement)
 
     @property
+    def extent(self) -> float:
+        """Diagonal of the box around all points, metres."""
+        return float(np.linalg.norm(np.ptp(self.state["point"], axis=0)))
+
+    @property
     def n_rays(self) -> int:
         """Number of image points of the whole network as it was adjusted last."""
         return self.whole.base.equations.n_rays

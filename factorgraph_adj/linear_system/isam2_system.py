@@ -37,7 +37,7 @@ from ..solve.standing import standing
 from ..solve.start import Start
 from ..types import NO_ROWS, Array, Index, Mask
 from .front_system import FrontSystem
-from .linear_forms import rows_of
+from .linear_forms import LinearForms, rows_of
 from .linear_system import EngineName
 from .rebase import EFFORT, Draft
 from .test_decisions import MIN_MOTION, SINGULAR_REDUNDANCY, PointCovariance
@@ -71,6 +71,8 @@ class ISAM2System:
         self._tree, self._ledger, self._rules, self._beside = tree, ledger, rules, beside
         self._version = tree.version
         self._mark: Mark | None = None
+        self._refused: tuple[str, ...] = ()
+        """First ids of the units with which the tree came to no rest last."""
         self.doubt = ""
 
     @staticmethod
@@ -148,6 +150,27 @@ class ISAM2System:
         """Return whether a variable is determined, or a constant."""
         table = self.tree.tables.get(kind)
         return table is not None and name in table.number
+
+    def columns(self, kind: VariableKind, name: str) -> Index:
+        """Return the columns of the free components of a known variable."""
+        columns = self.tree.columns(kind, name)
+        return np.asarray(columns[columns >= 0])
+
+    @property
+    def extent(self) -> float:
+        """Diagonal of the box around all points, metres."""
+        return float(np.linalg.norm(np.ptp(self.tree.state()["point"], axis=0)))
+
+    def forms(self, ledger: Ledger, rows: Index) -> LinearForms:
+        """Linearise observations between known variables at the present state.
+
+        Raises:
+            InputError: names observations whose geometry has no answer.
+        """
+        equations = compile_rows(excerpt(ledger, self, rows, hold=False))
+        state = equations.unknowns.start()
+        units, columns = ledger.units(rows), self.tree.columns
+        return LinearForms.of(units, equations, columns, lambda c: np.zeros(len(c)), state)
 
     def names(self, kind: VariableKind) -> set[str]:
         """Return the names of the known variables of a kind."""
@@ -333,11 +356,13 @@ class ISAM2System:
 
     def after(self, entered: EnteredRows, ledger: Ledger) -> ISAM2System | None:
         """Return the system with what has entered; none where linear forms come to no rest."""
-        tree = entered.tree
-        tree.bound_new(entered.together)
-        with suppress(AdjustmentError):
-            if tree.follow_to_rest():
-                return ISAM2System(tree, ledger, self._rules)
+        tree, ids = entered.tree, tuple(unit.ids[0] for unit in entered.units)
+        if ids != self._refused:
+            tree.bound_new(entered.together)
+            with suppress(AdjustmentError):
+                if tree.follow_to_rest():
+                    return ISAM2System(tree, ledger, self._rules)
+        self._refused = ids
         _ = self.tree  # it goes back
         return None
 

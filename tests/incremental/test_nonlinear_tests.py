@@ -269,3 +269,19 @@ def test_a_right_reading_on_the_other_side_fails_with_the_probability_alpha():
         doubted += bool(v.doubt)
     assert doubted + failed > 0.85 * days
     assert failed / (doubted + failed) == pytest.approx(alpha, abs=3 * np.sqrt(0.09 / days))
+
+
+@pytest.mark.parametrize("engine", ["isam2", "fronts"])
+def test_a_suspect_that_does_not_bend_is_left_without_fronts_of_the_whole_network(engine):
+    network = fga.Network("grid")
+    for i, at in enumerate(((0.0, 0.0), (90.0, 0.0), (90.0, 80.0), (0.0, 80.0))):
+        network.add_point(f"A{i}", (*at, 0.0), fixed="xyz")
+    network.add_point("P", (40.0, 30.0, 0.0), fixed="z")
+    place = np.array([40.0, 30.0, 0.0])
+    inc = fga.IncrementalAdjustment(network, engine=engine)
+    for i in range(4):
+        true = float(np.linalg.norm(np.array(network.points[f"A{i}"].coordinates) - place))
+        inc.add(SlopeDistance(f"A{i}", "P", true, sigma=0.002, id=f"s{i}"))
+    (verdict,) = inc.add(SlopeDistance("A0", "P", 51.0, sigma=0.002, id="bad")).verdicts
+    assert verdict.verdict == "suspect"
+    assert "fronts" not in vars(inc._state.system)
