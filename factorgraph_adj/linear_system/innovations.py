@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -27,7 +28,7 @@ import numpy as np
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
-from ..graph.variables import Unknowns
+from ..graph.variables import State, Unknowns
 from ..ledger.candidates import excerpt
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import Unit
@@ -109,7 +110,8 @@ def innovation_tests(
     """Iterate over the tests of observations between known variables, each alone.
 
     What has no answer where everything is by now is left out, and so is what notices motions that
-    the datum of a free network leaves open: no test tells of these.
+    the datum of a free network leaves open, or has cofactors that are not positive: no test tells
+    of these.
 
     Args:
         ledger: where they are left out.
@@ -121,10 +123,12 @@ def innovation_tests(
         with suppress(AdjustmentError):
             units = ledger.units(np.array([row]))
             equations = compile_rows(excerpt(ledger, system, np.array([row]), hold=False))
-            forms = _forms(equations, units)
+            forms = _forms(system, equations, units)
             touched = _touched(equations.unknowns, forms.columns)
             if not _says_where_network_is(system, touched, forms.a):
-                yield _test(row, forms, _cofactors(system, touched), alpha)
+                test = _test(row, forms, _cofactors(system, touched), alpha)
+                if not np.isnan(test.w):
+                    yield test
 
 
 class JoinedRows(NamedTuple):
@@ -161,7 +165,7 @@ def joined(ledger: Ledger, system: LinearSystem, out: Index, inside: Index) -> J
         rows = np.union1d(out, inside)
         units = ledger.units(rows)
         equations = compile_rows(excerpt(ledger, system, rows, hold=False))
-        forms = _forms(equations, units)
+        forms = _forms(system, equations, units)
         touched = _touched(equations.unknowns, forms.columns)
         if _says_where_network_is(system, touched, forms.a):
             return None
@@ -177,14 +181,26 @@ def joined(ledger: Ledger, system: LinearSystem, out: Index, inside: Index) -> J
     return JoinedRows(forms.rows, v, m)
 
 
-def _forms(equations: Equations, units: Sequence[Unit]) -> LinearForms:
-    """Linearise observations by the unknowns of their own excerpt."""
+def _forms(system: LinearSystem, equations: Equations, units: Sequence[Unit]) -> LinearForms:
+    """Linearise observations by the unknowns of their own excerpt.
+
+    Partials in a free network are those at the solution with its datum: cofactors and open motions
+    belong to that state, and rows would seem to notice what has turned since then.
+    """
     unknowns = equations.unknowns
 
     def columns(kind: VariableKind, name: str) -> Index:
         return unknowns.columns(kind, unknowns[kind].number[name])
 
-    return LinearForms.of(units, equations, columns, lambda c: np.zeros(len(c)), unknowns.start())
+    def at(state: State) -> LinearForms:
+        return LinearForms.of(units, equations, columns, lambda c: np.zeros(len(c)), state)
+
+    here, held = at(unknowns.start()), system.datum_solution
+    if held is None:
+        return here
+    its, moving = held.equations.unknowns, unknowns.moving()
+    there = at(unknowns.carried(unknowns.start(), its, held.state, where=moving))
+    return replace(here, a=there.a)
 
 
 def _touched(unknowns: Unknowns, columns: Index) -> dict[Variable, Index]:
@@ -224,6 +240,8 @@ def _test(row: int, forms: LinearForms, q: Array, alpha: float) -> InnovationTes
     """Return the test of an observation with the joint cofactors of what it touches."""
     inverse = np.linalg.inv(np.eye(len(forms.v)) + forms.a @ q @ forms.a.T)
     e = inverse @ forms.v
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         ratio = float(e @ forms.v) / critical_t2(alpha, len(e))
-    return InnovationTest(row, ratio, float(np.max(np.abs(e) / np.sqrt(np.diag(inverse)))))
+        # Cofactors that rounding or a weak datum spoils leave no positive C: |w| is no number.
+        w = float(np.max(np.abs(e) / np.sqrt(np.diag(inverse))))
+    return InnovationTest(row, ratio, w)
