@@ -22,6 +22,8 @@ from tests.networks.moved_after_retirement import (
     MOVEMENTS,
     moved_after_retirement,
     truly_missed,
+    two_points,
+    two_points_by_distances,
 )
 from tests.networks.photo_block import block
 from tests.networks.traverse import observed, points_of, traverse
@@ -342,11 +344,7 @@ def test_a_vehicle_keeps_its_last_photos_and_is_that_of_the_whole_drive(tmp_path
 
 def test_linear_rows_that_hold_no_more_are_told():
     """Weak distances, of which other readings later take the points five σ away."""
-    network = fga.Network("weak")
-    for name, at in {"A": (0, 0, 0), "B": (9, 0, 0), "C": (0, 9, 0)}.items():
-        network.add_point(name, at, fixed="xyz")
-    network.add_point("P", (4.0, 5.0, 0.0), fixed="z")
-    network.add_point("Q", (6.0, 8.0, 0.0), fixed="z")
+    network = two_points()
     for a, b, value in (
         ("A", "P", 6.4),
         ("B", "P", 7.1),
@@ -389,14 +387,7 @@ def test_photos_miss_no_more_than_the_bound_says(movement):
 @pytest.mark.parametrize("later", [0, 1, 6])
 def test_rows_that_hold_no_more_are_told_whatever_is_retired_after_them(later):
     """Levels that follow P are retired before P moves; in them nothing is nonlinear."""
-    network = fga.Network("weak")
-    for name, at in {"A": (0, 0, 0), "B": (9, 0, 0), "C": (0, 9, 0)}.items():
-        network.add_point(name, at, fixed="xyz")
-    network.add_point("P", (4.0, 5.0, 0.0), fixed="z")
-    network.add_point("Q", (6.0, 8.0, 0.0), fixed="z")
-    for a, b in ("AP", "BP", "CP", "PQ", "AQ", "BQ"):
-        d = np.subtract(network.points[b].coordinates, network.points[a].coordinates)
-        network.add(SlopeDistance(a, b, float(np.linalg.norm(d)), sigma=0.5))
+    network = two_points_by_distances(0.5)
     for i in range(later):
         network.add_point(f"H{i}", (1.0, 1.0, 0.5), fixed="xy")
         network.add(HeightDifference("A", f"H{i}", 0.5, sigma=0.001))

@@ -25,6 +25,29 @@ MOST_MOVED = 6
 """Largest number of points that move together."""
 
 
+def two_points() -> fga.Network:
+    """Return two points in a plane beside three that are held, without observations."""
+    network = fga.Network("weak")
+    for name, at in {"A": (0, 0, 0), "B": (9, 0, 0), "C": (0, 9, 0)}.items():
+        network.add_point(name, at, fixed="xyz")
+    network.add_point("P", (4.0, 5.0, 0.0), fixed="z")
+    network.add_point("Q", (6.0, 8.0, 0.0), fixed="z")
+    return network
+
+
+def two_points_by_distances(sigma: float) -> fga.Network:
+    """Return `two_points` with six distances without errors.
+
+    Args:
+        sigma: their standard deviation, metres.
+    """
+    network = two_points()
+    for a, b in ("AP", "BP", "CP", "PQ", "AQ", "BQ"):
+        d = np.subtract(network.points[b].coordinates, network.points[a].coordinates)
+        network.add(SlopeDistance(a, b, float(np.linalg.norm(d)), sigma=sigma))
+    return network
+
+
 def plane(rng: np.random.Generator, *, directions: bool) -> fga.Network:
     """Return points in a plane, each observed from some of those before it."""
     network = fga.Network("plane")

@@ -10,6 +10,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.solve.marginalisation import marginalised
 from factorgraph_adj.solve.missed_step import MissedStep
+from tests.networks.moved_after_retirement import two_points_by_distances
 from tests.networks.small_block import columns_of, rows_of, small_block
 
 GONE = ("P3", "P5")
@@ -93,16 +94,7 @@ def test_what_linear_rows_miss_grows_with_their_curvature():
     """Sights ten times as precise have movements ten times as small: they miss a tenth of σ."""
     sizes = []
     for by in (1.0, 0.1):
-        network = fga.Network("sights")
-        for name, at in {"A": (0, 0, 0), "B": (9, 0, 0), "C": (0, 9, 0)}.items():
-            network.add_point(name, at, fixed="xyz")
-        network.add_point("P", (4.0, 5.0, 0.0), fixed="z")
-        network.add_point("Q", (6.0, 8.0, 0.0), fixed="z")
-        for a, b in ("AP", "BP", "CP", "PQ", "AQ", "BQ"):
-            d = np.subtract(network.points[b].coordinates, network.points[a].coordinates)
-            length = float(np.linalg.norm(d))
-            network.add(fga.observations.SlopeDistance(a, b, length, sigma=0.2 * by))
-        solution = fga.adjust(network)
+        solution = fga.adjust(two_points_by_distances(0.2 * by))
         rows = rows_of(solution, "Q")
         found = marginalised(solution.normal(), rows, columns_of(solution, "Q"))
         sizes.append(float(np.linalg.norm(found.missed.quadratic)))
