@@ -23,7 +23,7 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.row_store import NO_PHOTO
 from ..linear_system.front_system import FrontSystem
-from ..linear_system.innovations import innovation_tests, joined
+from ..linear_system.innovations import UNANSWERED, innovation_tests, joined
 from ..models.variables import UNKNOWNS
 from ..quality.leave_out import Tested
 from ..types import Index
@@ -70,12 +70,14 @@ def minimum_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
         return (f"{begin}. Everything stands where the last minimum was",)
     ids = ledger.ids_of(since)
     told = f"{begin}. Everything stands where the last minimum was, without {_listed(ids)}"
-    tests = innovation_tests(ledger, system, since[:MAX_OBSERVATIONS_TESTED], rules.alpha)
+    tests = list(innovation_tests(ledger, system, since[:MAX_OBSERVATIONS_TESTED], rules.alpha))
     beyond = sorted((t for t in tests if t.ratio > 1.0), key=lambda t: -t.ratio)
     if beyond:
         worst = ledger.ids_of(np.array([beyond[0].row]))[0]
         by = float(np.sqrt(beyond[0].ratio))
         told += f"; {worst!r} contradicts it most ({by:.2g} times the critical value): remove it"
+    if weak := [t.row for t in tests if not t.answered]:
+        told += f"; of {_listed(ledger.ids_of(np.array(weak)))}: {UNANSWERED}"
     return (told,)
 
 

@@ -39,7 +39,7 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.row_store import REMOVED
 from ..ledger.verdicts import DISCARDED, SNOOPED, Outcome, Verdict
-from ..linear_system.innovations import innovation_tests, near_enough
+from ..linear_system.innovations import UNANSWERED, InnovationTest, innovation_tests, near_enough
 from ..linear_system.rebase import known_network
 from ..network.network import Network
 from ..types import NO_ROWS, Index
@@ -93,7 +93,7 @@ def readmitted(
             ready, late = NO_ROWS, rows
         limits = _limits(ledger, rows, limit)
         if len(ready):
-            ready = _fitting(state, ready, rules, limits)
+            state, ready = _fitting(state, ready, rules, limits)
         state, more = _entered(state, ready, rules, limits)
         # With the policy "accept" nothing is tested that enters with new variables.
         late = late if rules.policy != "accept" else NO_ROWS
@@ -131,7 +131,7 @@ def readmitted_suspects(
         near = near_enough(ledger, state.system, latest_ready)[:MAX_SUSPECTS_TESTED]
         tested.update(ledger.ids_of(near))
         limits = dict.fromkeys(near.tolist(), np.inf)
-        fits = _fitting(state, near, rules, limits)
+        state, fits = _fitting(state, near, rules, limits)
         state, latest = _entered(state, fits, rules, limits)
         told |= latest
     return state, told
@@ -192,12 +192,29 @@ def _limits(ledger: Ledger, rows: Index, limit: float) -> Mapping[int, float]:
 
 def _fitting(
     state: IncrementalState, rows: Index, rules: Options, limits: Mapping[int, float]
-) -> Index:
-    """Return those of some observations between known variables that fit, each alone."""
+) -> tuple[IncrementalState, Index]:
+    """Return those of some observations between known variables that fit, each alone.
+
+    Verdicts on those that have no test say so, as long as they have none.
+    """
     assert state.system is not None
-    tests = innovation_tests(state.ledger, state.system, rows, rules.alpha)
+    ledger = state.ledger
+    tests = list(innovation_tests(ledger, state.system, rows, rules.alpha))
+    for test in tests:
+        verdicts = ledger.rows.verdicts.get(test.row, ())
+        told = {v.id: replace(v, doubt=_doubt(v, test)) for v in verdicts}
+        if any(told[v.id].doubt != v.doubt for v in verdicts):
+            outcome = verdicts[0].verdict
+            ledger = ledger.moved(np.array([test.row]), outcome, "tested again", told)
     fits = [t.row for t in tests if t.ratio <= 1.0 and t.w <= limits[t.row]]
-    return np.array(fits, dtype=np.intp)
+    return replace(state, ledger=ledger), np.array(fits, dtype=np.intp)
+
+
+def _doubt(verdict: Verdict, test: InnovationTest) -> str:
+    """Return the doubt of a verdict after a test of its observation."""
+    if test.answered:
+        return "" if verdict.doubt == UNANSWERED else verdict.doubt
+    return verdict.doubt or UNANSWERED
 
 
 # -- entering -------------------------------------------------------------------------------------

@@ -98,7 +98,8 @@ class Verdict(ChiSquareTest):
     ``rest of a group``, or ``came back after snoop()`` or another command."""
     doubt: str = ""
     """Why the verdict may be wrong: an accepted observation that moved a point to its other side,
-    of which nothing else tells; or one that failed, and fits without such an observation."""
+    of which nothing else tells; one that failed, and fits without such an observation; or one of
+    which rounding has left no test when it was looked at again."""
     gains: tuple[Gain, ...] = ()
     """What it adds to its points; empty for observations that are left out, and in free networks
     (there the standard deviations belong to all datum points together)."""

@@ -9,7 +9,7 @@ far that is valid. A system is a value: every change returns another one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -30,8 +30,9 @@ from ..solve.update import Update
 from ..types import NO_ROWS, Array, Index, Mask
 from .border import Border
 from .linear_forms import LinearForms
-from .linear_system import EngineName
+from .linear_system import EngineName, block_by_block
 from .section import Attempts, Section, renumbered
+from .updated_cofactors import UpdatedCofactors
 
 MAX_UPDATE_ROWS = 256
 """Largest number of rows beside a base: with more of them it costs less on average to make a new
@@ -355,10 +356,6 @@ class FrontSystem:
         base = replace(self.base, second_places=(*self.base.second_places, sentence))
         return FrontSystem.of(base, rows=self.rows, section=self.section)
 
-    def has_base_of(self, other: FrontSystem) -> bool:
-        """Return whether both systems have the same base."""
-        return self.base is other.base
-
     def forget(self) -> None:
         """Let what was computed of the base go."""
         self.base.forget()
@@ -399,18 +396,28 @@ class FrontSystem:
         """Return the joint cofactors of the components of two variables, (i, j)."""
         if not self.covers((a, b)):
             return self._across(a, b)
-        columns = [self.columns(*v) for v in (a, b)]
-        f, g = (self.expand(c, np.eye(len(c))) for c in columns)
-        if a == b and a not in self.border.unknowns and not self.lifted.touched(columns[0]):
-            # The selected inverse has the blocks of all variables.
-            size = len(columns[0])
-            out = self.base.variable_covariance(a)[:size, :size]
-            out = out - self.update.loss(f.b @ self.update.spread[f.at])
-        else:
-            out = self.update.between(f.at, f.b, g.at, g.b)
-            if a == b:
-                out = out + f.own
-        return np.where(np.outer(*(self.free(c) for c in columns)), out, 0.0)
+        parts = [self.columns(*v) for v in dict.fromkeys((a, b))]
+        columns = np.concatenate(parts)
+        free = np.diag(self.free(columns).astype(float))
+        if a != b or a in self.border.unknowns or self.lifted.touched(columns):
+            out = self._updated.joint(columns, free)
+        else:  # the selected inverse has the blocks of all variables
+            out = free @ self._updated.selected(a, columns) @ free
+        return out[: len(parts[0]), len(columns) - len(parts[-1]) :]
+
+    def function_cofactors(
+        self, touched: Mapping[Variable, Index], a: Array, groups: Sequence[Index]
+    ) -> list[Array]:
+        """Return the cofactors A Q Aᵀ of groups of functions; see `LinearSystem`."""
+        if not (touched and self.covers(touched)):
+            return block_by_block(self, touched, a, groups)
+        columns = np.concatenate([self.columns(*v)[own] for v, own in touched.items()])
+        joint = self._updated.joint(columns, np.where(self.free(columns), a, 0.0))
+        return [joint[np.ix_(rows, rows)] for rows in groups]
+
+    @cached_property
+    def _updated(self) -> UpdatedCofactors:
+        return UpdatedCofactors(self.base, self.lifted, self.update, self.slots, self.expand)
 
     def _across(self, a: Variable, b: Variable) -> Array:
         """Return the cofactors of two variables of which the section has one at most."""

@@ -18,30 +18,37 @@ T² to be small: most of what still contradicts is recognised by its innovation 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
-from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
-from ..graph.equations import Equations, compile_rows
+from ..graph.equations import compile_rows
 from ..graph.variables import State, Unknowns
 from ..ledger.candidates import excerpt
 from ..ledger.ledger import Ledger
-from ..ledger.row_store import Unit
 from ..models.variables import VariableKind
 from ..quality.leave_out import Tested, critical_t2
 from ..solve.starts_on_lines import beside_lines
-from ..types import Array, Index
+from ..types import NO_ROWS, Array, Index
 from .linear_forms import LinearForms, rows_of
 from .linear_system import LinearSystem
 from .rebase import notices_motion
 
 SIGMA_SLACK = 1.05
 """Factor by which a σ may have grown since it was computed, as unknowns have moved."""
+MAX_LINEARISED_TOGETHER = 32
+"""Number of observations that are linearised and solved for together: of more of them, solutions of
+a large network take much memory."""
+MIN_INNOVATION_VARIANCE = 0.99
+"""Smallest eigenvalue of C from which on a test is right: C − I is a covariance, and smaller ones
+come from cofactors of which rounding has left nothing."""
+UNANSWERED = (
+    "what it touches is determined too weakly: rounding leaves no covariance of its innovation, "
+    "and no test"
+)
+"""Why an observation that is left out has no test."""
 
 
 class InnovationTest(NamedTuple):
@@ -53,6 +60,11 @@ class InnovationTest(NamedTuple):
     """T²/critical."""
     w: float
     """The largest |w|."""
+
+    @property
+    def answered(self) -> bool:
+        """Whether there is a test; otherwise T² and |w| are NaN, see `UNANSWERED`."""
+        return not np.isnan(self.w)
 
 
 def near_enough(ledger: Ledger, system: LinearSystem, rows: Index) -> Index:
@@ -110,8 +122,8 @@ def innovation_tests(
     """Iterate over the tests of observations between known variables, each alone.
 
     What has no answer where everything is by now is left out, and so is what notices motions that
-    the datum of a free network leaves open, or has cofactors that are not positive: no test tells
-    of these.
+    the datum of a free network leaves open: no test tells of these. A test without figures is that
+    of an observation with unusable cofactors, see `InnovationTest.answered`.
 
     Args:
         ledger: where they are left out.
@@ -119,16 +131,40 @@ def innovation_tests(
         rows: the observations.
         alpha: probability of a false alarm of one test.
     """
-    for row in rows.tolist():
-        with suppress(AdjustmentError):
-            units = ledger.units(np.array([row]))
-            equations = compile_rows(excerpt(ledger, system, np.array([row]), hold=False))
-            forms = _forms(system, equations, units)
-            touched = _touched(equations.unknowns, forms.columns)
-            if not _says_where_network_is(system, touched, forms.a):
-                test = _test(row, forms, _cofactors(system, touched), alpha)
-                if not np.isnan(test.w):
-                    yield test
+    for first in range(0, len(rows), MAX_LINEARISED_TOGETHER):
+        for forms in _parts(ledger, system, rows[first : first + MAX_LINEARISED_TOGETHER]):
+            yield from _tests(system, forms, alpha)
+
+
+def _parts(ledger: Ledger, system: LinearSystem, rows: Index) -> Iterator[_Forms]:
+    """Iterate over observations in parts that are linearised together.
+
+    Only those are apart from the others, or left out, that have no answer where everything is.
+    """
+    try:
+        yield _Forms.of(ledger, system, rows)
+    except AdjustmentError:
+        for part in np.array_split(rows, 2) if len(rows) > 1 else ():
+            yield from _parts(ledger, system, part)
+
+
+def _tests(system: LinearSystem, forms: _Forms, alpha: float) -> Iterator[InnovationTest]:
+    """Iterate over the tests of observations that were linearised together."""
+    known = [i for i, own in enumerate(forms.of_units) if not forms.say_where_network_is(own)]
+    groups = [forms.of_units[i] for i in known]
+    found = _cofactors(system, forms, groups) if groups else []
+    for i, own, q in zip(known, groups, found, strict=True):
+        yield _test(int(forms.ledger_rows[i]), forms.v[own], np.eye(len(own)) + q, alpha)
+
+
+def _cofactors(system: LinearSystem, forms: _Forms, groups: Sequence[Index]) -> list[Array]:
+    """Return A Q Aᵀ of units, given by their rows; NaN where there are no covariances."""
+    try:
+        return system.function_cofactors(forms.touched, forms.a, groups)
+    except AdjustmentError:
+        if len(groups) == 1:
+            return [np.full((len(groups[0]),) * 2, np.nan)]
+        return [q for own in groups for q in _cofactors(system, forms, [own])]
 
 
 class JoinedRows(NamedTuple):
@@ -163,44 +199,73 @@ def joined(ledger: Ledger, system: LinearSystem, out: Index, inside: Index) -> J
     """
     try:
         rows = np.union1d(out, inside)
-        units = ledger.units(rows)
-        equations = compile_rows(excerpt(ledger, system, rows, hold=False))
-        forms = _forms(system, equations, units)
-        touched = _touched(equations.unknowns, forms.columns)
-        if _says_where_network_is(system, touched, forms.a):
+        forms = _Forms.of(ledger, system, rows)
+        every = np.arange(len(forms.v))
+        if forms.say_where_network_is(every):
             return None
-        a, q = forms.a, _cofactors(system, touched)
+        (q,) = system.function_cofactors(forms.touched, forms.a, [every])
     except AdjustmentError:
         return None
-    of_out = [forms.rows[i] for i in np.flatnonzero(np.isin(rows, out)).tolist()]
+    of_out = [forms.of_units[i] for i in np.flatnonzero(np.isin(rows, out)).tolist()]
     entering = np.concatenate(of_out)
-    spread = a @ q @ a[entering].T
+    spread = q[:, entering]
     gain = spread @ np.linalg.inv(np.eye(len(entering)) + spread[entering])
-    m = np.eye(len(a)) - a @ q @ a.T + gain @ spread.T
+    m = np.eye(len(q)) - q + gain @ spread.T
     v = forms.v - gain @ forms.v[entering]
-    return JoinedRows(forms.rows, v, m)
+    return JoinedRows(forms.of_units, v, m)
 
 
-def _forms(system: LinearSystem, equations: Equations, units: Sequence[Unit]) -> LinearForms:
-    """Linearise observations by the unknowns of their own excerpt.
+class _Forms(NamedTuple):
+    """Observations between known variables, linearised together by those."""
 
-    Partials in a free network are those at the solution with its datum: cofactors and open motions
-    belong to that state, and rows would seem to notice what has turned since then.
-    """
-    unknowns = equations.unknowns
+    ledger_rows: Index
+    """Rows of the units in the ledger."""
+    of_units: Sequence[Index]
+    """Rows of each unit."""
+    v: Array
+    """Whitened residuals where everything is by now, (k,)."""
+    a: Array
+    """Whitened partials, (k, m)."""
+    touched: Mapping[Variable, Index]
+    """Components of variables that they touch, in the order of the columns."""
+    motions: Array
+    """Motions of these that the datum of a free network leaves open, (m, d)."""
 
-    def columns(kind: VariableKind, name: str) -> Index:
-        return unknowns.columns(kind, unknowns[kind].number[name])
+    @classmethod
+    def of(cls, ledger: Ledger, system: LinearSystem, rows: Index) -> _Forms:
+        """Linearise observations by the unknowns of their own excerpt.
 
-    def at(state: State) -> LinearForms:
-        return LinearForms.of(units, equations, columns, lambda c: np.zeros(len(c)), state)
+        Partials in a free network are those at the solution with its datum: cofactors and open
+        motions belong to that state, and rows would seem to notice what has turned since then.
 
-    here, held = at(unknowns.start()), system.datum_solution
-    if held is None:
-        return here
-    its, moving = held.equations.unknowns, unknowns.moving()
-    there = at(unknowns.carried(unknowns.start(), its, held.state, where=moving))
-    return replace(here, a=there.a)
+        Raises:
+            AdjustmentError: names observations whose geometry has no answer.
+        """
+        units = ledger.units(rows)
+        equations = compile_rows(excerpt(ledger, system, rows, hold=False))
+        unknowns = equations.unknowns
+
+        def columns(kind: VariableKind, name: str) -> Index:
+            return unknowns.columns(kind, unknowns[kind].number[name])
+
+        def at(state: State) -> LinearForms:
+            return LinearForms.of(units, equations, columns, lambda c: np.zeros(len(c)), state)
+
+        state = unknowns.start()
+        here, held = at(state), system.datum_solution
+        if held is None or held.datum is None:
+            touched = _touched(unknowns, here.columns)
+            return cls(rows, here.rows, here.v, here.a, touched, np.zeros((len(here.columns), 0)))
+        its = held.equations.unknowns
+        there = at(unknowns.carried(state, its, held.state, where=unknowns.moving()))
+        touched = _touched(unknowns, there.columns)
+        of_base = [its.columns(v[0], its[v[0]].number[v[1]])[own] for v, own in touched.items()]
+        motions = held.datum.motions[np.concatenate([NO_ROWS, *of_base])]
+        return cls(rows, here.rows, here.v, there.a, touched, motions)
+
+    def say_where_network_is(self, rows: Index) -> bool:
+        """Return whether rows notice motions that the datum of a free network leaves open."""
+        return notices_motion(self.a[rows], self.motions)
 
 
 def _touched(unknowns: Unknowns, columns: Index) -> dict[Variable, Index]:
@@ -213,35 +278,12 @@ def _touched(unknowns: Unknowns, columns: Index) -> dict[Variable, Index]:
     return out
 
 
-def _says_where_network_is(
-    system: LinearSystem, touched: Mapping[Variable, Index], a: Array
-) -> bool:
-    """Return whether rows notice motions that the datum of a free network leaves open."""
-    held = system.datum_solution
-    if held is None or held.datum is None or not touched:
-        return False
-    its = held.equations.unknowns
-    columns = [its.columns(v[0], its[v[0]].number[v[1]])[own] for v, own in touched.items()]
-    return notices_motion(a, held.datum.motions[np.concatenate(columns)])
-
-
-def _cofactors(system: LinearSystem, touched: Mapping[Variable, Index]) -> Array:
-    """Return the joint cofactors of components of variables, (m, m)."""
-    ends = np.cumsum([len(own) for own in touched.values()], dtype=np.intp)
-    at = {v: np.arange(end - len(touched[v]), end) for v, end in zip(touched, ends, strict=True)}
-    out = np.zeros((int(ends[-1]) if len(ends) else 0,) * 2)
-    for a, b in combinations_with_replacement(touched, 2):
-        block = system.cofactors(a, b)[np.ix_(touched[a], touched[b])]
-        out[np.ix_(at[a], at[b])], out[np.ix_(at[b], at[a])] = block, block.T
-    return out
-
-
-def _test(row: int, forms: LinearForms, q: Array, alpha: float) -> InnovationTest:
-    """Return the test of an observation with the joint cofactors of what it touches."""
-    inverse = np.linalg.inv(np.eye(len(forms.v)) + forms.a @ q @ forms.a.T)
-    e = inverse @ forms.v
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        ratio = float(e @ forms.v) / critical_t2(alpha, len(e))
-        # Cofactors that rounding or a weak datum spoils leave no positive C: |w| is no number.
-        w = float(np.max(np.abs(e) / np.sqrt(np.diag(inverse))))
-    return InnovationTest(row, ratio, w)
+def _test(row: int, v: Array, c: Array, alpha: float) -> InnovationTest:
+    """Return the test of an observation with the covariance of its innovation."""
+    if not (np.isfinite(c).all() and np.linalg.eigvalsh(c)[0] >= MIN_INNOVATION_VARIANCE):
+        return InnovationTest(row, np.nan, np.nan)
+    inverse = np.linalg.inv(c)
+    e = inverse @ v
+    with np.errstate(over="ignore"):
+        ratio = float(e @ v) / critical_t2(alpha, len(e))
+    return InnovationTest(row, ratio, float(np.max(np.abs(e) / np.sqrt(np.diag(inverse)))))

@@ -38,7 +38,7 @@ from ..solve.start import Start
 from ..types import NO_ROWS, Array, Index, Mask
 from .front_system import FrontSystem
 from .linear_forms import LinearForms, rows_of
-from .linear_system import EngineName
+from .linear_system import EngineName, block_by_block
 from .rebase import EFFORT, Draft
 from .test_decisions import MIN_MOTION, SINGULAR_REDUNDANCY, PointCovariance
 
@@ -208,6 +208,12 @@ class ISAM2System:
             found = joint[:n, n:] if keys[0] < keys[1] else joint[n:, :n]
         out[np.ix_(free[0], free[1])] = found
         return out
+
+    def function_cofactors(
+        self, touched: Mapping[Variable, Index], a: Array, groups: Sequence[Index]
+    ) -> list[Array]:
+        """Return the cofactors A Q Aᵀ of groups of functions; see `LinearSystem`."""
+        return block_by_block(self, touched, a, groups)
 
     @property
     def vtpv(self) -> float:

@@ -6,8 +6,11 @@ observations above knows neither; `engines` has what changes a system: rows ente
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import combinations_with_replacement
 from typing import Literal, Protocol, TypeAlias
+
+import numpy as np
 
 from ..graph.dependence import Variable
 from ..graph.variables import State, Unknowns
@@ -87,7 +90,22 @@ class LinearSystem(Known, Protocol):
         ...
 
     def cofactors(self, a: Variable, b: Variable) -> Array:
-        """Return the joint cofactors of the components of two variables, (i, j)."""
+        """Return the joint cofactors of the components of two variables, (i, j).
+
+        All blocks of one system have the same datum.
+        """
+        ...
+
+    def function_cofactors(
+        self, touched: Mapping[Variable, Index], a: Array, groups: Sequence[Index]
+    ) -> list[Array]:
+        """Return the cofactors A Q Aᵀ of groups of functions of unknowns.
+
+        Args:
+            touched: components of the variables that the functions touch.
+            a: the functions by these, in their order, (k, m).
+            groups: rows of each group.
+        """
         ...
 
     def renumbered(self, new: Index) -> LinearSystem:
@@ -97,3 +115,24 @@ class LinearSystem(Known, Protocol):
     def prepared(self) -> LinearSystem:
         """Compute now what the first new observation would wait for."""
         ...
+
+
+def block_by_block(
+    system: LinearSystem, touched: Mapping[Variable, Index], a: Array, groups: Sequence[Index]
+) -> list[Array]:
+    """Return A Q Aᵀ of groups of functions from the cofactors of pairs of variables.
+
+    Arguments as of `LinearSystem.function_cofactors`.
+    """
+    ends = np.cumsum([len(own) for own in touched.values()], dtype=np.intp)
+    at = {v: np.arange(end - len(touched[v]), end) for v, end in zip(touched, ends, strict=True)}
+    out = []
+    for rows in groups:
+        found = np.zeros((len(rows),) * 2)
+        mine = [v for v in touched if a[np.ix_(rows, at[v])].any()]
+        for v, w in combinations_with_replacement(mine, 2):
+            q = system.cofactors(v, w)[np.ix_(touched[v], touched[w])]
+            block = a[np.ix_(rows, at[v])] @ q @ a[np.ix_(rows, at[w])].T
+            found += block if v == w else block + block.T
+        out.append(found)
+    return out

@@ -62,7 +62,7 @@ def next_stage(
         inside = ledger.having("accepted")
         if (
             renewal is None
-            or not renewal.old.has_base_of(system)
+            or renewal.old.base is not system.base
             or not np.isin(renewal.draft.rows, inside).all()
         ):
             return system, Renewal(system, Draft.of(ledger, system, rules.datum))
