@@ -267,6 +267,9 @@ def _since(system: FrontSystem, then: Array) -> tuple[float, float]:
 MAX_SMALL_UNKNOWNS = 250
 """Largest number of unknowns of a network that is linearised anew after every change: the look at
 its linear forms would take as long."""
+VANISHED = 1e-12
+"""Variance relative to the conditional one up to which it is zero: a given datum leaves no smaller
+one than that, and inner constraints none to a single datum point."""
 SIGMA_SHARE = 0.9
 """Part of the promised accuracy by which a standard deviation may differ there."""
 
@@ -307,10 +310,14 @@ def _is_near(ledger: Ledger, system: FrontSystem, rules: Options) -> bool:
     normal, constraint = draft.normal(system.base)
     factor = normal.factorise(constraint)
     n = unknowns.n_columns
+    onto = np.eye(n)
+    if (datum := draft.inner_constraints(system.base)) is not None:
+        # Cofactors of a free network are on its inner constraints.
+        onto -= datum.basis @ datum.masked.T
     solved = factor.solve(np.column_stack([normal.gradient, np.eye(n)]))
-    variance = np.where(unknowns.free, np.maximum(np.diag(solved[:, 1:]), 0.0), 0.0)
-    there = variance > 0.0
-    step = np.abs(solved[there, 0]) / np.sqrt(variance[there])
+    variance = np.where(unknowns.free, np.diag(onto @ solved[:, 1:] @ onto.T), 0.0)
+    there = variance * normal.diagonal > VANISHED
+    step = np.abs(onto @ solved[:, 0])[there] / np.sqrt(variance[there])
     if not np.max(step, initial=0.0) <= largest_step(system, rules.accuracy):
         return False
     own = np.zeros(n)

@@ -21,7 +21,7 @@ from ..network.network import DatumChoice, Network
 from ..network.selection import filtered
 from ..solve.ambiguous_points import standing_free
 from ..solve.anywhere import anywhere, narrow
-from ..solve.datum import generators, middle
+from ..solve.datum import FreeDatum, generators, middle
 from ..solve.extra import NOTHING_MORE, Extra
 from ..solve.linear import LinearisedEquations
 from ..solve.minimum import OFF_DATUM, adjust_from
@@ -172,17 +172,32 @@ class Draft:
         equations, state = self.equations.weighted_at(self.start.state), self.start.state
         rows = self.extra.at(equations, state).rows
         normal = NormalEquations(Solver.of(equations, rows), state, rows)
-        added = np.zeros(equations.unknowns.n_columns)
-        if constraint is not None:
-            there = constraint.equations.unknowns
-            for column in np.flatnonzero(constraint.constraint).tolist():
-                kind, name, _ = there.describe(column)
-                table, old = equations.unknowns[kind], there[kind]
-                if name in table.number:
-                    component = column - int(old.offset[old.number[name]])
-                    first = int(table.offset[table.number[name]])
-                    added[first + component] = constraint.constraint[column]
-        return normal, added
+        if constraint is None:
+            return normal, np.zeros(equations.unknowns.n_columns)
+        return normal, self._carried(constraint.equations.unknowns, constraint.constraint)
+
+    def _carried(self, there: Unknowns, values: Array) -> Array:
+        """Return values (n_columns,) of the columns of another network's unknowns, by name."""
+        unknowns = self.equations.unknowns
+        out = np.zeros(unknowns.n_columns)
+        for column in np.flatnonzero(values).tolist():
+            kind, name, _ = there.describe(column)
+            table, old = unknowns[kind], there[kind]
+            if name in table.number:
+                component = column - int(old.offset[old.number[name]])
+                out[int(table.offset[table.number[name]]) + component] = values[column]
+        return out
+
+    def inner_constraints(self, base: Solution) -> FreeDatum | None:
+        """Return the inner constraints of a free network at the start; none: the datum is given."""
+        if base.datum is None:
+            return None
+        about = middle(base.state)
+        before = generators(base.equations, base.state, about)
+        amounts = np.linalg.lstsq(before, base.datum.motions, rcond=None)[0]
+        motions = generators(self.equations, self.start.state, about) @ amounts
+        chosen = self._carried(base.equations.unknowns, base.datum.columns.astype(float))
+        return FreeDatum(motions, chosen > 0.0)
 
     def noticing(self, base: Solution, ids: Sequence[Sequence[str]]) -> list[bool]:
         """Return which units notice a motion that the datum of a free network leaves open.
@@ -191,16 +206,13 @@ class Draft:
             base: the free network without them.
             ids: ids of each unit.
         """
-        assert base.datum is not None
-        about = middle(base.state)
-        before = generators(base.equations, base.state, about)
-        amounts = np.linalg.lstsq(before, base.datum.motions, rcond=None)[0]
-        motions = generators(self.equations, self.start.state, about) @ amounts
+        datum = self.inner_constraints(base)
+        assert datum is not None
         system = LinearisedEquations(self.equations.weighted_at(self.start.state), self.start.state)
         out = []
         for unit in ids:
             a = system.sparse(np.concatenate(self.equations.find(unit)))
-            out.append(notices_motion(a, motions))
+            out.append(notices_motion(a, datum.motions))
         return out
 
     def adjusted(

@@ -22,7 +22,7 @@ from tests.support.dense import Dense
 
 ALPHA = 1e-3
 SPACING = 5
-"""Of so many observations one joins the base and one is left out: every network stays determined."""
+"""One of so many observations joins the base, and one is left out; the others determine it."""
 ROUNDING = 1e-6
 """Relative difference that rounding leaves between two ways to the same figure."""
 
@@ -71,12 +71,14 @@ def case(name: str) -> Case:
     assert base.base.datum is not None
     of_datum = np.zeros(len(dense.free), dtype=bool)
     for column in np.flatnonzero(base.base.datum.columns).tolist():
-        kind, point, component = its.describe(column)
+        kind, point, _ = its.describe(column)
         number = unknowns[kind].number[point]
         first = its.columns(kind, its[kind].number[point])[0]
         of_datum[unknowns.columns(kind, number)[column - first]] = True
     q = replace(dense, design=dense.design[inside]).cofactor(of_datum)
-    return Case(system, ledger, out, q, a, Dense.at(equations.weighted_at(here), here).residual, rows)
+    return Case(
+        system, ledger, out, q, a, Dense.at(equations.weighted_at(here), here).residual, rows
+    )
 
 
 @pytest.mark.parametrize("name", FREE)
