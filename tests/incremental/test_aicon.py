@@ -19,8 +19,12 @@ import pytest
 from scipy.stats import norm
 
 from factorgraph_adj import IncrementalAdjustment, Network, adjust
+from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.linear_system.innovations import innovation_tests
 from factorgraph_adj.observations import ImagePoint
+from factorgraph_adj.quality.leave_out import critical_t2
 from factorgraph_adj.quality.rejections import Snooping
+from factorgraph_adj.solve.linear import LinearisedEquations
 from tests.networks.aicon import SIGMA, read_aicon, rejected_image_points
 from tests.support.arrivals import bare
 from tests.support.places import data_dir
@@ -40,6 +44,9 @@ ALPHA = 2 * float(norm.sf(CRITICAL * S0))
 BORDERLINE = 2
 """Observations whose tests are so near to the critical value that the promised accuracy of the
 state, 1 % of each σ, may decide on them otherwise."""
+
+SAME_TESTS = 1e-6
+"""Relative difference that rounding and the last steps of two adjustments leave of a test."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +155,42 @@ def test_what_is_left_of_them_does_not_stand_out(day: Day) -> None:
     tau = day.evening.reliability.tau
     assert len(left) == len(rows)
     assert all(np.abs(tau[r]).max() < day.evening.critical for r in rows)
+
+
+def test_what_is_out_has_the_tests_of_dense_matrices(day: Day) -> None:
+    """All of it, with the normal equations of the batch adjustment inverted on their datum.
+
+    e = C⁻¹v, T² = vᵀe and w_i = e_i/√(C⁻¹)_ii with C = I + A Q Aᵀ.
+    """
+    state = day.inc._state
+    assert state.system is not None
+    rows = state.ledger.having("rejected")
+    tests = {t.row: t for t in innovation_tests(state.ledger, state.system, rows, ALPHA)}
+    assert len(rows) > 30 and set(tests) == set(rows.tolist())
+    batch = adjust(day.inc.network(), start=day.inc.solution(), tolerance=1e-7)
+    its, every = batch.equations, compile_network(day.network)
+    unknowns = every.unknowns
+    assert unknowns.n_columns == its.unknowns.n_columns and batch.datum is not None
+    inside = batch.normal().system.sparse(np.arange(its.n_rows))
+    normal = (inside.T @ inside).toarray()
+    free = np.flatnonzero(its.unknowns.free)
+    scale = 1.0 / np.sqrt(np.diag(normal)[free])
+    g = scale[:, None] * batch.datum.masked[free]
+    g /= np.linalg.norm(g, axis=0)
+    corner = np.zeros((g.shape[1],) * 2)
+    whole = np.block([[normal[np.ix_(free, free)] * np.outer(scale, scale), g], [g.T, corner]])
+    q = np.zeros_like(normal)
+    q[np.ix_(free, free)] = np.linalg.inv(whole)[: len(free), : len(free)] * np.outer(scale, scale)
+    here = unknowns.carried(unknowns.start(), its.unknowns, batch.state)
+    system = LinearisedEquations(every, here)
+    for row, test in tests.items():
+        own = np.concatenate(every.find(state.ledger.unit(row).ids))
+        a = system.sparse(own).toarray()
+        m, v = np.linalg.inv(np.eye(len(own)) + a @ q @ a.T), system.residual[own]
+        e = m @ v
+        assert test.ratio * critical_t2(ALPHA, len(own)) == pytest.approx(v @ e, rel=SAME_TESTS)
+        largest = float(np.max(np.abs(e) / np.sqrt(np.diag(m))))
+        assert test.w == pytest.approx(largest, rel=SAME_TESTS)
 
 
 def test_the_final_s0_is_that_of_the_batch_without_what_was_rejected(day: Day) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,11 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.ledger.verdicts import Policy
+from factorgraph_adj.linear_system.front_system import FrontSystem
+from factorgraph_adj.linear_system.innovations import UNANSWERED
+from factorgraph_adj.linear_system.isam2_system import ISAM2System
 from factorgraph_adj.observations import HeightDifference
+from factorgraph_adj.types import Array, Index
 
 MM = 1e-3
 GOOD = tuple(f"good {i}" for i in range(11))
@@ -225,3 +230,22 @@ def test_all_good_readings_are_in_when_the_bad_ones_are_removed(seed: int) -> No
     inc.settle()
     for name in network.points:
         assert inc.estimate(name)[2] == pytest.approx(batch.point(name)[2], abs=1e-8)
+
+
+def test_what_has_no_test_says_so_until_it_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cofactors that rounding has spoiled: nothing comes back by them, and verdicts say why."""
+
+    def spoiled(_: object, touched: object, a: Array, groups: Sequence[Index]) -> list[Array]:
+        return [-2.0 * np.eye(len(rows)) for rows in groups]
+
+    inc = misled("reject")
+    out = {v.id for v in inc.rejected}
+    with monkeypatch.context() as broken:
+        for system in (FrontSystem, ISAM2System):
+            broken.setattr(system, "function_cofactors", spoiled)
+        inc.remove("wrong")
+        assert {v.id for v in inc.rejected} == out
+        assert all(v.doubt == UNANSWERED for v in inc.rejected)
+    inc.settle()
+    assert {"bad", "slightly bad"} >= {v.id for v in inc.rejected}
+    assert not any(v.doubt for v in inc.rejected)

@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.graph.dependence import Variable
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.ledger.ledger import Ledger
 from factorgraph_adj.linear_system.engines import rows_beside
 from factorgraph_adj.linear_system.front_system import FrontSystem
 from factorgraph_adj.linear_system.innovations import innovation_tests, joined
+from factorgraph_adj.linear_system.linearisation_error import is_small
 from factorgraph_adj.network.selection import without
 from factorgraph_adj.quality.leave_out import critical_t2
 from factorgraph_adj.types import Array, Index
 from tests.networks.free import FREE, rest, with_datum
+from tests.support.arrivals import bare, items
 from tests.support.dense import Dense
 
 ALPHA = 1e-3
@@ -123,3 +126,40 @@ def test_together_or_alone_they_have_the_same_tests(name: str) -> None:
     for test in together:
         (alone,) = innovation_tests(c.ledger, c.system, np.array([test.row]), ALPHA)
         assert alone == pytest.approx(test, rel=ROUNDING)
+
+
+def test_spoiled_cofactors_leave_no_observation_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where C is not positive there is no test, and that is said of each observation."""
+    c = case("images")
+    spoiled = np.where(np.arange(len(c.out)) % 2, 1.0, -2.0)
+
+    def cofactors(_: FrontSystem, touched: object, a: Array, groups: list[Index]) -> list[Array]:
+        return [s * np.eye(len(g)) for s, g in zip(spoiled, groups, strict=True)]
+
+    monkeypatch.setattr(FrontSystem, "function_cofactors", cofactors)
+    tests = list(innovation_tests(c.ledger, c.system, c.out, ALPHA))
+    assert [t.row for t in tests] == c.out.tolist()
+    assert [t.answered for t in tests] == (spoiled > 0.0).tolist()
+
+
+@pytest.mark.parametrize("name", ["total station", "images", "levelling", "plane angles", "gnss"])
+def test_small_free_networks_keep_rows_beside_their_base(name: str) -> None:
+    """Their standard deviations are compared in one datum: a fitting row needs no new base."""
+    network = with_datum(FREE[name][0](), FREE[name][2])
+    every = items(network)
+    inc = fga.IncrementalAdjustment(bare(network))
+    inc.add(every[:-1])
+    before = inc._state.system
+    assert isinstance(before, FrontSystem) and before.is_free and is_small(before)
+    inc.add(every[-1])
+    after = inc._state.system
+    assert isinstance(after, FrontSystem) and after.base is before.base
+    assert len(after.update.signs) > 0
+    batch, accuracy = fga.adjust(network), inc._rules.accuracy
+    assert inc.sigma0 == pytest.approx(batch.sigma0, rel=accuracy)
+    rounding = ROUNDING * max(batch.standard_deviations(p).max() for p in network.points)
+    for point in network.points:
+        own: Variable = ("point", point)
+        found = np.sqrt(np.maximum(np.diag(after.cofactors(own, own)), 0.0))
+        wanted = batch.standard_deviations(point)[: len(found)]
+        np.testing.assert_allclose(found, wanted, rtol=accuracy, atol=rounding)
