@@ -33,7 +33,7 @@ from ..network.network import DatumChoice, Network
 from ..solve.anywhere import anywhere, anywhere_at
 from ..solve.linear import LinearisedEquations
 from ..solve.minimum import adjust_from
-from ..solve.normal import Solver
+from ..solve.normal import NormalEquations, Solver
 from ..solve.rank import DENSE, UNDETERMINED, loose
 from ..solve.solution import Solution
 from ..solve.start import Start
@@ -102,7 +102,7 @@ class ApproximateNetwork(NamedTuple):
     state: State
     """The values."""
     solver: Solver | None
-    """How it is eliminated; none: it is small."""
+    """How it is eliminated, with its normal equations there; none: it is small."""
     rows: Index
     """Its observations."""
 
@@ -351,16 +351,15 @@ class DeterminabilitySearch:
         if lost:
             return lost
         weighted = equations.weighted_at(beside := beside_lines(equations, state))
-        system = LinearisedEquations(weighted, beside)
         solver = Solver.of(weighted) if equations.unknowns.n_columns > DENSE else None
+        normal = None if solver is None else NormalEquations(solver, beside)
+        system = LinearisedEquations(weighted, beside) if normal is None else normal.system
         found = loose(
-            system,
-            beside,
-            free=self.datum == "free",
-            least=LIMITS.share,
-            plan=None if solver is None else solver.plan,
+            system, beside, free=self.datum == "free", least=LIMITS.share, normal=normal
         )
         if not problems and self.block is None:
+            if solver is not None and not found:
+                solver.made = normal
             self._reached = ApproximateNetwork(equations, state, solver, self.left.rows)
         for v, why in found.items():
             by = f" by {self.left.describe(v)}" if why == UNDETERMINED else ""

@@ -14,12 +14,10 @@ from ..models.base import Linearised
 from ..types import Array
 from .datum import FreeDatum
 from .elimination import Layers, layers_of
-from .factor import Factor, Plan
+from .factor import Elimination, Factor, Plan
 from .linear import ExtraRows, LinearisedEquations
-from .ray_sums import RaySums
 from .singular import SingularError
 from .stiff import eased_diagonal
-from .tree import TreeFactors
 from .trust import SAMPLES, TRUSTED, held_well, refusal, sample, uncertainty
 
 LARGEST_QR = 3000
@@ -47,6 +45,9 @@ class Solver:
     """Layers of the elimination, and their index lists."""
     qr_everywhere: bool = False
     """Whether all unknowns are factorised by QR."""
+    made: NormalEquations | None = None
+    """Normal equations at the state at which an adjustment will begin, if they have been made with
+    the weights there: its first step takes them away, so that they do not stay in memory."""
     probing: bool = True
     """Whether random probes check the covariances; figures on the way to a solution need none."""
 
@@ -61,7 +62,7 @@ class Solver:
 
     def reweighted(self, equations: Equations, *, probing: bool = True) -> Solver:
         """Return the solver of the same equations with other weights; it shares the plan."""
-        return replace(self, equations=equations, probing=probing)
+        return replace(self, equations=equations, made=None, probing=probing)
 
     @property
     def layers(self) -> Layers:
@@ -90,11 +91,17 @@ class NormalEquations:
         self.system = LinearisedEquations(solver.equations, state, extra, evaluated)
         self.gradient = self.system.gradient()
         self.diagonal = self.system.diagonal()
-        self._factors: TreeFactors | None = None
-        self._sums: RaySums | None = None
+        self._elimination: Elimination | None = None
         self._kept: tuple[Array, bool, Factor] | None = None
         self.smallest_pivot = 0.0
         """Smallest pivot of the last factorisation, relative to its diagonal element."""
+
+    @property
+    def elimination(self) -> Elimination:
+        """What all factorisations have in common, in the present order of the solver."""
+        if self._elimination is None:
+            self._elimination = Elimination.of(self.system, self.solver.plan)
+        return self._elimination
 
     @cached_property
     def eased(self) -> Array:
@@ -145,7 +152,7 @@ class NormalEquations:
             if not exact:
                 raise SingularError("a pivot vanished")
         solver.turn_to_qr()
-        self._factors = self._sums = self._kept = None
+        self._elimination = self._kept = None
         return self.factorise(extra, exact=exact)
 
     def reduced(self, extra: Array) -> Factor:
@@ -178,7 +185,7 @@ class NormalEquations:
         factor = self._probed(constraint)
         if factor.uncertainty > TRUSTED and not self.solver.qr_everywhere:
             self.solver.turn_to_qr()
-            self._factors = self._sums = self._kept = None
+            self._elimination = self._kept = None
             factor = self._probed(constraint)
         if factor.uncertainty > TRUSTED:
             raise SingularError(refusal(self.system, factor, self.diagonal))
@@ -219,10 +226,6 @@ class NormalEquations:
     def _factorise(self, extra: Array, *, qr: bool, keep: bool = False) -> Factor:
         if self._kept is not None and self._kept[1] == qr and np.array_equal(self._kept[0], extra):
             return self._kept[2]
-        if self._factors is None:
-            self._factors = TreeFactors(self.solver.layers, self.system)
-        if self._sums is None:
-            self._sums = self.solver.plan.sums(self.system)
-        factor = Factor(self.solver.plan, self._sums, self._factors, extra, qr=qr)
+        factor = self.elimination.factorised(extra, qr=qr)
         self._kept = (extra.copy(), qr, factor) if keep else None
         return factor

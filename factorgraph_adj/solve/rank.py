@@ -16,6 +16,7 @@ from .datum import UNNOTICED, Defect, find_defects, generators, in_part, middle
 from .elimination import layers_of
 from .factor import Elimination, Factor, Plan
 from .linear import LinearisedEquations
+from .normal import NormalEquations
 from .singular import SingularError
 from .stiff import eased_diagonal
 
@@ -413,7 +414,7 @@ def loose(
     *,
     free: bool,
     least: float,
-    plan: Plan | None = None,
+    normal: NormalEquations | None = None,
 ) -> dict[tuple[VariableKind, str], str]:
     """Return the variables that the null space of a system moves, with what is wrong with each.
 
@@ -422,17 +423,16 @@ def loose(
         state: where it was linearised.
         free: whether one connected part may be without a datum.
         least: part of a null vector's length in a variable that counts as moved.
-        plan: how the network is eliminated, if its pivots are to be looked at before null vectors
-            are searched: that costs less, unless the network is small.
+        normal: its normal equations, if their pivots are to be looked at before null vectors are
+            searched: that costs less, unless the network is small. They keep their factorisation.
     """
     unknowns, diagonal = system.unknowns, system.diagonal()
     empty = unknowns.free & (diagonal <= 0)
     if empty.any() and not free:  # without them the rest is smaller
         return _moved(unknowns, empty.astype(float), 0.0, UNDETERMINED)
-    given = None if plan is None else Elimination.of(system, plan)
-    if given is not None and _is_determined(given, diagonal):
+    if normal is not None and _is_determined(normal):
         return {}
-    z = _whole_null_space(system, diagonal, given)
+    z = _whole_null_space(system, diagonal, None if normal is None else normal.elimination)
     if free and z.shape[1]:
         scale = _scale(system, diagonal)
         defects = find_defects(system, state, diagonal, free=True)
@@ -450,16 +450,16 @@ def loose(
     )
 
 
-def _is_determined(given: Elimination, diagonal: Array) -> bool:
+def _is_determined(normal: NormalEquations) -> bool:
     """Return whether the pivots of N say that all is determined.
 
     Rounding leaves pivots up to 10⁻¹⁰ in a singular N, see `iterate.Iteration.poor`.
     """
     try:
-        factor = given.factorised(np.zeros(len(diagonal)), qr=False)
+        factor = normal.factorise(np.zeros(len(normal.diagonal)), keep=True)
     except SingularError:
         return False
-    return factor.smallest_pivot(diagonal, tree=1.0, point=1.0) > SOUND
+    return factor.smallest_pivot(normal.diagonal, tree=1.0, point=1.0) > SOUND
 
 
 def _moved(

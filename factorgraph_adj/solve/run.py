@@ -68,6 +68,8 @@ class Run:
     last: tuple[State, Mapping[int, Linearised]] | None = None
     """The state of the last vᵀPv and what `Equations.evaluated` returned for it, until a state is
     linearised: the evaluation of an accepted step is the next linearisation."""
+    made: NormalEquations | None = None
+    """Normal equations at the state at which it begins; none: they have not been made."""
     extrapolated: Extrapolated = NONE_TAKEN
     """The extrapolations that were taken."""
     looked: Mapping[str, Looked] = field(default_factory=dict)
@@ -89,7 +91,9 @@ class Run:
         constraint = np.zeros(equations.unknowns.n_columns)
         if solver is None:
             solver = Solver.of(equations, extra.rows)
-        return cls(solver.reweighted(equations), extra, state, start, state, free, constraint)
+        run = cls(solver.reweighted(equations), extra, state, start, state, free, constraint)
+        run.made, solver.made = solver.made, None
+        return run
 
     @property
     def equations(self) -> Equations:
@@ -103,6 +107,9 @@ class Run:
     def normal_at(self, state: State) -> NormalEquations:
         """Return the normal equations at any state."""
         last, self.last = self.last, None
+        made, self.made = self.made, None
+        if made is not None and made.state is state:
+            return made
         evaluated = last[1] if last is not None and last[0] is state else None
         extra = self.extra.at(self.equations, state).rows
         return NormalEquations(self.solver, state, extra, evaluated)
