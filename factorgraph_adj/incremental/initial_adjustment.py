@@ -33,6 +33,7 @@ MAX_REDUCTIONS = 5
 """Largest number of adjustments at the start, each without points that the one before named."""
 
 
+@without_collections
 def initial_state(ledger: Ledger, rules: Options, start: Solution | None) -> IncrementalState:
     """Put a network's own observations in, without a test; what they do not determine waits.
 
@@ -69,9 +70,8 @@ class _Whole(DeterminabilitySearch):
     """A search among all observations of a network, which is that of its adjustment."""
 
     def _local(self) -> Network:
-        ledger = self.left.ledger
-        ledger = _without(ledger, ledger.having("accepted"), self.left.rows)
-        return known_network(ledger, None, new=self.left.counts)
+        left = self.left
+        return known_network(left.ledger, None, new=left.counts, rows=left.rows)
 
 
 def _determined(every: Candidates, rules: Options) -> tuple[Candidates, ApproximateNetwork | None]:
@@ -238,7 +238,6 @@ def at_its_start(
     return None
 
 
-@without_collections
 def _with_values(state: IncrementalState) -> IncrementalState:
     """Write approximate values that were found into the ledger, where none were given."""
     ledger = state.ledger

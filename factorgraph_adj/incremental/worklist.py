@@ -172,12 +172,18 @@ class Worklist:
         self.state, self.tasks, self.rules, self.start = state, tasks, rules, start
         self.growing = growing
         self.told: Verdicts = {}
-        self.given = {i for t in tasks for i in state.ledger.ids_of(t.rows)}
+        self._first = state.ledger, tuple(tasks)
         self.fixed: Index = np.concatenate([NO_ROWS, *(t.fixed for t in tasks)])
         self.over: StateBeforeRestart | None = None
         """What there was before everything was begun anew; none: it was not."""
         self.anew = rules.datum == "free"
         """Whether everything may be begun anew: once in a run."""
+
+    @cached_property
+    def given(self) -> Collection[str]:
+        """Ids of the observations that are looked at first."""
+        ledger, tasks = self._first
+        return {i for t in tasks for i in ledger.ids_of(t.rows)}
 
     def run(self) -> tuple[IncrementalState, Verdicts]:
         """Work the list off."""

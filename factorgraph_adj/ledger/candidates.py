@@ -24,7 +24,7 @@ from ..models.variables import ENTITIES, UNKNOWNS, VariableKind, parameter_kinds
 from ..network.entities import FREE_ORIENTATION, Camera, Parameter, parameter_name
 from ..network.network import DatumChoice, Network
 from ..solve.prior import Prior
-from ..types import Array, Index, Mask
+from ..types import NO_ROWS, Array, Index, Mask
 from .ledger import Ledger
 from .row_store import insert_units
 
@@ -332,19 +332,22 @@ class Candidates:
         out.__dict__["open"], out.__dict__["scalars"] = self.open[used], self.scalars[there]
         return out
 
-    def _of(self, variable: Variable) -> Index:
-        """Return the rows of the candidates that depend on a variable."""
-        number = self.links.number.get(variable)
-        if number is None:
-            return self.rows[:0]
-        found = self._by_variable
-        return np.asarray(self.rows[found.indices[found.indptr[number] : found.indptr[number + 1]]])
+    @cached_property
+    def _n_rays(self) -> list[int]:
+        """Number of image points of every variable."""
+        links = self.links
+        is_ray = self.ledger.rows.photo[self.rows] >= 0
+        of_rays = links.variable[is_ray[links.candidate]]
+        return np.bincount(of_rays, minlength=len(links.variables)).tolist()
 
     def describe(self, variable: Variable) -> str:
         """Say what observes a variable: ``2 image rays, 1 direction``."""
-        rows, own = self.ledger.rows, self._of(variable)
-        rays = len(rows.images(own))
-        units = rows.units(own) if rays < len(own) else ()
+        number, found = self.links.number.get(variable), self._by_variable
+        if number is None:
+            return ""
+        rays, first, last = self._n_rays[number], found.indptr[number], found.indptr[number + 1]
+        own = self.rows[found.indices[first:last]] if rays < last - first else NO_ROWS
+        units = self.ledger.rows.units(own)
         counts = Counter(o.kind for _, unit in units for o in unit.observations)
         if rays:
             counts["image ray" if variable[0] == "point" else "image point"] += rays

@@ -452,7 +452,11 @@ class Ledger:
     @without_collections
     def described(self) -> Network:
         """Everything that was described, with the observations in the graph."""
-        out, inside = self.network.copy(), self.having("accepted")
+        return self.with_rows(self.having("accepted"))
+
+    def with_rows(self, inside: Index) -> Network:
+        """Return everything that was described, with the observations of some rows."""
+        out = self.network.copy()
         if self.retired is not None:
             self.retired.state_found(out)
         insert_units(out, (unit for _, unit in self.rows.units(inside)))

@@ -328,6 +328,7 @@ def known_network(
     *,
     new: Collection[Variable] = (),
     dropped: Collection[Variable] = (),
+    rows: Index | None = None,
 ) -> Network:
     """Return the network of what is in the graph, without what is not determined.
 
@@ -336,8 +337,9 @@ def known_network(
         system: what is known; none: only ``new``.
         new: variables that enter.
         dropped: variables that are not known any more.
+        rows: observations of the network; none: those in the graph.
     """
-    network = ledger.described
+    network = ledger.described if rows is None else ledger.with_rows(rows)
     inside: dict[VariableKind, set[str]] = {kind: set() for kind in UNKNOWNS}
     if system is not None:
         inside = {kind: system.names(kind) for kind in UNKNOWNS}

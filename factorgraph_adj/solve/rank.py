@@ -32,10 +32,13 @@ equations: QR of all unknowns takes as long as a whole adjustment."""
 REGULARISED_LARGE = 1e-12
 """Share of the diagonal as `REGULARISED` in such a network: normal equations resolve no smaller
 one. Combinations that are determined by less than its root are told apart by |A z| alone."""
-FEW = 12
-"""Number of combinations that are searched first in such a network."""
+FEW = (4, 12)
+"""Numbers of combinations that are searched first in such a network."""
 MOST = 40
 """Largest number of undetermined combinations that are searched."""
+RESOLVED = 10.0 * REGULARISED_LARGE**0.5
+"""Ratio |A z| / |√diag(N) z| of the best determined combination of a search from which on no
+undetermined one has hidden among those that the share of the diagonal makes alike."""
 PROBES = 4
 """Number of vectors of the inverse iteration with a factor; it separates the weakest
 combinations."""
@@ -88,7 +91,7 @@ def null_space(
         given = Elimination.of(system, Plan.of(system.equations, layers))
     factor = given.factorised(extra, qr=True)
     found = np.zeros((len(diagonal), 0))
-    for most in (FEW, MOST) if large else (MOST,):
+    for most in (*FEW, MOST) if large else (MOST,):
         n = min(most, int(live.sum()))
         if n == found.shape[1]:
             break
@@ -100,8 +103,9 @@ def null_space(
             z, _ = np.linalg.qr(z)
         noticed = system.times(z / scale[:, None])
         values, right = np.linalg.eigh(noticed.T @ noticed)
-        found = z @ right[:, np.sqrt(np.maximum(values, 0)) < NULL]
-        if found.shape[1] < n:
+        ratios = np.sqrt(np.maximum(values, 0))
+        found = z @ right[:, ratios < NULL]
+        if ratios[-1] > RESOLVED:
             break
     unobserved = np.flatnonzero(empty)[:MOST_UNOBSERVED]
     units = np.zeros((len(diagonal), len(unobserved)))
