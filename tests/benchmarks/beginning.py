@@ -24,7 +24,7 @@ from ..networks.dbat import read_roma
 from ..support.places import data_dir
 from .grids import SPACING, simulate_grid
 
-ROUNDS = 3
+ROUNDS = 7
 """How often each is measured."""
 SIGMA_DIRECTION = 2.0 * ARCSEC
 SIGMA_DISTANCE = 1e-3

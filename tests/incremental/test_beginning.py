@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.graph.variables import State
 from factorgraph_adj.ledger.candidates import Candidates, NothingKnown
 from factorgraph_adj.ledger.ledger import Ledger
 from factorgraph_adj.network.network import Network
+from factorgraph_adj.solve.normal import NormalEquations, Solver
 from tests.benchmarks.beginning import (
     grid_of_directions,
     grid_of_single_distances,
@@ -110,3 +113,19 @@ def test_variables_are_counted_as_by_leaving_out_one_after_the_other() -> None:
     again = Candidates(ledger, NothingKnown(), left.rows)
     assert left.counts == again.counts
     assert [set(v) for v in left.lacking()] == [set(v) for v in again.lacking()]
+
+
+def test_no_state_is_linearised_twice_on_the_way_to_the_minimum(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    network, states = grid_of_single_distances(196), list[bytes]()
+    make = NormalEquations.__init__
+
+    def noted(self: NormalEquations, solver: Solver, state: State, *further: Any) -> None:
+        states.append(state["point"].tobytes())
+        make(self, solver, state, *further)
+
+    monkeypatch.setattr(NormalEquations, "__init__", noted)
+    assert fga.IncrementalAdjustment(network).n_waiting
+    assert len(states) > 1
+    assert len(set(states)) == len(states)
