@@ -354,9 +354,7 @@ class DeterminabilitySearch:
         solver = Solver.of(weighted) if equations.unknowns.n_columns > DENSE else None
         normal = None if solver is None else NormalEquations(solver, beside)
         system = LinearisedEquations(weighted, beside) if normal is None else normal.system
-        found = loose(
-            system, beside, free=self.datum == "free", least=LIMITS.share, normal=normal
-        )
+        found = loose(system, beside, free=self.datum == "free", least=LIMITS.share, normal=normal)
         if not problems and self.block is None:
             if solver is not None and not found:
                 solver.made = normal

@@ -333,19 +333,20 @@ class Candidates:
         return out
 
     @cached_property
-    def _n_rays(self) -> list[int]:
+    def _n_rays(self) -> Index:
         """Number of image points of every variable."""
         links = self.links
         is_ray = self.ledger.rows.photo[self.rows] >= 0
         of_rays = links.variable[is_ray[links.candidate]]
-        return np.bincount(of_rays, minlength=len(links.variables)).tolist()
+        return np.bincount(of_rays, minlength=len(links.variables))
 
     def describe(self, variable: Variable) -> str:
         """Say what observes a variable: ``2 image rays, 1 direction``."""
         number, found = self.links.number.get(variable), self._by_variable
         if number is None:
             return ""
-        rays, first, last = self._n_rays[number], found.indptr[number], found.indptr[number + 1]
+        rays = int(self._n_rays[number])
+        first, last = found.indptr[number], found.indptr[number + 1]
         own = self.rows[found.indices[first:last]] if rays < last - first else NO_ROWS
         units = self.ledger.rows.units(own)
         counts = Counter(o.kind for _, unit in units for o in unit.observations)
