@@ -37,11 +37,9 @@ FEW = (4, 12)
 MOST = 40
 """Largest number of undetermined combinations that are searched."""
 RESOLVED = 10.0 * REGULARISED_LARGE**0.5
-"""Ratio |A z| / |√diag(N) z| of the best determined combination of a search from which on no
-undetermined one has hidden among those that the share of the diagonal makes alike."""
+"""Largest |A z| / |√diag(N) z| in a search above which it has found all undetermined ones."""
 PROBES = 4
-"""Number of vectors of the inverse iteration with a factor; it separates the weakest
-combinations."""
+"""Number of vectors of the inverse iteration with a factor; it separates the weakest ones."""
 MOST_UNOBSERVED = 400
 """Largest number of unknowns without any observation that are listed."""
 CONCERNED = 0.05
@@ -105,7 +103,7 @@ def null_space(
         values, right = np.linalg.eigh(noticed.T @ noticed)
         ratios = np.sqrt(np.maximum(values, 0))
         found = z @ right[:, ratios < NULL]
-        if ratios[-1] > RESOLVED:
+        if ratios[-1] > RESOLVED:  # below it the share of the diagonal makes all of them alike
             break
     unobserved = np.flatnonzero(empty)[:MOST_UNOBSERVED]
     units = np.zeros((len(diagonal), len(unobserved)))
