@@ -37,6 +37,8 @@ WEAK_SIGMA_RATIO = 3.0
 movement that its own rows hardly notice turns the direction in which it is weak."""
 REMAINING_GAP_SHARE = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
+UNSEEN_SHARE = 0.25
+"""Part of the accuracy that may be missed by rows that are not looked at, by how much they bend."""
 MIN_SHARE_OF_MOVEMENT = 0.1
 """Movement of a variable, relative to the largest one of its row in conditional standard
 deviations, from which on it gets a new point of linearisation where the row has a gap."""
@@ -142,6 +144,7 @@ class LinearISAM2(LinearRows):
             _copies(self._by_unit),
             _copies((self._alive,)),
             _copies(self._by_column),
+            self._loosened,
         )
         self._marks.add(mark)
         return mark
@@ -179,6 +182,7 @@ class LinearISAM2(LinearRows):
         for grown, values in zip(every, before, strict=True):
             grown.put_back(values)
         self._marks.clear()
+        self._loosened = mark.loosened
         with suppress(IndeterminateError):
             if not self.lost and (len(gone) or len(again)):
                 self._update(again, gone)
@@ -241,6 +245,7 @@ class LinearISAM2(LinearRows):
         self._inside.values[units] = False
         self._gap.values[units] = 0.0
         self._bound.values[:] /= np.sqrt(redundancy)
+        self._loosened /= float(np.sqrt(redundancy))
         self._update(NO_ROWS, slots[slots >= 0].tolist())
 
     # -- factors ------------------------------------------------------------------------------
@@ -354,11 +359,22 @@ class LinearISAM2(LinearRows):
         """
         allowed = self.accuracy if accuracy is None else accuracy
         moved = self._moved_from() if accuracy is None else np.zeros(len(self._delta.values))
+        bends = np.zeros(0)
+        if accuracy is None:
+            self._measure_bends(self._bounds)
+            bends = self._bends()
         last, beyond = np.inf, Extrapolation()
         for turn in range(MAX_TURNS):
-            self._look(moved, self._bounds)
+            columns = self._delta.values != self._looked.values
+            unseen = 0.0
+            if accuracy is None:
+                squares = self._unseen(bends)
+                columns[:] = False
+                columns[_largest(squares, (UNSEEN_SHARE * allowed) ** 2)] = True
+                unseen = float(np.sqrt(squares[~columns].sum()))
+            self._look(columns, self._bounds)
             gap = self._gap.values
-            whole = float(np.sqrt(gap.sum()))
+            whole = float(np.sqrt(gap.sum())) + unseen
             if whole <= allowed or (whole <= NEAR and whole > SHRINKING * last):
                 return turn
             units = _largest(gap, (REMAINING_GAP_SHARE * allowed) ** 2)
@@ -488,4 +504,4 @@ def _largest(gap: Array, left: float) -> Index:
     order = np.argsort(-gap)
     rest = float(gap.sum()) - np.cumsum(gap[order])
     n = int(np.argmax(rest <= left)) + 1
-    return order[:n]
+    return order[: n if float(gap.sum()) > left else 0]

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import InputError
 from ..frames import Frame
 from ..graph.dependence import Variable
 from ..graph.equations import Equations
@@ -24,6 +25,11 @@ from .rows import Grown, Rows, Sort, sort_of
 
 OF_SIGMA = 0.5
 """What the change of a standard deviation, relative to itself, counts in a gap."""
+PROBE = 0.1
+"""Step of a column, in conditional standard deviations 1/√N_jj, with which it is measured how much
+rows bend."""
+UNBOUNDED, TINY = 1e9, 1e-300
+"""How much a row bends near a place without answer; and a divisor in the place of 0."""
 SAME = 1e-2
 """Difference of two places, in conditional standard deviations, up to which they are one."""
 
@@ -108,6 +114,8 @@ class LinearRows:
         """Key of each column."""
         self._delta, self._looked, self._diagonal = Grown(), Grown(), Grown()
         """δ, δ at the last look, and the diagonal of N, of each column."""
+        self._loosened = 1.0
+        """Largest factor by which standard deviations have grown since rows were measured."""
         self._bound = Grown(fill=np.nan)
         """Upper bound of the standard deviation of each column, as far as it is known."""
 
@@ -344,19 +352,96 @@ class LinearRows:
                     out[own], v[own] = w @ out[own], w @ v[own]
         return Stacked(out, v, every, rows_of)
 
-    def _look(self, moved: Array, bounds: Callable[[Index], Array]) -> None:
-        """Measure the gaps of rows whose variables have moved since the last look.
+    def _measure_bends(self, bounds: Callable[[Index], Array]) -> None:
+        """Measure how much rows bend that have entered since this was done last.
+
+        A step h of column j changes the partials of a row by dA. In units of the row's σ,
+
+            q_j = Σ_k |dA_k/h| σ_k
+
+        is what a unit of δ_j changes of the row's contribution to standard deviations, see `_look`,
+        and times |δ_k|/σ_k ≤ t it is what a unit of δ_j adds to the gap.
+
+        Args:
+            bounds: returns upper bounds of the standard deviations of columns.
+        """
+        weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
+        for sort, own in enumerate(self.rows):
+            if not own.bend:
+                continue
+            new = self._inside.values[own.unit.values]
+            new &= np.any([np.isnan(b.values).any(axis=1) for b in own.bend], axis=0)
+            rows = np.flatnonzero(new)
+            if not len(rows):
+                continue
+            forms = list(self._forms(sort, rows))
+            steps, sigma = list[Array](), list[Array]()
+            for j, (kind, (_, at)) in enumerate(zip(own.kinds, forms, strict=True)):
+                columns = self.tables[kind].column.values[own.index.values[rows, j]]
+                some = weight[columns] * (columns >= 0) > 0.0 if len(weight) else columns < -1
+                h = np.zeros(columns.shape)
+                h[some] = PROBE / weight[columns[some]]
+                h[:, at.shape[1] :] = 0.0
+                steps.append(h)
+                size = np.zeros(at.shape)
+                size[at >= 0] = bounds(at[at >= 0]) / self._loosened
+                sigma.append(size)
+            scale = np.where(own.joint.values[rows][:, None], own.weight(rows), 1.0)
+            found = [np.zeros(at.shape) for _, at in forms]
+            try:
+                for j, c, partials in own.displaced(rows, self.frame, self._theta(), steps):
+                    s = sum(
+                        np.einsum("nij,nj->ni", np.abs(after - a), size)
+                        for (a, _), after, size in zip(forms, partials, sigma, strict=True)
+                    )
+                    h = np.where(steps[j][:, c] > 0.0, steps[j][:, c], np.inf)
+                    found[j][:, c] = np.linalg.norm(scale * s, axis=1) / h
+            except InputError:  # what has no answer so near bends without bound
+                found = [np.where(at >= 0, UNBOUNDED, 0.0) for _, at in forms]
+            for mine, q in zip(own.bend, found, strict=True):
+                mine.values[rows] = q
+
+    def _bends(self) -> Array:
+        """Return what a unit of movement of each column makes its rows miss, √Σq²w².
+
+        In a row, w = max(|v|, ½) + t: of the change of its partials, see `_look`, and of its gap.
+        """
+        n = self._delta.n
+        out = np.zeros(n + 1)  # the last one is held
+        bound = np.fmax(np.nan_to_num(self._bound.values, nan=np.inf), TINY)
+        far = np.append(np.abs(self._delta.values) / bound, 0.0)
+        for sort, own in enumerate(self.rows):
+            if not own.bend:
+                continue
+            on = np.flatnonzero(self._inside.values[own.unit.values])
+            columns = [at for _, at in self._forms(sort, on)]
+            t = np.max([far[at].max(axis=1, initial=0.0) for at in columns], axis=0)
+            w = np.maximum(np.linalg.norm(own.v.values[on], axis=1), OF_SIGMA) + t
+            for b, at in zip(own.bend, columns, strict=True):
+                q = b.values[on] * (w * self._loosened)[:, None]
+                out += np.bincount(np.where(at >= 0, at, n).ravel(), (q**2).ravel(), n + 1)
+        return np.sqrt(out[:-1])
+
+    def _unseen(self, bends: Array) -> Array:
+        """Return squares of bounds of what rows miss by movements of each column since its look.
+
+        The sum over rows of the squares of what movements of n columns in a row make it miss is
+        at most n times the sum of these squares.
+        """
+        moved = np.abs(self._delta.values - self._looked.values)
+        n = max((_width(own.bend) for own in self.rows), default=0)
+        return np.asarray(n * (moved * bends) ** 2)
+
+    def _look(self, columns: Mask, bounds: Callable[[Index], Array]) -> None:
+        """Measure the gaps of rows that touch some columns.
 
         Partials change too, by dA. With s = |dA Q^½| of a row, standard deviations change by no
         more than s of themselves, and the gradient Aᵀv moves estimates by no more than s|v|.
 
         Args:
-            moved: movement of each column in conditional standard deviations from which on its rows
-                are looked at.
+            columns: which.
             bounds: returns upper bounds of the standard deviations of columns.
         """
-        weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
-        columns = np.abs(self._delta.values - self._looked.values) * weight > moved
         if not columns.any():
             return
         self._looked.values[columns] = self._delta.values[columns]
@@ -460,3 +545,7 @@ class LinearRows:
     def weight(self, columns: Index) -> Array:
         """Return √N_jj of columns."""
         return np.asarray(np.sqrt(np.maximum(self._diagonal.values[columns], 0.0)))
+
+
+def _width(bend: list[Grown]) -> int:
+    return sum(b.values.shape[1] for b in bend)

@@ -22,6 +22,8 @@ class Mark:
     """Which keys have rows."""
     of_columns: tuple[Array, ...]
     """δ, δ at the last look, diagonal of N and bound of each column."""
+    loosened: float
+    """Largest factor by which standard deviations had grown since rows were measured."""
     units: list[Index] = field(default_factory=list)
     """Units whose rows were evaluated anew."""
     forms: list[tuple[int, Index, list[Array]]] = field(default_factory=list)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from operator import itemgetter
 from typing import Any, TypeAlias
@@ -15,7 +15,7 @@ from ..frames import Frame
 from ..graph.blocks import Block
 from ..graph.variables import State
 from ..graph.weights import of_parts, sigma_at
-from ..models.variables import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import Observation
 from ..types import Array, Index, Mask
@@ -112,6 +112,8 @@ class Rows:
         """Residuals at θ, whitened unless the observation is one of a correlated group, (n, d)."""
         self.a: list[Grown] = []
         """Partials by the variable of each slot, (n, d, size)."""
+        self.bend: list[Grown] = []
+        """See `LinearRows._measure_bends`, for each slot, (n, size); NaN: not measured yet."""
         self._observed, self._sigma = Grown(d), Grown(d)
         self._whitener = None if block.whitener is None else Grown(d, d)
         self._constants = {
@@ -148,6 +150,8 @@ class Rows:
         self.v.extend(np.zeros(block.observed.shape))
         for a in self.a:
             a.extend(np.zeros((block.n, *a.values.shape[1:])))
+        for b in self.bend:
+            b.extend(np.full((block.n, b.values.shape[1]), np.nan))
         self._observed.extend(block.observed)
         self._sigma.extend(block.sigma)
         if self._whitener is not None:
@@ -165,7 +169,7 @@ class Rows:
         """Drop all observations but the first n."""
         numeric = (self.index, self.unit, self.v, self._observed, self._sigma, self.joint)
         own = () if self._whitener is None else (self._whitener,)
-        for each in (*numeric, *own, *self.a, *self._constants.values()):
+        for each in (*numeric, *own, *self.a, *self.bend, *self._constants.values()):
             each.cut(n)
         del self._ids[n:]
         while self._labels and self._labels[-1][0] >= n:
@@ -208,6 +212,9 @@ class Rows:
             self.a = [Grown(*a.shape[1:]) for a in partials]
             for a in self.a:
                 a.extend(np.zeros((self.v.n, *a.values.shape[1:])))
+            self.bend = [Grown(a.shape[2]) for a in partials]
+            for b in self.bend:
+                b.extend(np.full((self.v.n, b.values.shape[1]), np.nan))
         self.v.values[rows] = v
         for mine, new in zip(self.a, partials, strict=True):
             mine.values[rows] = new
@@ -228,7 +235,57 @@ class Rows:
         Raises:
             InputError: names observations whose geometry has no answer.
         """
-        block = self._weighed(self.block(rows), rows, frame, state)
+        return self._of_block(self.block(rows), rows, frame, state)
+
+    def displaced(
+        self, rows: Index, frame: Frame, theta: State, steps: Sequence[Array]
+    ) -> Iterator[tuple[int, int, list[Array]]]:
+        """Iterate over partials after a step of one component of one variable of each observation.
+
+        All are evaluated at once, with a value of its own for each variable of each observation.
+
+        Args:
+            rows: the observations.
+            frame: frame of the coordinates.
+            theta: values of all variables.
+            steps: lengths of the steps of the components of the variable of each slot, 0 for those
+                that are held, (k, size of the tangent).
+
+        Yields:
+            Slot, component, and partials by the variable of each slot, (k, d, size).
+
+        Raises:
+            InputError: names observations whose geometry has no answer after a step.
+        """
+        n = len(rows)
+        which = [(j, int(c)) for j, h in enumerate(steps) for c in np.flatnonzero(h.any(axis=0))]
+        if not n or not which:
+            return
+        values: dict[VariableKind, list[Array]] = {kind: [] for kind in self.kinds}
+        variables: list[tuple[VariableKind, Index]] = []
+        for j, (kind, h) in enumerate(zip(self.kinds, steps, strict=True)):
+            here = theta[kind][self.index.values[rows, j]]
+            moved = np.tile(here, (len(which), 1))
+            for number, (slot, component) in enumerate(which):
+                if slot == j:
+                    step = np.zeros_like(h)
+                    step[:, component] = h[:, component]
+                    moved[number * n : (number + 1) * n] = UNKNOWNS[kind].retract(here, step)
+            first = sum(len(v) for v in values[kind])
+            values[kind].append(moved)
+            variables.append((kind, first + np.arange(len(moved))))
+        every = np.tile(rows, len(which))
+        state = {kind: np.concatenate(v) for kind, v in values.items()}
+        block = replace(self.block(every), variables=tuple(variables))
+        partials = self._of_block(block, every, frame, state)[1]
+        for number, (slot, component) in enumerate(which):
+            yield slot, component, [a[number * n : (number + 1) * n] for a in partials]
+
+    def _of_block(
+        self, block: Block, rows: Index, frame: Frame, state: State
+    ) -> tuple[Array, list[Array]]:
+        """Return residuals and partials of observations as a block, see `evaluated`."""
+        block = self._weighed(block, rows, frame, state)
         found = block.evaluate(frame, state)
         alone = ~self.joint.values[rows]
         partials = [_whitened(block, j, alone) for j in found.jacobians]
