@@ -37,7 +37,7 @@ WEAK_SIGMA_RATIO = 3.0
 movement that its own rows hardly notice turns the direction in which it is weak."""
 REMAINING_GAP_SHARE = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
-UNSEEN_SHARE = 0.25
+UNSEEN_SHARE = 0.5
 """Part of the accuracy that may be missed by rows that are not looked at, by how much they bend."""
 MIN_SHARE_OF_MOVEMENT = 0.1
 """Movement of a variable, relative to the largest one of its row in conditional standard
@@ -366,15 +366,13 @@ class LinearISAM2(LinearRows):
         last, beyond = np.inf, Extrapolation()
         for turn in range(MAX_TURNS):
             columns = self._delta.values != self._looked.values
-            unseen = 0.0
             if accuracy is None:
                 squares = self._unseen(bends)
                 columns[:] = False
                 columns[_largest(squares, (UNSEEN_SHARE * allowed) ** 2)] = True
-                unseen = float(np.sqrt(squares[~columns].sum()))
             self._look(columns, self._bounds)
             gap = self._gap.values
-            whole = float(np.sqrt(gap.sum())) + unseen
+            whole = float(np.sqrt(gap.sum()))
             if whole <= allowed or (whole <= NEAR and whole > SHRINKING * last):
                 return turn
             units = _largest(gap, (REMAINING_GAP_SHARE * allowed) ** 2)

@@ -430,7 +430,7 @@ class LinearRows:
         """
         moved = np.abs(self._delta.values - self._looked.values)
         n = max((_width(own.bend) for own in self.rows), default=0)
-        return np.asarray(n * (moved * bends) ** 2)
+        return np.asarray((moved * bends) ** 2)
 
     def _look(self, columns: Mask, bounds: Callable[[Index], Array]) -> None:
         """Measure the gaps of rows that touch some columns.

@@ -264,13 +264,12 @@ class Rows:
         values: dict[VariableKind, list[Array]] = {kind: [] for kind in self.kinds}
         variables: list[tuple[VariableKind, Index]] = []
         for j, (kind, h) in enumerate(zip(self.kinds, steps, strict=True)):
-            here = theta[kind][self.index.values[rows, j]]
-            moved = np.tile(here, (len(which), 1))
+            step = np.zeros((len(which), n, h.shape[1]))
             for number, (slot, component) in enumerate(which):
                 if slot == j:
-                    step = np.zeros_like(h)
-                    step[:, component] = h[:, component]
-                    moved[number * n : (number + 1) * n] = UNKNOWNS[kind].retract(here, step)
+                    step[number, :, component] = h[:, component]
+            here = np.tile(theta[kind][self.index.values[rows, j]], (len(which), 1))
+            moved = UNKNOWNS[kind].retract(here, step.reshape(len(here), -1))
             first = sum(len(v) for v in values[kind])
             values[kind].append(moved)
             variables.append((kind, first + np.arange(len(moved))))
