@@ -30,15 +30,16 @@ from .rows import Grown
 MAX_TURNS = 10
 """Largest number of times that rows are evaluated anew after an arrival."""
 MIN_MOVEMENT = 0.1
-"""Movement since the last look, in conditional standard deviations 1/√N_jj, from which on the rows
-of a variable are looked at: below it they miss less than any accuracy that is asked for."""
+"""Movement in conditional standard deviations 1/√N_jj from which on a variable of a row that has a
+gap gets a new point of linearisation in any case, see `MIN_SHARE_OF_MOVEMENT`."""
 WEAK_SIGMA_RATIO = 3.0
-"""Standard deviation in conditional ones from which on a variable is looked at after less: a
-movement that its own rows hardly notice turns the direction in which it is weak."""
+"""Standard deviation in conditional ones from which on less movement is enough: a movement that its
+own rows hardly notice turns the direction in which a variable is weak."""
 REMAINING_GAP_SHARE = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
 UNSEEN_SHARE = 0.5
-"""Part of the accuracy that may be missed by rows that are not looked at, by how much they bend."""
+"""Part of the accuracy that rows may miss, by how much they bend, before they are looked at: beside
+gaps as large as the accuracy, which is half of what is promised, a quarter of that is left."""
 MIN_SHARE_OF_MOVEMENT = 0.1
 """Movement of a variable, relative to the largest one of its row in conditional standard
 deviations, from which on it gets a new point of linearisation where the row has a gap."""
@@ -396,7 +397,7 @@ class LinearISAM2(LinearRows):
         self._delta.values[:] += movement - step
 
     def _moved_from(self) -> Array:
-        """Return the movement of each column from which on its rows are looked at."""
+        """Return the movement of each column from which on it is linearised anew in any case."""
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
         return np.asarray(
             MIN_MOVEMENT / np.fmax(1.0, self._bound.values * weight / WEAK_SIGMA_RATIO) ** 2

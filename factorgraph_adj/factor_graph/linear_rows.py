@@ -423,14 +423,12 @@ class LinearRows:
         return np.sqrt(out[:-1])
 
     def _unseen(self, bends: Array) -> Array:
-        """Return squares of bounds of what rows miss by movements of each column since its look.
+        """Return squares of what rows miss by the movement of each column since its look.
 
-        The sum over rows of the squares of what movements of n columns in a row make it miss is
-        at most n times the sum of these squares.
+        Movements of several columns of a row count as independent: an upper bound of all that is
+        missed would be the sum times their number. `_bends` is an upper bound of each.
         """
-        moved = np.abs(self._delta.values - self._looked.values)
-        n = max((_width(own.bend) for own in self.rows), default=0)
-        return np.asarray((moved * bends) ** 2)
+        return np.asarray(((self._delta.values - self._looked.values) * bends) ** 2)
 
     def _look(self, columns: Mask, bounds: Callable[[Index], Array]) -> None:
         """Measure the gaps of rows that touch some columns.
@@ -545,7 +543,3 @@ class LinearRows:
     def weight(self, columns: Index) -> Array:
         """Return √N_jj of columns."""
         return np.asarray(np.sqrt(np.maximum(self._diagonal.values[columns], 0.0)))
-
-
-def _width(bend: list[Grown]) -> int:
-    return sum(b.values.shape[1] for b in bend)

@@ -32,8 +32,9 @@ def plane_ranges(seed: int) -> tuple[fga.Network, list[AnyObservation]]:
     rng = np.random.default_rng(seed)
     size = float(rng.uniform(*SIZE))
     sigma = float(np.exp(rng.uniform(*np.log(SIGMA))))
-    n_held, n_free = int(rng.integers(*BEACONS, endpoint=True)), int(
-        rng.integers(*POINTS, endpoint=True)
+    n_held, n_free = (
+        int(rng.integers(*BEACONS, endpoint=True)),
+        int(rng.integers(*POINTS, endpoint=True)),
     )
     net = fga.Network(f"plane ranges {seed}")
     true = {f"B{i}": rng.uniform(0.0, size, 2) for i in range(n_held)}
