@@ -21,7 +21,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import NO_ROWS, Array, Index, Mask
-from .rows import Grown, Rows, Sort, sort_of
+from .rows import Grown, Rows, Sort, WholeBlockError, sort_of
 
 OF_SIGMA = 0.5
 """What the change of a standard deviation, relative to itself, counts in a gap."""
@@ -29,7 +29,7 @@ PROBE = 0.1
 """Step of a column, in conditional standard deviations 1/√N_jj, with which it is measured how much
 rows bend."""
 UNBOUNDED, TINY = 1e9, 1e-300
-"""How much a row bends near a place without answer; and a divisor in the place of 0."""
+"""How much a row bends of which that is not known; and a divisor in the place of 0."""
 SAME = 1e-2
 """Difference of two places, in conditional standard deviations, up to which they are one."""
 
@@ -396,7 +396,7 @@ class LinearRows:
                     )
                     h = np.where(steps[j][:, c] > 0.0, steps[j][:, c], np.inf)
                     found[j][:, c] = np.linalg.norm(scale * s, axis=1) / h
-            except InputError:  # what has no answer so near bends without bound
+            except (InputError, WholeBlockError):  # how much they bend is not known
                 found = [np.where(at >= 0, UNBOUNDED, 0.0) for _, at in forms]
             for mine, q in zip(own.bend, found, strict=True):
                 mine.values[rows] = q

@@ -26,6 +26,10 @@ Sort: TypeAlias = tuple[object, ...]
 """What blocks have in common whose rows can be evaluated together."""
 
 
+class WholeBlockError(Exception):
+    """Rows can be evaluated only as the block in which they came."""
+
+
 class Grown:
     """An array whose first axis grows."""
 
@@ -256,6 +260,7 @@ class Rows:
 
         Raises:
             InputError: names observations whose geometry has no answer after a step.
+            WholeBlockError: factors of a user are not evaluated row by row.
         """
         n = len(rows)
         which = [(j, int(c)) for j, h in enumerate(steps) for c in np.flatnonzero(h.any(axis=0))]
@@ -277,6 +282,8 @@ class Rows:
         state = {kind: np.concatenate(v) for kind, v in values.items()}
         block = replace(self.block(every), variables=tuple(variables))
         partials = self._of_block(block, every, frame, state)[1]
+        if any(len(a) != len(every) for a in partials):
+            raise WholeBlockError
         for number, (slot, component) in enumerate(which):
             yield slot, component, [a[number * n : (number + 1) * n] for a in partials]
 
