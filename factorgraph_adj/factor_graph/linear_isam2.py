@@ -19,7 +19,6 @@ import numpy as np
 from ..errors import AdjustmentError
 from ..frames import Frame
 from ..graph.dependence import Variable
-from ..graph.variables import Unknowns
 from ..solve.extrapolation import Extrapolation
 from ..types import NO_ROWS, Array, Index
 from .joint_covariance import JointCovariance
@@ -199,24 +198,6 @@ class LinearISAM2(LinearRows):
         self._alive.values[:] = False
         with suppress(IndeterminateError):
             self._update(np.flatnonzero(self._inside.values), [])
-
-    def bound(self, unknowns: Unknowns, sigma: Array) -> None:
-        """Take over upper bounds of standard deviations, by the columns of some unknowns."""
-        for kind, here, there in self._shared(unknowns):
-            own = self.tables[kind].column.values[there]
-            table = unknowns[kind]
-            columns = np.where(table.has_column, 0, -1)
-            columns[table.has_column] = np.arange(table.columns.start, table.columns.stop)
-            n = min(own.shape[1], columns.shape[1])
-            own, columns = own[:, :n], columns[here, :n]
-            on = (own >= 0) & (columns >= 0)
-            self._bound.values[own[on]] = sigma[columns[on]]
-
-    def bound_new(self, entered: JointCovariance) -> None:
-        """Take over the standard deviations of columns that had no bounds before units entered."""
-        new = np.isnan(self._bound.values[entered.columns])
-        variance = np.maximum(np.diag(entered.covariance), 0.0)
-        self._bound.values[entered.columns[new]] = np.sqrt(variance[new])
 
     def _bounds(self, columns: Index) -> Array:
         """Return upper bounds of the standard deviations of columns."""

@@ -9,18 +9,16 @@ and not supposed: the gap g = v(x) − (v(θ) + A(θ) δ) of whitened rows moves
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import InputError
 from ..frames import Frame
-from ..graph.dependence import Variable
 from ..graph.equations import Equations
-from ..graph.variables import State, Unknowns, Variables
-from ..models.variables import UNKNOWNS, VariableKind
+from ..graph.variables import State
 from ..types import NO_ROWS, Array, Index, Mask
+from .linearisation_points import LinearisationPoints
 from .rows import Grown, Rows, Sort, WholeBlockError, sort_of
 
 OF_SIGMA = 0.5
@@ -30,8 +28,6 @@ PROBE = 0.1
 rows bend."""
 UNBOUNDED, TINY = 1e9, 1e-300
 """How much a row bends of which that is not known; and a divisor in the place of 0."""
-SAME = 1e-2
-"""Difference of two places, in conditional standard deviations, up to which they are one."""
 
 
 class Arriving(NamedTuple):
@@ -41,27 +37,6 @@ class Arriving(NamedTuple):
     """The observations, and what they touch."""
     state: State
     """Values of variables that are new; those that are known stay where they are."""
-
-
-@dataclass(eq=False)
-class Table:
-    """The variables of one kind."""
-
-    number: dict[str, int]
-    """Number by name."""
-    theta: Grown
-    """Points of linearisation θ, as in a state."""
-    column: Grown
-    """Column of each component; −1 for held ones."""
-    key: Grown
-    """Key of each variable; −1 for constants."""
-
-    def cut(self, n: int) -> None:
-        """Drop all variables but the first n."""
-        for name in list(self.number)[n:]:
-            del self.number[name]
-        for each in (self.theta, self.column, self.key):
-            each.cut(n)
 
 
 class Stacked(NamedTuple):
@@ -77,7 +52,7 @@ class Stacked(NamedTuple):
     """Rows of each unit."""
 
 
-class LinearRows:
+class LinearRows(LinearisationPoints):
     """Observations as linear rows."""
 
     def __init__(self, frame: Frame) -> None:
@@ -86,8 +61,8 @@ class LinearRows:
         Args:
             frame: frame of the coordinates.
         """
+        super().__init__()
         self.frame = frame
-        self.tables: dict[VariableKind, Table] = {}
         self.sorts: dict[Sort, int] = {}
         """Number of each sort."""
         self.rows: list[Rows] = []
@@ -106,18 +81,6 @@ class LinearRows:
         """Square of the gap of each unit."""
         self._inside = Grown(dtype=bool)
         """Whether each unit is in."""
-        self._first, self._size = Grown(dtype=np.intp), Grown(dtype=np.intp)
-        """First column and number of columns of each key."""
-        self._alive = Grown(dtype=bool)
-        """Which keys have rows."""
-        self._key = Grown(dtype=np.intp)
-        """Key of each column."""
-        self._delta, self._looked, self._diagonal = Grown(), Grown(), Grown()
-        """δ, δ at the last look, and the diagonal of N, of each column."""
-        self._loosened = 1.0
-        """Largest factor by which standard deviations have grown since rows were measured."""
-        self._bound = Grown(fill=np.nan)
-        """Upper bound of the standard deviation of each column, as far as it is known."""
 
     # -- observations and variables that are added, and dropped ----------------------------------
 
@@ -180,101 +143,6 @@ class LinearRows:
         if n < self._first_member.n:
             self._members.cut(int(self._first_member.values[n]))
             self._first_member.cut(n)
-
-    def _numbers(self, kind: VariableKind, table: Variables, values: Array) -> Index:
-        """Return the numbers of variables; those that are new get one."""
-        mine = self.tables.get(kind)
-        if mine is None:
-            theta = Grown(values.shape[1])
-            column = Grown(table.free.shape[1], dtype=np.intp, fill=-1)
-            mine = self.tables[kind] = Table({}, theta, column, Grown(dtype=np.intp))
-        mine.theta.widen(values.shape[1])
-        mine.column.widen(table.free.shape[1])
-        there = len(mine.number)
-        names = mine.number
-        out = np.array([names.setdefault(n, len(names)) for n in table.names], dtype=np.intp)
-        if len(names) > there:
-            self._extend(mine, table, values, np.flatnonzero(out >= there))
-        return out
-
-    def _extend(self, mine: Table, table: Variables, values: Array, new: Index) -> None:
-        """Append variables to a table, with keys and columns where something of them is free."""
-        width = np.arange(table.free.shape[1])
-        free = table.free[new] & (width < table.size[new, None])
-        size = free.sum(axis=1)
-        own = size[size > 0]
-        keys = np.where(size > 0, self._first.n + np.cumsum(size > 0) - 1, -1)
-        self._first.extend(self._key.n + np.cumsum(own) - own)
-        self._size.extend(own)
-        self._alive.extend(np.zeros(len(own), dtype=bool))
-        column = np.full((len(new), mine.column.values.shape[1]), -1)
-        column[:, : len(width)][free] = self._key.extend(np.repeat(keys[size > 0], own))
-        for each in (self._delta, self._looked, self._diagonal):
-            each.extend(np.zeros(int(own.sum())))
-        self._bound.extend(np.full(int(own.sum()), np.nan))
-        stored = np.zeros((len(new), mine.theta.values.shape[1]))
-        stored[:, : values.shape[1]] = values[new]
-        mine.theta.extend(stored)
-        mine.column.extend(column)
-        mine.key.extend(keys)
-
-    # -- values ----------------------------------------------------------------------------------
-
-    def _theta(self) -> State:
-        return {kind: table.theta.values for kind, table in self.tables.items()}
-
-    def state(self) -> State:
-        """Return the values of all variables, by kind and number."""
-        return {
-            kind: self._moved(kind, np.arange(table.theta.n)) for kind, table in self.tables.items()
-        }
-
-    def carried(self, unknowns: Unknowns, state: State) -> State:
-        """Return a state of some unknowns with the values of all variables that are here."""
-        out, moving = dict(state), unknowns.moving()
-        for kind, here, there in self._shared(unknowns):
-            values, own = out[kind].copy(), self._moved(kind, there)
-            width = min(values.shape[1], own.shape[1])
-            values[here, :width] = np.where(
-                moving[kind][here, :width], own[:, :width], values[here, :width]
-            )
-            out[kind] = values
-        return out
-
-    def agrees(self, unknowns: Unknowns, state: State) -> bool:
-        """Return whether variables stand in a state within `SAME` conditional standard deviations.
-
-        Args:
-            unknowns: their unknowns.
-            state: the state.
-        """
-        own = self.carried(unknowns, state)
-        for kind, here, there in self._shared(unknowns):
-            columns = self.tables[kind].column.values[there]
-            weight = np.where(columns >= 0, self._diagonal.values[columns], 0.0)
-            far = np.abs(own[kind][here] - state[kind][here]).max(axis=1, initial=0.0)
-            if not (far * np.sqrt(weight.max(axis=1, initial=0.0)) <= SAME).all():
-                return False
-        return True
-
-    def _shared(self, unknowns: Unknowns) -> Iterable[tuple[VariableKind, Index, Index]]:
-        """Iterate over kinds, with numbers of variables in their tables there and here."""
-        for kind, table in unknowns.tables.items():
-            mine = self.tables.get(kind)
-            if mine is None:
-                continue
-            pairs = [(i, mine.number[n]) for i, n in enumerate(table.names) if n in mine.number]
-            if pairs:
-                here, there = np.array(pairs).T
-                yield kind, here, there
-
-    def _moved(self, kind: VariableKind, numbers: Index) -> Array:
-        table = self.tables[kind]
-        theta, columns = table.theta.values[numbers], table.column.values[numbers]
-        if not (columns >= 0).any():
-            return theta
-        step = np.where(columns >= 0, self._delta.values[columns], 0.0)
-        return UNKNOWNS[kind].retract(theta, step)
 
     # -- rows ------------------------------------------------------------------------------------
 
@@ -506,11 +374,6 @@ class LinearRows:
         )
 
     @property
-    def n_unknowns(self) -> int:
-        """Number of unknowns that rows determine."""
-        return int(self._size.values[self._alive.values].sum())
-
-    @property
     def vtpv(self) -> float:
         """VᵀPv of the linear rows."""
         total = 0.0
@@ -521,25 +384,3 @@ class LinearRows:
             group = self._stacked(np.array([unit]))
             total += float(((group.v + group.a @ self._delta.values[group.columns]) ** 2).sum())
         return total
-
-    def key(self, variable: Variable) -> int:
-        """Return the key of a variable."""
-        kind, name = variable
-        return int(self.tables[kind].key.values[self.tables[kind].number[name]])
-
-    def value(self, kind: VariableKind, name: str) -> Array:
-        """Return the estimate of a variable, as in a state."""
-        return np.asarray(self._moved(kind, np.array([self.tables[kind].number[name]]))[0])
-
-    def columns(self, kind: VariableKind, name: str) -> Index:
-        """Return the columns of the components of a variable, −1 for held ones."""
-        table = self.tables[kind]
-        return np.asarray(table.column.values[table.number[name]])
-
-    def _columns_of(self, key: int) -> Index:
-        first = int(self._first.values[key])
-        return np.arange(first, first + int(self._size.values[key]))
-
-    def weight(self, columns: Index) -> Array:
-        """Return √N_jj of columns."""
-        return np.asarray(np.sqrt(np.maximum(self._diagonal.values[columns], 0.0)))
