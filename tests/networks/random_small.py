@@ -43,6 +43,7 @@ from factorgraph_adj.observations import (
     ProfileHeight,
     SlopeDistance,
     StripCoordinate,
+    UnitVector,
     VerticalAngle,
     ZenithAngle,
 )
@@ -484,6 +485,8 @@ class _Draw:
         if isinstance(item, Correlated) or not self.chance(self.rng.uniform(0.0, GROSS)):
             return item
         by = float(self.one((-1, 1)) * 10 ** self.rng.uniform(-2.0, 1.0))
+        if isinstance(item, UnitVector):  # no instrument gives one that is so much longer than 1
+            return item
         if isinstance(item, ImagePoint):
             return replace(item, x=item.x + by)
         value: Any = item.value  # type: ignore[attr-defined]
