@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from factorgraph_adj import Network
+from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import LocalFrame
 from factorgraph_adj.models.lens import BrownLens, NoDistortion
 from factorgraph_adj.network.network import DatumChoice
@@ -43,7 +44,6 @@ from factorgraph_adj.observations import (
     ProfileHeight,
     SlopeDistance,
     StripCoordinate,
-    UnitVector,
     VerticalAngle,
     ZenithAngle,
 )
@@ -119,6 +119,23 @@ def random_network(seed: int, *, gross: bool = False, more: bool = True) -> Draw
     if gross:
         arriving = [draw.spoiled(item, described) for item in arriving]
     return Drawn(seed, described, tuple(arriving))
+
+
+def _with_error(item: AnyObservation, by: float) -> AnyObservation:
+    """Return an observation with an error; angles between 0 and π stay so.
+
+    Raises:
+        InputError: the reading is out of its range.
+    """
+    if isinstance(item, ImagePoint):
+        return replace(item, x=item.x + by)
+    value: Any = item.value  # type: ignore[union-attr]
+    if isinstance(value, tuple):
+        return replace(item, value=(value[0] + by, *value[1:]))  # type: ignore[call-arg]
+    value = abs(value + by)
+    if isinstance(item, ZenithAngle):
+        value %= math.pi
+    return replace(item, value=value)  # type: ignore[call-arg]
 
 
 class _Draw:
@@ -485,17 +502,10 @@ class _Draw:
         if isinstance(item, Correlated) or not self.chance(self.rng.uniform(0.0, GROSS)):
             return item
         by = float(self.one((-1, 1)) * 10 ** self.rng.uniform(-2.0, 1.0))
-        if isinstance(item, UnitVector):  # no instrument gives one that is so much longer than 1
+        try:
+            return _with_error(item, by)
+        except InputError:  # no instrument gives such a reading
             return item
-        if isinstance(item, ImagePoint):
-            return replace(item, x=item.x + by)
-        value: Any = item.value  # type: ignore[attr-defined]
-        if isinstance(value, tuple):
-            return replace(item, value=(value[0] + by, *value[1:]))  # type: ignore[call-arg]
-        value = abs(value + by)
-        if isinstance(item, ZenithAngle):
-            value %= math.pi
-        return replace(item, value=value)  # type: ignore[call-arg]
 
 
 def _can_join(o: Observation) -> bool:
