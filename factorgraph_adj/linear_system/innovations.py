@@ -6,10 +6,12 @@ touches:
 
     C = I + A Q Aᵀ              covariance of d
     T² = dᵀ C⁻¹ d               χ² with as many degrees of freedom as d has components
-    w_i = (C⁻¹d)_i/√(C⁻¹)_ii
+    w_i = (L⁻ᵀ C⁻¹ d)_i/√(L⁻ᵀ C⁻¹ L⁻¹)_ii
 
-The same figures as those of the observation in an adjustment with it (`quality.leave_out`), as
-M = C⁻¹. Nothing is asked of a linear system but values and cofactors: both engines have them.
+with Σ = L Lᵀ: w has the components of the observation, which are not the whitened ones in a group
+that is correlated. These are the figures of the observation in an adjustment with it
+(`quality.leave_out`), as M = C⁻¹. Nothing is asked of a linear system but values and cofactors:
+both engines have them.
 
 What enters makes C smaller, so that d_i²/C_ii ≤ T² with C_ii of any earlier moment is necessary for
 T² to be small: most of what still contradicts is recognised by its innovation alone.
@@ -154,7 +156,8 @@ def _tests(system: LinearSystem, forms: _Forms, alpha: float) -> Iterator[Innova
     groups = [forms.of_units[i] for i in known]
     found = _cofactors(system, forms, groups) if groups else []
     for i, own, q in zip(known, groups, found, strict=True):
-        yield _test(int(forms.ledger_rows[i]), forms.v[own], np.eye(len(own)) + q, alpha)
+        row, c = int(forms.ledger_rows[i]), np.eye(len(own)) + q
+        yield _test(row, forms.v[own], c, forms.raw[i], alpha)
 
 
 def _cofactors(system: LinearSystem, forms: _Forms, groups: Sequence[Index]) -> list[Array]:
@@ -222,6 +225,8 @@ class _Forms(NamedTuple):
     """Rows of the units in the ledger."""
     of_units: Sequence[Index]
     """Rows of each unit."""
+    raw: Sequence[Array]
+    """L of each unit with Σ = L Lᵀ."""
     v: Array
     """Whitened residuals where everything is by now, (k,)."""
     a: Array
@@ -255,13 +260,14 @@ class _Forms(NamedTuple):
         here, held = at(state), system.datum_solution
         if held is None or held.datum is None:
             touched = _touched(unknowns, here.columns)
-            return cls(rows, here.rows, here.v, here.a, touched, np.zeros((len(here.columns), 0)))
+            none = np.zeros((len(here.columns), 0))
+            return cls(rows, here.rows, here.raw, here.v, here.a, touched, none)
         its = held.equations.unknowns
         there = at(unknowns.carried(state, its, held.state, where=unknowns.moving()))
         touched = _touched(unknowns, there.columns)
         of_base = [its.columns(v[0], its[v[0]].number[v[1]])[own] for v, own in touched.items()]
         motions = held.datum.motions[np.concatenate([NO_ROWS, *of_base])]
-        return cls(rows, here.rows, here.v, there.a, touched, motions)
+        return cls(rows, here.rows, here.raw, here.v, there.a, touched, motions)
 
     def say_where_network_is(self, rows: Index) -> bool:
         """Return whether rows notice motions that the datum of a free network leaves open."""
@@ -278,12 +284,13 @@ def _touched(unknowns: Unknowns, columns: Index) -> dict[Variable, Index]:
     return out
 
 
-def _test(row: int, v: Array, c: Array, alpha: float) -> InnovationTest:
+def _test(row: int, v: Array, c: Array, raw: Array, alpha: float) -> InnovationTest:
     """Return the test of an observation with the covariance of its innovation."""
     if not (np.isfinite(c).all() and np.linalg.eigvalsh(c)[0] >= MIN_INNOVATION_VARIANCE):
         return InnovationTest(row, np.nan, np.nan)
-    inverse = np.linalg.inv(c)
+    inverse, half = np.linalg.inv(c), np.linalg.inv(raw)
     e = inverse @ v
     with np.errstate(over="ignore"):
         ratio = float(e @ v) / critical_t2(alpha, len(e))
-    return InnovationTest(row, ratio, float(np.max(np.abs(e) / np.sqrt(np.diag(inverse)))))
+        w = half.T @ e / np.sqrt(np.diag(half.T @ inverse @ half))
+    return InnovationTest(row, ratio, float(np.max(np.abs(w))))

@@ -16,10 +16,14 @@ CORNERS = {"A": (0.0, 0.0, 0.0), "B": (80.0, 0.0, 0.0), "C": (0.0, 60.0, 10.0)}
 PLACES = {"P": (40.0, 30.0, 5.0), "Q": (50.0, 20.0, 1.0)}
 
 
+def covariance() -> np.ndarray:
+    """Return the covariance matrix of a vector, square metres."""
+    return MM**2 * np.array([[4.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 9.0]])
+
+
 def vector(a: str, b: str, at: dict[str, np.ndarray], off: np.ndarray, ident: str) -> GnssVector:
     """Return a vector with an error, metres, and correlated components."""
-    covariance = MM**2 * np.array([[4.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 9.0]])
-    return GnssVector(a, b, tuple(at[b] - at[a] + off), covariance=covariance, id=ident)
+    return GnssVector(a, b, tuple(at[b] - at[a] + off), covariance=covariance(), id=ident)
 
 
 def distance(at: dict[str, np.ndarray], off: float) -> float:
@@ -65,6 +69,29 @@ def test_the_test_is_that_of_an_adjustment_with_it(engine: Engine) -> None:
         assert t2 == pytest.approx(both.vtpv - without.vtpv, rel=2e-3)
         assert test.w <= np.sqrt(t2) * (1.0 + 1e-12)
         assert len(verdict.components) > 1 or test.w == pytest.approx(np.sqrt(t2), rel=1e-12)
+
+
+@pytest.mark.parametrize("engine", ["isam2", "fronts"])
+def test_w_of_correlated_components_is_theirs_and_not_that_of_whitened_ones(engine: Engine) -> None:
+    """w_i = (Pd)_i/√P_ii with the covariance P⁻¹ of the innovation d in metres."""
+    inc = with_suspects(engine)
+    ledger, system = inc._state.ledger, inc._state.system
+    assert system is not None
+    at = {n: inc.estimate(n) for n in PLACES}
+    q = inc.covariance("P", "P") + inc.covariance("Q", "Q")
+    q = q - inc.covariance("P", "Q") - inc.covariance("Q", "P")
+    differences = []
+    for test in innovation_tests(ledger, system, ledger.having("suspect"), inc.alpha):
+        reading = ledger.unit(test.row).item
+        if not isinstance(reading, GnssVector):
+            continue
+        d, root = at["Q"] - at["P"] - np.array(reading.value), np.linalg.cholesky(covariance())
+        p = np.linalg.inv(covariance() + q)
+        assert test.w == pytest.approx(np.max(np.abs(p @ d) / np.sqrt(np.diag(p))), rel=2e-3)
+        turned = root.T @ p
+        of_whitened = np.abs(turned @ d) / np.sqrt(np.diag(turned @ root))
+        differences.append(abs(np.max(of_whitened) / test.w - 1.0))
+    assert max(differences) > 0.02
 
 
 @pytest.mark.parametrize("engine", ["isam2", "fronts"])
