@@ -15,6 +15,7 @@ from factorgraph_adj.ledger.ledger import Ledger
 from factorgraph_adj.linear_system.engines import rows_beside
 from factorgraph_adj.linear_system.front_system import FrontSystem
 from factorgraph_adj.linear_system.innovations import innovation_tests, joined
+from factorgraph_adj.linear_system.linear_forms import rows_of
 from factorgraph_adj.linear_system.linearisation_error import is_small
 from factorgraph_adj.network.selection import without
 from factorgraph_adj.quality.leave_out import critical_t2
@@ -48,6 +49,8 @@ class Case:
     """Whitened residuals where everything is, (n_rows,)."""
     rows: dict[int, Index]
     """Rows of each that is left out."""
+    raw: dict[int, Array]
+    """L of each with Σ = L Lᵀ."""
 
 
 @cache
@@ -69,7 +72,8 @@ def case(name: str) -> Case:
     dense = Dense.at(equations.weighted_at(at_base), at_base)
     a = np.zeros((len(dense.design), len(dense.free)))
     a[:, dense.free] = dense.design
-    rows = {row: np.concatenate(equations.find(ledger.unit(row).ids)) for row in out.tolist()}
+    found, raw = rows_of(ledger.units(out), equations.weighted_at(at_base))
+    rows = dict(zip(out.tolist(), found, strict=True))
     inside = np.setdiff1d(np.arange(len(a)), np.concatenate(list(rows.values())))
     assert base.base.datum is not None
     of_datum = np.zeros(len(dense.free), dtype=bool)
@@ -80,7 +84,14 @@ def case(name: str) -> Case:
         of_datum[unknowns.columns(kind, number)[column - first]] = True
     q = replace(dense, design=dense.design[inside]).cofactor(of_datum)
     return Case(
-        system, ledger, out, q, a, Dense.at(equations.weighted_at(here), here).residual, rows
+        system,
+        ledger,
+        out,
+        q,
+        a,
+        Dense.at(equations.weighted_at(here), here).residual,
+        rows,
+        dict(zip(out.tolist(), raw, strict=True)),
     )
 
 
@@ -103,16 +114,17 @@ def test_all_blocks_of_cofactors_are_on_the_inner_constraints(name: str) -> None
 
 @pytest.mark.parametrize("name", FREE)
 def test_what_is_left_out_has_the_tests_of_dense_matrices(name: str) -> None:
-    """With C = I + A Q Aᵀ: e = C⁻¹v, T² = vᵀe and w_i = e_i/√(C⁻¹)_ii, of every observation."""
+    """C = I + A Q Aᵀ, e = C⁻¹v, T² = vᵀe and w_i = (L⁻ᵀe)_i/√(L⁻ᵀC⁻¹L⁻¹)_ii, of every one."""
     c = case(name)
     tests = {t.row: t for t in innovation_tests(c.ledger, c.system, c.out, ALPHA)}
     assert set(tests) == set(c.rows) and len(tests) >= len(c.out) > 0
     for row, own in c.rows.items():
+        root = np.linalg.inv(c.raw[row])
         m = np.linalg.inv(np.eye(len(own)) + c.a[own] @ c.q @ c.a[own].T)
         e = m @ c.v[own]
         t2 = tests[row].ratio * critical_t2(ALPHA, len(own))
         assert t2 == pytest.approx(float(c.v[own] @ e), rel=ROUNDING)
-        largest = float(np.max(np.abs(e) / np.sqrt(np.diag(m))))
+        largest = float(np.max(np.abs(root.T @ e) / np.sqrt(np.diag(root.T @ m @ root))))
         assert tests[row].w == pytest.approx(largest, rel=ROUNDING)
         alone = joined(c.ledger, c.system, np.array([row]), np.array([], dtype=np.intp))
         assert alone is not None
