@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from itertools import count
-from weakref import WeakSet
 
 import gtsam
 import numpy as np
@@ -22,18 +21,12 @@ from ..graph.dependence import Variable
 from ..solve.extrapolation import Extrapolation
 from ..types import NO_ROWS, Array, Index
 from .joint_covariance import JointCovariance
-from .linear_rows import Arriving, LinearRows
+from .linear_rows import TINY, Arriving, LinearRows
 from .mark import Mark
 from .rows import Grown
 
 MAX_TURNS = 10
 """Largest number of times that rows are evaluated anew after an arrival."""
-MIN_MOVEMENT = 0.1
-"""Movement in conditional standard deviations 1/√N_jj from which on a variable of a row that has a
-gap gets a new point of linearisation in any case, see `MIN_SHARE_OF_MOVEMENT`."""
-WEAK_SIGMA_RATIO = 3.0
-"""Standard deviation in conditional ones from which on less movement is enough: a movement that its
-own rows hardly notice turns the direction in which a variable is weak."""
 REMAINING_GAP_SHARE = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
 UNSEEN_SHARE = 0.5
@@ -48,6 +41,8 @@ SLOW = 0.3
 """Ratio of the norm of all gaps to the last one from which on steps are extrapolated."""
 MAX_MISFIT = 1e9
 """Largest residual of a row that enters, in its σ: what it adds hides 10⁻⁷ σ of the others."""
+MOST_KEYS_TOGETHER = 8
+"""Largest number of keys of which what rows miss together counts with their joint covariance."""
 MOST_TERMS = 3
 """Largest number of keys with which iSAM2 takes a factor in one call from Python."""
 CONVERGED_GAP = 1e-7
@@ -89,8 +84,6 @@ class LinearISAM2(LinearRows):
         """Whether an update has failed, which leaves iSAM2 without use."""
         self._before = np.zeros(0)
         """δ of each column before the last update."""
-        self._marks: WeakSet[Mark] = WeakSet()
-        """Marks that may be gone back to."""
 
     # -- what enters and leaves ---------------------------------------------------------------
 
@@ -157,10 +150,8 @@ class LinearISAM2(LinearRows):
         planted anew; where that fails, too, values are as they were and the tree is `lost`.
         """
         n, inside = len(mark.of_units[0]), mark.of_units[0]
-        for sort, rows, (v, *partials) in reversed(mark.forms):
-            self.rows[sort].v.values[rows] = v
-            for mine, a in zip(self.rows[sort].a, partials, strict=True):
-                mine.values[rows] = a
+        for grown, rows, values in reversed(mark.replaced):
+            grown.values[rows] = values
         for kind, numbers, theta in reversed(mark.theta):
             self.tables[kind].theta.values[numbers] = theta
         changed = self._inside.values.copy()
@@ -337,7 +328,8 @@ class LinearISAM2(LinearRows):
         """Evaluate rows anew until their gaps are small; return the number of updates.
 
         Args:
-            accuracy: largest norm of all gaps; none: that of the tree.
+            accuracy: largest norm of all gaps, and of what they miss together; none: that of the
+                tree.
         """
         allowed = self.accuracy if accuracy is None else accuracy
         moved = self._moved_from() if accuracy is None else np.zeros(len(self._delta.values))
@@ -354,15 +346,41 @@ class LinearISAM2(LinearRows):
                 columns[_largest(squares, (UNSEEN_SHARE * allowed) ** 2)] = True
             self._look(columns, self._bounds)
             gap = self._gap.values
-            whole = float(np.sqrt(gap.sum()))
+            together, shares = self._together(allowed)
+            whole = max(float(np.sqrt(gap.sum())), together)
             if whole <= allowed or (whole <= NEAR and whole > SHRINKING * last):
                 return turn
             units = _largest(gap, (REMAINING_GAP_SHARE * allowed) ** 2)
+            units = np.union1d(units, _largest(shares, REMAINING_GAP_SHARE * allowed))
             if turn:
                 self._extrapolate(beyond, slow=whole > SLOW * last)
             last = whole
             self._anew(units, moved)
         return MAX_TURNS
+
+    def _together(self, allowed: float) -> tuple[float, Array]:
+        """Return √gᵀQg of the gradient that all rows miss, or more, and shares of units in it.
+
+        That is Σ|g_c| σ_c with bounds of σ; where it is beyond what is allowed, the keys with most
+        of it count with their joint covariance: √gᵀQg is a norm, so that parts may be added.
+        """
+        g, sizes = self._missed()
+        columns = np.flatnonzero(g)
+        figure = np.zeros(len(g))
+        figure[columns] = np.abs(g[columns]) * self._bounds(columns)
+        together = float(figure.sum())
+        if together <= allowed:
+            return together, np.zeros(self._gap.n)
+        of_keys = np.bincount(self._key.values, figure, self._first.n)
+        keys = np.argsort(-of_keys)[:MOST_KEYS_TOGETHER]
+        keys = keys[of_keys[keys] > 0.0].tolist()
+        mine = np.concatenate([self._columns_of(key) for key in keys])
+        q = self.covariance_of(keys)
+        self._bound.values[mine] = np.sqrt(np.maximum(np.diag(q), 0.0))
+        joint = float(np.sqrt(max(g[mine] @ q @ g[mine], 0.0)))
+        together += joint - float(figure[mine].sum())
+        figure[mine] = np.abs(g[mine]) * self._bound.values[mine]
+        return together, self._shares(figure / np.maximum(sizes, TINY))
 
     def _extrapolate(self, beyond: Extrapolation, *, slow: bool) -> None:
         """Move further by what the last steps tell, where gaps shrink slowly.
@@ -376,13 +394,6 @@ class LinearISAM2(LinearRows):
             movement = step
         beyond.moved(movement)
         self._delta.values[:] += movement - step
-
-    def _moved_from(self) -> Array:
-        """Return the movement of each column from which on it is linearised anew in any case."""
-        weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
-        return np.asarray(
-            MIN_MOVEMENT / np.fmax(1.0, self._bound.values * weight / WEAK_SIGMA_RATIO) ** 2
-        )
 
     def settle(self) -> int:
         """Evaluate rows anew until nothing is missed; return the number of updates."""
@@ -438,7 +449,7 @@ class LinearISAM2(LinearRows):
             mark.units.append(touching)
             for of_sort, rows in anew:
                 forms = (self.rows[of_sort].v, *self.rows[of_sort].a)
-                mark.forms.append((of_sort, rows, [f.values[rows] for f in forms]))
+                mark.replaced += [(form, rows, form.values[rows]) for form in forms]
         self._weigh_groups(touching, -1.0)
         for of_sort, rows in anew:
             self._weigh(of_sort, rows, -1.0)

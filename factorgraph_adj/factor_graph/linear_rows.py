@@ -2,14 +2,17 @@
 
 Rows of one sort are evaluated at once, whenever they have arrived. An unknown is the movement δ of
 a variable from its point of linearisation θ, with x = θ ⊞ δ. What the linear rows miss is measured
-and not supposed: the gap g = v(x) − (v(θ) + A(θ) δ) of whitened rows moves no estimate by more than
-|g| times its standard deviation, as |Q^½ Aᵀ g| ≤ |g|.
+and not supposed: the gap r = v(x) − (v(θ) + A(θ) δ) of whitened rows moves no estimate by more than
+|r| times its standard deviation, as |Q^½ Aᵀ r| ≤ |r|. The whole gradient that they miss, by the
+change dA of their partials too, is g = Σ (dAᵀ v(x) + Aᵀ r), with signs over all rows: it moves no
+estimate by more than √gᵀQg ≤ Σ|g_c| σ_c standard deviations, to the first order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
+from weakref import WeakSet
 
 import numpy as np
 
@@ -19,6 +22,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..types import NO_ROWS, Array, Index, Mask
 from .linearisation_points import LinearisationPoints
+from .mark import Mark
 from .rows import Grown, Rows, Sort, WholeBlockError, sort_of
 
 OF_SIGMA = 0.5
@@ -81,6 +85,8 @@ class LinearRows(LinearisationPoints):
         """Square of the gap of each unit."""
         self._inside = Grown(dtype=bool)
         """Whether each unit is in."""
+        self._marks: WeakSet[Mark] = WeakSet()
+        """Marks that may be gone back to."""
 
     # -- observations and variables that are added, and dropped ----------------------------------
 
@@ -270,9 +276,11 @@ class LinearRows(LinearisationPoints):
                 mine.values[rows] = q
 
     def _bends(self) -> Array:
-        """Return what a unit of movement of each column makes its rows miss, √Σq²w².
+        """Return what a unit of movement of each column makes its rows miss at most, Σqw.
 
         In a row, w = max(|v|, ½) + t: of the change of its partials, see `_look`, and of its gap.
+        Rows may miss the same: those of one kind between the same points, with residuals of one
+        sign, do.
         """
         n = self._delta.n
         out = np.zeros(n + 1)  # the last one is held
@@ -287,8 +295,8 @@ class LinearRows(LinearisationPoints):
             w = np.maximum(np.linalg.norm(own.v.values[on], axis=1), OF_SIGMA) + t
             for b, at in zip(own.bend, columns, strict=True):
                 q = b.values[on] * (w * self._loosened)[:, None]
-                out += np.bincount(np.where(at >= 0, at, n).ravel(), (q**2).ravel(), n + 1)
-        return np.sqrt(out[:-1])
+                out += np.bincount(np.where(at >= 0, at, n).ravel(), q.ravel(), n + 1)
+        return out[:-1]
 
     def _unseen(self, bends: Array) -> Array:
         """Return squares of what rows miss by the movement of each column since its look.
@@ -301,8 +309,11 @@ class LinearRows(LinearisationPoints):
     def _look(self, columns: Mask, bounds: Callable[[Index], Array]) -> None:
         """Measure the gaps of rows that touch some columns.
 
-        Partials change too, by dA. With s = |dA Q^½| of a row, standard deviations change by no
-        more than s of themselves, and the gradient Aᵀv moves estimates by no more than s|v|.
+        Partials change too, by dA. With s = |dA Q^½| of a row, it changes standard deviations by no
+        more than s of themselves, and moves estimates by no more than s|v|: its gap has both. Over
+        all rows √Σs² bounds the change of standard deviations, but √Σs²v² not that of estimates,
+        as residuals may have one sign: what each row adds to the missed gradient is noted as well,
+        see `_missed`.
 
         Args:
             columns: which.
@@ -312,7 +323,7 @@ class LinearRows(LinearisationPoints):
             return
         self._looked.values[columns] = self._delta.values[columns]
         state = self.state()
-        groups: dict[int, dict[tuple[int, int], tuple[Array, float]]] = {}
+        groups: dict[int, dict[tuple[int, int], tuple[Array, float, Array, list[Array]]]] = {}
         for sort, rows in self._touching(columns):
             own = self.rows[sort]
             units = own.unit.values[rows]
@@ -328,18 +339,77 @@ class LinearRows(LinearisationPoints):
                 s += scale * np.einsum("nij,nj->ni", change, bound)
             far = np.linalg.norm(s, axis=1)
             far *= np.maximum(np.linalg.norm(scale * v, axis=1), OF_SIGMA)
-            gap = v - self._linear(sort, rows)
+            linear = self._linear(sort, rows)
+            gap = v - linear
             whole = np.linalg.norm(gap, axis=1) + far
             self._gap.values[units[alone]] = whole[alone] ** 2
+            self._note(sort, rows[alone], [a[alone] for a in partials], v[alone], linear[alone])
             for i in np.flatnonzero(~alone).tolist():
                 member = sort, int(rows[i])
-                groups.setdefault(int(units[i]), {})[member] = gap[i], float(far[i])
+                own_partials = [a[i : i + 1] for a in partials]
+                groups.setdefault(int(units[i]), {})[member] = gap[i], far[i], v[i], own_partials
         for unit, parts in groups.items():
             _, sorts, of_unit = self._members_of(np.array([unit]))
             found = [parts[m] for m in zip(sorts.tolist(), of_unit.tolist(), strict=True)]
-            g = self._whitener[unit] @ np.concatenate([g for g, _ in found])
-            both = np.linalg.norm(g) + np.linalg.norm([f for _, f in found])
+            w = self._whitener[unit]
+            gap = np.concatenate([g for g, *_ in found])
+            both = np.linalg.norm(w @ gap) + np.linalg.norm([f for _, f, *_ in found])
             self._gap.values[unit] = float(both**2)
+            ends = np.cumsum([len(g) for g, *_ in found])[:-1]
+            v = np.concatenate([v for _, _, v, _ in found])
+            weighed = [np.split(w.T @ (w @ r), ends) for r in (v, v - gap)]
+            members = zip(sorts.tolist(), of_unit[:, None], found, *weighed, strict=True)
+            for sort, row, (*_, partials), own_v, linear in members:
+                self._note(sort, row, partials, own_v[None], linear[None])
+
+    def _replace(self, grown: Grown, rows: Index, values: Array) -> None:
+        """Replace values by row, and keep those before for marks."""
+        for mark in self._marks:
+            mark.replaced.append((grown, rows, grown.values[rows]))
+        grown.values[rows] = values
+
+    def _note(self, sort: int, rows: Index, partials: list[Array], v: Array, linear: Array) -> None:
+        """Note what rows add to the gradient that is missed, A(x)ᵀ v(x) − Aᵀ (v + A δ).
+
+        Args:
+            sort: their sort.
+            rows: their numbers.
+            partials: A(x) by the variable of each slot.
+            v: v(x); of correlated rows, times their weights.
+            linear: v + A δ, likewise.
+        """
+        own = self.rows[sort]
+        for missed, a, new in zip(own.missed, own.a, partials, strict=True):
+            g = np.einsum("nij,ni->nj", new, v) - np.einsum("nij,ni->nj", a.values[rows], linear)
+            self._replace(missed, rows, g)
+
+    def _missed(self) -> tuple[Array, Array]:
+        """Return the gradient that rows miss, by column, and Σ|g| over their rows."""
+        n = self._delta.n
+        g, sizes = np.zeros(n + 1), np.zeros(n + 1)  # the last one is held
+        for _, missed, at in self._missed_by_rows():
+            at = np.where(at >= 0, at, n).ravel()
+            g += np.bincount(at, missed.ravel(), n + 1)
+            sizes += np.bincount(at, np.abs(missed).ravel(), n + 1)
+        return g[:-1], sizes[:-1]
+
+    def _shares(self, figure: Array) -> Array:
+        """Return shares of units in a figure of each column, by what they add to its gradient."""
+        out, figure = np.zeros(self._gap.n), np.append(figure, 0.0)
+        for units, missed, at in self._missed_by_rows():
+            out += np.bincount(units, (np.abs(missed) * figure[at]).sum(axis=1), len(out))
+        return out
+
+    def _missed_by_rows(self) -> Iterable[tuple[Index, Array, Index]]:
+        """Iterate over units (k,), what is missed (k, s) and columns (k, s) of rows with gaps."""
+        for own in self.rows:
+            rows = np.flatnonzero(self._gap.values[own.unit.values] > 0.0)
+            if not len(rows):
+                continue
+            units, index = own.unit.values[rows], own.index.values[rows]
+            for j, (kind, missed) in enumerate(zip(own.kinds, own.missed, strict=True)):
+                columns = self.tables[kind].column.values[index[:, j]]
+                yield units, missed.values[rows], columns[:, : missed.values.shape[1]]
 
     def _touching(self, columns: Mask) -> Iterable[tuple[int, Index]]:
         """Iterate over the rows inside that touch flagged columns, by sort; groups as wholes."""

@@ -19,6 +19,12 @@ from .rows import Grown
 
 SAME = 1e-2
 """Difference of two places, in conditional standard deviations, up to which they are one."""
+MIN_MOVEMENT = 0.1
+"""Movement in conditional standard deviations 1/√N_jj from which on a variable of a row that has a
+gap gets a new point of linearisation in any case, see `linear_isam2.MIN_SHARE_OF_MOVEMENT`."""
+WEAK_SIGMA_RATIO = 3.0
+"""Standard deviation in conditional ones from which on less movement is enough: a movement that its
+own rows hardly notice turns the direction in which a variable is weak."""
 
 
 @dataclass(eq=False)
@@ -180,6 +186,13 @@ class LinearisationPoints:
     def weight(self, columns: Index) -> Array:
         """Return √N_jj of columns."""
         return np.asarray(np.sqrt(np.maximum(self._diagonal.values[columns], 0.0)))
+
+    def _moved_from(self) -> Array:
+        """Return the movement of each column from which on it is linearised anew in any case."""
+        weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
+        return np.asarray(
+            MIN_MOVEMENT / np.fmax(1.0, self._bound.values * weight / WEAK_SIGMA_RATIO) ** 2
+        )
 
     def bound(self, unknowns: Unknowns, sigma: Array) -> None:
         """Take over upper bounds of standard deviations, by the columns of some unknowns."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from ..models.variables import VariableKind
 from ..types import Array, Index
+from .rows import Grown
 
 
 @dataclass(eq=False)
@@ -26,7 +27,7 @@ class Mark:
     """Largest factor by which standard deviations had grown since rows were measured."""
     units: list[Index] = field(default_factory=list)
     """Units whose rows were evaluated anew."""
-    forms: list[tuple[int, Index, list[Array]]] = field(default_factory=list)
-    """Sort and numbers of their rows, with residuals and partials before."""
+    replaced: list[tuple[Grown, Index, Array]] = field(default_factory=list)
+    """Values by row that were replaced: where, numbers of the rows, and values before."""
     theta: list[tuple[VariableKind, Index, Array]] = field(default_factory=list)
     """Kind and numbers of variables, with their points of linearisation before."""

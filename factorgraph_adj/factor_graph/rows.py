@@ -118,6 +118,9 @@ class Rows:
         """Partials by the variable of each slot, (n, d, size)."""
         self.bend: list[Grown] = []
         """See `LinearRows._measure_bends`, for each slot, (n, size); NaN: not measured yet."""
+        self.missed: list[Grown] = []
+        """What each observation adds to the gradient that linear rows miss, see `LinearRows._look`,
+        for each slot, (n, size)."""
         self._observed, self._sigma = Grown(d), Grown(d)
         self._whitener = None if block.whitener is None else Grown(d, d)
         self._constants = {
@@ -156,6 +159,8 @@ class Rows:
             a.extend(np.zeros((block.n, *a.values.shape[1:])))
         for b in self.bend:
             b.extend(np.full((block.n, b.values.shape[1]), np.nan))
+        for m in self.missed:
+            m.extend(np.zeros((block.n, m.values.shape[1])))
         self._observed.extend(block.observed)
         self._sigma.extend(block.sigma)
         if self._whitener is not None:
@@ -173,7 +178,9 @@ class Rows:
         """Drop all observations but the first n."""
         numeric = (self.index, self.unit, self.v, self._observed, self._sigma, self.joint)
         own = () if self._whitener is None else (self._whitener,)
-        for each in (*numeric, *own, *self.a, *self.bend, *self._constants.values()):
+        for each in (*numeric, *own, *self.a, *self.bend, *self.missed):
+            each.cut(n)
+        for each in self._constants.values():
             each.cut(n)
         del self._ids[n:]
         while self._labels and self._labels[-1][0] >= n:
@@ -219,6 +226,9 @@ class Rows:
             self.bend = [Grown(a.shape[2]) for a in partials]
             for b in self.bend:
                 b.extend(np.full((self.v.n, b.values.shape[1]), np.nan))
+            self.missed = [Grown(a.shape[2]) for a in partials]
+            for m in self.missed:
+                m.extend(np.zeros((self.v.n, m.values.shape[1])))
         self.v.values[rows] = v
         for mine, new in zip(self.a, partials, strict=True):
             mine.values[rows] = new
