@@ -42,11 +42,11 @@ def test_ranges_that_bend_within_their_sigma_are_the_batch_at_every_arrival(
 
 
 @pytest.mark.parametrize("engine", ["isam2", "fronts"])
-@pytest.mark.parametrize(("n", "offset"), [(10, 3.0), (100, 3.0), (100, 10.0)])
+@pytest.mark.parametrize(("n", "offset"), [(10, 3.0), (30, 3.0), (100, 3.0), (100, 10.0)])
 def test_many_rows_that_miss_the_same_are_the_batch_at_every_arrival(
     n: int, offset: float, engine: Engine
 ) -> None:
-    """Counted as independent, these residuals of one sign left 0.009 to 0.03 σ in iSAM2."""
+    """Counted as independent, these residuals of one sign left up to 0.022 σ in iSAM2."""
     rng = np.random.default_rng(5)
     inc = fga.IncrementalAdjustment(tense_distances(n, offset, rng), policy="accept", engine=engine)
     for _ in range(6):
@@ -54,4 +54,4 @@ def test_many_rows_that_miss_the_same_are_the_batch_at_every_arrival(
             inc.add(each)
         batch = fga.adjust(inc.network(), start=inc.solution(), tolerance=1e-9)
         off = (inc.estimate("P") - batch.point("P"))[:2] / batch.standard_deviations("P")[:2]
-        assert np.abs(off).max() <= 0.6 * PROMISED
+        assert np.abs(off).max() <= PROMISED
