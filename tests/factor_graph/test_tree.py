@@ -73,6 +73,28 @@ def test_moved_values_come_back_to_the_minimum(seed: int) -> None:
         assert (moved <= 1e-5 * sigma + 1e-9).all(), name
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_missed_gradient_is_that_of_rows_evaluated_where_the_tree_is(seed: int) -> None:
+    """The linear rows of a tree have none, as it is at their minimum; groups are whitened."""
+    solution = adjusted(seed)
+    unknowns = solution.equations.unknowns
+    rng = np.random.default_rng(seed)
+    weight = np.sqrt(np.maximum(solution.normal().diagonal, 1e-300))
+    step = np.where(unknowns.free, 30.0 * rng.normal(size=unknowns.n_columns) / weight, 0.0)
+    tree = LinearISAM2(solution.network.frame)
+    tree.enter([Arriving(solution.equations, unknowns.retract(solution.state, step))])
+    before = tree.mark()
+    tree._look(np.ones(tree._delta.n, dtype=bool), tree._bounds)
+    there = LinearISAM2(solution.network.frame)
+    there.enter([Arriving(solution.equations, tree.state())])
+    rows = there._stacked(np.flatnonzero(there._inside.values))
+    missed, scale = tree._missed()[0][rows.columns], np.sqrt((rows.a**2).sum(axis=0))
+    apart = float(np.abs((missed - rows.a.T @ rows.v) / scale).max())
+    assert apart <= 1e-9 * np.abs(missed / scale).max()
+    tree.restore(before)
+    assert not tree._missed()[0].any()
+
+
 def levels(n: int) -> fga.Network:
     """Return a line of held and free bench marks without observations."""
     network = fga.Network("levels")
