@@ -96,7 +96,7 @@ class LinearISAM2(LinearRows):
         Raises:
             InputError: names observations whose geometry has no answer.
             IndeterminateError: not all of the new variables are determined.
-            AdjustmentError: a residual is beyond `MOST_MISFIT`. After an error the tree has to be
+            AdjustmentError: a residual is beyond `MAX_MISFIT`. After an error the tree has to be
                 restored.
         """
         self.version = next(_VERSIONS)

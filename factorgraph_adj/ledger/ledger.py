@@ -159,7 +159,7 @@ class Ledger:
         used, number, new = set(ids), self.next, []
         for o, ident in zip(every, ids, strict=True):
             if ident is None:
-                while str(number) in used or self.status(str(number)) != "gone":
+                while str(number) in used or self._was_given(str(number)):
                     number += 1
                 ident, number = str(number), number + 1
             new.append(named(o, ident))
@@ -172,6 +172,13 @@ class Ledger:
             else:
                 items.extend(own)
         return items, number
+
+    def _was_given(self, ident: str) -> bool:
+        """Return whether an observation has an id; retired ones keep theirs, and come back."""
+        if self.status(ident) != "gone":
+            return True
+        retired = self.retired
+        return retired is not None and bool(retired.archive.moment_of(ident, retired.number))
 
     def appended(self, items: Sequence[AnyObservation], cause: str) -> tuple[Ledger, Index]:
         """Take observations in as waiting, which bear their ids; return their rows in order."""

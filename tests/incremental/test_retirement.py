@@ -166,6 +166,26 @@ def test_what_arrives_for_something_retired_is_refused_and_enters_once_it_is_tak
     assert verdict.verdict == "suspect"
 
 
+@pytest.mark.parametrize("resumed", [False, True])
+def test_new_observations_get_no_ids_of_retired_ones(engine, resumed, tmp_path):
+    journal = tmp_path / "day.jsonl"
+    inc = fga.IncrementalAdjustment(
+        two_points_by_distances(0.01), engine=engine, journal=journal if resumed else None
+    )
+    before = len(inc)
+    inc.retire(points=["Q"])
+    if resumed:
+        del inc
+        inc = fga.IncrementalAdjustment.resume(journal)
+    new = [HeightDifference("A", "P", 0.0, sigma=0.01), SlopeDistance("A", "P", 6.41, sigma=0.01)]
+    inc.add(new)
+    inc.settle(all=True)
+    assert len(inc) == before + len(new)
+    everything = two_points_by_distances(0.01)
+    everything.add(*new)
+    assert off(inc, fga.adjust(everything), ["P", "Q"]) < 1e-6
+
+
 def test_what_is_asked_of_something_retired_says_so():
     inc = survey()
     for ask in (inc.estimate, inc.covariance, inc.standard_deviations):
