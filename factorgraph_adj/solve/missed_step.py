@@ -26,14 +26,16 @@ function of the unknowns, such as one of them, moves by no more than
 of its σ, Q being the cofactors of the present. In coordinates u of T in which its cofactor matrix
 was the identity when the rows were made, s = −g.
 
-This is exact to second order, and nothing is sampled. Of the third order it is known how large it
-may be: a movement that changes the normal matrix, the identity for u, by D = B + 2 τ[d] changes the
-curvature by about ‖D‖ of itself. In which direction is not known, so that
+This is exact to second order in d where there are no residuals, and nothing is sampled. Two things
+are known by their size alone. A movement changes the normal matrix, the identity for u, by
+D = B + 2 τ[d], and so curvature by about ‖D‖ of itself: T takes a step that is longer by as much.
+And residuals curve R, too, which follow T by other partials than M then: that changes B by some
+‖B‖² again. In which direction is not known, so that
 
-    ρ = ‖D‖ ‖τ[d, d]‖
+    ρ = ‖D‖ (‖B d‖ + ‖τ[d, d]‖)
 
-is added, and summed over the marginalisations. The bound of the step is ‖s‖ + ρ: to second order a
-bound, beyond it an estimate.
+is added, and summed over the marginalisations. The bound of the step is ‖s‖ + ρ: beyond the second
+order, and where residuals curve rows by much of their normal matrix, it is an estimate.
 """
 
 from __future__ import annotations
@@ -108,10 +110,10 @@ class MissedStep(NamedTuple):
         """Return g(d), its derivative B + 2 τ[d], and ρ."""
         u = self.scale @ moved
         half = self.quadratic @ u
-        curved, derivative = half @ u, self.linear + 2.0 * half
+        straight, curved, derivative = self.linear @ u, half @ u, self.linear + 2.0 * half
         size = float(np.linalg.norm(derivative, 2)) if len(u) else 0.0
-        remainder = self.remainder + size * float(np.linalg.norm(curved))
-        return self.constant + self.linear @ u + curved, derivative, remainder
+        missed = float(np.linalg.norm(straight) + np.linalg.norm(curved))
+        return self.constant + straight + curved, derivative, self.remainder + size * missed
 
 
 NOTHING_MISSED = MissedStep()

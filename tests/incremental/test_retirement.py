@@ -21,6 +21,7 @@ from tests.benchmarks.vehicle import Drive
 from tests.networks.moved_after_retirement import (
     MOVEMENTS,
     moved_after_retirement,
+    retired_with_residuals,
     truly_missed,
     two_points,
     two_points_by_distances,
@@ -393,6 +394,15 @@ def test_no_more_is_missed_than_the_bound_says(kind, movement):
     bound = inc.missed_step
     missed = truly_missed(inc)
     assert 1e-5 < missed <= bound < 20 * missed
+
+
+@pytest.mark.parametrize("residual", [2.0, 5.0])
+def test_no_more_is_missed_where_residuals_curve_what_was_retired(residual):
+    """Without residuals rows miss 0.001 σ of this movement; with them their curvature counts."""
+    inc = retired_with_residuals(residual)
+    bound = inc.missed_step
+    missed = truly_missed(inc)
+    assert 0.01 < missed <= bound < 1.2 * missed
 
 
 @pytest.mark.slow("photos miss no more than the bound says, whatever of them moves")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,33 @@ def two_points_by_distances(sigma: float) -> fga.Network:
         d = np.subtract(network.points[b].coordinates, network.points[a].coordinates)
         network.add(SlopeDistance(a, b, float(np.linalg.norm(d)), sigma=sigma))
     return network
+
+
+def retired_with_residuals(residual: float) -> fga.IncrementalAdjustment:
+    """Return an adjustment that retired a point with residuals, and moved what observed it.
+
+    Args:
+        residual: error of the distances to the point, in their standard deviations.
+    """
+    network = two_points()
+    network.add_point("R", (5.0, -5.0, 0.0), fixed="z")
+    network.points["Q"] = replace(network.points["Q"], coordinates=(9.0, 6.0, 0.0))
+    pairs = dict.fromkeys(("AP", "BP", "CP", "AR", "BR", "CR"), 0.0)
+    pairs |= {"PQ": residual, "RQ": residual, "AQ": -residual}
+    sigma = 0.2
+    for (a, b), error in pairs.items():
+        d = np.subtract(network.points[b].coordinates, network.points[a].coordinates)
+        reading = float(np.linalg.norm(d)) + error * sigma
+        network.add(SlopeDistance(a, b, reading, sigma=sigma))
+    inc = fga.IncrementalAdjustment(network, policy="accept")
+    inc.settle()
+    inc.retire(points="Q")
+    s = inc.standard_deviations("P")[:2]
+    x, y = inc.estimate("P")[:2] + np.array([0.5, -0.5]) * s
+    stated = tuple((0.2 * s).tolist())
+    inc.add([ControlPoint("P", (float(x), float(y)), axes="xy", sigma=stated)])
+    inc.settle()
+    return inc
 
 
 def plane(rng: np.random.Generator, *, directions: bool) -> fga.Network:
