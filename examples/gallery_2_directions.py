@@ -12,7 +12,7 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import Direction, ZenithAngle
-from factorgraph_adj.simulation.simulate import disturb, measure
+from factorgraph_adj.simulation.measurement import disturb, measure
 from factorgraph_adj.units import GON
 
 MGON = GON / 1000

@@ -14,7 +14,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance, ZenithAngle
 from factorgraph_adj.simulation.industry_block import CAMERA, CORNERS, industry_block_plan
-from factorgraph_adj.simulation.simulate import Truth, disturb, measure
+from factorgraph_adj.simulation.measurement import Truth, disturb, measure
 from factorgraph_adj.units import GON
 
 MM = 1e-3

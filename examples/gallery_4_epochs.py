@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.units import GON
 
 MM, MGON = 1e-3, GON / 1000

@@ -12,7 +12,7 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import Direction, HorizontalDistance
-from factorgraph_adj.simulation.simulate import disturb, measure
+from factorgraph_adj.simulation.measurement import disturb, measure
 from factorgraph_adj.units import GON
 
 MM, MGON, SIGMA = 1e-3, GON / 1000, fga.StandardDeviation(0.002, ppm=2)

@@ -11,14 +11,14 @@ import argparse
 import numpy as np
 
 import factorgraph_adj as fga
+from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import Direction, ImagePoint, SlopeDistance, ZenithAngle
 from factorgraph_adj.planning import targets
 from factorgraph_adj.planning.candidates import Candidate, with_candidates
 from factorgraph_adj.planning.plan import plan
-from factorgraph_adj.planning.propose import propose
-from factorgraph_adj.simulation.simulate import look_at
+from factorgraph_adj.planning.proposals import propose
+from factorgraph_adj.simulation.measurement import look_at
 from factorgraph_adj.units import GON
 
 MM, MGON, MIDDLE = 1e-3, GON / 1000, np.array([10.0, 0.0, 5.0])

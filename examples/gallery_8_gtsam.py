@@ -14,7 +14,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import SlopeDistance, ZenithAngle
-from factorgraph_adj.simulation.simulate import disturb, look_at, measure
+from factorgraph_adj.simulation.measurement import disturb, look_at, measure
 from factorgraph_adj.units import GON
 
 PILLARS = {"A": (0.0, 0.0, 0.0), "B": (30.0, 2.0, 0.5), "C": (14.0, 26.0, 1.0)}

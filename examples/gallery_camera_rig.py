@@ -15,7 +15,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation, world_R_camera
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 
 PARTS, MOUNT = ("rx", "ry", "rz", "x", "y", "z"), (0.01, 1.22, -0.03, 0.31, 0.02, 0.05)
 FOCAL, PLACES = 12.0, 5

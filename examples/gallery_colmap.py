@@ -16,7 +16,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.models.ray_lens import FisheyeLens
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 
 rng, folder = np.random.default_rng(7), Path(tempfile.mkdtemp())
 HALL, CORNER = np.array([24.0, 14.0, 6.0]), np.array([2500.0, 4800.0, 310.0])

@@ -14,7 +14,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.report.plots import plot_network
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 
 (parser := argparse.ArgumentParser()).add_argument("--plot", help="file of the picture")
 options, _ = parser.parse_known_args()

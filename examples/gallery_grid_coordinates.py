@@ -17,7 +17,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the principal distances")

@@ -14,7 +14,7 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 
 LENGTH, SENSORS, UM = 60.0, 7, 1e-6
 

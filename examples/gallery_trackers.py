@@ -13,7 +13,7 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import FrameDirection, FrameDistance, FrameZenith
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.units import ARCSEC
 
 parser = argparse.ArgumentParser(description=__doc__)

@@ -15,7 +15,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.units import GON
 
 MGON, MM = GON / 1000, 1e-3

@@ -11,95 +11,90 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .block_orientation.dlt import dlt
-    from .block_orientation.orient import orient
-    from .crs.similarity import SevenParameters
-    from .crs.system import ReferenceSystem
-    from .epochs.blocks import block_motion
+    from .crs.reference_system import ReferenceSystem
+    from .crs.transformation_chain import SevenParameters
+    from .entities import Camera, Parameter, Photo, Point
+    from .epochs.block_motion import block_motion
     from .epochs.congruence import congruence
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
-    from .export.arrays import covariance_array, to_xarray
-    from .export.dxf import write_dxf
-    from .export.exports import write
-    from .export.geojson import write_geojson
+    from .export.dxf_ply import write_dxf, write_ply
+    from .export.formats import covariance_array, results_schema, to_xarray, write, write_results
+    from .export.geojson_kml import write_geojson, write_kml
     from .export.geopackage import write_geopackage
-    from .export.kml import write_kml
-    from .export.ply import write_ply
-    from .export.results import results_schema, write_results
-    from .factor_graph.build import build_graph
     from .factor_graph.factor_tests import FactorTests
     from .factor_graph.isam import Isam
-    from .field.faces import reduce_faces
-    from .field.readings import FaceReading
+    from .factor_graph.network_graph import build_graph
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
+    from .graph.observation_selection import without
     from .incremental.adjustment import IncrementalAdjustment
-    from .io.bal import read_bal
-    from .io.gama import read_gama
-    from .io.gnss.dynaml import read_dynaml
-    from .io.gnss.gvx import read_gvx
-    from .io.gnss.sinex import read_sinex
-    from .io.gnss.write_dynaml import write_dynaml
-    from .io.gnss.write_gvx import write_gvx
-    from .io.gnss.write_sinex import write_sinex
+    from .io.gnss.dynaml import read_dynaml, write_dynaml
+    from .io.gnss.gvx import read_gvx, write_gvx
+    from .io.gnss.sinex import read_sinex, write_sinex
     from .io.photogrammetry.aicon import read_aicon
-    from .io.photogrammetry.bundler import read_bundler
+    from .io.photogrammetry.bundler import read_bal, read_bundler
     from .io.photogrammetry.colmap import read_colmap
-    from .io.photogrammetry.colmap_write import write_colmap
+    from .io.photogrammetry.colmap_writer import write_colmap
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
-    from .io.photogrammetry.metashape_write import write_metashape
+    from .io.photogrammetry.metashape_writer import write_metashape
     from .io.photogrammetry.micmac import read_micmac
     from .io.photogrammetry.opencv import read_opencv, write_opencv
     from .io.photogrammetry.openmvg import read_openmvg
     from .io.photogrammetry.opensfm import read_opensfm
     from .io.photogrammetry.opf import read_opf
-    from .io.photogrammetry.opf_write import write_opf
+    from .io.photogrammetry.opf_writer import write_opf
     from .io.project import read_project
+    from .io.project_writer import write_project
     from .io.readers import read
     from .io.solution_file import load_solution
-    from .io.survey.accuracies import Accuracies
-    from .io.survey.columns import read_columns
     from .io.survey.comp3d import read_comp3d
+    from .io.survey.field_book import Accuracies
+    from .io.survey.gama import read_gama
     from .io.survey.gsi import read_gsi
-    from .io.survey.jag3d import read_jag3d
+    from .io.survey.jag3d import read_jag3d, write_jag3d
     from .io.survey.jobxml import read_jobxml
-    from .io.survey.landxml import read_landxml
+    from .io.survey.landxml import read_landxml, write_landxml
     from .io.survey.lgc2 import read_lgc2
+    from .io.survey.mapped_tables import read_columns
     from .io.survey.mmvii import read_mmvii
     from .io.survey.sdr33 import read_sdr33
     from .io.survey.star_net import read_star_net
     from .io.survey.star_net_options import StarNetOptions
-    from .io.survey.write_jag3d import write_jag3d
-    from .io.survey.write_landxml import write_landxml
-    from .io.survey.write_star_net import write_star_net
-    from .io.write_project import write_project
-    from .models.registry import register_lens
+    from .io.survey.star_net_writer import write_star_net
+    from .models.lens_registry import register_lens
     from .models.unknown import UnknownKind
     from .models.variables import register_unknown
-    from .network.entities import Camera, Parameter, Photo, Point
-    from .network.from_grid import from_grid
-    from .network.join import join
+    from .network.face_readings import FaceReading
+    from .network.face_reduction import reduce_faces
+    from .network.grid.conversion import from_grid
+    from .network.joined_networks import join, vectors_in_own_datum
     from .network.network import Network
-    from .network.own_datum import vectors_in_own_datum
-    from .network.selection import without
     from .observations.airborne import (
         AntennaVector,
+        GyroAzimuth,
         NavigationAttitude,
         PhotoAngle,
         PhotoAttitude,
         PhotoBase,
         PhotoRange,
+        PhotoSight,
+        PhotoTilt,
     )
     from .observations.base import Observation
     from .observations.correlated import Correlated
-    from .observations.far_directions import GyroAzimuth, PhotoSight, PhotoTilt
-    from .observations.frame_sights import FrameDirection, FrameDistance, FrameZenith
+    from .observations.frame_observations import (
+        FrameCoordinate,
+        FrameDirection,
+        FrameDistance,
+        FrameVector,
+        FrameZenith,
+        StripCoordinate,
+    )
     from .observations.image import ImagePoint
-    from .observations.in_frames import FrameCoordinate, FrameVector
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
     from .observations.registry import ObservationKind, register_observation
-    from .observations.relative import RelativePosition, RelativeRotation
-    from .observations.strips import StripCoordinate
+    from .observations.relative_poses import RelativePosition, RelativeRotation
+    from .observations.surface_heights import LevelHeight, ProfileHeight
     from .observations.terrestrial import (
         AstronomicLatitude,
         AstronomicLongitude,
@@ -112,33 +107,31 @@ if TYPE_CHECKING:
         VerticalAngle,
         ZenithAngle,
     )
-    from .observations.vertical import LevelHeight, ProfileHeight
-    from .parts.adjust import adjust_parts
-    from .parts.network import adjust
-    from .parts.part import Part
-    from .parts.result import PartsSolution
+    from .parts.adjustment import adjust_parts
+    from .parts.part_files import Part
+    from .parts.solution import PartsSolution
+    from .parts.whole_network import adjust
     from .planning.candidates import Candidate
+    from .planning.dispensable_observations import find_sparable
     from .planning.plan import plan
-    from .planning.propose import propose
-    from .planning.spare import find_sparable
+    from .planning.proposals import propose
     from .quality.causes.search import causes
-    from .quality.check_points import check_points
     from .quality.datum_change import s_transform
-    from .quality.ellipses import error_ellipse, error_ellipsoid
-    from .quality.exclusion import exclude_insignificant
-    from .quality.lines import adjusted_lines
+    from .quality.derived_quantities import adjusted_lines
+    from .quality.error_ellipses import error_ellipse, error_ellipsoid
+    from .quality.parameter_exclusion import exclude_insignificant
+    from .quality.parameter_significance import significance
+    from .quality.point_precision import check_points, distance_precision
     from .quality.prediction import predict
-    from .quality.relative import distance_precision
     from .quality.reliability import reliability
-    from .quality.robust import robust_adjust
+    from .quality.robust_estimation import robust_adjust
     from .quality.snooping import snoop
-    from .quality.systematic import significance
     from .quality.variance_components import estimate_variance_components
-    from .report.html.write import write_report
+    from .report.html.page import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
-    from .solve.batch import determined_part, memory_needed
-    from .solve.grid import (
+    from .solve.adjustment import determined_part, memory_needed
+    from .solve.grid_coordinates import (
         GridCoordinates,
         GridPhotos,
         grid_coordinates,
@@ -146,11 +139,12 @@ if TYPE_CHECKING:
         wgs84_coordinates,
     )
     from .solve.solution import Solution
+    from .start.block_orientation import orient
+    from .start.unknown_calibration import dlt
     from .stochastic import StandardDeviation
-    from .triangulation.models import as_models
-    from .triangulation.relative import relative_model
-    from .validate.preliminary.finding import Finding
-    from .validate.preliminary.search import preliminary
+    from .triangulation.independent_models import as_models, relative_model
+    from .validate.findings import Finding
+    from .validate.preliminary_checks import preliminary
     from .version import __version__
 
 __all__ = [
@@ -322,22 +316,22 @@ _MODULES = {
     "AstronomicLatitude": "observations.terrestrial",
     "AstronomicLongitude": "observations.terrestrial",
     "Azimuth": "observations.terrestrial",
-    "Camera": "network.entities",
+    "Camera": "entities",
     "Candidate": "planning.candidates",
     "ControlPoint": "observations.positions",
     "Correlated": "observations.correlated",
     "DatumError": "errors",
     "Direction": "observations.terrestrial",
-    "FaceReading": "field.readings",
-    "Finding": "validate.preliminary.finding",
-    "FrameCoordinate": "observations.in_frames",
-    "FrameDirection": "observations.frame_sights",
-    "FrameDistance": "observations.frame_sights",
-    "FrameVector": "observations.in_frames",
-    "FrameZenith": "observations.frame_sights",
+    "FaceReading": "network.face_readings",
+    "Finding": "validate.findings",
+    "FrameCoordinate": "observations.frame_observations",
+    "FrameDirection": "observations.frame_observations",
+    "FrameDistance": "observations.frame_observations",
+    "FrameVector": "observations.frame_observations",
+    "FrameZenith": "observations.frame_observations",
     "AntennaVector": "observations.airborne",
-    "GridCoordinates": "solve.grid",
-    "GridPhotos": "solve.grid",
+    "GridCoordinates": "solve.grid_coordinates",
+    "GridPhotos": "solve.grid_coordinates",
     "NavigationAttitude": "observations.airborne",
     "PhotoAngle": "observations.airborne",
     "PhotoAttitude": "observations.airborne",
@@ -346,91 +340,91 @@ _MODULES = {
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",
     "GnssVector": "observations.positions",
-    "GyroAzimuth": "observations.far_directions",
+    "GyroAzimuth": "observations.airborne",
     "HeightDifference": "observations.terrestrial",
     "HorizontalAngle": "observations.terrestrial",
     "HorizontalDistance": "observations.terrestrial",
     "ImagePoint": "observations.image",
     "IncrementalAdjustment": "incremental.adjustment",
     "InputError": "errors",
-    "LevelHeight": "observations.vertical",
+    "LevelHeight": "observations.surface_heights",
     "LocalFrame": "frames",
     "Network": "network.network",
     "Observation": "observations.base",
     "ObservationKind": "observations.registry",
-    "Parameter": "network.entities",
-    "Part": "parts.part",
-    "PartsSolution": "parts.result",
-    "Photo": "network.entities",
+    "Parameter": "entities",
+    "Part": "parts.part_files",
+    "PartsSolution": "parts.solution",
+    "Photo": "entities",
     "PhotoPosition": "observations.positions",
-    "PhotoSight": "observations.far_directions",
-    "PhotoTilt": "observations.far_directions",
-    "Point": "network.entities",
-    "ProfileHeight": "observations.vertical",
+    "PhotoSight": "observations.airborne",
+    "PhotoTilt": "observations.airborne",
+    "Point": "entities",
+    "ProfileHeight": "observations.surface_heights",
     "Provenance": "report.options",
-    "ReferenceSystem": "crs.system",
-    "RelativePosition": "observations.relative",
-    "RelativeRotation": "observations.relative",
+    "ReferenceSystem": "crs.reference_system",
+    "RelativePosition": "observations.relative_poses",
+    "RelativeRotation": "observations.relative_poses",
     "ReportOptions": "report.options",
-    "SevenParameters": "crs.similarity",
+    "SevenParameters": "crs.transformation_chain",
     "SlopeDistance": "observations.terrestrial",
     "Solution": "solve.solution",
     "StandardDeviation": "stochastic",
-    "StripCoordinate": "observations.strips",
+    "StripCoordinate": "observations.frame_observations",
     "TopocentricFrame": "frames",
     "UnknownKind": "models.unknown",
     "VerticalAngle": "observations.terrestrial",
     "ZenithAngle": "observations.terrestrial",
     "__version__": "version",
-    "adjust": "parts.network",
-    "adjust_parts": "parts.adjust",
-    "adjusted_lines": "quality.lines",
-    "as_models": "triangulation.models",
-    "build_graph": "factor_graph.build",
+    "adjust": "parts.whole_network",
+    "adjust_parts": "parts.adjustment",
+    "adjusted_lines": "quality.derived_quantities",
+    "as_models": "triangulation.independent_models",
+    "build_graph": "factor_graph.network_graph",
     "FactorTests": "factor_graph.factor_tests",
     "Isam": "factor_graph.isam",
-    "block_motion": "epochs.blocks",
+    "block_motion": "epochs.block_motion",
     "causes": "quality.causes.search",
-    "check_points": "quality.check_points",
+    "check_points": "quality.point_precision",
     "congruence": "epochs.congruence",
-    "distance_precision": "quality.relative",
-    "dlt": "block_orientation.dlt",
-    "error_ellipse": "quality.ellipses",
-    "error_ellipsoid": "quality.ellipses",
+    "distance_precision": "quality.point_precision",
+    "dlt": "start.unknown_calibration",
+    "error_ellipse": "quality.error_ellipses",
+    "error_ellipsoid": "quality.error_ellipses",
     "estimate_variance_components": "quality.variance_components",
-    "exclude_insignificant": "quality.exclusion",
-    "find_sparable": "planning.spare",
-    "from_grid": "network.from_grid",
-    "grid_coordinates": "solve.grid",
-    "grid_photos": "solve.grid",
-    "join": "network.join",
+    "exclude_insignificant": "quality.parameter_exclusion",
+    "find_sparable": "planning.dispensable_observations",
+    "from_grid": "network.grid.conversion",
+    "grid_coordinates": "solve.grid_coordinates",
+    "grid_photos": "solve.grid_coordinates",
+    "join": "network.joined_networks",
     "load_solution": "io.solution_file",
-    "determined_part": "solve.batch",
-    "memory_needed": "solve.batch",
-    "orient": "block_orientation.orient",
+    "determined_part": "solve.adjustment",
+    "memory_needed": "solve.adjustment",
+    "orient": "start.block_orientation",
     "plan": "planning.plan",
     "predict": "quality.prediction",
-    "preliminary": "validate.preliminary.search",
-    "propose": "planning.propose",
+    "preliminary": "validate.preliminary_checks",
+    "propose": "planning.proposals",
     "protocol": "report.text",
-    "write_report": "report.html.write",
+    "write_report": "report.html.page",
     "read": "io.readers",
-    "read_bal": "io.bal",
+    "read_bal": "io.photogrammetry.bundler",
     "read_colmap": "io.photogrammetry.colmap",
-    "read_gama": "io.gama",
+    "read_gama": "io.survey.gama",
     "read_comp3d": "io.survey.comp3d",
     "read_dynaml": "io.gnss.dynaml",
     "read_gvx": "io.gnss.gvx",
     "read_sinex": "io.gnss.sinex",
-    "write_dynaml": "io.gnss.write_dynaml",
-    "write_gvx": "io.gnss.write_gvx",
-    "write_sinex": "io.gnss.write_sinex",
+    "write_dynaml": "io.gnss.dynaml",
+    "write_gvx": "io.gnss.gvx",
+    "write_sinex": "io.gnss.sinex",
     "read_metashape": "io.photogrammetry.metashape",
-    "write_metashape": "io.photogrammetry.metashape_write",
+    "write_metashape": "io.photogrammetry.metashape_writer",
     "read_dbat": "io.photogrammetry.dbat",
     "read_aicon": "io.photogrammetry.aicon",
     "read_opf": "io.photogrammetry.opf",
-    "write_opf": "io.photogrammetry.opf_write",
+    "write_opf": "io.photogrammetry.opf_writer",
     "read_openmvg": "io.photogrammetry.openmvg",
     "read_opensfm": "io.photogrammetry.opensfm",
     "read_opencv": "io.photogrammetry.opencv",
@@ -439,22 +433,22 @@ _MODULES = {
     "read_micmac": "io.photogrammetry.micmac",
     "read_lgc2": "io.survey.lgc2",
     "read_project": "io.project",
-    "reduce_faces": "field.faces",
-    "register_lens": "models.registry",
+    "reduce_faces": "network.face_reduction",
+    "register_lens": "models.lens_registry",
     "register_observation": "observations.registry",
     "register_unknown": "models.variables",
-    "relative_model": "triangulation.relative",
+    "relative_model": "triangulation.independent_models",
     "reliability": "quality.reliability",
-    "robust_adjust": "quality.robust",
+    "robust_adjust": "quality.robust_estimation",
     "s_transform": "quality.datum_change",
-    "significance": "quality.systematic",
+    "significance": "quality.parameter_significance",
     "snoop": "quality.snooping",
-    "wgs84_coordinates": "solve.grid",
-    "without": "network.selection",
+    "wgs84_coordinates": "solve.grid_coordinates",
+    "without": "graph.observation_selection",
     "StarNetOptions": "io.survey.star_net_options",
-    "covariance_array": "export.arrays",
-    "read_columns": "io.survey.columns",
-    "Accuracies": "io.survey.accuracies",
+    "covariance_array": "export.formats",
+    "read_columns": "io.survey.mapped_tables",
+    "Accuracies": "io.survey.field_book",
     "read_gsi": "io.survey.gsi",
     "read_jag3d": "io.survey.jag3d",
     "read_jobxml": "io.survey.jobxml",
@@ -462,21 +456,21 @@ _MODULES = {
     "read_mmvii": "io.survey.mmvii",
     "read_sdr33": "io.survey.sdr33",
     "read_star_net": "io.survey.star_net",
-    "results_schema": "export.results",
-    "vectors_in_own_datum": "network.own_datum",
-    "to_xarray": "export.arrays",
-    "write": "export.exports",
-    "write_colmap": "io.photogrammetry.colmap_write",
-    "write_dxf": "export.dxf",
-    "write_geojson": "export.geojson",
+    "results_schema": "export.formats",
+    "vectors_in_own_datum": "network.joined_networks",
+    "to_xarray": "export.formats",
+    "write": "export.formats",
+    "write_colmap": "io.photogrammetry.colmap_writer",
+    "write_dxf": "export.dxf_ply",
+    "write_geojson": "export.geojson_kml",
     "write_geopackage": "export.geopackage",
-    "write_jag3d": "io.survey.write_jag3d",
-    "write_kml": "export.kml",
-    "write_landxml": "io.survey.write_landxml",
-    "write_ply": "export.ply",
-    "write_results": "export.results",
-    "write_star_net": "io.survey.write_star_net",
-    "write_project": "io.write_project",
+    "write_jag3d": "io.survey.jag3d",
+    "write_kml": "export.geojson_kml",
+    "write_landxml": "io.survey.landxml",
+    "write_ply": "export.dxf_ply",
+    "write_results": "export.formats",
+    "write_star_net": "io.survey.star_net_writer",
+    "write_project": "io.project_writer",
 }
 """Module of each public name; type checkers read the imports above."""
 

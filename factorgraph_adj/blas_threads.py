@@ -14,13 +14,11 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, wraps
-from threading import Lock, local
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from threading import Lock, RLock, local
+from typing import TYPE_CHECKING, Concatenate, ParamSpec, Protocol, TypeVar
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController, threadpool_limits
-from threading import RLock
-from typing import Concatenate, Protocol
 
 VARIABLES = (
     "OMP_NUM_THREADS",

@@ -226,3 +226,7 @@ def similar(name: str, names: Collection[str]) -> str:
     there = {n.casefold(): n for n in names if not number or _NUMBER.findall(n) in ([], number)}
     close = get_close_matches(name.casefold(), there, 1)
     return f"; did you mean {there[close[0]]!r}?" if close else ""
+
+
+class SingularError(AdjustmentError):
+    """A pivot of the elimination is zero; the caller determines the unknowns concerned."""

@@ -39,7 +39,7 @@ def pytest_collection_finish() -> None:
 @pytest.fixture(autouse=True, scope="module")
 def registered_kinds_stay() -> Iterator[None]:
     """Tests that register a kind take it back: other tests may name all that are valid."""
-    from factorgraph_adj.models.registry import LENSES
+    from factorgraph_adj.models.lens_registry import LENSES
     from factorgraph_adj.models.variables import UNKNOWNS
     from factorgraph_adj.observations.registry import KINDS
 

@@ -35,10 +35,10 @@ import pytest
 
 import factorgraph_adj
 from factorgraph_adj.cli.main import _parser, main
-from factorgraph_adj.export.exports import EXPORTS
+from factorgraph_adj.export.formats import EXPORT_FORMATS
 from factorgraph_adj.io.readers import READERS
 from factorgraph_adj.io.writers import WRITERS
-from factorgraph_adj.models.registry import LENSES
+from factorgraph_adj.models.lens_registry import LENSES
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import KINDS
 from factorgraph_adj.report import plots
@@ -347,7 +347,7 @@ def test_every_option_of_every_command_is_in_the_reference() -> None:
 
 @pytest.mark.parametrize(
     ("title", "entries"),
-    [("Read", READERS.entries), ("Written", WRITERS.entries), ("Results", EXPORTS)],
+    [("Read", READERS.entries), ("Written", WRITERS.entries), ("Results", EXPORT_FORMATS)],
 )
 def test_every_format_has_its_row(title: str, entries: Any) -> None:
     """The page of formats has one row for each, with its suffixes, and no other rows."""

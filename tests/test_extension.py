@@ -15,7 +15,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.variables import UnknownTable, unknown_kind
-from factorgraph_adj.solve.datum import generators
+from factorgraph_adj.solve.datum_defects import generators
 from tests.networks import extension
 from tests.networks.extension import (
     SIMILARITY,

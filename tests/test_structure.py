@@ -38,36 +38,36 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     # Grid coordinates and heights of reference systems, and geoids.
     ("crs",),
     ("models",),
-    ("network.entities",),
+    ("entities",),
     ("observations",),
     ("network",),
     ("network.additions",),
     ("field",),
     # The equations in arrays, which know nothing of GTSAM.
     (
-        "graph.order",
-        "graph.scales",
+        "graph.image_blocks",
+        "graph.calibration_scales",
         "graph.variables",
         "graph.blocks",
         "graph.weights",
-        "graph.make_blocks",
+        "graph.block_construction",
         "graph.image_blocks",
-        "graph.image_chunks",
+        "graph.image_blocks",
         "graph.equations",
     ),
-    ("network.selection",),
+    ("graph.observation_selection",),
     ("approximate",),
     # The same equations as factors of GTSAM, which start at approximate values.
     ("graph",),
     # What an adjustment says of itself takes the global test.
-    ("quality.distributions", "quality.levels"),
-    ("quality.unit_weight",),
+    ("statistical_tests", "statistical_tests"),
+    ("statistical_tests",),
     # The minimum of vᵀPv from start values.
     ("solve",),
     # Poses and points from image points alone; the start of every adjustment.
     ("block_orientation",),
-    ("solve.determined_part",),
-    ("solve.batch",),
+    ("solve.adjustment",),
+    ("solve.adjustment",),
     ("quality",),
     # The whole as a factor graph for GTSAM's optimisers, and in its iSAM2.
     ("factor_graph",),

@@ -1,4 +1,4 @@
-"""The input of a command: a file of any format, and how to read it."""
+"""The input of a command: a file of any format, and the grid of its coordinates."""
 
 from __future__ import annotations
 
@@ -6,13 +6,147 @@ import argparse
 import json
 import tomllib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..crs.reference_system import ReferenceSystem
 from ..errors import InputError, Problem
+from ..frames import GeocentricFrame, LocalFrame, TopocentricFrame
+from ..io.format_options import options_of, refuse_unknown_options
 from ..io.project import Project
-from ..io.readers import READERS
-from .grid import add_grid, moved, options_of_reader, system_of
+from ..io.readers import READERS, Reader
+from ..network.grid.conversion import from_grid
+from ..network.network import Network
+
+GRID_OPTIONS_OF_COMMAND = ("crs", "frame", "sources")
+"""Options of `from_grid` that are options of the command, or its own affair."""
+
+
+def add_grid(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    grid = parser.add_argument_group(
+        "coordinates of a grid",
+        "of files that do not state their reference system; projects do in [crs]",
+    )
+    grid.add_argument(
+        "--crs",
+        metavar="SYSTEM",
+        help="reference system of easting, northing, height, such as EPSG:25832+7837: the network "
+        "is moved into a frame on the Earth, results come back in the grid. Of a network that is "
+        "on the Earth already, the system of its results",
+    )
+    grid.add_argument(
+        "--geoid",
+        metavar="PATH|N",
+        help="what heights are above: a grid (.gtx, .tif, .gsb), a table of points (.csv), or a "
+        "constant undulation in metres",
+    )
+    grid.add_argument(
+        "--heights", choices=("ellipsoidal",), help="heights are above the ellipsoid of the system"
+    )
+    grid.add_argument(
+        "--frame",
+        choices=("topocentric", "geocentric"),
+        help="frame of the adjustment (topocentric)",
+    )
+    grid.add_argument(
+        "--grid",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="azimuths=true|grid, vectors=geocentric|grid, horizontal_distances=measured|"
+        "ellipsoid|grid, deflections=none|held|σ in radians, geoid_offset=σ in metres; may be "
+        "repeated",
+    )
+
+
+def stated_reference_system(options: argparse.Namespace) -> ReferenceSystem | None:
+    """Return the reference system of a command; None: none is stated.
+
+    Raises:
+        InputError: options of a grid stand without --crs.
+    """
+    geoid = options.geoid
+    if options.crs is None:
+        alone = [
+            name
+            for name, given in (
+                ("--geoid", geoid),
+                ("--heights", options.heights),
+                ("--frame", options.frame),
+                ("--grid", options.grid or None),
+            )
+            if given is not None
+        ]
+        if alone:
+            raise InputError(f"{', '.join(alone)}: state the reference system too, --crs")
+        return None
+    if geoid is not None:
+        try:
+            geoid = float(geoid)
+        except ValueError:
+            geoid = str(geoid)
+    return ReferenceSystem(options.crs, geoid, options.heights).checked()
+
+
+def options_of_reader(
+    reader: Reader, system: ReferenceSystem, grid: dict[str, Any], frame: str | None
+) -> dict[str, Any]:
+    """Return options of a reader that converts coordinates of a grid itself.
+
+    Raises:
+        InputError: the reader has no such option, or takes no other frame.
+    """
+    if frame == "geocentric":
+        raise InputError(f"--frame geocentric: {reader.description} is read in a topocentric frame")
+    refuse_unknown_options(
+        grid, reader.options, doing=f"reading {reader.description} in a grid", where="--grid"
+    )
+    return {"crs": system, **grid}
+
+
+def project_on_earth(
+    project: Project,
+    system: ReferenceSystem,
+    grid: dict[str, Any],
+    frame: str | None,
+) -> Project:
+    """Return a project whose network is on the Earth, with the reference system of its results.
+
+    Args:
+        project: the project as read.
+        system: the reference system.
+        grid: options of `from_grid`.
+        frame: kind of the new frame; None: topocentric.
+
+    Raises:
+        InputError: the network states a reference system itself, is in another frame than is
+            wanted, or as `from_grid`.
+    """
+    network: Network = project.network
+    valid = [o for o in options_of(from_grid) if o not in GRID_OPTIONS_OF_COMMAND]
+    refuse_unknown_options(grid, valid, doing="moving a grid to the Earth", where="--grid")
+    if network.crs is not None and not isinstance(network.frame, LocalFrame):
+        what = f"states its reference system itself ({network.crs.name}): leave --crs out"
+        raise InputError(Problem(what, str(project.path)))
+    if isinstance(network.frame, LocalFrame):
+        made = from_grid(
+            network,
+            system,
+            frame="geocentric" if frame == "geocentric" else "topocentric",
+            sources=project.sources,
+            **grid,
+        )
+        return replace(project, network=made)
+    kind = {"topocentric": TopocentricFrame, "geocentric": GeocentricFrame}.get(frame or "")
+    if grid or (kind is not None and not isinstance(network.frame, kind)):
+        what = "is in a frame on the Earth already: --frame and --grid belong to grid coordinates"
+        raise InputError(Problem(what, str(project.path)))
+    system.refuse_other(network.frame)
+    network.crs = system
+    return project
+
 
 PROJECT_HELP = f"a file: {READERS}; or a folder"
 """Help of the argument for a project."""
@@ -66,9 +200,9 @@ def read_input(
         InputError: an option is malformed, or the file has problems.
     """
     source = options.project if path is None else path
-    given = settings(options.reading, "--set")
-    system = system_of(options)
-    grid = settings(options.grid, "--grid")
+    given = parsed_settings(options.reading, "--set")
+    system = stated_reference_system(options)
+    grid = parsed_settings(options.grid, "--grid")
     if system is not None and not Path(source).exists():
         raise InputError(Problem("no such file or folder", str(source)))
     reader = None if system is None else READERS.reader(Path(source), options.read_as)
@@ -83,10 +217,10 @@ def read_input(
     )
     if system is None or reader is None or reader.own_grid:
         return project
-    return moved(project, system, grid, options.frame)
+    return project_on_earth(project, system, grid, options.frame)
 
 
-def settings(given: Sequence[str], option: str) -> dict[str, Any]:
+def parsed_settings(given: Sequence[str], option: str) -> dict[str, Any]:
     """Return settings KEY=VALUE by key.
 
     Values are those of TOML, such as ``0.5``, ``["c", "k1"]`` or ``{markers = 0.2}``; tables may

@@ -1,7 +1,8 @@
-"""The command ``factorgraph-adj``: check, convert, compare, adjust, plot, stream, plan, propose.
+"""The command ``factorgraph-adj``, with a parser that suggests the word that was meant.
 
-Each command adds its arguments when it is called, and returns one of the
-`factorgraph_adj.cli.exit_codes`. Errors go to stderr as a list with one problem in each line.
+Commands are check, convert, join, compare, adjust, plot, stream, plan, propose. Each command adds
+its arguments when it is called, and returns an exit code of `factorgraph_adj.cli.messages`.
+Errors go to stderr as a list with one problem in each line.
 """
 
 from __future__ import annotations
@@ -9,21 +10,83 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import re
 import sys
 from collections.abc import Sequence
-from typing import Any
+from importlib import import_module
+from typing import Any, NoReturn
 
 from ..control_characters import escaped
-from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known
+from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known, similar
 from ..files import FilesOfRun, keeping_inputs
 from ..version import __version__
-from .exit_codes import BAD_INPUT, FAULT, FINE, INTERRUPTED
-from .messages import complain
-from .parser import Command, Parser
+from .messages import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_FINE, EXIT_INTERRUPTED, print_problems
+
+_CHOICE = re.compile(r"invalid choice: '(.*?)' \(choose from (.*)\)")
+_OPTION = re.compile(r"unrecognized arguments: (--[\w-]+)")
+
+
+class SuggestingParser(argparse.ArgumentParser):
+    """A parser whose errors name the most similar command, choice or option."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with a message, and what may have been meant."""
+        if found := _CHOICE.search(message):
+            message += similar(found[1], re.findall(r"'(.*?)'", found[2]))
+        elif found := _OPTION.search(message):
+            options = self.options()
+            message += (
+                f"; other commands have {found[1]}"
+                if found[1] in options
+                else similar(found[1], options)
+            )
+        super().error(message)
+
+    def options(self) -> list[str]:
+        """Return the options of the parser and of all its commands."""
+        out = [name for name in self._option_string_actions if name.startswith("--")]
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for command in action.choices.values():
+                    out += command.options()
+        return list(dict.fromkeys(out))
+
+
+class CommandParser(SuggestingParser):
+    """Parser of one command: its module is imported when its arguments are asked for.
+
+    The list of commands and a wrong word need none of them.
+    """
+
+    def __init__(self, *, arguments: tuple[str, str] = ("", ""), **options: Any) -> None:
+        """Take over where the arguments are added.
+
+        Args:
+            arguments: module beside this one, and its function of a parser.
+            options: those of a parser.
+        """
+        super().__init__(**options)
+        self._left: tuple[str, str] | None = arguments
+
+    def filled(self) -> CommandParser:
+        """Return the parser with its arguments."""
+        if self._left is not None:
+            (module, function), self._left = self._left, None
+            getattr(import_module(f".{module}", __package__), function)(self)
+        return self
+
+    def options(self) -> list[str]:
+        """Return the options of the command."""
+        return super(CommandParser, self.filled()).options()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse the arguments of the command."""
+        return super(CommandParser, self.filled()).parse_known_args(args, namespace)
+
 
 _TEXT = io.TextIOWrapper
 
-COMMANDS = {
+COMMAND_MODULES = {
     "adjust": ("adjust", "add_adjust", "adjust a project and print the protocol"),
     "plot": ("adjust", "add_plot", "adjust a project and draw it"),
     "stream": (
@@ -41,7 +104,7 @@ COMMANDS = {
 """Module, function that adds the arguments, and what each command does."""
 
 
-class UntilClosed:
+class PipeTolerantStream:
     """A stream that writes to nothing once its reader has closed the pipe (… | head).
 
     The command goes on: its exit code says what it found, not how much of it was read. Control
@@ -85,7 +148,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.typed = list(sys.argv[1:] if arguments is None else arguments)
     if not options.ends_with_reader:
         for name, stream in streams.items():
-            setattr(sys, name, UntilClosed(stream))
+            setattr(sys, name, PipeTolerantStream(stream))
     with keeping_inputs() as files:
         return _run(options, files)
 
@@ -97,17 +160,17 @@ def _run(options: argparse.Namespace, files: FilesOfRun) -> int:
         sys.stdout.flush()
         return code
     except (InputError, ApproximationError) as error:
-        complain(error.problems)
-        return BAD_INPUT
+        print_problems(error.problems)
+        return EXIT_BAD_INPUT
     except AdjustmentError as error:
-        complain([Problem(str(error))])
-        return BAD_INPUT
+        print_problems([Problem(str(error))])
+        return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print(f"interrupted: {_written(files)}", file=sys.stderr)
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
     except BrokenPipeError:  # nobody reads the answers of a stream any more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FINE
+        return EXIT_FINE
     except Exception as error:
         if os.environ.get("FACTORGRAPH_ADJ_DEBUG"):
             raise
@@ -117,7 +180,7 @@ def _run(options: argparse.Namespace, files: FilesOfRun) -> int:
             "FACTORGRAPH_ADJ_DEBUG=1 shows where.",
             file=sys.stderr,
         )
-        return FAULT
+        return EXIT_FAULT
 
 
 def _written(files: FilesOfRun) -> str:
@@ -130,7 +193,7 @@ def _written(files: FilesOfRun) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = Parser(
+    parser: argparse.ArgumentParser = SuggestingParser(
         prog="factorgraph-adj",
         description="Combined adjustment of terrestrial and photogrammetric observations.",
         epilog="exit codes: 0 fine; 1 not converged, global test failed, or gross errors left; "
@@ -139,8 +202,8 @@ def _parser() -> argparse.ArgumentParser:
     version = f"factorgraph-adj {__version__}".strip()
     parser.add_argument("--version", action="version", version=version)
     parser.set_defaults(ends_with_reader=False)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Command)
-    for name, (module, function, what) in COMMANDS.items():
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=CommandParser)
+    for name, (module, function, what) in COMMAND_MODULES.items():
         commands.add_parser(name, help=what, arguments=(module, function))
     return parser
 

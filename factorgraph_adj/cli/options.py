@@ -1,19 +1,238 @@
-"""Options that several commands share: project, kind of adjustment, probabilities of tests."""
+"""Options that several commands share: adjustment, tests, exports, lines."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+import shlex
+from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
+from datetime import datetime
 from pathlib import Path
-from typing import get_args
+from typing import Any, Literal, TypeVar, get_args
 
-from ..errors import Problem
-from ..quality.observation_groups import Rule
-from ..quality.robust import ESTIMATORS
-from ..report.html.libraries import refuse_missing
-from .undetermined import add_leave_out
+from ..errors import AdjustmentError, InputError, Problem, known, similar
+from ..export.formats import EXPORT_FORMATS, ExportTarget, export_target, format_list
+from ..files import refuse_replacing
+from ..io.project import AdjustOptions, Project
+from ..io.writers import WRITERS
+from ..network.network import Network
+from ..quality.observation_groups import GroupRule
+from ..quality.point_precision import Place
+from ..quality.robust_estimation import ESTIMATORS
+from ..report.adjustment_report import Report
+from ..report.epochs_report import EpochsReport
+from ..report.html.rendering import require_report_packages
+from ..report.options import Run
+from ..solve.adjustment import largest_determined_part
+from .input import parsed_settings
+from .messages import print_warnings
+from .network_files import refuse_problems
 
-PAGES = (".html", ".htm")
+EXPORT_NAMES = (*(e.name for e in EXPORT_FORMATS), *(w.name for w in WRITERS.entries))
+"""Words for the formats that may stand before a file."""
+
+
+def add_exports(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        "--export",
+        metavar="[FORMAT:]FILE",
+        action="append",
+        default=[],
+        help=f"write the result for other programs, by the suffix: {format_list()}; may be repeated",
+    )
+    parser.add_argument(
+        "--with",
+        dest="writing",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="an option of every exported format that has it; may be repeated",
+    )
+
+
+def refuse_exports(network: Network, options: argparse.Namespace, *, epochs: bool = False) -> None:
+    """Raise what forbids the exports before the adjustment.
+
+    Raises:
+        InputError: a format or an option is unknown, an export is a folder, or the format needs a
+            reference system and the network has none; with ``epochs``, the format cannot express
+            a comparison of two epochs; a file was read and would be written over.
+    """
+    problems: list[Problem] = []
+    for text in options.export:
+        try:
+            found = _target(text)
+            if found.path.is_dir() and not found.of_network:
+                raise InputError(Problem("--export must be a file, not a folder", text))
+            if epochs:
+                found.refuse_epochs()
+            if found.check is not None:
+                found.check(network)
+            refuse_replacing([found.path])
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    _options(options)
+
+
+def write_exports(report: Report | EpochsReport, options: argparse.Namespace) -> None:
+    """Write the exports.
+
+    Raises:
+        InputError: a format cannot express the result, or a file cannot be written.
+    """
+    given = _options(options)
+    for text in options.export:
+        found = _target(text)
+        found.write(report, **{n: v for n, v in given.items() if n in found.options})
+
+
+def _target(text: str) -> ExportTarget:
+    """Return the file and the format of ``FORMAT:FILE`` or ``FILE``."""
+    name, colon, file = text.partition(":")
+    if colon and name in EXPORT_NAMES and file:
+        return export_target(Path(file), name)
+    return export_target(Path(text))
+
+
+def _options(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of the formats; InputError for one that no exported format has."""
+    given = parsed_settings(options.writing, "--with")
+    if given and not options.export:
+        raise InputError(Problem("--with belongs to --export"))
+    valid = sorted({n for text in options.export for n in _target(text).options})
+    has = f"valid: {known(valid)}" if valid else "they have none"
+    problems = [
+        Problem(f"no exported format has the option {n!r}; {has}{similar(n, valid)}", "--with")
+        for n in given
+        if n not in valid
+    ]
+    if problems:
+        raise InputError(problems)
+    return given
+
+
+def run_description(options: argparse.Namespace, project: Project | None = None) -> Run:
+    """Return file, date and options of a run.
+
+    Args:
+        options: options of the command, with all that was ``typed``.
+        project: the project, whose own options are told where they are not the usual ones.
+    """
+    named = options.project if isinstance(options.project, list) else [options.project]
+    typed = options.typed[1:]
+    for name in named:
+        typed.remove(name)
+    said = [shlex.join(typed) or "none", *_own(project)]
+    return Run(", ".join(named), _date(options.date), "; ".join(said))
+
+
+def _date(stated: str | None) -> str:
+    if stated is not None:
+        return "" if stated == "none" else stated
+    return datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %z")
+
+
+def _own(project: Project | None) -> list[str]:
+    """Return the options of a project that are not the usual ones."""
+    if project is None:
+        return []
+    usual, stated = AdjustOptions(), project.options
+    each = ((f.name, getattr(stated, f.name), getattr(usual, f.name)) for f in fields(usual))
+    said = [f"{name} {value}" for name, value, default in each if value != default]
+    return [f"of the project: {', '.join(said)}"] if said else []
+
+
+def requested_lines(
+    options: argparse.Namespace, network: Network
+) -> list[tuple[Place, Place]] | Literal["observed"] | None:
+    """Return the pairs of places whose lines are wanted; None without an option for them.
+
+    Raises:
+        InputError: an option names no two places of the network.
+    """
+    if options.between is None:
+        return "observed" if options.relative else None
+    if options.relative:
+        raise InputError("--relative lists all pairs that observations join, --between one pair")
+    problems: list[Problem] = []
+    pairs = [_pair(text, network, problems) for text in options.between]
+    if problems:
+        raise InputError(problems)
+    return [pair for pair in pairs if pair is not None]
+
+
+def _pair(text: str, network: Network, problems: list[Problem]) -> tuple[Place, Place] | None:
+    """Return the two places of A,B; names may have commas of their own."""
+    commas = [i for i, c in enumerate(text) if c == ","]
+    for i in commas:
+        a, b = (_place(part.strip(), network) for part in (text[:i], text[i + 1 :]))
+        if a is not None and b is not None and a != b:
+            return a, b
+    names = [*network.points, *network.photos]
+    what = "needs two places of the network, such as A,B"
+    if len(commas) == 1:
+        wrong = [p.strip() for p in text.split(",") if _place(p.strip(), network) is None]
+        what = f"unknown {wrong[0]!r}" if wrong else "needs two different places"
+    problems.append(Problem(f"{what}; known: {known(names)}", f"--between {text}"))
+    return None
+
+
+def _place(name: str, network: Network) -> Place | None:
+    if name in network.points:
+        return name
+    return ("pose", name) if name in network.photos else None
+
+
+AdjustmentResult = TypeVar("AdjustmentResult")
+
+
+def add_leave_out(parser: argparse._ActionsContainer) -> None:
+    """Add the option."""
+    parser.add_argument(
+        "--leave-out-undetermined",
+        action="store_true",
+        help="leave out what the observations do not determine, with all that hangs on it, and "
+        "name it",
+    )
+
+
+def adjust_determined(
+    project: Project, attempt: Callable[[Network], AdjustmentResult], *, leave_out: bool
+) -> tuple[Project, AdjustmentResult]:
+    """Check and adjust a project, or what its observations determine of it; print its warnings.
+
+    Args:
+        project: the project as read.
+        attempt: adjusts a network, or raises the errors of `adjust`.
+        leave_out: whether what is not determined is left out.
+
+    Returns:
+        The project that was adjusted, and the result.
+
+    Raises:
+        InputError: the project, or what is left of it, has problems.
+        ApproximationError, DatumError: as `adjust`.
+    """
+    if not leave_out:
+        refuse_problems(project)
+        print_warnings(project.warnings)
+        return project, attempt(project.network)
+    try:
+        network, found = largest_determined_part(project.network, attempt)
+    except AdjustmentError:
+        refuse_problems(project)
+        print_warnings(project.warnings)
+        raise
+    project = replace(project, network=network)
+    refuse_problems(project)
+    print_warnings(project.warnings)
+    return project, found
+
+
+REPORT_SUFFIXES = (".html", ".htm")
 """Suffixes of a report."""
 
 
@@ -26,13 +245,15 @@ def add_adjustment(parser: argparse.ArgumentParser) -> None:
         choices=("a-priori", "a-posteriori"),
         help="scale of standard deviations, instead of the project's",
     )
-    how.add_argument("--max-iterations", type=count, metavar="N", help="instead of the project's")
+    how.add_argument(
+        "--max-iterations", type=positive_count, metavar="N", help="instead of the project's"
+    )
     add_leave_out(how)
     how.add_argument(
         "--variance-components",
         nargs="?",
         const="kind",
-        choices=get_args(Rule),
+        choices=get_args(GroupRule),
         metavar="GROUPS",
         help="estimate σ of groups: kind (default), camera, photo, instrument or frame; after "
         "--snoop",
@@ -71,7 +292,7 @@ def add_probabilities(parser: argparse._ActionsContainer) -> None:
     )
 
 
-def problems_of_report(options: argparse.Namespace) -> Iterator[Problem]:
+def problems_of_report_options(options: argparse.Namespace) -> Iterator[Problem]:
     """Iterate over the problems of ``--report`` and ``--language``.
 
     Raises:
@@ -81,15 +302,15 @@ def problems_of_report(options: argparse.Namespace) -> Iterator[Problem]:
         if options.language is not None:
             yield Problem("--language belongs to --report")
         return
-    refuse_missing()
+    require_report_packages()
     if Path(options.report).is_dir():
         yield Problem("--report must be a file, not a folder", options.report)
-    elif Path(options.report).suffix.lower() not in PAGES:
+    elif Path(options.report).suffix.lower() not in REPORT_SUFFIXES:
         what = "--report has no valid suffix; valid: .html (a browser prints it as PDF)"
         yield Problem(what, options.report)
 
 
-def count(text: str) -> int:
+def positive_count(text: str) -> int:
     """Read a whole number ≥ 1."""
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")

@@ -23,15 +23,15 @@ from ..errors import InputError, Problem, system_reason
 from ..incremental.adjustment import IncrementalAdjustment
 from ..io.project import Project
 from ..ledger.verdicts import Policy
-from ..service.requests import LONGEST
+from ..service.requests import MAX_LINE_BYTES
 from ..service.stream import Stream
 from ..service.stream import __doc__ as protocol
-from .exit_codes import FINE, INTERRUPTED
 from .input import add_project, read_input
-from .live import MISSING, LiveView, live_view
+from .live_view import RICH_MISSING, LiveView, live_view
+from .messages import EXIT_FINE, EXIT_INTERRUPTED
 from .options import add_probabilities
 
-ALPHA = 0.001
+DEFAULT_ALPHA = 0.001
 """Default probability of a false alarm of one test."""
 
 
@@ -56,7 +56,7 @@ def add_stream(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--datum", choices=("given", "free"), help="instead of the project's")
     parser.add_argument(
         "--keep",
-        type=window,
+        type=retention_window,
         metavar="N",
         help="keep the last N photos, or with N s (60s) what came in the last seconds: points, "
         "photos and orientations that nothing later touches are retired, so that time and memory "
@@ -72,7 +72,7 @@ def add_stream(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_stream, ends_with_reader=True)
 
 
-def window(text: str) -> int | float:
+def retention_window(text: str) -> int | float:
     """Return what is kept: a number of photos, or seconds as a floating-point number."""
     digits = text.strip()
     try:
@@ -92,10 +92,10 @@ def _stream(options: argparse.Namespace) -> int:
                 _converse(stream, stop, None if silent else sys.stdout.buffer, view)
         except KeyboardInterrupt:
             print("interrupted in the middle of a line", file=sys.stderr)
-            return INTERRUPTED
+            return EXIT_INTERRUPTED
         for doubt in stream.adjustment.doubts:
             print(doubt, file=sys.stderr)
-        return INTERRUPTED if stop.received == signal.SIGINT else FINE
+        return EXIT_INTERRUPTED if stop.received == signal.SIGINT else EXIT_FINE
 
 
 def _converse(
@@ -118,13 +118,13 @@ def _start(options: argparse.Namespace) -> Stream:
     problems = []
     if options.resume and options.journal is None:
         problems.append(Problem("--resume needs --journal FILE"))
-    alpha = ALPHA if options.alpha is None else options.alpha
+    alpha = DEFAULT_ALPHA if options.alpha is None else options.alpha
     if alpha >= options.power:
         problems.append(Problem(f"--alpha {alpha:g} must be less than --power {options.power:g}"))
     if problems:
         raise InputError(problems)
     if options.live and find_spec("rich") is None:
-        raise InputError(MISSING)
+        raise InputError(RICH_MISSING)
     project = read_input(options)
     if options.resume:
         crs = project.network.crs
@@ -237,9 +237,9 @@ class _Signals:
 
 def _line(source: IO[bytes]) -> bytes:
     """Return the next line; a line that is too long is cut to one byte above the limit."""
-    line = source.readline(LONGEST + 1)
-    if len(line) > LONGEST and not line.endswith(b"\n"):
-        while (rest := source.readline(LONGEST)) and not rest.endswith(b"\n"):
+    line = source.readline(MAX_LINE_BYTES + 1)
+    if len(line) > MAX_LINE_BYTES and not line.endswith(b"\n"):
+        while (rest := source.readline(MAX_LINE_BYTES)) and not rest.endswith(b"\n"):
             pass
     return line
 

@@ -2,6 +2,13 @@
 
 A geoid is a grid (GTX or GeoTIFF through PROJ, NTv2 with deflections), a table of points, or a
 stated constant. Interpolation is bilinear in the grids that PROJ reads, and bicubic in NTv2.
+
+A geoid in the format NTv2 (.gsb), as AUSGeoid has it, has 11 records of 16 bytes for the whole,
+then for each sub-grid 11 records of its limits and one record of four 4-byte floats for each node:
+N in metres, ξ and η in seconds of arc, and a fourth number that is not used here. Rows go from
+south to north, and within a row from east to west: longitudes count positive to the west. Source:
+Natural Resources Canada, NTv2 developer's guide; Geoscience Australia, AUSGeoid technical
+documentation.
 """
 
 from __future__ import annotations
@@ -11,7 +18,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Protocol
 
@@ -20,15 +27,161 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..files import opened, read_bytes
 from ..types import Array
+from ..units import ARCSEC
 from . import proj
-from .ntv2 import ARCSEC, SubGrid, read_ntv2
 
-SUFFIXES = (".gtx", ".tif", ".tiff", ".gsb", ".csv", ".geo")
+NTV2_RECORD_BYTES = 16
+NTV2_HEADER_RECORDS = 11
+NTV2_UNITS_RAD = {"SECONDS": np.pi / 648000.0, "MINUTES": np.pi / 10800.0, "DEGREES": np.pi / 180.0}
+"""Units of limits and steps, radians."""
+
+MAX_NODES_OF_SUB_GRID = 200_000_000
+"""Largest number of nodes of a sub-grid; a larger one is a damaged file."""
+
+
+@dataclass(frozen=True, eq=False)
+class SubGrid:
+    """Nodes of one sub-grid."""
+
+    name: str
+    """Its name."""
+    south: float
+    """Latitude of the first row, radians."""
+    east: float
+    """Longitude of the first column, radians, positive to the west."""
+    latitude_step: float
+    """Step from row to row, radians."""
+    longitude_step: float
+    """Step from column to column, radians."""
+    values: Array
+    """N (m), ξ and η (rad) of the nodes, (rows, columns, 3)."""
+
+    def at(self, latitude: Array, longitude: Array) -> Array:
+        """Return N, ξ, η at places, (n, 3), bicubic; NaN outside.
+
+        The polynomial of a cell has the nodes' values, and slopes that are central differences
+        (Catmull and Rom 1974); beyond the edge the nodes go on linearly. DynAdjust interpolates
+        in the same way.
+
+        Args:
+            latitude: (n,) radians.
+            longitude: (n,) radians, positive to the east.
+        """
+        rows, columns, _ = self.values.shape
+        v = (latitude - self.south) / self.latitude_step
+        u = (np.remainder(-longitude - self.east + np.pi, 2.0 * np.pi) - np.pi) / (
+            self.longitude_step
+        )
+        rounding = 1e-9
+        inside = (v >= -rounding) & (v <= rows - 1 + rounding)
+        inside &= (u >= -rounding) & (u <= columns - 1 + rounding)
+        i = np.clip(np.floor(np.where(inside, v, 0.0)), 0, rows - 2).astype(np.intp)
+        j = np.clip(np.floor(np.where(inside, u, 0.0)), 0, columns - 2).astype(np.intp)
+        a, b, g = _cubic(v - i), _cubic(u - j), self._extended
+        out = np.zeros((len(v), 3))
+        for p in range(4):
+            for q in range(4):
+                out += (a[:, p] * b[:, q])[:, None] * g[i + p, j + q]
+        return np.where(inside[:, None], out, np.nan)
+
+    @cached_property
+    def _extended(self) -> Array:
+        """Values with one more row and column at each side."""
+        g = self.values
+        g = np.concatenate([2 * g[:1] - g[1:2], g, 2 * g[-1:] - g[-2:-1]])
+        return np.concatenate([2 * g[:, :1] - g[:, 1:2], g, 2 * g[:, -1:] - g[:, -2:-1]], axis=1)
+
+
+def _cubic(t: Array) -> Array:
+    """Return the weights of the nodes at −1, 0, 1, 2 for places t in [0, 1], (n, 4)."""
+    weights = (
+        t * (t * (2 - t) - 1),
+        t * t * (3 * t - 5) + 2,
+        t * (t * (4 - 3 * t) + 1),
+        t**3 - t**2,
+    )
+    return np.stack(weights, axis=1) / 2.0
+
+
+def read_ntv2(path: Path) -> tuple[SubGrid, ...]:
+    """Return the sub-grids of a file, the finest ones first.
+
+    Raises:
+        InputError: the file cannot be read, or is no such grid.
+    """
+    data = read_bytes(path)
+    try:
+        grids = list(_sub_grids(data))
+    except (ValueError, KeyError, IndexError, OverflowError) as error:
+        what = f"is no geoid grid in the format NTv2 (.gsb): {error}"
+        raise InputError(Problem(what, str(path))) from None
+    return tuple(sorted(grids, key=lambda g: g.latitude_step))
+
+
+def _sub_grids(data: bytes) -> list[SubGrid]:
+    order = "<" if data[8:12] == b"\x0b\x00\x00\x00" else ">"
+    if data[:8] != b"NUM_OREC" or _whole(data, 0, order) != NTV2_HEADER_RECORDS:
+        raise ValueError("the first record must be NUM_OREC with 11")
+    unit = _text(data, 3)
+    if unit not in NTV2_UNITS_RAD:
+        raise ValueError(f"unknown unit GS_TYPE {unit!r}; valid: {', '.join(NTV2_UNITS_RAD)}")
+    out, at = [], NTV2_HEADER_RECORDS * NTV2_RECORD_BYTES
+    for _ in range(_whole(data, 2, order)):
+        head = data[at : at + NTV2_HEADER_RECORDS * NTV2_RECORD_BYTES]
+        if head[:8] != b"SUB_NAME":
+            raise ValueError("the header of a sub-grid is missing")
+        limits = [_real(head, k, order) * NTV2_UNITS_RAD[unit] for k in range(4, 10)]
+        south, north, east, west, dlat, dlon = limits
+        count = _whole(head, 10, order)
+        if not (
+            np.isfinite(limits).all()
+            and dlat > 0
+            and dlon > 0
+            and 0 < count <= MAX_NODES_OF_SUB_GRID
+        ):
+            raise ValueError("limits, steps or number of nodes of a sub-grid are damaged")
+        if max(abs(north - south) / dlat, abs(west - east) / dlon) > MAX_NODES_OF_SUB_GRID:
+            raise ValueError("limits, steps or number of nodes of a sub-grid are damaged")
+        rows = round((north - south) / dlat) + 1
+        columns = round((west - east) / dlon) + 1
+        if rows * columns != count or min(rows, columns) < 2:
+            raise ValueError(f"{count} nodes are not {rows} rows of {columns}")
+        at += len(head)
+        size = count * NTV2_RECORD_BYTES
+        if len(data) < at + size:
+            raise ValueError("the file ends before the last node")
+        nodes = np.frombuffer(data[at : at + size], dtype=f"{order}f4").reshape(rows, columns, 4)
+        values = nodes[:, :, :3].astype(float) * [1.0, ARCSEC, ARCSEC]
+        if not np.isfinite(values).all():
+            raise ValueError("some nodes are no numbers")
+        out.append(SubGrid(_text(head, 0), south, east, dlat, dlon, values))
+        at += size
+    if not out:
+        raise ValueError("it has no sub-grid")
+    return out
+
+
+def _whole(data: bytes, record: int, order: str) -> int:
+    at = record * NTV2_RECORD_BYTES + 8
+    return int(np.frombuffer(data[at : at + 4], dtype=f"{order}i4")[0])
+
+
+def _real(data: bytes, record: int, order: str) -> float:
+    at = record * NTV2_RECORD_BYTES + 8
+    return float(np.frombuffer(data[at : at + 8], dtype=f"{order}f8")[0])
+
+
+def _text(data: bytes, record: int) -> str:
+    at = record * NTV2_RECORD_BYTES + 8
+    return data[at : at + 8].split(b"\0")[0].decode("ascii", "replace").strip()
+
+
+GEOID_SUFFIXES = (".gtx", ".tif", ".tiff", ".gsb", ".csv", ".geo")
 """Suffixes of files of geoids."""
-SLOPE_STEP = 1e-4
+SLOPE_STEP_RAD = 1e-4
 """Half the distance of the places between which a slope of the geoid is taken, radians: 640 m."""
-COLUMNS = ("point", "n", "xi", "eta")
-MOST_UNDULATION = 200.0
+GEOID_TABLE_COLUMNS = ("point", "n", "xi", "eta")
+MAX_UNDULATION_M = 200.0
 """Largest undulation that is believed, metres; on the Earth it stays within about ±110 m."""
 
 
@@ -88,7 +241,7 @@ class ProjGeoid:
         x, y = np.degrees(longitude), np.degrees(latitude)
         _, _, found = self.operation.transform(x.copy(), y.copy(), np.zeros(len(x)))
         out = np.asarray(found, dtype=float)
-        proj.refuse(
+        proj.refuse_points(
             there & ~np.isfinite(out),
             lambda i: (
                 f"is outside of the geoid grid {self.path}, at latitude {y[i]:.6f}°, "
@@ -103,7 +256,7 @@ class ProjGeoid:
     ) -> GeoidValues:
         """Return the geoid at places, radians."""
         n = self.undulations(latitude, longitude, names)
-        d, cosine = SLOPE_STEP, np.cos(latitude)
+        d, cosine = SLOPE_STEP_RAD, np.cos(latitude)
         there = np.isfinite(n)
         xi, eta = np.full(len(n), np.nan), np.full(len(n), np.nan)
         for out, by in ((xi, (d, np.zeros_like(cosine))), (eta, (0.0, d / cosine))):
@@ -139,7 +292,7 @@ class Ntv2Geoid:
         for grid in self.grids:
             missing = np.flatnonzero(there & np.isnan(out[:, 0]))
             out[missing] = grid.at(latitude[missing], longitude[missing])
-        proj.refuse(
+        proj.refuse_points(
             there & np.isnan(out[:, 0]),
             lambda i: (
                 f"is outside of the geoid grid {self.path}, at latitude "
@@ -170,7 +323,7 @@ class PointGeoid:
         there = np.isfinite(latitude) & np.isfinite(longitude)
         missing = np.array([n not in self.values for n in names], dtype=bool)
         has = known(self.values)
-        proj.refuse(
+        proj.refuse_points(
             missing & there, lambda i: f"has no row in {self.path}; it has points {has}", names
         )
         nothing = (math.nan,) * 3
@@ -191,7 +344,7 @@ def geoid(stated: str | float) -> Geoid:
     """
     if not isinstance(stated, str):
         return ConstantGeoid(float(stated))
-    path = _found(Path(stated))
+    path = _geoid_file(Path(stated))
     if not path.is_file():
         raise InputError(
             Problem(
@@ -201,10 +354,10 @@ def geoid(stated: str | float) -> Geoid:
             )
         )
     status = path.stat()
-    return _read(str(path.absolute()), status.st_mtime_ns, status.st_size)
+    return _read_geoid(str(path.absolute()), status.st_mtime_ns, status.st_size)
 
 
-def _found(path: Path) -> Path:
+def _geoid_file(path: Path) -> Path:
     """Return the file; one that is named without a folder may lie in a folder of PROJ."""
     if path.is_file() or path.name != str(path):
         return path
@@ -215,7 +368,7 @@ def _found(path: Path) -> Path:
 
 
 @lru_cache(maxsize=8)
-def _read(path: str, changed: int, size: int) -> Geoid:
+def _read_geoid(path: str, changed: int, size: int) -> Geoid:
     """Return the geoid of a file; a changed file is read again."""
     end = Path(path).suffix.lower()
     if end == ".gsb":
@@ -225,13 +378,13 @@ def _read(path: str, changed: int, size: int) -> Geoid:
     if end in (".gtx", ".tif", ".tiff"):
         with opened(Path(path)):  # PROJ opens what it is, but says less of it
             pass
-        return ProjGeoid(path, _shift(path))
+        return ProjGeoid(path, _grid_operation(path))
     raise InputError(
-        Problem(f"unknown kind of geoid file {end!r}; valid: {', '.join(SUFFIXES)}", path)
+        Problem(f"unknown kind of geoid file {end!r}; valid: {', '.join(GEOID_SUFFIXES)}", path)
     )
 
 
-def _shift(path: str) -> proj.Operation:
+def _grid_operation(path: str) -> proj.Operation:
     if any(c in path for c in "\"',\n\r"):
         raise InputError(Problem("PROJ takes no path with quotes or commas: rename the file", path))
     named = f'"{path}"' if " " in path else path
@@ -254,7 +407,7 @@ def _points(path: Path) -> dict[str, tuple[float, float, float]]:
         raise InputError(Problem("is not UTF-8 text", str(path))) from None
     problems: list[Problem] = []
     out: dict[str, tuple[float, float, float]] = {}
-    order: tuple[str, ...] = COLUMNS
+    order: tuple[str, ...] = GEOID_TABLE_COLUMNS
     first = True
     for line, row in enumerate(text.splitlines(), start=1):
         if not row.strip() or row.lstrip().startswith(("#", "!", "*")):
@@ -263,7 +416,7 @@ def _points(path: Path) -> dict[str, tuple[float, float, float]]:
         cells = _cells(row, path.suffix.lower() == ".geo")
         if first and cells[0].casefold() in ("point", "name"):
             order = tuple("point" if c == "name" else c for c in map(str.casefold, cells))
-            strange = [c for c in order if c not in COLUMNS]
+            strange = [c for c in order if c not in GEOID_TABLE_COLUMNS]
             if strange or order[:2] != ("point", "n"):
                 what = f"the columns must be point, N and perhaps xi, eta, not {', '.join(cells)}"
                 raise InputError(Problem(what, where))
@@ -280,8 +433,8 @@ def _points(path: Path) -> dict[str, tuple[float, float, float]]:
             continue
         if cells[0] in out:
             problems.append(Problem(f"duplicate point {cells[0]!r}", where))
-        if not all(map(math.isfinite, found.values())) or abs(found["n"]) > MOST_UNDULATION:
-            problems.append(Problem(f"N must be within ±{MOST_UNDULATION:g} m: {row!r}", where))
+        if not all(map(math.isfinite, found.values())) or abs(found["n"]) > MAX_UNDULATION_M:
+            problems.append(Problem(f"N must be within ±{MAX_UNDULATION_M:g} m: {row!r}", where))
         xi, eta = (found.get(a, math.nan) * ARCSEC for a in ("xi", "eta"))
         out[cells[0]] = found["n"], xi, eta
     if not out and not problems:

@@ -21,13 +21,13 @@ from ..types import Array
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-MISSING = "reference systems need pyproj: pip install 'factorgraph_adj[crs]'"
+PYPROJ_MISSING = "reference systems need pyproj: pip install 'factorgraph_adj[crs]'"
 GEOID_HELP = (
     "give geoid = the path of a grid (.gtx, .tif, .gsb), of a table of points (.csv), or a "
     "constant undulation in metres; or heights = 'ellipsoidal' where the heights are such"
 )
 
-LONGEST = 120
+MAX_DEFINITION_CHARACTERS = 120
 """Number of characters of a definition that a message shows."""
 
 
@@ -55,7 +55,7 @@ def pyproj() -> ModuleType:
         import pyproj as found
         import pyproj.transformer
     except ImportError:
-        raise InputError(MISSING) from None
+        raise InputError(PYPROJ_MISSING) from None
     return found  # type: ignore[no-any-return, unused-ignore]
 
 
@@ -68,10 +68,14 @@ def crs(definition: str) -> Any:
     """
     package = pyproj()
     try:
-        with quiet():
+        with without_warnings():
             return package.CRS.from_user_input(definition)
     except (package.exceptions.CRSError, ValueError, TypeError) as error:
-        shown = definition if len(definition) <= LONGEST else definition[:LONGEST] + "…"
+        shown = (
+            definition
+            if len(definition) <= MAX_DEFINITION_CHARACTERS
+            else definition[:MAX_DEFINITION_CHARACTERS] + "…"
+        )
         what = " ".join(str(error).replace(definition, shown).split())
         raise InputError(
             f"unknown reference system {shown!r}: {what}; valid: a code such as "
@@ -80,7 +84,7 @@ def crs(definition: str) -> Any:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def without_warnings() -> Iterator[None]:
     """Keep warnings of pyproj from being printed: what they say becomes an error or a result."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -100,7 +104,7 @@ def operation(source: Any, target: Any, *, what: str) -> Operation:
     """
     package = pyproj()
     try:
-        with quiet():
+        with without_warnings():
             found: Operation = package.Transformer.from_crs(
                 source, target, always_xy=True, allow_ballpark=False, only_best=True
             )
@@ -144,7 +148,7 @@ def _group(source: Any, target: Any, **options: Any) -> Any | None:
     """
     package = pyproj()
     try:
-        with quiet():
+        with without_warnings():
             return package.transformer.TransformerGroup(
                 source, target, always_xy=True, allow_ballpark=False, **options
             )
@@ -189,7 +193,7 @@ def pipeline(text: str, *, what: str) -> Operation:
     return found
 
 
-def run(
+def transformed(
     op: Operation,
     coordinates: Array,
     *,
@@ -219,12 +223,14 @@ def run(
         raise InputError(Problem(_short(error), what)) from None
     out = np.stack([x, y, z], axis=1)
     failed = ~np.isfinite(out).all(axis=1) & np.isfinite(coordinates).all(axis=1)
-    refuse(failed, lambda i: f"is outside of {what}: {told(coordinates[i])}{hint(i)}", names)
+    refuse_points(
+        failed, lambda i: f"is outside of {what}: {place_text(coordinates[i])}{hint(i)}", names
+    )
     out[~np.isfinite(coordinates).all(axis=1)] = np.nan
     return out
 
 
-def refuse(
+def refuse_points(
     failed: np.ndarray[Any, Any], why: Callable[[int], str], names: Iterable[str] | None
 ) -> None:
     """Raise the points that failed, (n,) true, with the reason of each."""
@@ -237,7 +243,7 @@ def refuse(
         )
 
 
-def told(coordinates: Array) -> str:
+def place_text(coordinates: Array) -> str:
     """Return coordinates as text: metres to the millimetre, degrees to 1e-8."""
     size = np.abs(coordinates).max(initial=0.0)
     return ", ".join(f"{v:.3f}" if 360.0 < size < 1e9 else f"{v:.8g}" for v in coordinates.tolist())

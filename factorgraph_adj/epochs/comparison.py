@@ -1,8 +1,17 @@
-"""Results of the comparison of two epochs, see `factorgraph_adj.epochs.congruence`."""
+"""Results of the comparison of two epochs: displacements, tests, and a common scale.
+
+A common scale s of the reference points of two free epochs is found with
+
+    d = s r + noise,  s = rᵀWd/(rᵀWr),  T = s² rᵀWr,
+
+with r from the middle of the points, in space or in plan, whichever fits better (levelled heights
+have the scale of the staffs), and d and W of `factorgraph_adj.epochs.congruence_tests`. The
+comparison itself is `factorgraph_adj.epochs.congruence`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,26 +19,97 @@ import numpy as np
 
 from ..columns import Columns
 from ..errors import InputError, known
+from ..frames import Frame
 from ..network.network import Network
-from ..quality.ellipses import ErrorEllipse, ellipses_in
+from ..quality.error_ellipses import ErrorEllipse, frame_ellipses
 from ..shown import Rows, Shown
 from ..solve.solution import Solution
 from ..types import Array
-from .differences import Differences
-from .hypotheses import Scale, Test
-from .localise import Step
-from .roles import Roles
-from .scale_change import ScaleChange
+from .congruence_tests import (
+    HypothesisTest,
+    LocalisationStep,
+    UnitVariance,
+    motion_basis,
+    weight_of_differences,
+)
+from .differences import Differences, PointRoles
 
-SAME_PLACE = 1e-5
+MIN_OBSERVED_SCALE_PART = 1e-6
+"""Part of r outside of the open motions below which no observation tells the scale."""
+
+
+@dataclass(frozen=True)
+class ScaleChange:
+    """A common scale of the second epoch relative to the first."""
+
+    value: float
+    """The scale s: lengths of the second epoch are 1 + s times as long."""
+    sigma: float
+    """Its standard deviation."""
+    test: HypothesisTest
+    """Test of the hypothesis s = 0."""
+    rest: HypothesisTest
+    """Congruence test of the reference points once s is taken off."""
+    in_plan: bool
+    """Whether it is one of plan alone, which fits better than one of space."""
+
+    @property
+    def significant(self) -> bool:
+        """Whether the epochs differ in scale, if nothing moved."""
+        return not self.test.accepted
+
+    def __str__(self) -> str:
+        """Say how large it is."""
+        return f"{1e6 * self.value:+.1f} ± {1e6 * self.sigma:.1f} ppm" + " in plan" * self.in_plan
+
+
+def reference_scale_change(
+    found: Differences, reference: Sequence[str], frame: Frame, scale: UnitVariance, alpha: float
+) -> ScaleChange | None:
+    """Return the common scale of the reference points; none: nothing tells it.
+
+    Args:
+        found: the differences of the epochs.
+        reference: the reference points.
+        frame: their frame, which knows what is up.
+        scale: variance of unit weight.
+        alpha: probability of a false alarm of the tests.
+    """
+    if not reference or not found.motions.size:
+        return None
+    rows = found.rows(reference)
+    numbers = [found.names.index(n) for n in reference]
+    axes = ["xyz".index(a) for a in found.axes]
+    places = found.places[numbers]
+    r = places - places.mean(axis=0)
+    up = frame.basis(places, np.zeros((len(places), 2))).enu[:, 2]
+    flat = r - np.sum(r * up, axis=1, keepdims=True) * up
+    g = motion_basis(found.motions[rows])
+    w, d = weight_of_differences(found.cofactor[np.ix_(rows, rows)], g), found.d[rows]
+    h = len(rows) - g.shape[1] - 1
+    out = []
+    for by, in_plan in ((r[:, axes].ravel(), False), (flat[:, axes].ravel(), True)):
+        if np.linalg.norm(by - g @ (g.T @ by)) <= MIN_OBSERVED_SCALE_PART * np.linalg.norm(by):
+            continue
+        normal = float(by @ w @ by)
+        s = float(by @ w @ d) / normal
+        omega = s**2 * normal
+        rest = max(float(d @ w @ d) - omega, 0.0)
+        sigma = float(np.sqrt(scale.variance / normal))
+        tests = scale.test(omega, 1, alpha), scale.test(rest, h, alpha)
+        out.append(ScaleChange(s, sigma, *tests, in_plan))
+    return min(out, key=lambda c: c.rest.value, default=None)
+
+
+MAX_DISTANCE_OF_SAME_PLACE_M = 1e-5
 """Distance, metres, below which the coordinates of a point held in both epochs are the same: what
 files with five decimals round."""
-LEAST_OPEN = 1e-7
+MIN_OPEN_PART = 1e-7
 """Part of an axis in an open direction below which the direction is across the axis."""
 
 
 @dataclass(frozen=True)
-class RatioTest:
+class VarianceRatioTest:
     """Comparison of the variances of unit weight of two adjustments."""
 
     sigma0: tuple[float, float]
@@ -66,7 +146,7 @@ class Displacement:
     """Displacement, (3,) metres; zero in coordinates that are not compared."""
     covariance: Array
     """Covariance of the displacement, (3, 3) metres², with the σ0² of the tests."""
-    test: Test
+    test: HypothesisTest
     """Test of the hypothesis that the point kept its place."""
     detectable: float
     """Smallest displacement that the test finds with the power asked for, in the direction in
@@ -103,7 +183,7 @@ class Displacement:
     def sigmas(self) -> Array:
         """Standard deviations of the components, (3,) metres; infinite where they are open."""
         told = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        return np.where(np.abs(self.open).max(axis=1, initial=0.0) > LEAST_OPEN, np.inf, told)
+        return np.where(np.abs(self.open).max(axis=1, initial=0.0) > MIN_OPEN_PART, np.inf, told)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,15 +194,15 @@ class Congruence(Shown):
     """The adjustments: of the first and the second epoch, or of both in one."""
     differences: Differences
     """What was compared."""
-    ratio: RatioTest | None
+    ratio: VarianceRatioTest | None
     """Comparison of the two variances; None for both epochs in one adjustment."""
-    scale: Scale
+    scale: UnitVariance
     """Variance of unit weight of all tests."""
-    roles: Roles
+    roles: PointRoles
     """What each point is: reference, object, held, or not compared."""
     stable: tuple[str, ...]
     """Reference points that are taken as stable."""
-    steps: tuple[Step, ...]
+    steps: tuple[LocalisationStep, ...]
     """The congruence tests of the reference points; empty without reference points."""
     displacements: Mapping[str, Displacement]
     """Displacement of every point by its name, reference points first."""
@@ -159,7 +239,7 @@ class Congruence(Shown):
             return {}
         axes = ["xyz".index(a) for a in self.differences.axes]
         apart = {n: float(np.linalg.norm(v[axes])) for n, v in self.roles.held.items()}
-        return {n: size for n, size in apart.items() if size > SAME_PLACE}
+        return {n: size for n, size in apart.items() if size > MAX_DISTANCE_OF_SAME_PLACE_M}
 
     @property
     def fine(self) -> bool:
@@ -183,7 +263,7 @@ class Congruence(Shown):
             confidence: probability of the ellipses; None: 1 − α of the tests.
         """
         every = list(self.displacements.values())
-        return ellipses_in(
+        return frame_ellipses(
             self.network.frame,
             [(x.name, None) for x in every],
             np.array([x.place + x.vector for x in every]).reshape(-1, 3),
@@ -193,7 +273,7 @@ class Congruence(Shown):
         )
 
     @property
-    def global_test(self) -> Test | None:
+    def global_test(self) -> HypothesisTest | None:
         """Congruence test of all reference points; None without reference points."""
         return self.steps[0].test if self.steps else None
 

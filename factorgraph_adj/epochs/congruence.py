@@ -1,13 +1,13 @@
-"""The congruence of two epochs: which points kept their places, and how far the others moved.
+"""The congruence of two epochs: which points kept their places, and how others moved.
 
 The two epochs are compared in four steps (Pelzer 1971; Niemeier, Ausgleichungsrechnung, 2008):
 
 1. σ̂0² of both adjustments are compared, F = σ̂²_larger/σ̂²_smaller, and pooled.
-2. The reference points, which `factorgraph_adj.epochs.roles` chooses, are tested for a change of
-   their shape: T = Ω/(h σ0²) ~ F(h, r₁ + r₂), with Ω and h of `factorgraph_adj.epochs.hypotheses`,
+2. The reference points, see `factorgraph_adj.epochs.differences`, are tested for a change of their
+   shape: T = Ω/(h σ0²) ~ F(h, r₁ + r₂), with Ω and h of `factorgraph_adj.epochs.congruence_tests`,
    which no datum changes.
-3. Where it rejects, the points that moved are searched for (`factorgraph_adj.epochs.localise`).
-   The second epoch of a free network is then moved onto the stable points, and 2 and 3 repeated.
+3. Where it rejects, the points that moved are searched for. The second epoch of a free network is
+   then moved onto the stable points, and 2 and 3 repeated.
 4. Every other point is tested against the points that stayed: under the hypothesis that only the
    stable points kept their places, ∇ is the displacement of the others, with its cofactors.
    Step 4 equals an adjustment of both epochs in one, in which a stable point stands once.
@@ -22,22 +22,32 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ..blas_threads import with_one_thread
-from ..errors import AdjustmentError, DatumError, InputError
-from ..quality.distributions import fisher_quantile
-from ..quality.levels import ALPHA_OF_MODEL, POWER
-from ..solve.singular import SingularError
+from ..errors import AdjustmentError, DatumError, InputError, SingularError
 from ..solve.solution import Solution
+from ..statistical_tests import ALPHA_OF_MODEL, POWER_OF_TEST, fisher_quantile
 from ..types import Array, Index
-from .alternatives import alternatives
-from .comparison import Congruence, Displacement, RatioTest
-from .differences import Differences, between, within
-from .epoch_causes import not_comparable
-from .hypotheses import Scale, moved, rank, spanning, unheld, weight
-from .localise import Method, Step, localise
-from .roles import roles_in_one, roles_of
-from .scale_change import scale_change
+from .alternative_explanations import alternative_explanations, not_comparable
+from .comparison import Congruence, Displacement, VarianceRatioTest, reference_scale_change
+from .congruence_tests import (
+    LocalisationMethod,
+    LocalisationStep,
+    UnitVariance,
+    displacement_of_rows,
+    held_and_open_directions,
+    localise,
+    motion_basis,
+    motion_rank,
+    weight_of_differences,
+)
+from .differences import (
+    Differences,
+    differences_between,
+    differences_within,
+    point_roles,
+    point_roles_in_one,
+)
 
-MOST_SEARCHES = 3
+MAX_REPEATED_SEARCHES = 3
 """Largest number of searches after the first one, each with the second epoch moved onto the points
 that were stable before."""
 
@@ -50,10 +60,10 @@ def congruence(
     reference: Sequence[str] | None = None,
     objects: Sequence[str] | None = None,
     pairs: Mapping[str, str] | None = None,
-    method: Method = "combinations",
+    method: LocalisationMethod = "combinations",
     variance: Literal["pooled", "a-priori"] = "pooled",
     alpha: float = ALPHA_OF_MODEL,
-    power: float = POWER,
+    power: float = POWER_OF_TEST,
 ) -> Congruence:
     """Compare two epochs: test the reference points, find what moved, and by how much.
 
@@ -68,7 +78,7 @@ def congruence(
             points that both epochs hold, is the reference.
         objects: points that may have moved; None: all other points that are in both.
         pairs: names in the second epoch by names in the first, where they differ.
-        method: how moved reference points are found, see `factorgraph_adj.epochs.localise`.
+        method: how moved reference points are found, see `factorgraph_adj.epochs.congruence_tests`.
         variance: ``pooled``: the tests divide by σ̂0² = (v₁ᵀP₁v₁ + v₂ᵀP₂v₂)/(r₁ + r₂);
             ``a-priori``: σ0 = 1 is known.
         alpha: probability of a false alarm of each test.
@@ -94,13 +104,15 @@ def congruence(
     def compare(one: Solution, two: Solution, others: Mapping[str, str]) -> Congruence:
         return _compared(one, two, None, None, others, options)
 
-    return replace(found, alternatives=alternatives(found, compare, estimated=estimated))
+    return replace(
+        found, alternatives=alternative_explanations(found, compare, estimated=estimated)
+    )
 
 
 class _Options(NamedTuple):
     """Options of a comparison, as those of `congruence`."""
 
-    method: Method
+    method: LocalisationMethod
     variance: str
     alpha: float
     power: float
@@ -117,23 +129,27 @@ def _compared(
     """Compare two epochs without a look at what else may explain their differences."""
     method, variance, alpha, power = options
     if second is None:
-        roles = roles_in_one(first, reference, objects, pairs)
+        roles = point_roles_in_one(first, reference, objects, pairs)
     else:
-        roles = roles_of(first, second, reference, objects, pairs or {})
+        roles = point_roles(first, second, reference, objects, pairs or {})
     some, others = roles.reference, roles.objects
     named = {n: (pairs or {}).get(n, n) for n in (*some, *others)}
-    found = within(first, named) if second is None else between(first, second, named)
+    found = (
+        differences_within(first, named)
+        if second is None
+        else differences_between(first, second, named)
+    )
     scale = _scale(found, variance)
-    steps: tuple[Step, ...] = ()
+    steps: tuple[LocalisationStep, ...] = ()
     stable: tuple[str, ...] = ()
     if some:
         search = localise(found, some, scale, alpha=alpha, method=method)
-        for _ in range(MOST_SEARCHES):
+        for _ in range(MAX_REPEATED_SEARCHES):
             if second is None or not found.motions.size:
                 break
             # Points that moved far would turn the second epoch by more than its linear motions.
             before = search.stable
-            found = between(first, second, named, onto=before)
+            found = differences_between(first, second, named, onto=before)
             search = localise(found, some, scale, alpha=alpha, method=method)
             if search.stable == before:
                 break
@@ -151,24 +167,24 @@ def _compared(
         joint,
         alpha,
         power,
-        scale_change(found, some, first.network.frame, scale, alpha)
+        reference_scale_change(found, some, first.network.frame, scale, alpha)
         if second is not None
         else None,
     )
 
 
-def _scale(found: Differences, variance: str) -> Scale:
+def _scale(found: Differences, variance: str) -> UnitVariance:
     if variance == "a-priori":
-        return Scale(1.0, float("inf"))
+        return UnitVariance(1.0, float("inf"))
     if variance != "pooled":
         raise InputError(f"variance must be pooled or a-priori, not {variance!r}")
     freedom = sum(found.redundancy)
     if freedom < 1:
         raise InputError("the epochs have no redundancy: take variance='a-priori'")
-    return Scale(sum(found.vtpv) / freedom, float(freedom))
+    return UnitVariance(sum(found.vtpv) / freedom, float(freedom))
 
 
-def _ratio(found: Differences, alpha: float) -> RatioTest | None:
+def _ratio(found: Differences, alpha: float) -> VarianceRatioTest | None:
     """Compare the variances; None where an epoch has no redundancy."""
     if min(found.redundancy) < 1:
         return None
@@ -177,14 +193,16 @@ def _ratio(found: Differences, alpha: float) -> RatioTest | None:
     r = found.redundancy
     ratio = s[larger] / s[1 - larger] if s[1 - larger] > 0 else float("inf")
     critical = fisher_quantile(1.0 - alpha / 2.0, r[larger], r[1 - larger])
-    return RatioTest((float(np.sqrt(s[0])), float(np.sqrt(s[1]))), (r[0], r[1]), ratio, critical)
+    return VarianceRatioTest(
+        (float(np.sqrt(s[0])), float(np.sqrt(s[1]))), (r[0], r[1]), ratio, critical
+    )
 
 
 def _displacements(
     found: Differences,
     reference: tuple[str, ...],
     stable: tuple[str, ...],
-    scale: Scale,
+    scale: UnitVariance,
     alpha: float,
     power: float,
 ) -> tuple[dict[str, Displacement], Array]:
@@ -193,24 +211,24 @@ def _displacements(
     order = (*reference, *(n for n in found.names if n not in reference))
     loose = tuple(n for n in order if n not in stable)
     rows = found.rows((*stable, *loose))
-    g = spanning(found.motions[rows])
+    g = motion_basis(found.motions[rows])
     if not stable and g.shape[1]:
         raise InputError(
             "the epochs have no stable points in common, and the observations leave motions "
             "between them open: name reference points"
         )
-    left = g.shape[1] - rank(g[: len(stable) * k])
+    left = g.shape[1] - motion_rank(g[: len(stable) * k])
     if left:
         raise DatumError(
             f"the stable points {', '.join(stable)} leave {left} of {g.shape[1]} motions of the "
             "other points open: take more reference points, not on one line",
             defect=left,
         )
-    w = weight(found.cofactor[np.ix_(rows, rows)], g)
+    w = weight_of_differences(found.cofactor[np.ix_(rows, rows)], g)
     d = found.d[rows]
     columns = np.arange(len(stable) * k, len(rows))
     if len(columns):
-        nabla, joint, _ = moved(w, d, columns)
+        nabla, joint, _ = displacement_of_rows(w, d, columns)
     else:
         nabla, joint = np.zeros(0), np.zeros((0, 0))
     lam = scale.noncentrality(alpha, power, k)
@@ -221,7 +239,7 @@ def _displacements(
         if name in stable:
             own = np.arange(k) + stable.index(name) * k
             others = np.setdiff1d(np.arange(len(stable) * k), own)
-            seen, loosely = unheld(g[own], g[others])
+            seen, loosely = held_and_open_directions(g[own], g[others])
             part, q = _against(w, d, own, seen, columns)
         else:
             own = np.arange(k) + loose.index(name) * k

@@ -1,8 +1,15 @@
-"""Coordinates of two epochs: their differences d, cofactors of d, and what no observation tells.
+"""Points of two epochs and the differences of their coordinates, with cofactors.
 
 d = x₂ − x₁ and Q_d = Q₁ + Q₂; where both epochs stand in one adjustment, with the first and the
 second place of a point as two points, Q_d = Q₁₁ + Q₂₂ − Q₁₂ − Q₂₁. The motions G that the
 observations of either epoch leave open (the datum defects of free networks) move d as well.
+
+One rule for every network says what a point is: a point that both epochs determine and that is not
+named as an object is a reference point. Reference points are tested together, and those that moved
+leave. It does not matter whether held points, observations of coordinates or nothing at all carries
+the datum: a test of each point against the datum alone would see as little as the datum is worth,
+whatever the points tell of each other. Points that both epochs hold are part of every reference,
+untested.
 """
 
 from __future__ import annotations
@@ -13,13 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError, Problem, known
+from ..graph.variables import Variables
 from ..rotation import exp_rotation
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask
 
-SPURIOUS = 1e-6
+MIN_RELATIVE_MOTION = 1e-6
 """Relative size of a motion of d below which it is rounding."""
-MOST_ALIGNMENTS = 50
+MAX_ALIGNMENT_ITERATIONS = 50
 """Largest number of steps in which the second epoch is moved onto the first."""
 
 
@@ -54,7 +62,7 @@ class Differences:
         return (at[:, None] * k + np.arange(k)).ravel()
 
 
-def between(
+def differences_between(
     first: Solution,
     second: Solution,
     pairs: Mapping[str, str],
@@ -89,7 +97,7 @@ def between(
     origin = one.coordinates.mean(axis=0)
     there = one.coordinates - origin
     part = None if onto is None else np.isin(one.names, list(onto))
-    moved, turn = aligned(two.coordinates - origin, there, mixture, part)
+    moved, turn = aligned_points(two.coordinates - origin, there, mixture, part)
     turns = np.kron(np.eye(len(one.names)), turn[np.ix_(free, free)])
     return Differences(
         tuple(pairs),
@@ -104,7 +112,7 @@ def between(
     )
 
 
-def within(solution: Solution, pairs: Mapping[str, str]) -> Differences:
+def differences_within(solution: Solution, pairs: Mapping[str, str]) -> Differences:
     """Return the differences of pairs of points of one adjustment of both epochs.
 
     Args:
@@ -139,7 +147,7 @@ def within(solution: Solution, pairs: Mapping[str, str]) -> Differences:
 
 
 @dataclass(frozen=True, eq=False)
-class _Places:
+class _EpochPlaces:
     """Points of one epoch."""
 
     solution: Solution
@@ -166,11 +174,11 @@ class _Places:
         scale = np.maximum(np.linalg.norm(seven, axis=0), 1e-300)
         # The motions that move nothing here, such as a rotation about x of a network in plan,
         # have no part in a mixture.
-        seven = np.where(scale > SPURIOUS * scale.max(), seven, 0.0)
-        return np.asarray(np.linalg.lstsq(seven, self.motions(free), rcond=SPURIOUS)[0])
+        seven = np.where(scale > MIN_RELATIVE_MOTION * scale.max(), seven, 0.0)
+        return np.asarray(np.linalg.lstsq(seven, self.motions(free), rcond=MIN_RELATIVE_MOTION)[0])
 
 
-def _places(solution: Solution, names: tuple[str, ...]) -> _Places:
+def _places(solution: Solution, names: tuple[str, ...]) -> _EpochPlaces:
     table = solution.equations.unknowns["point"]
     wrong = [n for n in names if n not in table.number]
     if wrong:
@@ -180,7 +188,7 @@ def _places(solution: Solution, names: tuple[str, ...]) -> _Places:
         )
     at = np.array([table.number[n] for n in names], dtype=np.intp)
     columns = np.where(table.offset[at, None] >= 0, table.offset[at, None] + np.arange(3), -1)
-    return _Places(
+    return _EpochPlaces(
         solution,
         names,
         np.array(solution.state["point"][at]),
@@ -189,7 +197,7 @@ def _places(solution: Solution, names: tuple[str, ...]) -> _Places:
     )
 
 
-def _axes(epochs: tuple[_Places, _Places], pairs: Mapping[str, str]) -> tuple[str, Mask]:
+def _axes(epochs: tuple[_EpochPlaces, _EpochPlaces], pairs: Mapping[str, str]) -> tuple[str, Mask]:
     """Return the coordinates that are free for every point in both epochs.
 
     Raises:
@@ -239,7 +247,7 @@ def _basis(g: Array) -> Array:
         return g
     g = g / np.maximum(np.linalg.norm(g, axis=0), 1e-300)
     u, s, _ = np.linalg.svd(g, full_matrices=False)
-    return np.asarray(u[:, s > SPURIOUS * s[0]])
+    return np.asarray(u[:, s > MIN_RELATIVE_MOTION * s[0]])
 
 
 def _seven(x: Array) -> Array:
@@ -255,7 +263,9 @@ def _seven(x: Array) -> Array:
     return np.concatenate([shifts, turns, (r / size)[:, :, None]], axis=2)
 
 
-def aligned(x: Array, onto: Array, mixture: Array, part: Mask | None = None) -> tuple[Array, Array]:
+def aligned_points(
+    x: Array, onto: Array, mixture: Array, part: Mask | None = None
+) -> tuple[Array, Array]:
     """Move points onto others by a similarity of some motions, so that Σ |Δ|² is least.
 
     Args:
@@ -274,10 +284,10 @@ def aligned(x: Array, onto: Array, mixture: Array, part: Mask | None = None) -> 
     if mixture.shape[1] == 0:
         return x, total
     counted = np.ones(len(x), dtype=bool) if part is None else part
-    for _ in range(MOST_ALIGNMENTS):
+    for _ in range(MAX_ALIGNMENT_ITERATIONS):
         size = max(float(np.linalg.norm(x - x.mean(axis=0), axis=1).max()), 1e-300)
         g = _seven(x)[counted].reshape(-1, 7) @ mixture
-        t = mixture @ np.linalg.lstsq(g, (onto - x)[counted].ravel(), rcond=SPURIOUS)[0]
+        t = mixture @ np.linalg.lstsq(g, (onto - x)[counted].ravel(), rcond=MIN_RELATIVE_MOTION)[0]
         turn = np.exp(t[6] / size) * exp_rotation(t[3:6] / size)
         centre = x.mean(axis=0)
         x = (x - centre) @ turn.T + centre + t[:3]
@@ -288,3 +298,146 @@ def aligned(x: Array, onto: Array, mixture: Array, part: Mask | None = None) -> 
         "the second epoch cannot be moved onto the first: are the points the same, with the same "
         "names? Adjust the second epoch with start=first"
     )
+
+
+ONE_EPOCH_ALONE = ("in the first epoch alone", "in the second epoch alone")
+"""Why points are not compared that the other epoch lacks."""
+LEFT_OUT = (
+    "left out of the first epoch as undetermined",
+    "left out of the second epoch as undetermined",
+)
+"""Why points are not compared that were left out of an epoch, see `determined_part`."""
+HELD_IN_ONE = ("held in the first epoch alone", "held in the second epoch alone")
+"""Why points are not compared that one epoch holds and the other determines."""
+NOT_NAMED = "neither named as reference nor as object"
+"""Why points are not compared if both are named."""
+
+
+@dataclass(frozen=True)
+class PointRoles:
+    """Points of a comparison, by their names in the first epoch."""
+
+    reference: tuple[str, ...]
+    """Reference points: tested for a change of their shape."""
+    objects: tuple[str, ...]
+    """Points that are tested each against the stable reference points."""
+    held: Mapping[str, Array]
+    """Points that both epochs hold, which are part of the reference without a test: coordinates of
+    the second epoch less those of the first, (3,) metres."""
+    not_compared: Mapping[str, str]
+    """Why other points are not compared, by their names; of the second epoch for those that the
+    first lacks."""
+
+
+def point_roles(
+    first: Solution,
+    second: Solution,
+    reference: Sequence[str] | None,
+    objects: Sequence[str] | None,
+    pairs: Mapping[str, str],
+) -> PointRoles:
+    """Return what the points of two adjustments are.
+
+    Args:
+        first: solution of the first epoch.
+        second: solution of the second epoch.
+        reference: the reference points; None: all points that both epochs determine, without the
+            objects.
+        objects: the objects; None: without ``reference`` none, and otherwise all other points that
+            both epochs determine.
+        pairs: names in the second epoch by names in the first, where they differ.
+
+    Raises:
+        InputError: a point is named as reference and as object; names are no list.
+    """
+    one, two = first.equations.unknowns["point"], second.equations.unknowns["point"]
+    later = {n: pairs.get(n, n) for n in one.names}
+    gone = [
+        [x.name for x in s.network.unknowns_left_out if x.kind == "point"] for s in (first, second)
+    ]
+    left_out: dict[str, str] = {}
+    both: list[str] = []
+    held: dict[str, Array] = {}
+    for name, other in later.items():
+        if other not in two.number:
+            left_out[name] = LEFT_OUT[1] if other in gone[1] else ONE_EPOCH_ALONE[0]
+            continue
+        here, there = _free(one, name), _free(two, other)
+        if here.any() and there.any():
+            both.append(name)
+        elif here.any() or there.any():
+            left_out[name] = HELD_IN_ONE[int(here.any())]
+        else:
+            place = first.state["point"][one.number[name]]
+            held[name] = second.state["point"][two.number[other]] - place
+    reached = set(later.values())
+    earlier = {b: a for a, b in pairs.items()}
+    left_out |= {
+        n: LEFT_OUT[0] if earlier.get(n, n) in gone[0] else ONE_EPOCH_ALONE[1]
+        for n in two.names
+        if n not in reached
+    }
+    left_out |= {n: LEFT_OUT[0] for n in gone[0] if pairs.get(n, n) in gone[1]}
+    named = {*_listed("reference", reference), *_listed("objects", objects)}
+    rest = tuple(n for n in both if n not in named)
+    some = rest if reference is None else tuple(reference)
+    if objects is not None:
+        others = tuple(objects)
+    else:
+        others = () if reference is None else rest
+    refuse_two_roles(some, others)
+    compared = {*some, *others}
+    left_out |= {n: NOT_NAMED for n in both if n not in compared}
+    return PointRoles(tuple(dict.fromkeys(some)), tuple(dict.fromkeys(others)), held, left_out)
+
+
+def point_roles_in_one(
+    solution: Solution,
+    reference: Sequence[str] | None,
+    objects: Sequence[str] | None,
+    pairs: Mapping[str, str] | None,
+) -> PointRoles:
+    """Return what the points of one adjustment of both epochs are.
+
+    Points that stand once are the reference, and hold it as all observations together tell.
+
+    Raises:
+        InputError: no pairs, or points without a second place; as `point_roles`.
+    """
+    some, named = _listed("reference", reference), _listed("objects", objects)
+    if not pairs:
+        raise InputError(
+            "one solution of both epochs needs pairs: names of the second places by names of "
+            "the first"
+        )
+    others = tuple(named if objects is not None else [n for n in pairs if n not in some])
+    missing = [n for n in (*some, *others) if n not in pairs]
+    if missing:
+        raise InputError(Problem("has no second place in pairs", f"point {n!r}") for n in missing)
+    refuse_two_roles(some, others)
+    compared = {*some, *others}
+    left_out = {n: NOT_NAMED for n in pairs if n not in compared}
+    return PointRoles(tuple(dict.fromkeys(some)), tuple(dict.fromkeys(others)), {}, left_out)
+
+
+def refuse_two_roles(reference: Sequence[str], objects: Sequence[str]) -> None:
+    """Raise the points that are named as reference and as object.
+
+    Raises:
+        InputError: there are such points.
+    """
+    twice = [n for n in dict.fromkeys(reference) if n in objects]
+    if twice:
+        raise InputError(
+            Problem("is named as reference and as object", f"point {n!r}") for n in twice
+        )
+
+
+def _listed(what: str, given: Sequence[str] | None) -> tuple[str, ...]:
+    if isinstance(given, str):
+        raise InputError(f"{what} must be a list of names, not the one name {given!r}")
+    return tuple(given or ())
+
+
+def _free(table: Variables, name: str) -> Mask:
+    return np.asarray(table.free[table.number[name]])

@@ -17,11 +17,17 @@ import numpy as np
 
 from ..blas_threads import one_thread
 from ..errors import InputError, Problem
-from .cluster import is_client, on_cluster
-from .finished import Done, open_file, record
-from .processes import in_processes
-from .repetition import Outcome, Repetition, Task, not_sent, repeat
-from .results import Results
+from .repetitions import (
+    Outcome,
+    Repetition,
+    Task,
+    in_processes,
+    is_client,
+    not_sent,
+    on_cluster,
+    repeat,
+)
+from .results import Done, Results, open_file, record
 from .study import Experiment, Levels, Trial
 
 if TYPE_CHECKING:

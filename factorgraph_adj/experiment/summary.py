@@ -9,11 +9,11 @@ from math import nan, sqrt
 import numpy as np
 
 from ..errors import InputError, known
-from ..quality.distributions import chi2_quantile, chi2_upper_quantile, student_quantile
 from ..report import layout
 from ..shown import Rows, Shown
+from ..statistical_tests import chi2_quantile, chi2_upper_quantile, student_quantile
 from ..types import Array
-from .repetition import Repetition
+from .repetitions import Repetition
 from .study import Level, Levels, encoded, key, said, written
 
 SHOWN = 3

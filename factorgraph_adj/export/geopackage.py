@@ -1,47 +1,245 @@
-"""GeoPackage: the layers of a solution in one file for QGIS and other geographic programs.
+"""GeoPackage: the layers of a solution in one file for QGIS and other programs.
 
 OGC 12-128 (GeoPackage Encoding Standard 1.3): a SQLite database whose tables of features have a
 geometry in the form "GP", version, flags, reference system, envelope, WKB. The styles of the layers
-stand in the table ``layer_styles``, where QGIS looks for them.
+(QML, as QGIS writes it since version 3) are in the table ``layer_styles``, where QGIS looks for
+them: a renderer of rules, each with a filter, a label and a symbol.
 """
 
 from __future__ import annotations
 
 import sqlite3
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..io.atomic import write_files
-from ..quality.levels import CONFIDENCE
+from ..io.file_transaction import write_files
+from ..statistical_tests import CONFIDENCE_OF_REGION
 from ..types import Array
-from .layer import Drawn, Geometry, Layer, plain
-from .layers import Map, Result, map_of, report_of
-from .placing import Placing, map_placing
-from .qgis import style_of
+from .map_coordinates import MapCoordinates, best_map_coordinates
+from .map_layers import (
+    ExportedResult,
+    Geometry,
+    Layer,
+    MapScaling,
+    SolutionMap,
+    plain_value,
+    report_of,
+    solution_map,
+)
 
-APPLICATION, VERSION = 0x47504B47, 10300
+BLACK, GREY, BLUE = "0,0,0,255", "110,110,110,255", "0,114,178,255"
+VERMILLION, GREEN, CLEAR = "213,94,0,255", "0,158,115,255", "0,0,0,0"
+"""Colours that people with any kind of sight tell apart (Okabe and Ito), and none."""
+QML_DOCTYPE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
+SYMBOL_CLASSES = {"marker": "SimpleMarker", "line": "SimpleLine", "fill": "SimpleFill"}
+"""Class of the symbol layer of each kind of symbol."""
+
+
+@dataclass(frozen=True)
+class StyleRule:
+    """One rule of a renderer."""
+
+    label: str
+    """Text in the legend."""
+    filter: str
+    """Expression of QGIS; empty: all features."""
+    properties: Mapping[str, str]
+    """Properties of the symbol layer."""
+
+
+@dataclass(frozen=True)
+class LayerStyle:
+    """Style of a layer."""
+
+    symbol: str
+    """Kind of symbol: marker, line, fill."""
+    rules: tuple[StyleRule, ...]
+    """The rules."""
+    label: str = ""
+    """Column whose text stands beside a feature; empty: none."""
+
+
+def _marker(name: str, colour: str, size: float, *, filled: bool = True) -> dict[str, str]:
+    return {
+        "name": name,
+        "color": colour if filled else CLEAR,
+        "outline_color": colour,
+        "outline_style": "solid",
+        "outline_width": "0.3",
+        "outline_width_unit": "MM",
+        "size": f"{size:g}",
+        "size_unit": "MM",
+    }
+
+
+def _line(colour: str, width: float) -> dict[str, str]:
+    return {
+        "line_color": colour,
+        "line_style": "solid",
+        "line_width": f"{width:g}",
+        "line_width_unit": "MM",
+        "capstyle": "round",
+    }
+
+
+def _fill(colour: str, width: float) -> dict[str, str]:
+    return {
+        "color": CLEAR,
+        "style": "no",
+        "outline_color": colour,
+        "outline_style": "solid",
+        "outline_width": f"{width:g}",
+        "outline_width_unit": "MM",
+    }
+
+
+def _observed(width: float, colour: str) -> tuple[StyleRule, ...]:
+    return (
+        StyleRule("accepted", 'not coalesce("suspect", false)', _line(colour, width)),
+        StyleRule("above the critical value", '"suspect"', _line(VERMILLION, 3 * width)),
+    )
+
+
+LAYER_STYLES: dict[str, LayerStyle] = {
+    "points": LayerStyle(
+        "marker",
+        (
+            StyleRule("held", "\"status\" = 'held'", _marker("triangle", BLACK, 3.2)),
+            StyleRule("held in part", "\"status\" = 'part'", _marker("triangle", GREEN, 2.8)),
+            StyleRule("known", "\"status\" IN ('known', 'datum')", _marker("triangle", BLUE, 2.8)),
+            StyleRule("check point", "\"status\" = 'check'", _marker("diamond", VERMILLION, 2.8)),
+            StyleRule(
+                "station", "\"status\" = 'station'", _marker("circle", BLACK, 2.6, filled=False)
+            ),
+            StyleRule("side shot", "\"status\" = 'side_shot'", _marker("cross", BLACK, 2.0)),
+            StyleRule("new point", "\"status\" = 'new'", _marker("circle", BLACK, 1.4)),
+            StyleRule("stable", "\"status\" = 'stable'", _marker("triangle", BLUE, 2.8)),
+            StyleRule(
+                "reference, not stable",
+                "\"status\" = 'left'",
+                _marker("triangle", VERMILLION, 2.8, filled=False),
+            ),
+            StyleRule("moved", "\"status\" = 'moved'", _marker("circle", VERMILLION, 2.0)),
+            StyleRule("not significant", "\"status\" = 'kept'", _marker("circle", BLACK, 1.4)),
+        ),
+        "name",
+    ),
+    "ellipses": LayerStyle("fill", (StyleRule("error ellipse", "", _fill(BLUE, 0.3)),)),
+    "observations": LayerStyle("line", _observed(0.2, GREY)),
+    "image_points": LayerStyle("line", _observed(0.1, "110,110,110,70")),
+    "observations_at_points": LayerStyle(
+        "marker",
+        (
+            StyleRule(
+                "above the critical value",
+                '"suspect"',
+                _marker("circle", VERMILLION, 4.5, filled=False),
+            ),
+        ),
+    ),
+    "photos": LayerStyle("marker", (StyleRule("photo", "", _marker("square", BLUE, 1.8)),), "name"),
+    "footprints": LayerStyle("fill", (StyleRule("footprint", "", _fill(GREEN, 0.2)),)),
+    "vectors": LayerStyle("line", (StyleRule("adjusted − given", "", _line(VERMILLION, 0.5)),)),
+    "displacements": LayerStyle(
+        "line",
+        (
+            StyleRule("significant", '"moved"', _line(VERMILLION, 0.6)),
+            StyleRule("not significant", 'not "moved"', _line(GREY, 0.4)),
+        ),
+    ),
+    "displacement_ellipses": LayerStyle(
+        "fill",
+        (
+            StyleRule("significant", '"moved"', _fill(VERMILLION, 0.3)),
+            StyleRule("not significant", 'not "moved"', _fill(GREY, 0.3)),
+        ),
+    ),
+}
+"""Style of each layer."""
+
+
+def layer_qml(layer: str) -> str:
+    """Return the style of a layer as QML."""
+    style = LAYER_STYLES[layer]
+    root = ET.Element("qgis", version="3.28.0", styleCategories="Symbology|Labeling")
+    renderer = ET.SubElement(
+        root,
+        "renderer-v2",
+        type="RuleRenderer",
+        symbollevels="0",
+        enableorderby="0",
+        forceraster="0",
+    )
+    rules = ET.SubElement(renderer, "rules", key="root")
+    symbols = ET.SubElement(renderer, "symbols")
+    for i, rule in enumerate(style.rules):
+        attributes = {"key": f"rule{i}", "symbol": str(i), "label": rule.label}
+        ET.SubElement(rules, "rule", attributes | ({"filter": rule.filter} if rule.filter else {}))
+        symbol = ET.SubElement(
+            symbols,
+            "symbol",
+            type=style.symbol,
+            name=str(i),
+            alpha="1",
+            clip_to_extent="1",
+            force_rhr="0",
+        )
+        part = {"class": SYMBOL_CLASSES[style.symbol], "enabled": "1", "locked": "0", "pass": "0"}
+        _properties(ET.SubElement(symbol, "layer", part), rule.properties)
+    if style.label:
+        _labels(root, style.label)
+    ET.SubElement(root, "layerGeometryType").text = str(
+        ("marker", "line", "fill").index(style.symbol)
+    )
+    ET.indent(root, " ")
+    return QML_DOCTYPE + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _properties(parent: ET.Element, properties: Mapping[str, str]) -> None:
+    options = ET.SubElement(parent, "Option", type="Map")
+    for name, value in properties.items():
+        ET.SubElement(options, "Option", type="QString", name=name, value=value)
+
+
+def _labels(root: ET.Element, column: str) -> None:
+    labeling = ET.SubElement(root, "labeling", type="simple")
+    settings = ET.SubElement(labeling, "settings", calloutType="simple")
+    look: Sequence[tuple[str, str]] = (
+        ("fieldName", column),
+        ("fontFamily", "Sans Serif"),
+        ("fontSize", "8"),
+        ("fontSizeUnit", "Point"),
+        ("textColor", BLACK),
+    )
+    ET.SubElement(settings, "text-style", dict(look))
+    ET.SubElement(settings, "placement", placement="0", dist="1", distUnits="MM")
+
+
+GEOPACKAGE_APPLICATION_ID, GEOPACKAGE_VERSION = 0x47504B47, 10300
 """Mark "GPKG" and version 1.3 in the header of the file."""
-CODES: dict[Geometry, int] = {"POINT": 1001, "LINESTRING": 1002, "POLYGON": 1003}
+WKB_CODES: dict[Geometry, int] = {"POINT": 1001, "LINESTRING": 1002, "POLYGON": 1003}
 """Codes of geometries with heights in ISO WKB."""
-CARTESIAN, GEOGRAPHIC = -1, 0
+UNDEFINED_CARTESIAN, UNDEFINED_GEOGRAPHIC = -1, 0
 """Identifiers of the undefined reference systems that every GeoPackage has."""
-OWN = 100_000
+OWN_SYSTEM_ID = 100_000
 """Identifier of a reference system without an EPSG code."""
 NO_DATE = "1970-01-01T00:00:00.000Z"
 """Time of files whose run has no date: the library looks at no clock."""
-WGS84 = (
+WGS84_WKT = (
     'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563,'
     'AUTHORITY["EPSG","7030"]],AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,'
     'AUTHORITY["EPSG","8901"]],UNIT["degree",0.0174532925199433,AUTHORITY["EPSG","9122"]],'
     'AUTHORITY["EPSG","4326"]]'
 )
-TABLES = """
+GEOPACKAGE_TABLES = """
 CREATE TABLE gpkg_spatial_ref_sys (
   srs_name TEXT NOT NULL, srs_id INTEGER NOT NULL PRIMARY KEY, organization TEXT NOT NULL,
   organization_coordsys_id INTEGER NOT NULL, definition TEXT NOT NULL, description TEXT);
@@ -71,10 +269,10 @@ CREATE TABLE adjustment (
 
 
 def write_geopackage(
-    result: Result,
+    result: ExportedResult,
     path: str | Path,
     *,
-    confidence: float | None = CONFIDENCE,
+    confidence: float | None = CONFIDENCE_OF_REGION,
     exaggeration: float | None = None,
     vector_exaggeration: float | None = None,
 ) -> None:
@@ -102,14 +300,14 @@ def write_geopackage(
         InputError: pyproj or a geoid is missing, an option is out of range, or the file cannot be
             written.
     """
-    drawn = Drawn(confidence, exaggeration, vector_exaggeration)
+    drawn = MapScaling(confidence, exaggeration, vector_exaggeration)
     report = report_of(result)
-    found = map_of(report, map_placing(report.network), drawn)
+    found = solution_map(report, best_map_coordinates(report.network), drawn)
     file = Path(path)
     write_files(file.parent, {file.name: geopackage(found, _date(report.provenance.run.date))})
 
 
-def geopackage(found: Map, date: str = NO_DATE) -> bytes:
+def geopackage(found: SolutionMap, date: str = NO_DATE) -> bytes:
     """Return layers as the bytes of a GeoPackage.
 
     Args:
@@ -118,13 +316,16 @@ def geopackage(found: Map, date: str = NO_DATE) -> bytes:
     """
     connection = sqlite3.connect(":memory:")
     try:
-        connection.execute(f"PRAGMA application_id = {APPLICATION}")
-        connection.execute(f"PRAGMA user_version = {VERSION}")
-        connection.executescript(TABLES)
+        connection.execute(f"PRAGMA application_id = {GEOPACKAGE_APPLICATION_ID}")
+        connection.execute(f"PRAGMA user_version = {GEOPACKAGE_VERSION}")
+        connection.executescript(GEOPACKAGE_TABLES)
         srs = _add_systems(connection, found.placing)
         for layer in found.layers:
             _add_layer(connection, layer, srs, date)
-        facts = [(n, None if plain(v) is None else str(plain(v))) for n, v in found.facts.items()]
+        facts = [
+            (n, None if plain_value(v) is None else str(plain_value(v)))
+            for n, v in found.facts.items()
+        ]
         connection.executemany("INSERT INTO adjustment (name, value) VALUES (?, ?)", facts)
         for table in ("adjustment", "layer_styles"):
             connection.execute(
@@ -150,19 +351,37 @@ def _date(text: str) -> str:
 # -- reference systems ----------------------------------------------------------------------------
 
 
-def _add_systems(connection: sqlite3.Connection, placing: Placing) -> int:
+def _add_systems(connection: sqlite3.Connection, placing: MapCoordinates) -> int:
     """Add the reference systems that every file has, and that of the map; return its identifier."""
     undefined = "undefined", "undefined coordinate reference system"
     rows = [
-        ("Undefined Cartesian SRS", CARTESIAN, "NONE", CARTESIAN, *undefined),
-        ("Undefined geographic SRS", GEOGRAPHIC, "NONE", GEOGRAPHIC, *undefined),
-        ("WGS 84 geodetic", 4326, "EPSG", 4326, WGS84, "longitude, latitude; heights ellipsoidal"),
+        ("Undefined Cartesian SRS", UNDEFINED_CARTESIAN, "NONE", UNDEFINED_CARTESIAN, *undefined),
+        (
+            "Undefined geographic SRS",
+            UNDEFINED_GEOGRAPHIC,
+            "NONE",
+            UNDEFINED_GEOGRAPHIC,
+            *undefined,
+        ),
+        (
+            "WGS 84 geodetic",
+            4326,
+            "EPSG",
+            4326,
+            WGS84_WKT,
+            "longitude, latitude; heights ellipsoidal",
+        ),
     ]
-    srs = {"plane": CARTESIAN, "ellipsoid": GEOGRAPHIC, "wgs84": 4326, "grid": OWN}[placing.kind]
+    srs = {
+        "plane": UNDEFINED_CARTESIAN,
+        "ellipsoid": UNDEFINED_GEOGRAPHIC,
+        "wgs84": 4326,
+        "grid": OWN_SYSTEM_ID,
+    }[placing.kind]
     if placing.kind == "grid" and placing.system is not None:
         code = placing.system.epsg
-        srs = OWN if code is None else code
-        owner = ("NONE", OWN) if code is None else ("EPSG", code)
+        srs = OWN_SYSTEM_ID if code is None else code
+        owner = ("NONE", OWN_SYSTEM_ID) if code is None else ("EPSG", code)
         words = f"easting, northing; heights: {placing.heights}"
         rows.append((placing.system.plan.name, srs, *owner, placing.system.wkt1, words))
     connection.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", rows)
@@ -182,7 +401,7 @@ def _add_layer(connection: sqlite3.Connection, layer: Layer, srs: int, date: str
     )
     places = [s for s in layer.shapes if s is not None]
     every = np.concatenate(places)[:, :2] if places else np.full((1, 2), np.nan)
-    bounds = [plain(v) for v in (*every.min(axis=0).tolist(), *every.max(axis=0).tolist())]
+    bounds = [plain_value(v) for v in (*every.min(axis=0).tolist(), *every.max(axis=0).tolist())]
     connection.execute(
         "INSERT INTO gpkg_contents VALUES (?, 'features', ?, ?, ?, ?, ?, ?, ?, ?)",
         (layer.name, layer.name, layer.title, date, *bounds, srs),
@@ -197,18 +416,22 @@ def _add_layer(connection: sqlite3.Connection, layer: Layer, srs: int, date: str
         f"INSERT INTO {_quoted(layer.name)} ({names}) VALUES ({marks})",
         (
             (shape, *record.values())
-            for shape, record in zip(blobs(layer.shapes, layer.geometry, srs), records, strict=True)
+            for shape, record in zip(
+                geometry_blobs(layer.shapes, layer.geometry, srs), records, strict=True
+            )
         ),
     )
     connection.execute(
         "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, "
         "f_geometry_column, styleName, styleQML, styleSLD, useAsDefault, description, owner, "
         "update_time) VALUES ('', '', ?, 'geom', ?, ?, '', 1, ?, '', ?)",
-        (layer.name, layer.name, style_of(layer.name), layer.title, date),
+        (layer.name, layer.name, layer_qml(layer.name), layer.title, date),
     )
 
 
-def blobs(shapes: Sequence[Array | None], geometry: Geometry, srs: int) -> list[bytes | None]:
+def geometry_blobs(
+    shapes: Sequence[Array | None], geometry: Geometry, srs: int
+) -> list[bytes | None]:
     """Return shapes as `blob` does, those with equal numbers of vertices at once."""
     out: list[bytes | None] = [None] * len(shapes)
     by_size: dict[int, list[int]] = {}
@@ -225,7 +448,7 @@ def blobs(shapes: Sequence[Array | None], geometry: Geometry, srs: int) -> list[
     return out
 
 
-def blob(shape: Array, geometry: Geometry, srs: int) -> bytes:
+def geometry_blob(shape: Array, geometry: Geometry, srs: int) -> bytes:
     """Return a shape (m, 3) as a geometry of GeoPackage, little-endian, with heights.
 
     Lines and polygons have the envelope min x, max x, min y, max y; points have none.
@@ -241,7 +464,7 @@ def _blobs(xyz: Array, geometry: Geometry, srs: int) -> NDArray[np.uint8]:
         low, high = xyz.min(axis=1), xyz.max(axis=1)
         box = np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1)
         parts.append(_bytes_of(box))
-    head = struct.pack("<BI", 1, CODES[geometry])
+    head = struct.pack("<BI", 1, WKB_CODES[geometry])
     if geometry == "POLYGON":
         head += struct.pack("<I", 1)
     if geometry != "POINT":

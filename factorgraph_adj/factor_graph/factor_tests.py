@@ -1,17 +1,52 @@
-"""Tests of factors, each against everything else, at the estimate of a factor graph."""
+"""Tests of factors at the estimate of a factor graph, with the joint covariance of their variables."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import gtsam
 import numpy as np
 
-from ..quality.groups import noncentrality_of_group
-from ..quality.leave_out import Tested, critical_t2
-from ..quality.reliability import UNCONTROLLED
+from ..graph.factors import Part
+from ..quality.group_tests import (
+    MIN_CONTROLLED_SHARE,
+    LeaveOneOutTests,
+    critical_t2,
+    noncentrality_of_group,
+)
 from ..types import Array, Index
+
+
+@dataclass(frozen=True, eq=False)
+class EnteredFactor:
+    """A factor in iSAM2."""
+
+    factor: gtsam.NonlinearFactor
+    """The factor."""
+    arrival: int
+    """Number of the update with which it came."""
+    ids: tuple[str, ...] = ()
+    """Ids of its observations; none of your own factors."""
+    sigmas: tuple[Array, ...] = ()
+    """Their standard deviations with the lengths of sights at which the factor was made."""
+    keeps: int | None = None
+    """Key of the variable whose held components it keeps."""
+    slot: int = -1
+    """Index in iSAM2."""
+
+    def weighs_as(self, parts: Sequence[Part]) -> bool:
+        """Return whether its standard deviations are those of observations, within 1e-7."""
+        return all(
+            np.allclose(a, b, rtol=1e-7, atol=0.0)
+            for a, b in zip(self.sigmas, sigmas_of(parts), strict=True)
+        )
+
+
+def sigmas_of(parts: Sequence[Part]) -> tuple[Array, ...]:
+    """Return the standard deviations of observations, part by part."""
+    return tuple(part.block.sigma[part.chosen] for part in parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +121,11 @@ def factor_tests(
     every = np.vstack(a)
     m = np.eye(at) - every @ q @ every.T
     residual = np.concatenate(v)
-    tested = Tested(rows, residual, lambda u: m[:, u])
+    tested = LeaveOneOutTests(rows, residual, lambda u: m[:, u])
     t2, dof = tested.statistics()
     r = np.diag(m)
     with np.errstate(divide="ignore", invalid="ignore"):
-        root = np.sqrt(np.where(r > UNCONTROLLED, r, np.nan))
+        root = np.sqrt(np.where(r > MIN_CONTROLLED_SHARE, r, np.nan))
         w, mdb = residual / root, np.sqrt(noncentrality_of_group(alpha, power, 1)) / root
     critical = np.array([critical_t2(alpha, int(k)) for k in dof])
     return FactorTests(
@@ -108,3 +143,58 @@ def _size(values: gtsam.Values, key: int) -> int:
 def _starts(values: gtsam.Values, keys: Sequence[int]) -> list[int]:
     ends = np.cumsum([_size(values, k) for k in keys], dtype=np.intp)
     return [0, *(int(e) for e in ends[:-1])]
+
+
+@dataclass(frozen=True, eq=False)
+class JointCovariance:
+    """Units with the joint covariance of what they touch."""
+
+    rows: list[Index]
+    """Rows of each unit."""
+    columns: Index
+    """Columns of what they touch, (m,)."""
+    a: Array
+    """Whitened partials, (k, m)."""
+    v: Array
+    """Whitened residuals, (k,)."""
+    covariance: Array
+    """Joint covariance of the columns, (m, m)."""
+
+    @cached_property
+    def m(self) -> Array:
+        """M = I − A Q Aᵀ, with Q after the update, (k, k)."""
+        return np.asarray(np.eye(len(self.a)) - self._spread.T @ self.a.T)
+
+    @cached_property
+    def _spread(self) -> Array:
+        return np.asarray(self.covariance @ self.a.T)
+
+    def tested(self) -> LeaveOneOutTests:
+        """Return the units, to be tested against everything else."""
+        return LeaveOneOutTests(self.rows, self.v, lambda u: self.m[:, u])
+
+    @property
+    def least_redundancy(self) -> float:
+        """The smallest eigenvalue of M: 0 where only they tell."""
+        return float(np.linalg.eigvalsh(0.5 * (self.m + self.m.T))[0]) if len(self.m) else 1.0
+
+    def spread(self, i: int, columns: Index) -> Array:
+        """Return Q Aᵀ of columns that they touch (−1: held, 0) with the rows of a unit, (m, d)."""
+        out = np.zeros((len(columns), len(self.rows[i])))
+        free = columns >= 0
+        out[free] = self._spread[np.ix_(self._at(columns[free]), self.rows[i])]
+        return out
+
+    def partials(self, columns: Index) -> Array:
+        """Return the whitened partials by columns that they touch, (k, m)."""
+        return np.asarray(self.a[:, self._at(columns)])
+
+    def variance(self, columns: Index) -> Array:
+        """Return the variances of columns that they touch (−1: held, 0), (m,)."""
+        out = np.zeros(len(columns))
+        free = columns >= 0
+        out[free] = np.diag(self.covariance)[self._at(columns[free])]
+        return out
+
+    def _at(self, columns: Index) -> Index:
+        return np.asarray(np.searchsorted(self.columns, columns))

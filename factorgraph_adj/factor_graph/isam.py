@@ -13,31 +13,29 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
-from ..approximate import approximate
 from ..blas_threads import with_one_thread
-from ..block_orientation.begin import start_of
 from ..constructors import ChecksArguments
+from ..entities import Camera, Photo, Point
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..graph.dependence import stated_late, variables_in_both
 from ..graph.equations import Equations, compile_network
 from ..graph.factors import held_factor, observation_factor
 from ..graph.keys import KeyMap, insert, state_of, variable_in_error
-from ..graph.made import MakesFactor, made
-from ..graph.partials import refuse_wrong_partials
+from ..graph.observation_selection import without
+from ..graph.partials_check import refuse_wrong_partials
+from ..graph.user_factors import MakesFactor, made
 from ..graph.variables import State, Unknowns
 from ..models.variables import VariableKind
 from ..network.additions import UnknownsGiven, add_entities, unknowns_by_kind
-from ..network.entities import Camera, Photo, Point
 from ..network.network import DatumChoice, Network
-from ..network.selection import without
 from ..observations import AnyObservation
 from ..quality.reliability import check_probabilities
-from ..solve.linear import LinearisedEquations
+from ..solve.linearised_equations import LinearisedEquations
+from ..start.choice_of_start import choose_start
+from ..start.search import approximate
 from ..types import Array
-from .build import held_sigmas, observation_parts, with_eased_ties
-from .entered_factor import EnteredFactor, sigmas_of
-from .factor_tests import FactorTests, factor_tests
-from .inner_constraints import inner_constraints
+from .factor_tests import EnteredFactor, FactorTests, factor_tests, sigmas_of
+from .network_graph import held_sigmas, inner_constraints, observation_parts, with_eased_ties
 
 THRESHOLD, SKIP = 0.01, 1
 """Threshold of relinearisation, units of the variables, and updates between two of them: with these
@@ -107,7 +105,7 @@ class Isam(metaclass=ChecksArguments):
         self._handed_out = 0
         equations = compile_network(self.network)
         chosen = network.datum if datum is None else datum
-        start = start_of(equations, chosen, None)
+        start = choose_start(equations, chosen, None)
         system = LinearisedEquations(equations.weighted_at(start.state), start.state)
         self._equations = system.equations
         more = {}

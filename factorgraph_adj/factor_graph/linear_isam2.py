@@ -18,12 +18,12 @@ import numpy as np
 from ..errors import AdjustmentError
 from ..frames import Frame
 from ..graph.dependence import Variable
-from ..solve.extrapolation import Extrapolation
+from ..solve.gauss_newton_steps import Extrapolation
 from ..types import NO_ROWS, Array, Index
-from .joint_covariance import JointCovariance
+from .factor_tests import JointCovariance
 from .linear_rows import TINY, Arriving, LinearRows
-from .mark import Mark
-from .rows import Grown
+from .row_groups import Grown
+from .undo_records import Mark
 
 MAX_TURNS = 10
 """Largest number of times that rows are evaluated anew after an arrival."""

@@ -22,8 +22,8 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..types import NO_ROWS, Array, Index, Mask
 from .linearisation_points import LinearisationPoints
-from .mark import Mark
-from .rows import Grown, Rows, Sort, WholeBlockError, sort_of
+from .row_groups import Grown, Rows, Sort, WholeBlockError, sort_of
+from .undo_records import Mark
 
 OF_SIGMA = 0.5
 """What the change of a standard deviation, relative to itself, counts in a gap."""

@@ -14,8 +14,8 @@ from ..graph.dependence import Variable
 from ..graph.variables import State, Unknowns, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index
-from .joint_covariance import JointCovariance
-from .rows import Grown
+from .factor_tests import JointCovariance
+from .row_groups import Grown
 
 SAME = 1e-2
 """Difference of two places, in conditional standard deviations, up to which they are one."""

@@ -9,15 +9,15 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ..entities import FREE_ORIENTATION, Parameter, parameter_name
 from ..errors import Problem
 from ..frames import LocalFrame
 from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
 from ..network.additions import UnknownsGiven
-from ..network.entities import FREE_ORIENTATION, Parameter, parameter_name
 from ..network.network import Network
 from ..observations import KINDS, Observation, observation_kind
 from ..types import Array
-from .make_blocks import ABSENT, attribute_keys, variable_name
+from .block_construction import ABSENT, attribute_keys, variable_name
 from .variables import camera_of_calibration
 
 Variable: TypeAlias = tuple[VariableKind, str]

@@ -13,10 +13,9 @@ from ..models.base import Linearised
 from ..models.variables import VariableKind
 from ..network.network import Network
 from ..types import Array, Index
+from .block_construction import by_kind, control_blocks, own_blocks, plain_blocks, weighted_blocks
 from .blocks import Block
-from .image_blocks import ImageIds, image_blocks
-from .image_chunks import ImageChunks
-from .make_blocks import by_kind, control_blocks, own_blocks, plain_blocks, weighted_blocks
+from .image_blocks import ImageChunks, ImageIds, image_blocks
 from .variables import State, Unknowns
 from .weights import Cluster, clusters_of, weigh
 

@@ -16,11 +16,11 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ..entities import Camera, Key, Parameter, parameter_name
 from ..models.variables import ROTATION, UNKNOWNS, UnknownKind, VariableKind
-from ..network.entities import Camera, Key, Parameter, parameter_name
 from ..network.network import Network
 from ..types import Array, Index, Mask
-from .scales import calibration_scales
+from .calibration_scales import calibration_scales
 
 State: TypeAlias = dict[VariableKind, Array]
 """Values of all variables, (n, width) for each kind; a pose has 9 of rotation and 3 of centre."""

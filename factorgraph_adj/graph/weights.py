@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..frames import Frame
-from ..models.sight import sight
+from ..models.line_of_sight import sight
 from ..models.sub_frame import in_frame
 from ..network.network import Network
 from ..observations import Observation, observation_kind

@@ -9,9 +9,10 @@ from threading import RLock
 from typing import Any
 
 from ..blas_threads import one_at_a_time, with_one_thread
+from ..entities import Camera, Photo, Point
 from ..errors import AdjustmentError, InputError
 from ..graph.dependence import Variable
-from ..graph.made import MakesFactor
+from ..graph.user_factors import MakesFactor
 from ..io.journal import Journal
 from ..ledger import journal_entries
 from ..ledger.command_input import Input, ids_in, listed
@@ -19,17 +20,15 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Engine, Options
 from ..ledger.verdicts import Policy
 from ..network.additions import UnknownsGiven
-from ..network.entities import Camera, Photo, Point
 from ..network.network import DatumChoice, Network
 from ..observations import AnyObservation, Observation
 from ..quality.rejections import Snooping
 from ..solve.solution import Solution
-from ..validate.preliminary.copied_blocks import CopiedBlocks
+from ..validate.repeated_readings import CopiedBlocks
 from . import commands, retirement, retirement_window
 from .arrival import Arrival
 from .initial_adjustment import initial_state
-from .recorded_estimates import RecordedEstimates
-from .resumption import resumed
+from .resumption import RecordedEstimates, resumed
 from .state_queries import StateQueries
 from .worklist import IncrementalState
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..ledger.candidates import Candidates, known_in
 from ..ledger.row_store import OUTCOME_CODE
 from ..ledger.verdicts import Verdict
-from ..linear_system.test_decisions import untested
+from ..linear_system.arrival_decisions import untested
 from ..models.variables import UNKNOWNS
 from ..types import Index
 from .worklist import IncrementalState, Verdicts

@@ -7,11 +7,13 @@ from dataclasses import replace
 from numbers import Real
 from typing import Any
 
+from ..entities import parameter_name
 from ..errors import InputError, Problem, known
 from ..graph.dependence import Variable, components
 from ..graph.keys import KeyMap
-from ..graph.made import FactorModel, observation_of
-from ..graph.partials import refuse_wrong_partials
+from ..graph.observation_selection import weighted_unknowns
+from ..graph.partials_check import refuse_wrong_partials
+from ..graph.user_factors import FactorModel, observation_of
 from ..graph.variables import Unknowns
 from ..ledger.candidates import Candidates, known_in
 from ..ledger.command_input import Input, ids_in, listed
@@ -19,16 +21,14 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.row_store import OUTCOME_CODE
 from ..ledger.verdicts import DISCARDED, SNOOPED
+from ..linear_system.arrival_decisions import untested
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.rebase import Draft, solution_of
 from ..linear_system.section_choice import in_pieces
-from ..linear_system.test_decisions import untested
-from ..network.entities import parameter_name
 from ..network.network import Network
-from ..network.selection import weighted_unknowns
 from ..observations import Observation
-from ..observations.identity import named
-from ..observations.own import OwnFactor
+from ..observations.image import named
+from ..observations.user_factor import OwnFactor
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..solve.solution import Solution

@@ -4,7 +4,7 @@ A waiting variable enters with all observations that join it to what enters or i
 come first, then approximate values, then the rank: with known variables held, the partials by
 the others must have full column rank, because nothing else can hold them. What the null space
 moves stays, with its observations, and the rest is looked at again. So does a point that may be
-anywhere, see `factorgraph_adj.solve.anywhere`.
+anywhere, see `factorgraph_adj.solve.doubtful_points`.
 
 What is left in the end is the largest set of variables that determines itself. It does not depend
 on the order in which its observations came: more observations make it larger, never smaller.
@@ -20,9 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..approximate import reach
-from ..block_orientation.begin import start_of
-from ..block_orientation.block_start import BlockStart
 from ..errors import AdjustmentError, DatumError, InputError, Problem, Unreached
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_network, compile_rows
@@ -30,14 +27,21 @@ from ..graph.variables import State
 from ..ledger.candidates import Candidates, NothingKnown, excerpt
 from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
-from ..solve.anywhere import anywhere, anywhere_at
-from ..solve.linear import LinearisedEquations
-from ..solve.minimum import adjust_from
-from ..solve.normal import NormalEquations, Solver
-from ..solve.rank import DENSE, UNDETERMINED, loose
+from ..solve.doubtful_points import vague_points, vague_points_at
+from ..solve.feasible_states import state_off_lines
+from ..solve.linearised_equations import LinearisedEquations
+from ..solve.minimum import adjust_from_start
+from ..solve.normal_equations import NormalEquations, Solver
 from ..solve.solution import Solution
-from ..solve.start import Start
-from ..solve.starts_on_lines import beside_lines
+from ..solve.undetermined_unknowns import (
+    IS_NOT_DETERMINED,
+    MAX_DENSE_COLUMNS,
+    undetermined_variables,
+)
+from ..start.block_start import BlockStart
+from ..start.choice_of_start import choose_start
+from ..start.search import partial_approximation
+from ..start.start_values import Start
 from ..types import NO_ROWS, Index
 from .local_network import (
     DISAGREES,
@@ -206,12 +210,14 @@ class DeterminabilitySearch:
             compiled = compile_rows(local)
             held = compiled.unknowns.holding(known.known)
             equations = replace(compiled, unknowns=held)
-            origin, problems = reach(equations, datum=self.datum)
+            origin, problems = partial_approximation(equations, datum=self.datum)
             if problems:
                 return nothing
-            state = beside_lines(equations, origin)
+            state = state_off_lines(equations, origin)
             system = LinearisedEquations(equations.weighted_at(state), state)
-            weak = loose(system, state, free=False, least=LIMITS.share) or anywhere_at(system)
+            weak = undetermined_variables(
+                system, state, free=False, least=LIMITS.share
+            ) or vague_points_at(system)
             if not weak:
                 with np.errstate(over="ignore", invalid="ignore"):
                     near = gauss_newton_steps(system)
@@ -306,13 +312,13 @@ class DeterminabilitySearch:
         self, local: Network, start: Solution | Start | None, bound: float
     ) -> Solution:
         equations, free = compile_network(local), self.datum == "free"
-        begin = start_of(equations, self.datum, start)
-        return adjust_from(equations, begin, free=free, tolerance=bound)
+        begin = choose_start(equations, self.datum, start)
+        return adjust_from_start(equations, begin, free=free, tolerance=bound)
 
     def _anywhere(self, solution: Solution) -> set[Variable]:
         """Return waiting points of which their readings do not say where they are."""
         lost: set[Variable] = set()
-        for point in anywhere(solution):
+        for point in vague_points(solution):
             if not self.left.known.known("point", point.name):
                 lost.add(("point", point.name))
                 self.lacks["point", point.name] = str(point)
@@ -334,7 +340,7 @@ class DeterminabilitySearch:
         What the null space moves stays undetermined without the others, too. In a free network the
         largest part that it moves as a whole is the network.
         """
-        state, problems = reach(equations, datum=self.datum, apart=self.several)
+        state, problems = partial_approximation(equations, datum=self.datum, apart=self.several)
         self._reached = None
         lost: set[Variable]
         if problems:
@@ -350,17 +356,19 @@ class DeterminabilitySearch:
         self.lacks |= {v: _why(problems, v) for v in lost}
         if lost:
             return lost
-        weighted = equations.weighted_at(beside := beside_lines(equations, state))
-        solver = Solver.of(weighted) if equations.unknowns.n_columns > DENSE else None
+        weighted = equations.weighted_at(beside := state_off_lines(equations, state))
+        solver = Solver.of(weighted) if equations.unknowns.n_columns > MAX_DENSE_COLUMNS else None
         normal = None if solver is None else NormalEquations(solver, beside)
         system = LinearisedEquations(weighted, beside) if normal is None else normal.system
-        found = loose(system, beside, free=self.datum == "free", least=LIMITS.share, normal=normal)
+        found = undetermined_variables(
+            system, beside, free=self.datum == "free", least=LIMITS.share, normal=normal
+        )
         if not problems and self.block is None:
             if solver is not None and not found:
                 solver.made = normal
             self._reached = ApproximateNetwork(equations, state, solver, self.left.rows)
         for v, why in found.items():
-            by = f" by {self.left.describe(v)}" if why == UNDETERMINED else ""
+            by = f" by {self.left.describe(v)}" if why == IS_NOT_DETERMINED else ""
             self.lacks[v] = f"{_noun(v)} {why}{by}"
         return set(found)
 
@@ -369,7 +377,7 @@ class DeterminabilitySearch:
     ) -> tuple[State, list[Problem], set[Variable]]:
         """Return a state from image points, what has no value, and what cannot be oriented."""
         begun = self._begun()
-        if (found := None if begun is None else begun.carried_to(equations.unknowns)) is not None:
+        if (found := None if begun is None else begun.for_unknowns(equations.unknowns)) is not None:
             return found.state, [], set()
         self.block = block = oriented_block(equations, self.datum, state, problems)
         if block is None:
@@ -390,7 +398,7 @@ class DeterminabilitySearch:
         if isinstance(error, DatumError):
             lost = _points_first(self.left.counts.keys() & set(error.unknowns))
             for v in lost:
-                self.lacks[v] = f"{_noun(v)} {UNDETERMINED} by {self.left.describe(v)}"
+                self.lacks[v] = f"{_noun(v)} {IS_NOT_DETERMINED} by {self.left.describe(v)}"
         elif isinstance(error, InputError):
             about = _labels(self.left)
             for p in error.problems:

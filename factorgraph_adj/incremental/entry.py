@@ -23,20 +23,20 @@ from ..ledger.options import Options
 from ..ledger.row_store import NO_PHOTO
 from ..ledger.verdicts import Verdict
 from ..linear_system import engines
+from ..linear_system.arrival_decisions import JointTest, accepted, decide, left_out, untested
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.joint_tests import RowsBesideBase, RowsInBase
 from ..linear_system.linear_system import LinearSystem
 from ..linear_system.linearisation_error import is_small, with_rest
 from ..linear_system.rebase import EFFORT, Draft, Failure, with_doubt
 from ..linear_system.section import Attempts
-from ..linear_system.test_decisions import JointTest, accepted, decide, left_out, untested
 from ..observations.base import is_condition
-from ..quality.leave_out import Tested
-from ..solve.start import Start
+from ..quality.group_tests import LeaveOneOutTests
+from ..start.start_values import Start
 from ..types import NO_ROWS, Index, Mask
 from .determinability import Enterable
 from .local_network import LIMITS
-from .second_minimum import smaller_minimum
+from .nonlinear_tests import smaller_minimum
 
 MAX_JUDGEMENTS = 5
 """Number of times that what enters together is judged, each time without what did not fit."""
@@ -161,7 +161,7 @@ class Entry:
         )
         return None if found is None else self._entered(*found)
 
-    def _fits(self, tested: Tested) -> bool:
+    def _fits(self, tested: LeaveOneOutTests) -> bool:
         return bool((tested.ratios(self.rules.alpha) <= 1.0).all())
 
     def _begin(self) -> None:

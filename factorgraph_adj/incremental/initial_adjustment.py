@@ -19,14 +19,14 @@ from ..linear_system.front_system import FrontSystem
 from ..linear_system.rebase import EFFORT, Draft, Failure, known_network
 from ..models.variables import VariableKind
 from ..network.network import Network
-from ..solve.anywhere import narrow
-from ..solve.minimum import adjust_from
+from ..solve.doubtful_points import points_with_narrow_rays
+from ..solve.minimum import adjust_from_start
 from ..solve.solution import Solution
-from ..solve.start import Start
+from ..start.start_values import Start
 from ..types import NO_ROWS, Array, Index
 from .determinability import ApproximateNetwork, DeterminabilitySearch
 from .entry import sole_rays
-from .second_minimum import smaller_minimum
+from .nonlinear_tests import smaller_minimum
 from .worklist import IncrementalState, Task, in_chosen_engine, worked_off
 
 MAX_REDUCTIONS = 5
@@ -84,7 +84,7 @@ def _determined(every: Candidates, rules: Options) -> tuple[Candidates, Approxim
     stay, reached = _Whole(every, rules.datum, {}).determined()
     if reached is None or reached.solver is None or not reached.equations.n_rays:
         return stay, reached
-    names = narrow(reached.equations, reached.state, reached.solver.layers)
+    names = points_with_narrow_rays(reached.equations, reached.state, reached.solver.layers)
     rays = sole_rays(every.ledger, [("point", name) for name in names])
     return stay.only(np.setdiff1d(stay.rows, rays)), reached
 
@@ -233,7 +233,9 @@ def at_its_start(
             draft = _draft(ledger, stay, rules, start, there=there)
             free = rules.datum == "free"
             steps = 1 if free else 0  # with which the datum is found
-            solution = adjust_from(draft.equations, draft.start, free=free, max_iterations=steps)
+            solution = adjust_from_start(
+                draft.equations, draft.start, free=free, max_iterations=steps
+            )
             return FrontSystem.of(solution, reason)
     return None
 

@@ -15,20 +15,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from ..block_orientation.begin import block_of
-from ..block_orientation.block_start import BlockStart
-from ..block_orientation.pairs import LEAST_COMMON
 from ..errors import AdjustmentError, ApproximationError, Problem
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import parameter_kinds
 from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
-from ..observations.own import OwnFactor
+from ..observations.user_factor import OwnFactor
 from ..quality.snooping import snoop
-from ..solve.datum import parts as parts_of
-from ..solve.linear import LinearisedEquations
+from ..solve.datum_defects import connected_parts as parts_of
+from ..solve.linearised_equations import LinearisedEquations
 from ..solve.solution import Solution
+from ..start.block_start import BlockStart
+from ..start.choice_of_start import block_start_from_images
+from ..start.partial_block import MIN_PAIR_POINTS
 from ..types import Mask
 
 
@@ -167,7 +167,7 @@ def oriented_block(
     names = equations.unknowns["pose"].names
     error = ApproximationError(problems, photos=[names[i] for i in np.flatnonzero(lost)])
     with suppress(ApproximationError):
-        return block_of(equations, datum, error, whole=False)
+        return block_start_from_images(equations, datum, error, whole=False)
     return None
 
 
@@ -180,7 +180,7 @@ def _common(network: Network, lost: Mask) -> bool:
     table = sparse.csr_array((ones, (photo, point)), shape=(len(lost), len(network.points)))
     common = (table[lost] @ table.T).tocoo()
     own = np.flatnonzero(lost)[common.row] == common.col
-    return bool((common.data[~own] >= LEAST_COMMON).any())
+    return bool((common.data[~own] >= MIN_PAIR_POINTS).any())
 
 
 def orientation_methods(local: Network, block: BlockStart | None) -> Mapping[str, str]:

@@ -1,28 +1,4 @@
-"""Tests by adjusting again, where linear forms are not valid as far as a test reaches.
-
-Some readings alone determine on which of two sides a point is. Where a point fits as well at its
-mirror image, one reading that fits on the other side only moves it there. If it is wrong, so is the
-place, and nothing shows it: the reading is accepted with a doubt, which lasts until another reading
-tells the side as well. vᵀPv of the two sides, both without the reading, then differ by more than
-the critical value of one degree of freedom. A later reading that contradicts may be the right one
-of the two: its verdict names the one that it contradicts.
-
-A test value is as good as the linear form on which it stands. Where an unknown is determined
-weakly, the observation may bend over the range that its σ leaves open by as much as its innovation
-is: a distance from a station at the height of a point, whose height only a weak weight holds, has
-no derivative by the height, and still depends on it. Such an observation is tested by adjusting
-with it and without:
-
-    T² = vᵀPv with − vᵀPv without,
-
-with the same degrees of freedom and the same critical value. The adjustment with it begins where
-the points are, or from a place at which vᵀPv is smaller: moved both ways along the direction in
-which they are weakest, or at the mirror image that fits the other observations as well (see
-`solve.mirrors`). Both vᵀPv are those of one side: those of the two sides without the observation
-may differ by the critical value of one degree of freedom, which chance exceeds with a probability
-of α/2 at most. An observation that moves a point to its other side, which nothing else tells, is
-accepted with a doubt, as above.
-"""
+"""Tests by another adjustment where linear forms are not valid, and a second minimum."""
 
 from __future__ import annotations
 
@@ -40,16 +16,16 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.row_store import Unit
 from ..ledger.verdicts import Side, Verdict
+from ..linear_system.arrival_decisions import accepted
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.isam2_system import ISAM2System
 from ..linear_system.joint_tests import RowsInBase
 from ..linear_system.rebase import Draft
-from ..linear_system.test_decisions import accepted
 from ..network.network import DatumChoice
-from ..quality.leave_out import critical_t2
-from ..solve.ambiguous_points import standing_free
-from ..solve.mirrors import mirror_midpoints
-from ..solve.start import Start
+from ..quality.group_tests import critical_t2
+from ..solve.second_minimum import describe_other_minimum, mirror_midpoints, points_without_rays
+from ..start.choice_of_start import choose_start
+from ..start.start_values import Start
 from ..types import Array, Index
 
 MIN_MOVE_IN_SIGMA = 3.0
@@ -286,7 +262,7 @@ def _mirror_images(
     candidates = np.zeros(len(unknowns.offset), dtype=bool)
     for unit in ledger.units(rows):
         candidates[[unknowns.number[n] for n in unit.points if n in unknowns.number]] = True
-    candidates &= standing_free(equations)
+    candidates &= points_without_rays(equations)
     middles = mirror_midpoints(equations, state, candidates) if candidates.any() else {}
     return {unknowns.names[n]: 2.0 * (at - state["point"][n]) for n, at in middles.items()}
 
@@ -380,3 +356,51 @@ def _vtpv(draft: Draft, start: Start) -> float:
     except AdjustmentError:
         return np.inf
     return float(v @ v)
+
+
+MAX_CHANCE_EXCESS = 4.0
+"""Excess of vᵀPv over the redundancy r, in units of its standard deviation √(2r), from which on a
+network is adjusted from approximate values."""
+MIN_RELATIVE_DECREASE = 1e-6
+"""Decrease of vᵀPv, relative to 1 + vᵀPv, from which another minimum counts as better."""
+LARGE_NETWORK_UNKNOWNS = 3_000
+"""Number of unknowns from which on a network is large."""
+
+
+def smaller_minimum(
+    draft: Draft, found: FrontSystem, datum: DatumChoice, *, tolerances: Sequence[float]
+) -> FrontSystem:
+    """Return the system with the smaller vᵀPv: as found, or adjusted from approximate values.
+
+    It tells of the other, if these are two.
+
+    Args:
+        draft: the whole network, from where everything was.
+        found: its system at rest.
+        datum: given or free.
+        tolerances: bounds of the last step, as for `Draft.adjusted`.
+    """
+    if draft.equations.unknowns.n_columns > LARGE_NETWORK_UNKNOWNS and not exceeds_chance(found):
+        return found
+    with suppress(AdjustmentError):  # no approximate values, or nothing can be computed there
+        values = choose_start(draft.equations, datum, None).state
+        begin = Start(draft.equations.unknowns, values, draft.start.origin)
+        anew = replace(draft, start=begin).adjusted(datum, tolerances=tolerances)
+        if isinstance(anew, FrontSystem) and anew.converged:
+            least = MIN_RELATIVE_DECREASE * (1.0 + min(found.vtpv, anew.vtpv))
+            if anew.vtpv < found.vtpv - least:
+                return _with_other(anew, found)
+            if found.vtpv < anew.vtpv - least:
+                return _with_other(found, anew)
+    return found
+
+
+def _with_other(system: FrontSystem, other: FrontSystem) -> FrontSystem:
+    """Return a system at rest whose solution tells of another minimum."""
+    return system.with_second_place(describe_other_minimum(system.solution, other.solution))
+
+
+def exceeds_chance(system: FrontSystem) -> bool:
+    """Return whether vᵀPv is larger than chance explains."""
+    r = system.redundancy
+    return r > 0 and system.vtpv - r > MAX_CHANCE_EXCESS * np.sqrt(2.0 * r)

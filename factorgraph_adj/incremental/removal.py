@@ -14,10 +14,10 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.verdicts import REST
 from ..linear_system import engines
+from ..linear_system.arrival_decisions import untested
+from ..linear_system.engines import determined_only_by, downdated
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.rebase import Draft, Failure, with_doubt
-from ..linear_system.row_removal import determined_only_by, downdated
-from ..linear_system.test_decisions import untested
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Index
 from .initial_adjustment import adjusted

@@ -14,27 +14,32 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..entities import Key, parameter_name
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..graph.dependence import Variable
 from ..graph.equations import Equations
+from ..graph.observation_selection import keep_entities
 from ..graph.variables import calibration_name
 from ..ledger import journal_entries
 from ..ledger.candidates import Candidates, NothingKnown
+from ..ledger.journal_entries import packed, packed_symmetric, unpacked, unpacked_symmetric
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
-from ..ledger.packed_arrays import packed, packed_symmetric, unpacked, unpacked_symmetric
-from ..ledger.retired import Retired
-from ..ledger.retired_archive import LastEstimate
+from ..ledger.retired_unknowns import LastEstimate, Retired
 from ..ledger.row_store import REMOVED
 from ..linear_system import engines
 from ..linear_system.rebase import EFFORT, Draft, Failure, known_network
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
-from ..network.entities import Key, parameter_name
 from ..network.network import Network
-from ..network.selection import keep_entities
-from ..solve.marginalisation import NAME, marginalised
-from ..solve.missed_step import MAX_UNKNOWNS, NOTHING_MISSED, MissedStep, not_known
-from ..solve.prior import Group, Prior
+from ..solve.added_factors import Prior, UnknownGroup
+from ..solve.marginalisation import (
+    MAX_SECOND_DERIVATIVE_UNKNOWNS,
+    NO_MISSED_STEP,
+    RETIRED_ROWS_NAME,
+    MissedStep,
+    marginalise,
+    unknown_missed_step,
+)
 from ..types import Array, Index
 from .retirement_window import is_stated, stated_at
 from .worklist import IncrementalState
@@ -85,14 +90,14 @@ class Rest(NamedTuple):
 
     prior: Prior
     """Linear rows."""
-    missed: MissedStep = NOTHING_MISSED
+    missed: MissedStep = NO_MISSED_STEP
     """What they miss."""
 
     @classmethod
     def of(cls, retired: Retired | None) -> Rest:
         """Return what was said until now."""
         if retired is None:
-            return cls(Prior(r=np.zeros((0, 0)), z=np.zeros(0), name=NAME))
+            return cls(Prior(r=np.zeros((0, 0)), z=np.zeros(0), name=RETIRED_ROWS_NAME))
         return cls(retired.prior, retired.missed)
 
     def fields(self) -> dict[str, Any]:
@@ -115,7 +120,7 @@ class Rest(NamedTuple):
     def read(cls, fields: Mapping[str, Any]) -> Rest:
         """Return it as the journal has it."""
         groups = tuple(
-            Group(
+            UnknownGroup(
                 g["kind"],
                 tuple(g["names"]),
                 np.array(g["reference"], dtype=float),
@@ -125,7 +130,7 @@ class Rest(NamedTuple):
         )
         r = np.array(fields["r"], dtype=float).reshape(-1, int(fields["width"]))
         z: Array = np.array(fields["z"], dtype=float)
-        prior = Prior(groups=groups, r=r, z=z, apart=int(fields["apart"]), name=NAME)
+        prior = Prior(groups=groups, r=r, z=z, apart=int(fields["apart"]), name=RETIRED_ROWS_NAME)
         return cls(prior, _missed_of(fields["missed"], r.shape[1]))
 
 
@@ -142,7 +147,7 @@ def _fields_of(missed: MissedStep) -> dict[str, Any]:
 def _missed_of(fields: Mapping[str, Any], width: int) -> MissedStep:
     """Return what rows miss as the journal has it."""
     if not fields:
-        return not_known(width)
+        return unknown_missed_step(width)
     k = int(fields["rank"])
     shapes = (k, width), (k,), (k, k)
     scale, constant, linear = (
@@ -257,7 +262,7 @@ def taken_back(state: IncrementalState, rules: Options) -> IncrementalState:
 
 
 def missed_step(state: IncrementalState) -> float:
-    """Return the bound of the step that linear rows miss, relative to σ; see `solve.missed_step`.
+    """Return the bound of the step that linear rows miss, relative to σ; see `solve.marginalisation`.
 
     √(gᵀQg) + ρ with the cofactors Q of the state; infinite where it is not known.
 
@@ -290,7 +295,7 @@ def doubt(state: IncrementalState, rules: Options) -> str:
     if np.isinf(missed):
         return (
             "what was retired had observations in common with so much of the rest, more than "
-            f"{MAX_UNKNOWNS} components at once, that it is not known what their linear rows miss: "
+            f"{MAX_SECOND_DERIVATIVE_UNKNOWNS} components at once, that it is not known what their linear rows miss: "
             "settle(all=True) takes them back"
         )
     return (
@@ -345,8 +350,8 @@ def _marginal(draft: Draft, leaving: Leaving, before: Retired | None) -> Rest:
     rows = _rows_of(equations, leaving.variables)
     rows = np.unique(np.concatenate([rows, *equations.find(leaving.between)]))
     if before is None:
-        return Rest(*marginalised(normal, rows, gone))
-    return Rest(*marginalised(normal, rows, gone, before.prior, before.missed))
+        return Rest(*marginalise(normal, rows, gone))
+    return Rest(*marginalise(normal, rows, gone, before.prior, before.missed))
 
 
 def _rows_of(equations: Equations, variables: Collection[Variable]) -> Index:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..entities import parameter_name
 from ..errors import InputError, Problem
 from ..graph.dependence import Variable
-from ..ledger.arrival_time import ticks
+from ..ledger.command_input import ticks
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.row_store import REMOVED
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
-from ..network.entities import parameter_name
 from ..network.network import Network
 from ..types import Array
 

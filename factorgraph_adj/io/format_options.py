@@ -54,7 +54,9 @@ def _groups(function: Callable[..., object]) -> dict[str, Any]:
     return {n: d for n, d in every if is_dataclass(d) and not isinstance(d, type)}
 
 
-def refuse_unknown(given: Iterable[str], valid: Sequence[str], *, doing: str, where: str) -> None:
+def refuse_unknown_options(
+    given: Iterable[str], valid: Sequence[str], *, doing: str, where: str
+) -> None:
     """Raise all options that a function does not have.
 
     Args:
@@ -76,7 +78,7 @@ def refuse_unknown(given: Iterable[str], valid: Sequence[str], *, doing: str, wh
         raise InputError(problems)
 
 
-def fitting(
+def fitting_options(
     function: Callable[..., object], given: Mapping[str, Any], *, doing: str, where: str
 ) -> dict[str, Any]:
     """Return options with values that the annotations of a function allow.

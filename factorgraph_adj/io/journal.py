@@ -31,11 +31,11 @@ from ..files import note_read, refuse_replacing, refuse_special
 if sys.platform != "win32":
     import fcntl
 
-VERSION = 4
+JOURNAL_VERSION = 4
 """Version of the format, the value of ``journal`` in the header; no other is read."""
-DIGITS = 16
+CHAIN_DIGITS = 16
 """Hexadecimal digits of a link of the chain."""
-_END = re.compile(rb'"line": ([0-9]{1,15}), "chain": "([0-9a-f]{%d})"\}$' % DIGITS)
+_END = re.compile(rb'"line": ([0-9]{1,15}), "chain": "([0-9a-f]{%d})"\}$' % CHAIN_DIGITS)
 """How every line ends."""
 _SHOWN = 60
 """Characters of a bad line that a message shows."""
@@ -51,7 +51,7 @@ class Journal:
     """
 
     def __init__(
-        self, path: Path, descriptor: int, *, durable: bool, last: Link | None = None
+        self, path: Path, descriptor: int, *, durable: bool, last: ChainLink | None = None
     ) -> None:
         """Take over an open, locked file whose lines are all whole, with the link of the last."""
         self.path = path
@@ -59,7 +59,7 @@ class Journal:
         self.durable = durable
         """Whether an entry is on the disk, not only with the operating system, once appended."""
         self._descriptor = descriptor
-        self._last = last or BEFORE
+        self._last = last or INITIAL_LINK
         self._size = os.fstat(descriptor).st_size
         self._unusable = ""
         self._close = weakref.finalize(self, os.close, descriptor)
@@ -84,7 +84,7 @@ class Journal:
         """
         path = Path(path)
         refuse_replacing([path])
-        line, link = _line({"journal": VERSION, **header}, path, BEFORE)
+        line, link = _line({"journal": JOURNAL_VERSION, **header}, path, INITIAL_LINK)
         existed = path.exists()
         descriptor = _open(path, os.O_CREAT)
         journal = None
@@ -304,7 +304,7 @@ def _sync_folder(folder: Path) -> None:
 # -- lines ----------------------------------------------------------------------------------------
 
 
-class Link(NamedTuple):
+class ChainLink(NamedTuple):
     """Where a line stands in its journal."""
 
     number: int
@@ -312,21 +312,21 @@ class Link(NamedTuple):
     chain: str
     """What it and all lines before it come to."""
 
-    def of(self, text: bytes) -> Link:
+    def of(self, text: bytes) -> ChainLink:
         """Return the link of the next line, from what stands before its end."""
-        chain = hashlib.sha256(self.chain.encode() + text).hexdigest()[:DIGITS]
-        return Link(self.number + 1, chain)
+        chain = hashlib.sha256(self.chain.encode() + text).hexdigest()[:CHAIN_DIGITS]
+        return ChainLink(self.number + 1, chain)
 
     def end(self) -> bytes:
         """Return the end of the line."""
         return f'"line": {self.number}, "chain": "{self.chain}"}}'.encode()
 
 
-BEFORE = Link(0, "")
+INITIAL_LINK = ChainLink(0, "")
 """The link before the first line."""
 
 
-def _line(entry: Mapping[str, object], path: Path, before: Link) -> tuple[bytes, Link]:
+def _line(entry: Mapping[str, object], path: Path, before: ChainLink) -> tuple[bytes, ChainLink]:
     """Return an entry as the line after another, and its link."""
     try:
         text = json.dumps(dict(entry), allow_nan=False, ensure_ascii=False).encode("utf-8")
@@ -337,21 +337,21 @@ def _line(entry: Mapping[str, object], path: Path, before: Link) -> tuple[bytes,
     return text + link.end() + b"\n", link
 
 
-def _links(raw: list[bytes], found: list[dict[str, Any]], path: Path) -> Link:
+def _links(raw: list[bytes], found: list[dict[str, Any]], path: Path) -> ChainLink:
     """Return the link of the last line, and take the links out of what was found.
 
     Raises:
         InputError: lines that do not follow from the line before them, all of them.
     """
-    before, problems = BEFORE, []
+    before, problems = INITIAL_LINK, []
     for number, (line, entry) in enumerate(zip(raw, found, strict=True), start=1):
         end = _END.search(line)
         own = before.of(b"" if end is None else line[: end.start()])
-        stated = Link(number, "") if end is None else Link(int(end[1]), end[2].decode())
+        stated = ChainLink(number, "") if end is None else ChainLink(int(end[1]), end[2].decode())
         if end is None:
             what = "has no number and chain at its end: no journal was written so"
         elif stated.number != own.number:
-            what = _out_of_turn(stated.number, before.number)
+            what = _line_number_problem(stated.number, before.number)
         elif stated != own:
             what = "was changed, or the line before it was, or comes from another journal"
         else:
@@ -370,7 +370,7 @@ def _links(raw: list[bytes], found: list[dict[str, Any]], path: Path) -> Link:
     return before
 
 
-def _out_of_turn(stated: int, before: int) -> str:
+def _line_number_problem(stated: int, before: int) -> str:
     """Say what is wrong where the number of a line is not that after the line before."""
     if stated <= before:
         return (
@@ -398,7 +398,7 @@ def _shown(line: bytes) -> str:
     return repr(text[:_SHOWN]) + ("…" if len(text) > _SHOWN else "")
 
 
-def _whole_lines(data: bytes, path: Path) -> tuple[list[dict[str, Any]], str, int, Link]:
+def _whole_lines(data: bytes, path: Path) -> tuple[list[dict[str, Any]], str, int, ChainLink]:
     """Return the objects of all whole lines, what is torn, the bytes to keep, and the last link.
 
     Raises:
@@ -421,9 +421,9 @@ def _whole_lines(data: bytes, path: Path) -> tuple[list[dict[str, Any]], str, in
     if "journal" not in header:
         what = 'is not a journal: its first line lacks "journal"'
         raise InputError(Problem(what, str(path)))
-    if header["journal"] != VERSION or isinstance(header["journal"], bool):
+    if header["journal"] != JOURNAL_VERSION or isinstance(header["journal"], bool):
         what = (
-            f"is a journal of version {header['journal']!r}; valid: {VERSION}. The version of the "
+            f"is a journal of version {header['journal']!r}; valid: {JOURNAL_VERSION}. The version of the "
             "program that wrote it can resume it, and save what is in the graph as a project"
         )
         raise InputError(Problem(what, str(path)))

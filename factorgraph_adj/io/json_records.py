@@ -1,7 +1,7 @@
-"""Records as plain JSON: the entries of a journal and the requests of a stream.
+"""Records as plain JSON: entries of a journal and requests of a stream.
 
 The fields are the columns of the CSV tables and the keys of [[camera]], see
-`factorgraph_adj.io.records`, `factorgraph_adj.io.read_unknowns` and
+`factorgraph_adj.io.observation_records`, `factorgraph_adj.io.unknowns_tables` and
 `factorgraph_adj.io.project`; this module converts them to and from JSON values. Written records
 are in metres and radians, with ``unit`` where the name of a field has no unit, so that they can be
 read without a project. Read records may hold numbers, text, true and false in any unit.
@@ -16,27 +16,236 @@ the reader states. Every float is read back to the bit.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
+from ..entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from ..errors import InputError, Problem, known, system_reason
 from ..frames import Frame
 from ..models.lens import NoDistortion
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
-from ..network.entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from ..network.network import Network
-from .context import RecordContext
-from .fields import unknown_field
-from .json_observations import SI, Fields, checked, observation_fields, observation_of, plain
+from ..observations import KINDS, AnyObservation, Correlated, Observation
+from ..types import Array
+from . import numbers, observation_records
+from .csv_tables import REMARK_COLUMNS, FieldRow
 from .numbers import Units
-from .parameter_tables import columns_of, parameter_records, read_parameter, table_of
-from .project import load_project, read_camera
-from .read_unknowns import PHOTO_COLUMNS, POINT_COLUMNS, UnknownsReader
-from .tables import IGNORED, Row
-from .text import parse_toml
-from .write_project import network_files, photo_record, point_record
-from .write_toml import camera_record
+from .observation_fields import (
+    ImageAxes,
+    RecordContext,
+    combine_fields,
+    is_angle,
+    is_in_image,
+    name_fields,
+    number_fields,
+    sigma_fields,
+    text_fields,
+    unknown_field_message,
+)
+from .parameter_tables import parameter_columns, parameter_records, parameter_table, read_parameter
+from .project import load_project, read_camera_record
+from .project_writer import camera_record, network_files, photo_record, point_record
+from .text_files import parse_toml
+from .unknowns_tables import PHOTO_COLUMNS, POINT_COLUMNS, UnknownsReader
+
+JsonFields = dict[str, object]
+CORRELATED_KIND = "correlated"
+"""Value of ``kind`` for observations with a joint covariance."""
+SI_UNITS = Units("m", "rad", "rad", "m", "rad")
+"""Units of written records."""
+_CORRELATED_KEYS = ("kind", "observations", "covariance_si", *REMARK_COLUMNS)
+
+
+def plain_record(record: Mapping[str, str], texts: Iterable[str]) -> JsonFields:
+    """Return the filled fields of a record in SI; text of numbers becomes numbers."""
+    return {k: v if k in texts else float(v) for k, v in record.items() if v}
+
+
+def checked_record(fields: object, source: str) -> Mapping[str, object]:
+    """Return the fields; InputError if they are not a JSON object."""
+    if isinstance(fields, Mapping):
+        return fields
+    raise InputError(Problem(f"a record must be an object {{…}}, not {fields!r}", source))
+
+
+def observation_fields(
+    item: AnyObservation, *, id: str | Sequence[str] | None, unit: str = "mm"
+) -> JsonFields:
+    """Return the record of an observation, without its source.
+
+    Args:
+        item: the observation, or several with a joint covariance.
+        id: name in the network, for an observation without its own id; for correlated
+            observations a sequence with one name for each.
+        unit: unit of the camera, for image coordinates: px or a length; it ends the name of σ.
+
+    Raises:
+        InputError: the id or the name of a set is empty, or no part of the standard deviation
+            applies: a record cannot state these.
+    """
+    if not isinstance(item, Correlated):
+        return _single_fields(item, id if isinstance(id, str) else None, unit)
+    ids: Sequence[str | None] = [None] * len(item.observations)
+    if id is not None:
+        ids = [id] if isinstance(id, str) else id
+    return {
+        "kind": CORRELATED_KIND,
+        "observations": [
+            _single_fields(o, i, unit) for o, i in zip(item.observations, ids, strict=True)
+        ],
+        "covariance_si": np.asarray(item.covariance, dtype=float).tolist(),
+    }
+
+
+def _single_fields(item: Observation, id: str | None, unit: str) -> JsonFields:
+    # An empty field counts as absent; reading it would give another observation.
+    stated = {n: getattr(item, n, None) for n in ("id", *item.record.texts)}
+    problems = [
+        Problem(f"{name} must be text that is not empty, not {value!r}", item.label())
+        for name, value in stated.items()
+        if value is not None and (not isinstance(value, str) or not value)
+    ]
+    record = observation_records.observation_record(
+        item, id=id, units=SI_UNITS, axes=ImageAxes(unit)
+    )
+    kind = item.kind
+    out = plain_record(
+        record, {"kind", "id", *name_fields(kind), *text_fields(kind), *combine_fields(kind)}
+    )
+    if problems:
+        raise InputError(problems)
+    # ``unit`` is that of the value; angles beside it are read in gon.
+    angles = [n for n, quantity in number_fields(kind).items() if quantity == "angle" and n in out]
+    # Text keeps all digits, a number in gon would be rounded.
+    out |= {n: numbers.write_quantity(getattr(item, n), "gon") for n in angles}
+    if item.record.unit != "image":
+        out["unit"] = "rad" if is_angle(item.kind) else "m"
+    return out
+
+
+def observation_of(
+    fields: Mapping[str, object], *, context: RecordContext | None = None, source: str = ""
+) -> AnyObservation:
+    """Return the observation that a record describes.
+
+    Args:
+        fields: the record, as `json.loads` gives it.
+        context: defaults of the project. Without a context, lengths are metres and angles gon
+            where the record states no ``unit``, heights of instruments and targets are metres,
+            and image coordinates have the unit that σ names. Records of `observation_fields`
+            are read without a context.
+        source: where the record stands, for messages and for the observation.
+
+    Raises:
+        InputError: all problems of the record, as `records.observation` lists them; for
+            correlated observations also an empty or malformed list, and a covariance that is
+            not square, symmetric, positive definite or of the size of their components.
+    """
+    fields = checked_record(fields, source)
+    if fields.get("kind") == CORRELATED_KIND:
+        return _correlated_of(fields, context, source)
+    return _single_of(fields, context, source)
+
+
+def _single_of(
+    fields: Mapping[str, object], context: RecordContext | None, source: str
+) -> Observation:
+    if context is None and fields.get("kind") == "image":
+        context = RecordContext(images={str(fields.get("photo")): _own_axes(fields)})
+    return observation_records.observation_from_record(fields, context=context, source=source)
+
+
+def _own_axes(fields: Mapping[str, object]) -> ImageAxes:
+    """Return image axes with the unit that the name of a record's σ states."""
+    named = [f.rpartition("_")[2] for f in sigma_fields("image") if f in fields]
+    return ImageAxes(named[0]) if named else ImageAxes()
+
+
+def _correlated_of(
+    fields: Mapping[str, object], context: RecordContext | None, source: str
+) -> Correlated:
+    problems: list[Problem] = []
+    row = FieldRow(fields, source, problems, CORRELATED_KIND)
+    for name in row.fields:
+        if name not in _CORRELATED_KEYS:
+            row.wrong(
+                f"unknown field {name!r}; known: {known(_CORRELATED_KEYS, meant=name, most=40)}"
+            )
+    covariance = _matrix(row)
+    given = row.take("observations", required=True)
+    if given is not None and not isinstance(given, list):
+        row.wrong(f"observations must be a list of records, not {given!r}")
+    members: list[Observation] = []
+    begin = 0
+    for number, entry in enumerate(given if isinstance(given, list) else (), start=1):
+        where = ", ".join(part for part in (source, f"observation {number}") if part)
+        try:
+            record = checked_record(entry, where)
+            kind = record.get("kind")
+            if kind in (CORRELATED_KIND, "image"):
+                raise InputError(Problem(f"{kind} cannot be in a correlated group", where))
+            if covariance is not None:
+                record = _with_sigma(record, np.diag(covariance)[begin:])
+            members.append(replace(_single_of(record, context, where), source=source or None))  # type: ignore[call-arg]
+            begin += _size(record)
+        except InputError as error:
+            problems.extend(error.problems)
+            # The places of the following members in the covariance are unknown now.
+            covariance = None
+    if isinstance(given, list) and not given:
+        row.wrong("observations must be one record or more")
+    if problems or covariance is None:
+        raise InputError(problems)
+    try:
+        return Correlated(tuple(members), covariance)
+    except InputError as error:
+        row.wrong_all(error)
+        raise InputError(problems) from None
+
+
+def _matrix(row: FieldRow) -> Array | None:
+    """Return the covariance; None, noted in the row, if it is not a square matrix of numbers."""
+    given = row.take("covariance_si", required=True)
+    if given is None:
+        return None
+    if not isinstance(given, list) or not all(
+        isinstance(line, list) and len(line) == len(given) for line in given
+    ):
+        row.wrong("covariance_si must be a square matrix: a list of rows as long as itself")
+        return None
+    try:
+        return np.array([[numbers.parse_quantity(v) for v in line] for line in given])
+    except ValueError as error:
+        row.wrong(f"covariance_si: {error}")
+        return None
+
+
+def _axes(record: Mapping[str, object]) -> tuple[str, ...]:
+    """Return the components of a record, which is not checked yet."""
+    kind = KINDS.get(str(record.get("kind")))
+    if kind is not None and "axes" in kind.attributes:
+        return tuple(str(record.get("axes") or "xyz").replace(" ", ""))
+    return () if kind is None else kind.observation.components
+
+
+def _size(record: Mapping[str, object]) -> int:
+    return len(_axes(record))
+
+
+def _with_sigma(record: Mapping[str, object], variances: Array) -> Mapping[str, object]:
+    """Give a member without a standard deviation the variances of the group, as tables do."""
+    kind, axes = str(record.get("kind")), _axes(record)
+    if kind not in KINDS or any(record.get(f) is not None for f in sigma_fields(kind)):
+        return record
+    unit = "image" if is_in_image(kind) else "rad" if is_angle(kind) else "m"
+    own = zip(axes, variances.tolist(), strict=False)
+    stated = {f"sigma_{a}_{unit}" if a else f"sigma_{unit}": v**0.5 for a, v in own if v > 0}
+    return {**record, **stated}
+
 
 __all__ = [
     "camera_fields",
@@ -60,10 +269,10 @@ _TEXTS = frozenset({"name", "camera", "fixed"})
 # -- points, photos, cameras ----------------------------------------------------------------------
 
 
-def point_fields(point: Point) -> Fields:
+def point_fields(point: Point) -> JsonFields:
     """Return the record of a point, metres."""
     flags = {"datum": point.datum, "side_shot": point.side_shot}
-    out = plain(point_record(point, SI) | dict.fromkeys(flags, ""), _TEXTS)
+    out = plain_record(point_record(point, SI_UNITS) | dict.fromkeys(flags, ""), _TEXTS)
     return out | {name: True for name, flag in flags.items() if flag}
 
 
@@ -87,17 +296,17 @@ def point_of(
     """
     network = Network(frame=frame)
 
-    def read(row: Row, name: str, reader: UnknownsReader) -> Point:
-        _known(row, POINT_COLUMNS)
+    def read(row: FieldRow, name: str, reader: UnknownsReader) -> Point:
+        _columns_of_record(row, POINT_COLUMNS)
         reader.point(row, name)
         return network.points[name]
 
     return _entity(fields, "point", network, context, source, read)
 
 
-def photo_fields(photo: Photo) -> Fields:
+def photo_fields(photo: Photo) -> JsonFields:
     """Return the record of a photo, metres and radians, with its rotation as a matrix."""
-    return plain(photo_record(photo, SI, angles=False), _TEXTS)
+    return plain_record(photo_record(photo, SI_UNITS, angles=False), _TEXTS)
 
 
 def photo_of(
@@ -120,8 +329,8 @@ def photo_of(
     """
     network = Network(frame=frame)
 
-    def read(row: Row, name: str, reader: UnknownsReader) -> Photo:
-        _known(row, PHOTO_COLUMNS)
+    def read(row: FieldRow, name: str, reader: UnknownsReader) -> Photo:
+        _columns_of_record(row, PHOTO_COLUMNS)
         if "camera" in row:
             network.add_camera(str(row.fields["camera"]), NoDistortion(), {"c": 1.0})
         reader.photo(row, name)
@@ -130,7 +339,7 @@ def photo_of(
     return _entity(fields, "photo", network, context, source, read)
 
 
-def camera_fields(camera: Camera) -> Fields:
+def camera_fields(camera: Camera) -> JsonFields:
     """Return the record of a camera, with the keys of [[camera]], in image units."""
     return camera_record(camera)
 
@@ -140,7 +349,7 @@ def camera_of(fields: Mapping[str, object], *, source: str = "") -> Camera:
 
     Args:
         fields: the record, with the keys of [[camera]]. A σ of image coordinates has no effect
-            here; `factorgraph_adj.io.project.read_camera` returns it.
+            here; `factorgraph_adj.io.project.read_camera_record` returns it.
         source: where the record stands, for messages.
 
     Raises:
@@ -148,20 +357,20 @@ def camera_of(fields: Mapping[str, object], *, source: str = "") -> Camera:
     """
     network = Network()
 
-    def read(row: Row, name: str, reader: UnknownsReader) -> Camera:
-        read_camera(row, name, network)
+    def read(row: FieldRow, name: str, reader: UnknownsReader) -> Camera:
+        read_camera_record(row, name, network)
         return network.cameras[name]
 
     return _entity(fields, "camera", network, None, source, read)
 
 
-def unknown_fields(kind: VariableKind, key: Key, p: Parameter) -> Fields:
+def unknown_fields(kind: VariableKind, key: Key, p: Parameter) -> JsonFields:
     """Return the record of an unknown besides points, photos and cameras, SI."""
     record, network = UNKNOWNS[kind], Network()
     network.of_kind(kind)[key] = p
-    (fields,) = parameter_records(network, record, SI)
-    texts = {*table_of(record).keys, "free", "fixed", "origin", "level"}
-    return {"kind": kind, **plain(fields, texts)}
+    (fields,) = parameter_records(network, record, SI_UNITS)
+    texts = {*parameter_table(record).keys, "free", "fixed", "origin", "level"}
+    return {"kind": kind, **plain_record(fields, texts)}
 
 
 def unknown_of(
@@ -177,15 +386,15 @@ def unknown_of(
     Raises:
         InputError: an unknown kind or field, or a value that is wrong; all problems are listed.
     """
-    given = dict(checked(fields, source))
+    given = dict(checked_record(fields, source))
     name, kinds = given.pop("kind", None), {k.name: k for k in parameter_kinds()}
     if not isinstance(name, str) or name not in kinds:
         what = "kind of unknowns is missing" if name is None else f"unknown kind {name!r}"
         raise InputError(Problem(f"{what}; valid: {known(kinds, meant=name, most=40)}", source))
     kind, problems = kinds[name], list[Problem]()
-    row = Row(given, source, problems, kind.noun)
-    _known(row, columns_of(kind))
-    stated = table_of(kind)
+    row = FieldRow(given, source, problems, kind.noun)
+    _columns_of_record(row, parameter_columns(kind))
+    stated = parameter_table(kind)
     nameless = stated.keys == ("name",) and kind.default is not None
     first = row.text(stated.keys[0], required=not nameless) or ""
     others = [row.text(k, default=stated.key_default) or "" for k in stated.keys[1:]]
@@ -210,13 +419,13 @@ def _entity(
     network: Network,
     context: RecordContext | None,
     source: str,
-    read: Callable[[Row, str, UnknownsReader], _Found],
+    read: Callable[[FieldRow, str, UnknownsReader], _Found],
 ) -> _Found:
     """Read one named entity into an otherwise empty network."""
-    fields = checked(fields, source)
+    fields = checked_record(fields, source)
     problems: list[Problem] = []
     of = f"{what} {fields['name']!r}" if fields.get("name") not in (None, "") else what
-    row = Row(fields, source, problems, of)
+    row = FieldRow(fields, source, problems, of)
     name = row.text("name", required=True) or what
     units = context.units if context is not None else Units()
     found = read(row, name, UnknownsReader(network, units, 3, problems))
@@ -225,9 +434,9 @@ def _entity(
     return found
 
 
-def _known(row: Row, columns: Iterable[str]) -> None:
+def _columns_of_record(row: FieldRow, columns: Iterable[str]) -> None:
     for name in row.fields:
-        wrong = unknown_field(name, (*columns, *IGNORED))
+        wrong = unknown_field_message(name, (*columns, *REMARK_COLUMNS))
         if wrong is not None:
             row.wrong(wrong.replace("column", "field", 1))
 

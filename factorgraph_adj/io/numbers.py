@@ -91,13 +91,13 @@ class Units:
 
 
 @lru_cache
-def factor(unit: str) -> Decimal:
+def unit_factor(unit: str) -> Decimal:
     """Return the exact size of a unit in metres or radians, of ppm as a ratio; mm2 is squared.
 
     The sizes follow from the tables of `factorgraph_adj.units`: π is divided by a whole number.
     """
     if unit.endswith("2"):
-        return _EXACT.multiply(factor(unit[:-1]), factor(unit[:-1]))
+        return _EXACT.multiply(unit_factor(unit[:-1]), unit_factor(unit[:-1]))
     if unit in _PLAIN:
         return _PLAIN[unit]
     if unit in LENGTH:
@@ -108,7 +108,7 @@ def factor(unit: str) -> Decimal:
     return Decimal(repr(ANGLE[unit]))
 
 
-def parse(value: object, unit: str = "") -> float:
+def parse_quantity(value: object, unit: str = "") -> float:
     """Read a number (text of a cell, or a number of JSON) in ``unit``.
 
     Raises:
@@ -117,11 +117,11 @@ def parse(value: object, unit: str = "") -> float:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise ValueError(f"{value!r} is not a number")
     text = value.strip() if isinstance(value, str) else repr(value)
-    return _parse(text, unit)
+    return _parse_text(text, unit)
 
 
 @lru_cache(maxsize=4096)
-def _parse(text: str, unit: str) -> float:
+def _parse_text(text: str, unit: str) -> float:
     if unit == "dms":
         return _parse_dms(text)
     if _NUMBER.fullmatch(text) is None:
@@ -129,7 +129,7 @@ def _parse(text: str, unit: str) -> float:
             raise ValueError(f"{_quoted(text)} is not a finite number")
         hints = (f"; {hint}" for hint, form in _HINTS.items() if form.fullmatch(text))
         raise ValueError(f"{_quoted(text)} is not a number{next(hints, '')}")
-    size = factor(unit)
+    size = unit_factor(unit)
     try:
         number = float(text) if size == 1 else float(_EXACT.multiply(Decimal(text), size))
     except ArithmeticError:  # the exponent is outside the range of Decimal
@@ -148,37 +148,37 @@ def _parse_dms(text: str) -> float:
     parse_angle(text, "dms")  # raises the error for a malformed text
     degrees, minutes, seconds = (Decimal(t) for t in re.findall(r"\d+(?:\.\d*)?", text))
     total = (degrees * 60 + minutes) * 60 + seconds
-    value = float(_EXACT.multiply(total, factor("arcsec")))
+    value = float(_EXACT.multiply(total, unit_factor("arcsec")))
     return -value if text.lstrip().startswith("-") else value
 
 
-def write(value: float, unit: str = "") -> str:
+def write_quantity(value: float, unit: str = "") -> str:
     """Write a value with the fewest digits that `parse` reads back exactly (15 or more)."""
     if unit == "dms":
         return _write_dms(value)
     if value == 0:
         return "-0" if math.copysign(1.0, value) < 0 else "0"
-    size = factor(unit)
+    size = unit_factor(unit)
     if size == 1:
         return repr(float(value)).removesuffix(".0")
     if unit not in ANGLE or unit in ("rad", "mrad"):
-        return _tidy(_EXACT.divide(Decimal(repr(float(value))), size))
+        return _short_decimal(_EXACT.divide(Decimal(repr(float(value))), size))
     exact = _EXACT.divide(Decimal(value), size)
     for digits in range(15, 40):
-        text = _tidy(Context(prec=digits).plus(exact))
-        if _parse(text, unit) == value:
+        text = _short_decimal(Context(prec=digits).plus(exact))
+        if _parse_text(text, unit) == value:
             return text
     raise AssertionError(f"{value!r} has no decimal form in {unit}")
 
 
-def _tidy(number: Decimal) -> str:
+def _short_decimal(number: Decimal) -> str:
     """Return a decimal without trailing zeros, and without an exponent if the text is short."""
     number = number.normalize(_EXACT)
     return format(number, "f") if -8 < number.adjusted() < 16 else str(number)
 
 
 def _write_dms(value: float) -> str:
-    total = _EXACT.divide(Decimal(abs(value)), factor("arcsec"))
+    total = _EXACT.divide(Decimal(abs(value)), unit_factor("arcsec"))
     sign = "-" if math.copysign(1.0, value) < 0 else ""
     enough = 25 - total.adjusted()
     context = Context(prec=max(enough, 0) + 20)

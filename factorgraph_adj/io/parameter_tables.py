@@ -13,17 +13,17 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from ..entities import FREE_ORIENTATION, Key, Parameter
 from ..errors import InputError
 from ..models.variables import Component, UnknownKind, UnknownTable
-from ..network.entities import FREE_ORIENTATION, Key, Parameter
 from ..network.network import Network
 from ..units import ANGLE, LENGTH, decimal_angle
 from . import numbers
+from .csv_tables import FALSE_WORDS, TRUE_WORDS, FieldRow
 from .numbers import Units
-from .tables import FALSE, TRUE, Row
 
 
-def table_of(kind: UnknownKind) -> UnknownTable:
+def parameter_table(kind: UnknownKind) -> UnknownTable:
     """Return the table of a kind of parameters."""
     assert kind.table is not None
     return kind.table
@@ -56,9 +56,9 @@ def _join(name: str, unit: str) -> str:
     return f"{name}_{unit}" if unit else name
 
 
-def columns_of(kind: UnknownKind) -> tuple[str, ...]:
+def parameter_columns(kind: UnknownKind) -> tuple[str, ...]:
     """Return the columns of the table of a kind, in the order in which they are written."""
-    table = table_of(kind)
+    table = parameter_table(kind)
     out = [*table.keys]
     for c in kind.components:
         out += [_column(c)] if c.plain else [_join(_column(c), u) for u in _units(c)]
@@ -74,7 +74,9 @@ def columns_of(kind: UnknownKind) -> tuple[str, ...]:
 # -- reading --------------------------------------------------------------------------------------
 
 
-def read_parameter(row: Row, kind: UnknownKind, key: Key, network: Network, units: Units) -> None:
+def read_parameter(
+    row: FieldRow, kind: UnknownKind, key: Key, network: Network, units: Units
+) -> None:
     """Put the unknown of a row into the network; problems are noted in the row."""
     given = [_value(row, c, units) for c in kind.components]
     components = kind.components[: _size(row, kind, given)]
@@ -84,7 +86,7 @@ def read_parameter(row: Row, kind: UnknownKind, key: Key, network: Network, unit
     if kind.constants:
         _read_frame(row, str(key), dict(zip(names, given, strict=True)), sigma, network, units)
         return
-    if table_of(kind).held_unless_free:
+    if parameter_table(kind).held_unless_free:
         free = _words(row, "free", names)
         fixed = [n for n in names if n not in free and math.isinf(sigma[n])]
     else:
@@ -114,7 +116,7 @@ def read_parameter(row: Row, kind: UnknownKind, key: Key, network: Network, unit
 
 
 def _read_frame(
-    row: Row,
+    row: FieldRow,
     name: str,
     given: Mapping[str, float | None],
     sigma: Mapping[str, float],
@@ -147,7 +149,7 @@ def _read_frame(
         network.add_frame(name, origin=point if point in network.points else (0.0, 0.0, 0.0))
 
 
-def _value(row: Row, component: Component, units: Units) -> float | None:
+def _value(row: FieldRow, component: Component, units: Units) -> float | None:
     name = _column(component)
     if component.plain:
         return row.number(name, units.angle if component.quantity == "angle" else units.length)
@@ -156,7 +158,7 @@ def _value(row: Row, component: Component, units: Units) -> float | None:
     return row.number(_join(name, _units(component)[0]), _units(component)[0])
 
 
-def _size(row: Row, kind: UnknownKind, given: list[float | None]) -> int:
+def _size(row: FieldRow, kind: UnknownKind, given: list[float | None]) -> int:
     """Return the number of components that a row states; some kinds may omit the last ones."""
     if not kind.variable_size:
         return kind.size
@@ -169,7 +171,9 @@ def _size(row: Row, kind: UnknownKind, given: list[float | None]) -> int:
     return size or kind.size
 
 
-def _sigmas(row: Row, kind: UnknownKind, components: tuple[Component, ...]) -> dict[str, float]:
+def _sigmas(
+    row: FieldRow, kind: UnknownKind, components: tuple[Component, ...]
+) -> dict[str, float]:
     """Return the standard deviations of the components; infinite where none is given."""
     for_all = None
     if _shares_sigma(kind):
@@ -186,7 +190,7 @@ def _sigmas(row: Row, kind: UnknownKind, components: tuple[Component, ...]) -> d
     return out
 
 
-def _words(row: Row, column: str, names: list[str]) -> list[str]:
+def _words(row: FieldRow, column: str, names: list[str]) -> list[str]:
     """Return the components that a column names."""
     words = (row.text(column, default="") or "").split()
     wrong = [w for w in words if w not in names]
@@ -195,10 +199,10 @@ def _words(row: Row, column: str, names: list[str]) -> list[str]:
     return words
 
 
-def _held(row: Row, names: list[str]) -> list[str]:
+def _held(row: FieldRow, names: list[str]) -> list[str]:
     """Return the held components: all, none, or the named ones."""
     text = str(row.fields.get("fixed") or "").lower()
-    if len(names) == 1 or text in (*TRUE, *FALSE) or not set(text.split()) & set(names):
+    if len(names) == 1 or text in (*TRUE_WORDS, *FALSE_WORDS) or not set(text.split()) & set(names):
         return names if row.flag("fixed") else []
     return _words(row, "fixed", names)
 
@@ -210,14 +214,16 @@ def parameter_records(
     network: Network, kind: UnknownKind, units: Units
 ) -> Iterator[dict[str, str]]:
     """Iterate over the rows of the table of a kind."""
-    table = table_of(kind)
+    table = parameter_table(kind)
     for key, p in network.of_kind(kind.name).items():
         keys = (key,) if isinstance(key, str) else key
         out = dict(zip(table.keys, keys, strict=True))
         for c, value in zip(kind.components, p.values, strict=False):
             if not math.isnan(value):
                 unit = _unit_of_value(c, units)
-                out[_column(c) if c.plain else _join(_column(c), unit)] = numbers.write(value, unit)
+                out[_column(c) if c.plain else _join(_column(c), unit)] = numbers.write_quantity(
+                    value, unit
+                )
         if kind.constants:
             out |= _frame_record(p, units)
         yield out | _sigma_record(kind, p, units) | _held_record(kind, p)
@@ -229,7 +235,7 @@ def _frame_record(p: Parameter, units: Units) -> dict[str, str]:
     out = {"origin": p.origin} if p.origin else {}
     if any(origin):
         out |= {
-            f"origin_{a}": numbers.write(v, units.length)
+            f"origin_{a}": numbers.write_quantity(v, units.length)
             for a, v in zip("xyz", origin, strict=True)
         }
     return out | ({"level": "yes"} if level else {})
@@ -255,18 +261,18 @@ def _unit(component: Component, units: Units) -> str:
 def _sigma_record(kind: UnknownKind, p: Parameter, units: Units) -> dict[str, str]:
     first = _unit(kind.components[0], units)
     if _shares_sigma(kind) and len(set(p.sigma)) == 1 and math.isfinite(p.sigma[0]):
-        return {_join("sigma", first): numbers.write(p.sigma[0], first)}
+        return {_join("sigma", first): numbers.write_quantity(p.sigma[0], first)}
     out = {}
     for c, s in zip(kind.components, p.sigma, strict=False):
         if math.isfinite(s):
             name = _join(_sigma_column(kind, c), _unit(c, units))
-            out[name] = numbers.write(s, _unit(c, units))
+            out[name] = numbers.write_quantity(s, _unit(c, units))
     return out
 
 
 def _held_record(kind: UnknownKind, p: Parameter) -> dict[str, str]:
     names = kind.names(len(p.values))
-    if table_of(kind).held_unless_free:
+    if parameter_table(kind).held_unless_free:
         parts = zip(names, p.fixed, p.sigma, strict=True)
         return {"free": " ".join(n for n, held, s in parts if not held and not math.isfinite(s))}
     if all(p.fixed):

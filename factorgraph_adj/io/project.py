@@ -1,8 +1,8 @@
 """Projects on disk: a TOML file beside CSV tables.
 
 The TOML file states name, datum, frame, units, cameras, standard deviations by kind, and options.
-The tables have one entity or observation in each row; `factorgraph_adj.io.read_unknowns` and
-`factorgraph_adj.io.fields` define their columns.
+The tables have one entity or observation in each row; `factorgraph_adj.io.unknowns_tables` and
+`factorgraph_adj.io.observation_fields` define their columns.
 """
 
 from __future__ import annotations
@@ -15,62 +15,68 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from ..ellipsoid import ELLIPSOIDS
+from ..entities import ORIGINS, Camera, Origin
 from ..errors import InputError, Problem, known, similar
 from ..files import astray
 from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ..models.lens import Lens
-from ..models.registry import LENSES
+from ..models.lens_registry import LENSES
 from ..models.variables import parameter_kinds
-from ..network.entities import ORIGINS, Camera, Origin
 from ..network.network import Network
 from ..observations import KINDS
 from ..stochastic import COMBINATIONS
 from ..units import LENGTH
-from ..validate.check import check
-from .context import ImageAxes, RecordContext
-from .fields import rules_of, sigma_fields, stand_in_sigma, unknown_field
-from .grid_section import read_grid_section
+from ..validate.network_structure import check
+from .crs_section import read_crs_section
+from .csv_tables import CsvTable, FieldRow, read_table
 from .numbers import Units
-from .parameter_tables import table_of
-from .read_observations import ObservationsReader
-from .read_readings import read_readings
-from .read_unknowns import Dimension, UnknownsReader
-from .tables import Row, Table, read_table
-from .toml_places import read_toml
-from .unfinished import recover
+from .observation_fields import (
+    ImageAxes,
+    RecordContext,
+    combine_fields,
+    placeholder_sigma,
+    sigma_fields,
+    unknown_field_message,
+)
+from .observation_tables import ObservationsReader
+from .parameter_tables import parameter_table
+from .readings_table import read_readings
+from .text_files import read_toml
+from .transaction_folders import recover_folder
+from .unknowns_tables import Dimension, UnknownsReader
 
 
-def tables() -> tuple[str, ...]:
+def project_table_names() -> tuple[str, ...]:
     """Return the names of a project's tables; without [files], each is a file NAME.csv."""
-    parameters = (table_of(k).file for k in parameter_kinds())
+    parameters = (parameter_table(k).file for k in parameter_kinds())
     named = ("points", "photos", "images", "observations", "covariances", "doubts", "readings")
     return (*named, *parameters)
 
 
-KEYS = (
+PROJECT_KEYS = (
     *("name", "datum", "dimension", "frame", "crs", "units", "files", "camera", "sigma"),
     *("readings", "adjust"),
 )
-FRAMES = {
+FRAME_KEYS = {
     "local": ("curvature", "radius", "origin", "axes"),
     "geocentric": ("ellipsoid", "radius"),
     "topocentric": ("latitude", "longitude", "height", "ellipsoid", "radius"),
 }
 """Keys of [frame] by kind of frame."""
-NEARLY = 0.8
+MIN_NAME_SIMILARITY = 0.8
 """Similarity (of difflib) from which a file's name is nearly that of a table: one letter of six is
 missing, wrong or too many."""
 TABLE_ENDINGS = ("csv", "txt", "csv.txt")
 """Endings of names of files that may be meant as tables."""
 CAMERA_KEYS = ("name", "lens", "unit", "y_axis", "per_photo", "format", "origin", "parameters")
-Variance = Literal["a-priori", "a-posteriori"]
+VarianceChoice = Literal["a-priori", "a-posteriori"]
 
 
 @dataclass(frozen=True)
 class AdjustOptions:
     """Options of the adjustment that the project states."""
 
-    variance: Variance = "a-priori"
+    variance: VarianceChoice = "a-priori"
     """Variance of unit weight that scales standard deviations."""
     max_iterations: int = 100
     """Largest number of iterations of the adjustment."""
@@ -131,17 +137,17 @@ def load_project(
     path = Path(path)
     if path.is_dir():
         path = path / "project.toml"
-    recover(path.parent)
+    recover_folder(path.parent)
     problems: list[Problem] = []
     document, places = read_toml(path)
-    top = Row(document, path.name, problems)
-    for key in (k for k in document if k not in KEYS):
-        top.wrong(f"unknown key {key!r}; known: {known(KEYS, meant=key, most=40)}")
+    top = FieldRow(document, path.name, problems)
+    for key in (k for k in document if k not in PROJECT_KEYS):
+        top.wrong(f"unknown key {key!r}; known: {known(PROJECT_KEYS, meant=key, most=40)}")
     units = _units(_table(document, "units", path.name, problems))
     datum = top.choice("datum", ("given", "free"), "given")
     frame = _frame(_table(document, "frame", path.name, problems), units)
     crs = _table(document, "crs", path.name, problems)
-    section = read_grid_section(
+    section = read_crs_section(
         crs,
         path.parent,
         stated="crs" in document,
@@ -168,10 +174,10 @@ def load_project(
     found_tables = _tables(_table(document, "files", path.name, problems), path, allow_outside)
     reader = UnknownsReader(network, units, cast(Dimension, dimension or 3), problems)
     reader.cameras_named = _names_cameras(document)
-    readers: list[tuple[str, Callable[[Table], None]]] = [
+    readers: list[tuple[str, Callable[[CsvTable], None]]] = [
         ("points", reader.points),
         ("photos", reader.photos),
-        *((table_of(k).file, partial(reader.parameters, kind=k)) for k in parameter_kinds()),
+        *((parameter_table(k).file, partial(reader.parameters, kind=k)) for k in parameter_kinds()),
     ]
     for name, read in readers:
         table = found_tables.get(name)
@@ -184,20 +190,20 @@ def load_project(
     context = RecordContext(units, sigma, images, axes)
     observations = ObservationsReader(network, context, problems, reader.unreadable, readings)
     if found_tables.get("images") is not None:
-        observations.images(cast(Table, found_tables["images"]))
+        observations.images(cast(CsvTable, found_tables["images"]))
     if found_tables.get("observations") is not None:
         observations.observations(
-            cast(Table, found_tables["observations"]), found_tables.get("covariances")
+            cast(CsvTable, found_tables["observations"]), found_tables.get("covariances")
         )
     if found_tables.get("doubts") is not None:
-        observations.doubts(cast(Table, found_tables["doubts"]))
+        observations.doubts(cast(CsvTable, found_tables["doubts"]))
     stated = _table(document, "readings", path.name, problems)
-    _only(stated, ("faces",))
+    _refuse_other_keys(stated, ("faces",))
     faces = stated.choice("faces", ("means", "both"), "means")
     if found_tables.get("readings") is not None:
-        book = cast(Table, found_tables["readings"])
+        book = cast(CsvTable, found_tables["readings"])
         observations.complete &= read_readings(network, book, context, faces, problems)
-    warnings = tuple(_nearly_tables(path.parent, found_tables))
+    warnings = tuple(_similar_table_names(path.parent, found_tables))
     with places.placing():
         if problems:
             # The structure can be checked in the same run only if every name is known.
@@ -213,24 +219,24 @@ def load_project(
 # -- TOML -----------------------------------------------------------------------------------------
 
 
-def _table(document: dict[str, Any], key: str, file: str, problems: list[Problem]) -> Row:
+def _table(document: dict[str, Any], key: str, file: str, problems: list[Problem]) -> FieldRow:
     """Return a table of the document; a value that is not a table is noted and counts as empty."""
     value = document.get(key, {})
     if not isinstance(value, dict):
         problems.append(Problem(f"must be a table [{key}], not {value!r}", f"{file}: {key}"))
         value = {}
-    return Row(value, file, problems, f"[{key}]")
+    return FieldRow(value, file, problems, f"[{key}]")
 
 
-def _only(row: Row, keys: tuple[str, ...]) -> None:
+def _refuse_other_keys(row: FieldRow, keys: tuple[str, ...]) -> None:
     for name in row.fields:
         if name not in keys:
             row.wrong(f"unknown key {name!r}; known: {known(keys, meant=name, most=40)}")
 
 
-def _units(row: Row) -> Units:
+def _units(row: FieldRow) -> Units:
     known = tuple(f.name for f in fields(Units))
-    _only(row, known)
+    _refuse_other_keys(row, known)
     chosen = {k: row.text(k) for k in known if k in row}
     try:
         return Units(**{k: v for k, v in chosen.items() if v is not None})
@@ -240,9 +246,9 @@ def _units(row: Row) -> Units:
         return Units()
 
 
-def _frame(row: Row, units: Units) -> Frame:
-    kind = row.choice("kind", FRAMES, "local")
-    _only(row, ("kind", *FRAMES[kind]))
+def _frame(row: FieldRow, units: Units) -> Frame:
+    kind = row.choice("kind", FRAME_KEYS, "local")
+    _refuse_other_keys(row, ("kind", *FRAME_KEYS[kind]))
     name = row.choice("ellipsoid", ELLIPSOIDS, "GRS80")
     radius = row.number("radius", positive=True) or MEAN_EARTH_RADIUS
     try:
@@ -257,7 +263,9 @@ def _frame(row: Row, units: Units) -> Frame:
         at = [0.0, 0.0, 0.0]
         if origin is not None:
             numbers = origin if isinstance(origin, list) else []
-            inside = Row(dict(zip("xyz", numbers, strict=False)), row.where, row.problems, row.of)
+            inside = FieldRow(
+                dict(zip("xyz", numbers, strict=False)), row.where, row.problems, row.of
+            )
             at = [inside.number(a, units.length, required=True) or 0.0 for a in "xyz"]
             if len(numbers) > 3:
                 row.wrong("origin must be three numbers x, y, z")
@@ -278,23 +286,23 @@ def _cameras(
         return {}
     out: dict[str, ImageAxes] = {}
     for number, entry in enumerate(entries, start=1):
-        row = Row(entry, file, problems, f"[[camera]] {entry.get('name', number)!r}")
+        row = FieldRow(entry, file, problems, f"[[camera]] {entry.get('name', number)!r}")
         name = row.text("name", required=True) or f"camera {number}"
-        out[name] = read_camera(row, name, network)
+        out[name] = read_camera_record(row, name, network)
     return out
 
 
 def _names_cameras(document: dict[str, Any]) -> bool:
     """Return whether all cameras have names; those under a key that is misspelt have none."""
     entries = document.get("camera", [])
-    if any(key not in KEYS and similar(key, ("camera",)) for key in document):
+    if any(key not in PROJECT_KEYS and similar(key, ("camera",)) for key in document):
         return False
     return isinstance(entries, list) and all(
         isinstance(e, dict) and isinstance(e.get("name"), str) for e in entries
     )
 
 
-def read_camera(row: Row, name: str, network: Network) -> ImageAxes:
+def read_camera_record(row: FieldRow, name: str, network: Network) -> ImageAxes:
     """Add a camera, or a stand-in for a camera with problems.
 
     Args:
@@ -308,9 +316,9 @@ def read_camera(row: Row, name: str, network: Network) -> ImageAxes:
     unit = row.choice("unit", ("px", *LENGTH), "mm")
     y_down = row.choice("y_axis", ("up", "down"), "up") == "down"
     sigma = {k: v for k, v in row.fields.items() if k in sigma_fields("image")}
-    _only(row, (*CAMERA_KEYS, *sigma))
+    _refuse_other_keys(row, (*CAMERA_KEYS, *sigma))
     _positive(row, sigma)
-    axes = ImageAxes(unit, y_down, stand_in_sigma("image") if row.failed else sigma)
+    axes = ImageAxes(unit, y_down, placeholder_sigma("image") if row.failed else sigma)
     lens = _lens(row)
     values, free, weights = _parameters(row, y_down)
     per_photo = row.flag("per_photo")
@@ -339,7 +347,7 @@ def read_camera(row: Row, name: str, network: Network) -> ImageAxes:
     return axes
 
 
-def _format(row: Row, y_down: bool) -> tuple[tuple[float, float] | None, Origin]:
+def _format(row: FieldRow, y_down: bool) -> tuple[tuple[float, float] | None, Origin]:
     """Return width and height of the sensor, and where the image coordinates have their origin."""
     given = row.take("format")
     usual: Origin = "upper left" if y_down else "centre"
@@ -351,24 +359,24 @@ def _format(row: Row, y_down: bool) -> tuple[tuple[float, float] | None, Origin]
         row.wrong(f"format must be [width, height] in the unit of the camera, not {given!r}")
         return None, "centre"
     found = {"width": given[0], "height": given[1]}
-    inside = Row(found, row.where, row.problems, f"{row.of} format")
+    inside = FieldRow(found, row.where, row.problems, f"{row.of} format")
     sides = [inside.number(n, required=True, positive=True) or 1.0 for n in ("width", "height")]
     origin = cast(Origin, row.choice("origin", ORIGINS, usual))
     return (sides[0], sides[1]), origin
 
 
-def _lens(row: Row) -> Lens:
+def _lens(row: FieldRow) -> Lens:
     """Return the lens model: a name, or a table with ``model`` and its options."""
     given = row.take("lens")
     table = {"model": given} if isinstance(given, str) else given
     if not isinstance(table, dict):
         table = {} if table is None else {"model": table}
-    inside = Row(table, row.where, row.problems, f"{row.of} lens")
+    inside = FieldRow(table, row.where, row.problems, f"{row.of} lens")
     cls = LENSES[inside.choice("model", LENSES, "none")]
     options = {f.name: f.type for f in fields(cls)}
     if inside.failed:
         return cls()
-    _only(inside, ("model", *options))
+    _refuse_other_keys(inside, ("model", *options))
     chosen: dict[str, Any] = {}
     for name, kind in options.items():
         if name in inside:
@@ -380,7 +388,9 @@ def _lens(row: Row) -> Lens:
         return cls()
 
 
-def _parameters(row: Row, y_down: bool) -> tuple[dict[str, float], list[str], dict[str, float]]:
+def _parameters(
+    row: FieldRow, y_down: bool
+) -> tuple[dict[str, float], list[str], dict[str, float]]:
     """Return values, free names, standard deviations; y0 changes its sign where y points down."""
     table = row.take("parameters", required=True)
     if not isinstance(table, dict):
@@ -392,8 +402,8 @@ def _parameters(row: Row, y_down: bool) -> tuple[dict[str, float], list[str], di
     weights: dict[str, float] = {}
     for name, given in table.items():
         entry = given if isinstance(given, dict) else {"value": given}
-        inside = Row(entry, row.where, row.problems, f"{row.of} parameter {name}")
-        _only(inside, ("value", "free", "sigma"))
+        inside = FieldRow(entry, row.where, row.problems, f"{row.of} parameter {name}")
+        _refuse_other_keys(inside, ("value", "free", "sigma"))
         unknown = name == "c" and bool(entry.get("free"))  # it is looked for
         value = inside.number("value", required=not unknown)
         sigma = inside.number("sigma", positive=True)
@@ -410,7 +420,7 @@ def _parameters(row: Row, y_down: bool) -> tuple[dict[str, float], list[str], di
     return values, free, weights
 
 
-def _positive(row: Row, sigma: Mapping[str, object]) -> None:
+def _positive(row: FieldRow, sigma: Mapping[str, object]) -> None:
     """Note standard deviations of a default that are not numbers > 0."""
     for name in sigma:
         row.number(name, positive=True)
@@ -428,36 +438,36 @@ def _sigma_defaults(
         if not isinstance(given, dict):
             whole.wrong(f"{kind} must be a table [sigma.{kind}]")
             continue
-        row = Row(given, file, problems, f"[sigma.{kind}]")
+        row = FieldRow(given, file, problems, f"[sigma.{kind}]")
         for name in given:
-            what = unknown_field(name, (*sigma_fields(kind), *rules_of(kind)))
+            what = unknown_field_message(name, (*sigma_fields(kind), *combine_fields(kind)))
             if what is not None:
                 row.wrong(what.replace("column", "key"))
         _positive(row, {k: v for k, v in given.items() if k in sigma_fields(kind)})
         row.choice("combine", COMBINATIONS, "mixed")
         # A bad default is noted once; the stand-in avoids a message for every row that uses it.
-        out[kind] = stand_in_sigma(kind) if row.failed else given
+        out[kind] = placeholder_sigma(kind) if row.failed else given
     if whole.failed:
-        return {kind: stand_in_sigma(kind) for kind in KINDS} | out
+        return {kind: placeholder_sigma(kind) for kind in KINDS} | out
     return out
 
 
-def _options(row: Row) -> AdjustOptions:
-    _only(row, tuple(f.name for f in fields(AdjustOptions)))
+def _options(row: FieldRow) -> AdjustOptions:
+    _refuse_other_keys(row, tuple(f.name for f in fields(AdjustOptions)))
     variance = row.choice("variance", ("a-priori", "a-posteriori"), "a-priori")
     most = row.take("max_iterations")
     if most is not None and (not isinstance(most, int) or isinstance(most, bool) or most < 1):
         row.wrong(f"max_iterations must be a whole number from 1, not {most!r}")
         most = None
-    return AdjustOptions(cast(Variance, variance), 100 if most is None else most)
+    return AdjustOptions(cast(VarianceChoice, variance), 100 if most is None else most)
 
 
-def _tables(row: Row, path: Path, allow_outside: bool) -> dict[str, Table | None]:
+def _tables(row: FieldRow, path: Path, allow_outside: bool) -> dict[str, CsvTable | None]:
     """Read the tables that [files] names; without [files], those whose default file exists."""
-    _only(row, tables())
+    _refuse_other_keys(row, project_table_names())
     stated = bool(row.fields)
-    out: dict[str, Table | None] = {}
-    for name in tables():
+    out: dict[str, CsvTable | None] = {}
+    for name in project_table_names():
         needed = name == "points"
         file = row.text(name, default=None if stated and not needed else f"{name}.csv")
         if file is None or not (stated or needed or (path.parent / file).exists()):
@@ -470,12 +480,18 @@ def _tables(row: Row, path: Path, allow_outside: bool) -> dict[str, Table | None
     return out
 
 
-def _nearly_tables(folder: Path, found: Mapping[str, Table | None]) -> Iterator[Problem]:
+def _similar_table_names(folder: Path, found: Mapping[str, CsvTable | None]) -> Iterator[Problem]:
     """Iterate over files that are nearly named like a table that the project does not have."""
     files = sorted(f.name for f in folder.iterdir())
-    missing = [name for name in tables() if found.get(name) is None and f"{name}.csv" not in files]
+    missing = [
+        name
+        for name in project_table_names()
+        if found.get(name) is None and f"{name}.csv" not in files
+    ]
     for file in files:
         stem, _, end = file.casefold().partition(".")
-        close = get_close_matches(stem, missing, 1, NEARLY) if end in TABLE_ENDINGS else []
+        close = (
+            get_close_matches(stem, missing, 1, MIN_NAME_SIMILARITY) if end in TABLE_ENDINGS else []
+        )
         if close:
             yield Problem(f"is not read: the table is named {close[0]}.csv", file)

@@ -13,14 +13,12 @@ from typing import Any, Protocol
 from ..errors import InputError, Problem, known
 from ..files import named_by_user
 from ..network.network import Network
-from .bal import read_bal
-from .format_options import arguments_of, fitting, options_of, refuse_unknown
-from .gama import read_gama
+from .format_options import arguments_of, fitting_options, options_of, refuse_unknown_options
 from .gnss.dynaml import read_dynaml
 from .gnss.gvx import read_gvx
 from .gnss.sinex import read_sinex
 from .photogrammetry.aicon import read_aicon
-from .photogrammetry.bundler import is_bundler, read_bundler
+from .photogrammetry.bundler import is_bundler, read_bal, read_bundler
 from .photogrammetry.colmap import is_colmap, read_colmap
 from .photogrammetry.dbat import is_dbat, read_dbat
 from .photogrammetry.metashape import is_metashape_xml, read_metashape
@@ -30,26 +28,27 @@ from .photogrammetry.openmvg import is_openmvg, read_openmvg
 from .photogrammetry.opensfm import is_opensfm, read_opensfm
 from .photogrammetry.opf import read_opf
 from .project import Project, load_project
-from .survey.columns import read_columns
 from .survey.comp3d import read_comp3d
+from .survey.gama import read_gama
 from .survey.gsi import read_gsi
 from .survey.jag3d import is_jag3d, read_jag3d
-from .survey.jobxml import read_jobxml, recognises_jobxml
-from .survey.landxml import read_landxml, recognises_landxml
+from .survey.jobxml import is_jobxml, read_jobxml
+from .survey.landxml import is_landxml, read_landxml
 from .survey.lgc2 import read_lgc2
+from .survey.mapped_tables import read_columns
 from .survey.mmvii import is_mmvii, read_mmvii
 from .survey.sdr33 import read_sdr33
 from .survey.star_net import read_star_net
-from .text import beginning
-from .unfinished import recover
+from .text_files import file_beginning
+from .transaction_folders import recover_folder
 
-LOOKED_AT = 200
+MAX_FOLDER_ENTRIES = 200
 """Largest number of entries of a folder that are looked at for what it may have."""
-SHOWN = 5
+MAX_PROPOSED_FOLDERS = 5
 """Largest number of folders that a message proposes."""
 
 
-class Load(Protocol):
+class LoadFunction(Protocol):
     """Function that reads a file as a project."""
 
     def __call__(self, path: Path, /, *, readings: bool, allow_outside: bool) -> Project:
@@ -73,7 +72,7 @@ class Reader:
     format that is a folder."""
     description: str
     """Name of the format for help and messages."""
-    load: Load
+    load: LoadFunction
     """The function that reads a file."""
     folders: bool = False
     """Whether the reader also reads folders."""
@@ -88,7 +87,7 @@ class Reader:
     @property
     def options(self) -> tuple[str, ...]:
         """Names of the options that the function takes beside those of every reader."""
-        return self.load.options if isinstance(self.load, NetworkAlone) else ()
+        return self.load.options if isinstance(self.load, NetworkReader) else ()
 
     def may_be(self, path: Path) -> bool:
         """Return whether a path is a file, or a folder with the main file of the format."""
@@ -167,7 +166,7 @@ class Readers:
         """
         source = Path(path)
         for folder in (source.parent, source):
-            recover(folder)
+            recover_folder(folder)
         if not source.exists():
             raise InputError(Problem("no such file or folder", str(path)))
         given = dict(options or {})
@@ -175,9 +174,9 @@ class Readers:
             _refuse_table_of_project(source)
         reader = self.reader(source, format)
         doing = f"reading {reader.description}"
-        refuse_unknown(given, reader.options, doing=doing, where=str(path))
-        if isinstance(reader.load, NetworkAlone):
-            given = fitting(reader.load.read, given, doing=doing, where=str(path))
+        refuse_unknown_options(given, reader.options, doing=doing, where=str(path))
+        if isinstance(reader.load, NetworkReader):
+            given = fitting_options(reader.load.read, given, doing=doing, where=str(path))
         with named_by_user(source, *given.values()):
             return reader.load(source, readings=readings, allow_outside=allow_outside, **given)
 
@@ -243,16 +242,18 @@ class Readers:
         """Return the folders inside a folder that can be read, with their formats."""
         if not path.is_dir():
             return []
-        inner = [p for pattern in ("*", "*/*") for p in sorted(path.glob(pattern))[:LOOKED_AT]]
+        inner = [
+            p for pattern in ("*", "*/*") for p in sorted(path.glob(pattern))[:MAX_FOLDER_ENTRIES]
+        ]
         return [
             f"{folder} ({reader.description})"
             for folder in inner
             if folder.is_dir() and (reader := self._of_folder(folder))
-        ][:SHOWN]
+        ][:MAX_PROPOSED_FOLDERS]
 
 
 @dataclass(frozen=True)
-class NetworkAlone:
+class NetworkReader:
     """Reader of a format that holds only a network with all readings.
 
     It returns projects in default units, with default options.
@@ -273,9 +274,9 @@ class NetworkAlone:
         return Project(self.read(path, **arguments_of(self.read, options)), path)
 
 
-def has(word: bytes) -> Callable[[Path], bool]:
+def beginning_has(word: bytes) -> Callable[[Path], bool]:
     """Return a function that tells whether a word stands in the beginning of a file."""
-    return lambda path: word in beginning(path)
+    return lambda path: word in file_beginning(path)
 
 
 READERS = Readers(
@@ -288,129 +289,129 @@ READERS = Readers(
             folders=True,
             main_file="project.toml",
         ),
-        Reader("gama", (".gkf",), "GNU Gama", NetworkAlone(read_gama)),
+        Reader("gama", (".gkf",), "GNU Gama", NetworkReader(read_gama)),
         Reader(
             "bal",
             (".txt", ".txt.bz2", ".txt.gz"),
             "Bundle Adjustment in the Large",
-            NetworkAlone(read_bal),
+            NetworkReader(read_bal),
         ),
-        Reader("sinex", (".snx", ".SNX"), "SINEX", NetworkAlone(read_sinex)),
+        Reader("sinex", (".snx", ".SNX"), "SINEX", NetworkReader(read_sinex)),
         Reader(
             "dynaml",
             (".xml",),
             "DynaML of DynAdjust",
-            NetworkAlone(read_dynaml),
-            recognises=has(b"<DnaXmlFormat"),
+            NetworkReader(read_dynaml),
+            recognises=beginning_has(b"<DnaXmlFormat"),
         ),
         Reader(
             "gvx",
             (".gvx", ".xml"),
             "GNSS Vector Exchange",
-            NetworkAlone(read_gvx),
-            recognises=has(b"<GVX"),
+            NetworkReader(read_gvx),
+            recognises=beginning_has(b"<GVX"),
         ),
-        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d), own_grid=True),
+        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkReader(read_comp3d), own_grid=True),
         Reader(
             "mmvii",
             (".obs",),
             "survey of MMVII",
-            NetworkAlone(read_mmvii),
+            NetworkReader(read_mmvii),
             recognises=is_mmvii,
         ),
-        Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkAlone(read_lgc2)),
+        Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkReader(read_lgc2)),
         Reader(
-            "colmap", (), "COLMAP", NetworkAlone(read_colmap), folders=True, recognises=is_colmap
+            "colmap", (), "COLMAP", NetworkReader(read_colmap), folders=True, recognises=is_colmap
         ),
         Reader(
             "metashape",
             (".psz", ".psx"),
             "Metashape or PhotoScan project",
-            NetworkAlone(read_metashape),
+            NetworkReader(read_metashape),
         ),
         Reader(
             "metashape-xml",
             (".xml",),
             "cameras or markers of Metashape",
-            NetworkAlone(read_metashape),
+            NetworkReader(read_metashape),
             recognises=is_metashape_xml,
         ),
-        Reader("dbat", (".xml",), "script of DBAT", NetworkAlone(read_dbat), recognises=is_dbat),
+        Reader("dbat", (".xml",), "script of DBAT", NetworkReader(read_dbat), recognises=is_dbat),
         Reader(
             "opencv",
             (".yml", ".yaml", ".xml"),
             "calibration of OpenCV",
-            NetworkAlone(read_opencv),
+            NetworkReader(read_opencv),
             recognises=is_opencv,
         ),
         Reader(
             "bundler",
             (".out",),
             "reconstruction of Bundler",
-            NetworkAlone(read_bundler),
+            NetworkReader(read_bundler),
             recognises=is_bundler,
         ),
         Reader(
             "micmac",
             (".xml",),
             "orientations of MicMac and MMVII",
-            NetworkAlone(read_micmac),
+            NetworkReader(read_micmac),
             folders=True,
             recognises=is_micmac,
         ),
-        Reader("opf", (".opf",), "Open Photogrammetry Format", NetworkAlone(read_opf)),
+        Reader("opf", (".opf",), "Open Photogrammetry Format", NetworkReader(read_opf)),
         Reader(
             "opensfm",
             (".json",),
             "reconstruction of OpenSfM or ODM",
-            NetworkAlone(read_opensfm),
+            NetworkReader(read_opensfm),
             recognises=is_opensfm,
         ),
         Reader(
             "openmvg",
             (".json",),
             "reconstruction of OpenMVG",
-            NetworkAlone(read_openmvg),
+            NetworkReader(read_openmvg),
             recognises=is_openmvg,
         ),
         Reader(
             "aicon",
             (".obc", ".phc", ".eor", ".ior"),
             "AICON 3D Studio",
-            NetworkAlone(read_aicon),
+            NetworkReader(read_aicon),
         ),
         Reader(
             "star-net",
             (".dat", ".gps", ".GPS"),
             "STAR*NET",
-            NetworkAlone(read_star_net),
+            NetworkReader(read_star_net),
             own_grid=True,
         ),
-        Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkAlone(read_gsi)),
-        Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkAlone(read_sdr33)),
+        Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkReader(read_gsi)),
+        Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkReader(read_sdr33)),
         Reader(
             "jobxml",
             (".jxl", ".xml"),
             "Trimble JobXML",
-            NetworkAlone(read_jobxml),
-            recognises=recognises_jobxml,
+            NetworkReader(read_jobxml),
+            recognises=is_jobxml,
         ),
         Reader(
             "landxml",
             (".xml", ".hexml"),
             "survey in LandXML or HeXML",
-            NetworkAlone(read_landxml),
-            recognises=recognises_landxml,
+            NetworkReader(read_landxml),
+            recognises=is_landxml,
         ),
         Reader(
             "jag3d",
             (".script", ".txt"),
             "JAG3D",
-            NetworkAlone(read_jag3d),
+            NetworkReader(read_jag3d),
             folders=True,
             recognises=is_jag3d,
         ),
-        Reader("columns", (".csv",), "table with a mapping", NetworkAlone(read_columns)),
+        Reader("columns", (".csv",), "table with a mapping", NetworkReader(read_columns)),
     )
 )
 """The formats that can be read."""

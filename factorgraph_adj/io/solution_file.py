@@ -23,21 +23,21 @@ import numpy as np
 from ..errors import InputError, Problem, UnknownLeftOut
 from ..files import read_arrays
 from ..graph.equations import Equations, compile_network
-from ..solve.datum import Defect, FreeDatum
-from ..solve.extra import Extra
-from ..solve.extrapolation import Extrapolated
-from ..solve.linear import ExtraRows
-from ..solve.normal import Solver
+from ..solve.added_factors import AddedFactors
+from ..solve.datum_defects import Defect, FreeDatum
+from ..solve.gauss_newton_steps import ExtrapolationRecord
+from ..solve.linearised_equations import ExtraRows
+from ..solve.normal_equations import Solver
 from ..solve.solution import Solution
 from ..types import Array
-from .atomic import write_files
+from .file_transaction import write_files
 from .json_records import network_files, network_of
-from .unfinished import recover
+from .transaction_folders import recover_folder
 
-FORMAT = 1
+SOLUTION_FORMAT = 1
 """Version of the format; other versions are refused."""
-WHAT = "factorgraph_adj solution"
-DAMAGE = (
+SOLUTION_MARK = "factorgraph_adj solution"
+DAMAGE_ERRORS = (
     *(ValueError, TypeError, KeyError, AttributeError, EOFError, RecursionError, OverflowError),
     *(MemoryError, NotImplementedError, BadZipFile, zlib.error, struct.error),
 )
@@ -63,8 +63,8 @@ def save_solution(solution: Solution, path: str | Path) -> None:
         )
     datum = solution.datum
     header = {
-        "what": WHAT,
-        "format": FORMAT,
+        "what": SOLUTION_MARK,
+        "format": SOLUTION_FORMAT,
         "files": network_files(solution.network),
         "converged": solution.converged,
         "reason": solution.reason,
@@ -121,19 +121,19 @@ def load_solution(path: str | Path, *, allow_outside: bool = False) -> Solution:
         InputError: the file cannot be read, is none of a solution, is damaged, or is of another
             version.
     """
-    recover(Path(path).parent)
+    recover_folder(Path(path).parent)
     try:
         entries = read_arrays(Path(path))
         header = json.loads(entries.pop("header").tobytes().decode("utf-8"))
-    except DAMAGE as error:
+    except DAMAGE_ERRORS as error:
         what = "is no file of `save_solution`, or is damaged"
         if Path(path).suffix in (".json", ".txt", ".csv"):
             what = "is a report; `Solution.save` writes the file of a solution"
         raise InputError(Problem(what, str(path))) from error
-    if not isinstance(header, dict) or header.get("what") != WHAT:
+    if not isinstance(header, dict) or header.get("what") != SOLUTION_MARK:
         raise InputError(Problem("is no file of a solution", str(path)))
-    if header.get("format") != FORMAT:
-        what = f"is of format {header.get('format')!r}; this program reads format {FORMAT}"
+    if header.get("format") != SOLUTION_FORMAT:
+        what = f"is of format {header.get('format')!r}; this program reads format {SOLUTION_FORMAT}"
         raise InputError(Problem(what, str(path)))
     try:
         return _solution(header, entries, Path(path).parent, allow_outside)
@@ -152,7 +152,7 @@ def _solution(
     ]
     network.datum = "free" if "datum/motions" in entries else network.datum
     weights = entries.get("weights")
-    equations = _with_sigmas(compile_network(network), entries["sigmas"], weights)
+    equations = _equations_with_sigmas(compile_network(network), entries["sigmas"], weights)
     state = _state(equations, entries, "state")
     rows = tuple(
         ExtraRows(name=name, **{w: entries[f"extra/{i}/{w}"] for w in ("columns", "a", "residual")})
@@ -179,9 +179,11 @@ def _solution(
         defects=tuple(_defect(entries, i) for i in range(header["defects"])),
         variance=header["variance"],
         weights=weights,
-        extra=Extra(None, rows, apart=header.get("extra_apart", 0)) if rows else Extra(),
+        extra=AddedFactors(None, rows, apart=header.get("extra_apart", 0))
+        if rows
+        else AddedFactors(),
         drifting=tuple((kind, name) for kind, name in header["drifting"]),
-        extrapolated=Extrapolated(**header["extrapolated"]),
+        extrapolated=ExtrapolationRecord(**header["extrapolated"]),
     )
 
 
@@ -200,7 +202,7 @@ def _state(equations: Equations, entries: Mapping[str, Any], name: str) -> dict[
     return out
 
 
-def _with_sigmas(equations: Equations, sigmas: Array, weights: Array | None) -> Equations:
+def _equations_with_sigmas(equations: Equations, sigmas: Array, weights: Array | None) -> Equations:
     """Return equations with the standard deviations that the adjustment ended with."""
     if sigmas.shape != (equations.n_rows,):
         raise ValueError(f"{len(sigmas)} standard deviations for {equations.n_rows} observations")

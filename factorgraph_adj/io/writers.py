@@ -12,18 +12,18 @@ from typing import Any
 
 from ..errors import InputError, Problem, known
 from ..network.network import Network
-from .format_options import fitting, options_of, refuse_unknown
-from .gnss.write_dynaml import write_dynaml
-from .gnss.write_gvx import write_gvx
-from .gnss.write_sinex import write_sinex
-from .photogrammetry.colmap_write import write_colmap
-from .photogrammetry.metashape_write import write_metashape
+from .format_options import fitting_options, options_of, refuse_unknown_options
+from .gnss.dynaml import write_dynaml
+from .gnss.gvx import write_gvx
+from .gnss.sinex import write_sinex
+from .photogrammetry.colmap_writer import write_colmap
+from .photogrammetry.metashape_writer import write_metashape
 from .photogrammetry.opencv import write_opencv
-from .photogrammetry.opf_write import write_opf
-from .survey.write_jag3d import write_jag3d
-from .survey.write_landxml import write_landxml
-from .survey.write_star_net import write_star_net
-from .write_project import write_project
+from .photogrammetry.opf_writer import write_opf
+from .project_writer import write_project
+from .survey.jag3d import write_jag3d
+from .survey.landxml import write_landxml
+from .survey.star_net_writer import write_star_net
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,8 @@ class Writers:
         writer = self.of(Path(path), format)
         given = dict(options or {})
         doing = f"writing {writer.description}"
-        refuse_unknown(given, writer.options, doing=doing, where=str(path))
-        given = fitting(writer.write, given, doing=doing, where=str(path))
+        refuse_unknown_options(given, writer.options, doing=doing, where=str(path))
+        given = fitting_options(writer.write, given, doing=doing, where=str(path))
         writer.write(network, Path(path), **given)
 
 

@@ -18,12 +18,12 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from ..entities import FREE_ORIENTATION, Camera, Parameter, parameter_name
 from ..graph.dependence import Variable
 from ..graph.variables import calibration_name, camera_of_calibration
 from ..models.variables import ENTITIES, UNKNOWNS, VariableKind, parameter_kinds
-from ..network.entities import FREE_ORIENTATION, Camera, Parameter, parameter_name
 from ..network.network import DatumChoice, Network
-from ..solve.prior import Prior
+from ..solve.added_factors import Prior
 from ..types import NO_ROWS, Array, Index, Mask
 from .ledger import Ledger
 from .row_store import insert_units

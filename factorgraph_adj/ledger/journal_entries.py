@@ -1,31 +1,19 @@
-"""What stands in the lines of a journal, and how they are read back.
-
-The first line has the options and the network at the start as the files of a project. Every other
-line is one change that counts: what was asked (``do``), the ``time`` of an arrival, new points,
-photos, cameras and other ``unknowns`` (records with their ``kind``), the observations that are new
-or changed, the ids that
-became ``gone``, ``accepted``, ``waiting``, ``suspect`` or ``rejected``, and why (``causes``); what
-is said of what waits (``lacks``); how photos without poses were oriented (``oriented``); which
-readings have moved points to their other sides (``sides``, all of them where that has changed);
-what was retired (``retired``), or that all of it was taken back (``taken_back``), see
-`retirement`; ``estimates`` of unknowns, by kind and name, and ``vtpv``, see
-`incremental.recorded_estimates`. The first line has what its network came to in ``start``, with the
-same fields. Image points stand in ``images``, those of a photo with the same outcome together.
-Reading back needs no test again.
-
-"""
+"""The lines of a journal: what they contain, and how they are read back."""
 
 from __future__ import annotations
 
 import math
+from base64 import b64decode, b64encode
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, asdict, fields, replace
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..entities import ImageTable, Key, Parameter
 from ..errors import InputError, Problem, known
 from ..io.json_records import (
     camera_fields,
@@ -42,10 +30,9 @@ from ..io.json_records import (
     unknown_of,
 )
 from ..models.variables import VariableKind
-from ..network.entities import ImageTable, Key, Parameter
 from ..network.network import Network
 from ..observations import Correlated, Observation
-from ..observations.identity import identity
+from ..observations.image import identity
 from ..types import Array, Index
 from .command_input import Input
 from .ledger import Ledger
@@ -419,3 +406,42 @@ def _array(values: Sequence[float | None] | None) -> Array | None:
     if values is None:
         return None
     return np.array([np.nan if x is None else x for x in values], dtype=float)
+
+
+THREE_DIGITS, SEVEN_DIGITS = "<f2", "<f4"
+"""Types of the numbers in text: little-endian, of half and of single precision."""
+
+
+def packed(a: Array) -> str:
+    """Return numbers as text, with seven digits each."""
+    return b64encode(np.asarray(a, dtype=SEVEN_DIGITS).tobytes()).decode("ascii")
+
+
+def unpacked(text: str, *shape: int) -> Array:
+    """Return the numbers of a text, in a shape."""
+    return np.frombuffer(b64decode(text), dtype=SEVEN_DIGITS).astype(float).reshape(shape)
+
+
+def packed_symmetric(a: Array) -> tuple[float, str]:
+    """Return the largest number of a tensor (k, k, k), and all as text, relative to it.
+
+    The tensor is symmetric in all its places; numbers have three digits.
+    """
+    most = float(np.abs(a).max(initial=0.0))
+    each = a[_places(len(a))] / (most or 1.0)
+    return most, b64encode(each.astype(THREE_DIGITS).tobytes()).decode("ascii")
+
+
+def unpacked_symmetric(most: float, text: str, k: int) -> Array:
+    """Return the tensor, (k, k, k)."""
+    out, places = np.empty((k, k, k)), _places(k)
+    each = most * np.frombuffer(b64decode(text), dtype=THREE_DIGITS).astype(float)
+    for order in permutations(places):
+        out[order] = each
+    return out
+
+
+def _places(k: int) -> tuple[Index, ...]:
+    """Return the places of the numbers of a symmetric tensor that differ."""
+    i = np.arange(k)
+    return np.nonzero((i[:, None, None] <= i[:, None]) & (i[:, None] <= i))

@@ -17,19 +17,19 @@ from typing import Any
 
 import numpy as np
 
+from ..entities import Camera, ImageTable, Photo, Point, triple
 from ..errors import MOST_COMPARED, InputError, Problem, similar
 from ..garbage_collection import without_collections
 from ..graph.dependence import Variable, components, stated_late
+from ..graph.observation_selection import without
 from ..models.variables import VariableKind
 from ..network.additions import NO_UNKNOWNS, UnknownsGiven, add_entities
-from ..network.entities import Camera, ImageTable, Photo, Point, triple
 from ..network.network import Network
-from ..network.selection import without
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
-from ..observations.identity import identity, named
+from ..observations.image import identity, named
 from ..types import Array, Index
-from .arrival_time import checked, ticks
-from .retired import Retired
+from .command_input import checked, ticks
+from .retired_unknowns import Retired
 from .row_store import OUTCOME_CODE, REMOVED, Names, RowColumns, RowStore, Unit, insert_units
 from .verdicts import OUTCOMES, Outcome, Side, Verdict
 

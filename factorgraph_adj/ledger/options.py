@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias, get_args
 
 from ..errors import InputError, Problem, known
 from ..network.network import DatumChoice
-from .arrival_time import MIN_SECONDS, is_seconds
+from .command_input import MIN_SECONDS, is_seconds
 from .verdicts import Outcome, Policy
 
 POLICIES = ("accept", "flag", "reject")

@@ -15,19 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..entities import FREE_ORIENTATION, ImageTable
+from ..graph.block_construction import attribute_keys
 from ..graph.dependence import Variable, variables_of_each
-from ..graph.make_blocks import attribute_keys
 from ..graph.variables import calibration_name
-from ..network.entities import FREE_ORIENTATION, ImageTable
 from ..network.network import Network
-from ..observations import (
-    AnyObservation,
-    Correlated,
-    ImagePoint,
-    Observation,
-    observation_kind,
-)
-from ..observations.identity import identity
+from ..observations import AnyObservation, Correlated, ImagePoint, Observation, observation_kind
+from ..observations.image import identity
 from ..stochastic import StandardDeviation
 from ..types import Array, Index, Mask
 from .verdicts import OUTCOMES, Outcome, Verdict

@@ -1,4 +1,4 @@
-"""What became of an arriving observation, and why; the formulas are in `quality.leave_out`."""
+"""What became of an arriving observation, and why; the formulas are in `quality.group_tests`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ..quality.distributions import ChiSquareTest
+from ..statistical_tests import ChiSquareTest
 from ..types import Array
 
 Policy: TypeAlias = Literal["accept", "flag", "reject"]

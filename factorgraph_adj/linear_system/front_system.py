@@ -1,7 +1,7 @@
 """The linear system: an adjusted network, and the rows that joined or left it since.
 
 The base is a batch solution at a minimum. Beside it stands one low-rank update
-(`factorgraph_adj.solve.update`) with the rows of arrivals between known variables and of removals.
+(`factorgraph_adj.solve.low_rank_update`) with the rows of arrivals between known variables and of removals.
 Estimates and cofactors are those of both together, to first order; `linearisation_error` says how
 far that is valid. A system is a value: every change returns another one.
 
@@ -21,12 +21,11 @@ from ..graph.variables import State, Unknowns
 from ..ledger.candidates import excerpt
 from ..ledger.ledger import Ledger
 from ..models.variables import UNKNOWNS, VariableKind
-from ..solve.anywhere import Anywhere, anywhere
-from ..solve.drift import Drift
-from ..solve.lifted import Function, Lifted
-from ..solve.run import Looked
+from ..solve.adjustment_run import ShapeMisfit
+from ..solve.doubtful_points import VaguePoint, vague_points
+from ..solve.linear_base import LinearisationDrift, ReducedCofactors, ReducedFunctions
+from ..solve.low_rank_update import Update
 from ..solve.solution import Solution
-from ..solve.update import Update
 from ..types import NO_ROWS, Array, Index, Mask
 from .border import Border
 from .linear_forms import LinearForms
@@ -49,7 +48,7 @@ class FrontSystem:
 
     base: Solution
     """The adjusted network."""
-    lifted: Lifted
+    lifted: ReducedCofactors
     """Its cofactors."""
     update: Update
     """Rows that joined or left."""
@@ -63,7 +62,7 @@ class FrontSystem:
     """The gradient that it followed, (n_columns,)."""
     shifted: float = 0.0
     """Bound of its length, relative to σ."""
-    drift: Drift | None = None
+    drift: LinearisationDrift | None = None
     """The last look at how far the linear forms of the base hold; none: there was none."""
     doubt: str = ""
     """Why this is not the minimum of everything in the graph; empty if it is."""
@@ -90,7 +89,7 @@ class FrontSystem:
         Raises:
             SingularError: an unknown is determined too weakly for covariances.
         """
-        lifted = Lifted(base)
+        lifted = ReducedCofactors(base)
         return cls(base, lifted, Update.of(lifted), doubt=doubt, rows=rows, section=section)
 
     @cached_property
@@ -246,7 +245,7 @@ class FrontSystem:
         more = self.border.place >= 0 if self.section is None else self.whole.unknowns.free
         return np.asarray(np.append(own, more)[columns])
 
-    def expand(self, columns: Index, a: Array) -> Function:
+    def expand(self, columns: Index, a: Array) -> ReducedFunctions:
         """Return functions of unknowns (k, m) as functions of the coordinates.
 
         Unknowns outside the section are functions of T and u; what else they have of their own is
@@ -261,12 +260,12 @@ class FrontSystem:
             place = self.border.place[columns[~inner] - n]
             new = place >= 0
             at = np.append(f.at, self.lifted.size + place[new])
-            return Function(at, np.hstack([f.b, a[:, ~inner][:, new]]), f.own)
+            return ReducedFunctions(at, np.hstack([f.b, a[:, ~inner][:, new]]), f.own)
         carried = a[:, ~inner] @ self.section.carried(columns[~inner] - n)
         at, which = np.unique(np.append(f.at, self.of_rest), return_inverse=True)
         out = np.zeros((len(a), len(at)))
         np.add.at(out.T, which, np.hstack([f.b, carried]).T)
-        return Function(at, out, f.own)
+        return ReducedFunctions(at, out, f.own)
 
     # -- the movement from the base -----------------------------------------------------------
 
@@ -318,8 +317,8 @@ class FrontSystem:
         return self.whole.base.equations.n_rays
 
     @property
-    def looked(self) -> Mapping[str, Looked]:
-        """Shapes that were fitted anew in vain, see `solve.shapes_anew`."""
+    def looked(self) -> Mapping[str, ShapeMisfit]:
+        """Shapes that were fitted anew in vain, see `solve.shape_minimum`."""
         return self.base.looked
 
     @property
@@ -347,9 +346,9 @@ class FrontSystem:
         """Why the adjustment of the base ended."""
         return self.base.reason
 
-    def points_anywhere(self) -> list[Anywhere]:
+    def points_anywhere(self) -> list[VaguePoint]:
         """Return the points of the base of which observations do not tell where they are."""
-        return anywhere(self.base)
+        return vague_points(self.base)
 
     def with_second_place(self, sentence: str) -> FrontSystem:
         """Return the system of an adjusted network whose solution reports another minimum."""

@@ -10,7 +10,7 @@ touches:
 
 with Σ = L Lᵀ: w has the components of the observation, which are not the whitened ones in a group
 that is correlated. These are the figures of the observation in an adjustment with it
-(`quality.leave_out`), as M = C⁻¹. Nothing is asked of a linear system but values and cofactors:
+(`quality.group_tests`), as M = C⁻¹. Nothing is asked of a linear system but values and cofactors:
 both engines have them.
 
 What enters makes C smaller, so that d_i²/C_ii ≤ T² with C_ii of any earlier moment is necessary for
@@ -31,8 +31,8 @@ from ..graph.variables import State, Unknowns
 from ..ledger.candidates import excerpt
 from ..ledger.ledger import Ledger
 from ..models.variables import VariableKind
-from ..quality.leave_out import Tested, critical_t2
-from ..solve.starts_on_lines import beside_lines
+from ..quality.group_tests import LeaveOneOutTests, critical_t2
+from ..solve.feasible_states import state_off_lines
 from ..types import NO_ROWS, Array, Index
 from .linear_forms import LinearForms, rows_of
 from .linear_system import LinearSystem
@@ -105,7 +105,7 @@ def _innovations(ledger: Ledger, system: LinearSystem, rows: Index) -> Iterator[
         return
     try:
         equations = compile_rows(excerpt(ledger, system, rows, hold=False))
-        state = beside_lines(equations, equations.unknowns.start())
+        state = state_off_lines(equations, equations.unknowns.start())
         equations = equations.weighted_at(state)
         v = equations.residuals(state)
     except AdjustmentError:
@@ -180,9 +180,9 @@ class JoinedRows(NamedTuple):
     m: Array
     """Redundancy matrix M, (k, k)."""
 
-    def tested(self) -> Tested:
+    def tested(self) -> LeaveOneOutTests:
         """Return the units, to be tested and left out one after the other."""
-        return Tested(self.of_units, self.v, lambda u: self.m[:, u])
+        return LeaveOneOutTests(self.of_units, self.v, lambda u: self.m[:, u])
 
 
 def joined(ledger: Ledger, system: LinearSystem, out: Index, inside: Index) -> JoinedRows | None:

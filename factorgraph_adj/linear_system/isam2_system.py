@@ -16,10 +16,10 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import AdjustmentError
-from ..factor_graph.joint_covariance import JointCovariance
+from ..factor_graph.factor_tests import JointCovariance
 from ..factor_graph.linear_isam2 import MAX_TURNS, LinearISAM2
 from ..factor_graph.linear_rows import Arriving
-from ..factor_graph.mark import Mark
+from ..factor_graph.undo_records import Mark
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State, Unknowns
@@ -28,19 +28,18 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.row_store import Unit
 from ..models.variables import VariableKind
-from ..quality.leave_out import Tested
-from ..solve.ambiguous_points import WEAK, standing_free
-from ..solve.mirrors import mirror_midpoints
-from ..solve.run import Looked
+from ..quality.group_tests import LeaveOneOutTests
+from ..solve.adjustment_run import ShapeMisfit
+from ..solve.given_state import solution_at_given_values
+from ..solve.second_minimum import WEAK_EIGENVALUE_RATIO, mirror_midpoints, points_without_rays
 from ..solve.solution import Solution
-from ..solve.standing import standing
-from ..solve.start import Start
+from ..start.start_values import Start
 from ..types import NO_ROWS, Array, Index, Mask
+from .arrival_decisions import MIN_MOTION, SINGULAR_REDUNDANCY, PointCovariance
 from .front_system import FrontSystem
 from .linear_forms import LinearForms, rows_of
 from .linear_system import EngineName, block_by_block
 from .rebase import EFFORT, Draft
-from .test_decisions import MIN_MOTION, SINGULAR_REDUNDANCY, PointCovariance
 
 MAX_UNKNOWNS_CHOSEN = 2_500
 """Largest number of unknowns of a network without poses for which iSAM2 is chosen, measured with
@@ -135,7 +134,7 @@ class ISAM2System:
             return found
         within = self._rules.accuracy
         reason = f"within {within:.0%} of each σ of the minimum"
-        there = standing(
+        there = solution_at_given_values(
             draft.equations,
             draft.start,
             None,
@@ -236,7 +235,7 @@ class ISAM2System:
         return 0
 
     @property
-    def looked(self) -> Mapping[str, Looked]:
+    def looked(self) -> Mapping[str, ShapeMisfit]:
         """Shapes that were fitted anew in vain: none is known."""
         return {}
 
@@ -413,7 +412,7 @@ class EnteredRows:
         numbers = np.array([tree.unit[u.ids[0]] for u in units], dtype=np.intp)
         return cls(tree, units, raw, numbers, equations, tree.together(numbers), tree.version)
 
-    def tested(self) -> Tested:
+    def tested(self) -> LeaveOneOutTests:
         """Return the units, to be tested against everything else."""
         return self.together.tested()
 
@@ -437,18 +436,18 @@ class EnteredRows:
         return PointCovariance(columns, free, self.together.variance(columns))
 
     def images(self, new: Collection[Variable]) -> bool:
-        """Return whether new points may fit on other sides too; see `solve.ambiguous_points`."""
+        """Return whether new points may fit on other sides too; see `solve.second_minimum`."""
         equations = self.equations
         unknowns = equations.unknowns
         mine = np.array([("point", name) in new for name in unknowns["point"].names], dtype=bool)
-        candidates = standing_free(equations) & mine
+        candidates = points_without_rays(equations) & mine
         if not candidates.any():
             return False
         for number in np.flatnonzero(candidates).tolist():
             columns = self.tree.columns("point", unknowns["point"].names[number])
             a = self.together.partials(columns[columns >= 0])
             values = np.linalg.eigvalsh(a.T @ a)
-            if values[0] < WEAK * values[-1]:
+            if values[0] < WEAK_EIGENVALUE_RATIO * values[-1]:
                 return True
         state = self.tree.carried(unknowns, unknowns.start())
         return bool(mirror_midpoints(equations, state, candidates))

@@ -16,17 +16,17 @@ from scipy.sparse import csr_array
 from ..graph.dependence import Variable
 from ..ledger.row_store import Unit
 from ..observations import ImagePoint
-from ..quality.leave_out import Tested
-from ..solve.factor import Factor
-from ..solve.leverage import leverages
-from ..solve.normal import NormalEquations
+from ..quality.group_tests import LeaveOneOutTests
+from ..solve.factorisation import Factorisation
+from ..solve.leverages import leverages
+from ..solve.low_rank_update import Update
+from ..solve.normal_equations import NormalEquations
 from ..solve.solution import Solution
-from ..solve.update import Update
 from ..types import Array, Index
+from .arrival_decisions import MIN_MOTION, PointCovariance
 from .border import WatchedRows
 from .front_system import FrontSystem
 from .linear_forms import LinearForms, rows_of, stacked
-from .test_decisions import MIN_MOTION, PointCovariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +84,14 @@ class RowsBesideBase:
         """L of each unit with Σ = L Lᵀ."""
         return self.forms.raw
 
-    def tested(self) -> Tested:
+    def tested(self) -> LeaveOneOutTests:
         """Return the units, to be tested against everything else."""
         new = len(self.system.update.signs) + np.arange(len(self.forms.v))
         inverse = self.update.inverse
         m = inverse[np.ix_(new, new)]
-        return Tested(self.forms.rows, inverse[new] @ self.update.residuals, lambda u: m[:, u])
+        return LeaveOneOutTests(
+            self.forms.rows, inverse[new] @ self.update.residuals, lambda u: m[:, u]
+        )
 
     def anew(self) -> RowsBesideBase:
         """Return the units: their linear forms stay."""
@@ -140,7 +142,7 @@ class RowsInBase:
 
     normal: NormalEquations
     """The normal equations, the units among them."""
-    factor: Factor
+    factor: Factorisation
     """They, factorised."""
     base: Solution | None
     """The solution, if the network is at its minimum."""
@@ -159,7 +161,7 @@ class RowsInBase:
     def of(
         cls,
         normal: NormalEquations,
-        factor: Factor,
+        factor: Factorisation,
         units: Sequence[Unit],
         base: Solution | None = None,
     ) -> RowsInBase:
@@ -175,14 +177,14 @@ class RowsInBase:
         base = system.base
         return cls.of(base.normal(), base.factor, units, base)
 
-    def tested(self) -> Tested:
+    def tested(self) -> LeaveOneOutTests:
         """Return the units; residuals are those after the Gauss-Newton step, if any is left."""
         v = self.normal.system.residual[self.every]
         if self.base is None:
             v = v - self.a @ self.factor.solve(self.normal.gradient[:, None])[:, 0]
         if self._few:
-            return Tested(self.rows, v, lambda u: self._m[:, u])
-        return Tested(self.rows, v, self._columns, self._blocks)
+            return LeaveOneOutTests(self.rows, v, lambda u: self._m[:, u])
+        return LeaveOneOutTests(self.rows, v, self._columns, self._blocks)
 
     def _columns(self, rows: Index) -> Array:
         """Return M_·u of some rows u, (k, u)."""

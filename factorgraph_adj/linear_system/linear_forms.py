@@ -12,8 +12,8 @@ from ..graph.variables import State
 from ..ledger.row_store import Unit
 from ..models.variables import VariableKind
 from ..observations import ImagePoint
-from ..solve.linear import LinearisedEquations
-from ..solve.starts_on_lines import beside_lines
+from ..solve.feasible_states import state_off_lines
+from ..solve.linearised_equations import LinearisedEquations
 from ..types import NO_ROWS, Array, Index
 
 
@@ -63,7 +63,7 @@ class LinearForms:
         Raises:
             InputError: names observations whose geometry has no answer.
         """
-        state = beside_lines(equations, state)
+        state = state_off_lines(equations, state)
         system = LinearisedEquations(equations.weighted_at(state), state)
         unknowns = equations.unknowns
         a = np.zeros((len(system.residual), 0))

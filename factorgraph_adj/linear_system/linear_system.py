@@ -16,7 +16,7 @@ from ..graph.dependence import Variable
 from ..graph.variables import State, Unknowns
 from ..ledger.candidates import Known
 from ..models.variables import VariableKind
-from ..solve.run import Looked
+from ..solve.adjustment_run import ShapeMisfit
 from ..solve.solution import Solution
 from ..types import Array, Index
 
@@ -63,8 +63,8 @@ class LinearSystem(Known, Protocol):
         ...
 
     @property
-    def looked(self) -> Mapping[str, Looked]:
-        """Shapes that were fitted again in vain, see `solve.shapes_anew`."""
+    def looked(self) -> Mapping[str, ShapeMisfit]:
+        """Shapes that were fitted again in vain, see `solve.shape_minimum`."""
         ...
 
     @property

@@ -1,6 +1,6 @@
 """What linear forms miss: when a base has to be made again.
 
-A look (`factorgraph_adj.solve.drift`) says what the linear forms of a base miss of the gradient,
+A look (`factorgraph_adj.solve.linear_base`) says what the linear forms of a base miss of the gradient,
 and by how much variances have changed; between two looks both are predicted. Where the step that is
 left comes near the promise, the state follows the gradient; where variances do, or where that is
 not enough, only a new base is near enough to the minimum.
@@ -16,12 +16,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from ..errors import AdjustmentError
+from ..errors import AdjustmentError, SingularError
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
-from ..solve.drift import Drift, missed, turned
-from ..solve.linear import LinearisedEquations
-from ..solve.singular import SingularError
+from ..solve.linear_base import LinearisationDrift, largest_variance_error, missed_gradient
+from ..solve.linearised_equations import LinearisedEquations
 from ..types import NO_ROWS, Array
 from .front_system import FrontSystem
 from .linear_forms import LinearForms
@@ -156,7 +155,7 @@ def _look(
     here = system.base.normal().system
     extra = system.base.extra.at(here.equations, system.state).rows
     there = LinearisedEquations(here.equations, system.state, extra)
-    g = missed(here, there, system.movement, apart)
+    g = missed_gradient(here, there, system.movement, apart)
     if system.followed is not None:
         g = g - system.followed
     left = _left(system, g, gained, part)
@@ -168,9 +167,11 @@ def _look(
     elif before is not None:
         curvature = max(before.curvature, curvature)
     start = None if before is None else before.direction
-    size, direction = turned(here, there, system.lifted.factor, start, apart)
+    size, direction = largest_variance_error(here, there, system.lifted.factor, start, apart)
     rate = size / length if length > 0 else 0.0
-    drift = Drift(system.weights, left, size, length, curvature, rate, length, gained, direction)
+    drift = LinearisationDrift(
+        system.weights, left, size, length, curvature, rate, length, gained, direction
+    )
     return replace(system, drift=drift), g
 
 

@@ -9,31 +9,27 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..block_orientation.begin import start_of
-from ..errors import AdjustmentError, DatumError
+from ..errors import AdjustmentError, DatumError, SingularError
 from ..graph.dependence import Variable, components
 from ..graph.equations import Equations, compile_network
+from ..graph.observation_selection import filtered
 from ..graph.variables import MaskState, State, Unknowns
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
-from ..network.selection import filtered
-from ..solve.ambiguous_points import standing_free
-from ..solve.anywhere import anywhere, narrow
-from ..solve.datum import FreeDatum, generators, middle
-from ..solve.extra import NOTHING_MORE, Extra
-from ..solve.linear import LinearisedEquations
-from ..solve.minimum import OFF_DATUM, adjust_from
-from ..solve.mirrors import mirror_midpoints
-from ..solve.normal import NormalEquations, Solver
-from ..solve.prior import Prior
-from ..solve.run import Looked
-from ..solve.second_start import describe_other_minimum
-from ..solve.singular import SingularError
+from ..solve.added_factors import NO_ADDED_FACTORS, AddedFactors, Prior
+from ..solve.adjustment_run import ShapeMisfit
+from ..solve.datum_defects import FreeDatum, extent_of, generators
+from ..solve.doubtful_points import points_with_narrow_rays, vague_points
+from ..solve.given_state import solution_at_given_values
+from ..solve.linearised_equations import LinearisedEquations
+from ..solve.minimum import NOT_ON_INNER_CONSTRAINTS, adjust_from_start
+from ..solve.normal_equations import NormalEquations, Solver
+from ..solve.second_minimum import describe_other_minimum, mirror_midpoints, points_without_rays
 from ..solve.solution import Solution
-from ..solve.standing import standing
-from ..solve.start import Start
+from ..start.choice_of_start import choose_start
+from ..start.start_values import Start
 from ..types import Array, Index
 from .front_system import FrontSystem
 from .linear_system import LinearSystem
@@ -92,10 +88,10 @@ class Draft:
     """Rows of the ledger in it."""
     section: Section | None = None
     """What it knows of the rest, if it is a section of the network; none: it is the whole."""
-    looked: Mapping[str, Looked] = field(default_factory=dict)
-    """Shapes that were fitted anew in vain before, by name, see `solve.shapes_anew`; none: every
+    looked: Mapping[str, ShapeMisfit] = field(default_factory=dict)
+    """Shapes that were fitted anew in vain before, by name, see `solve.shape_minimum`; none: every
     shape that does not fit is fitted anew."""
-    extra: Extra = NOTHING_MORE
+    extra: AddedFactors = NO_ADDED_FACTORS
     """What is known beside the observations: what the rest says of a section, which counts what was
     retired, or what was retired says of the whole."""
 
@@ -126,7 +122,7 @@ class Draft:
             InputError: there is nothing to adjust.
             ApproximationError: something has no approximate value.
         """
-        extra = NOTHING_MORE if ledger.retired is None else ledger.retired.prior
+        extra = NO_ADDED_FACTORS if ledger.retired is None else ledger.retired.prior
         there = there or {}
         if isinstance(extra, Prior):
             there = {**extra.references(), **there}
@@ -192,7 +188,7 @@ class Draft:
         """Return the inner constraints of a free network at the start; none: the datum is given."""
         if base.datum is None:
             return None
-        about = middle(base.state)
+        about = extent_of(base.state)
         before = generators(base.equations, base.state, about)
         amounts = np.linalg.lstsq(before, base.datum.motions, rcond=None)[0]
         motions = generators(self.equations, self.start.state, about) @ amounts
@@ -240,7 +236,7 @@ class Draft:
         start, slow = self.start, bool(self.equations.rays)
         for tolerance in (tolerances[0], *tolerances) if slow else tolerances:
             try:
-                solution = adjust_from(
+                solution = adjust_from_start(
                     self.equations,
                     start,
                     free=datum == "free",
@@ -252,7 +248,7 @@ class Draft:
                     solver=solver,
                 )
                 # Where a free network lies changes no observation.
-                if solution.converged or solution.reason == OFF_DATUM:
+                if solution.converged or solution.reason == NOT_ON_INNER_CONSTRAINTS:
                     return FrontSystem.of(solution, rows=self.rows, section=self.section)
             except DatumError as error:
                 return Failure(str(error), tuple(error.unknowns), singular=True)
@@ -260,7 +256,9 @@ class Draft:
                 return Failure(str(error))
             start = Start(solution.equations.unknowns, solution.state, solution.start)
             layers = solution.solver.layers
-            if slow and (points := narrow(solution.equations, solution.state, layers)):
+            if slow and (
+                points := points_with_narrow_rays(solution.equations, solution.state, layers)
+            ):
                 # Of rays that are nearly parallel, those of points that ran away are the reason.
                 away = [p for p in _vague(solution) if p in points]
                 return Failure(solution.reason, tuple(("point", n) for n in away or points))
@@ -272,7 +270,7 @@ class Draft:
 def _vague(solution: Solution) -> list[str]:
     """Return the points that may be anywhere; none where an observation has no answer."""
     with suppress(AdjustmentError):
-        return [p.name for p in anywhere(solution)]
+        return [p.name for p in vague_points(solution)]
     return []
 
 
@@ -305,7 +303,7 @@ def _started(
     if system is not None:
         state, origin = system.carried(unknowns, state), system.carried(unknowns, origin)
     if any(np.isnan(x).any() for s in (state, origin) for x in s.values()):
-        return start_of(equations, datum, Start(unknowns, state, origin))
+        return choose_start(equations, datum, Start(unknowns, state, origin))
     return Start(unknowns, state, origin)
 
 
@@ -364,14 +362,14 @@ def solution_of(ledger: Ledger, system: LinearSystem, rules: Options) -> Solutio
     All observations are linearised there. Where the step that is left is more than was promised,
     or observations notice the way to the inner constraints a little, as verticals on the curved
     Earth do, it is adjusted from there; so it is where points may fit on their other sides, see
-    `solve.mirrors`, which the solution tells.
+    `solve.second_minimum`, which the solution tells.
     """
     if (adjusted := system.adjusted_solution) is not None:
         return adjusted
     draft = Draft.of(ledger, system, rules.datum)
     held = system.datum_solution
     constraint = None if held is None else draft.normal(held)[1]
-    found = standing(
+    found = solution_at_given_values(
         draft.equations,
         draft.start,
         constraint,
@@ -382,11 +380,11 @@ def solution_of(ledger: Ledger, system: LinearSystem, rules: Options) -> Solutio
     )
     if system.doubt:
         return found
-    far = found.reason == OFF_DATUM or _left(found) > rules.accuracy
-    images = mirror_midpoints(found.equations, found.state, standing_free(found.equations))
+    far = found.reason == NOT_ON_INNER_CONSTRAINTS or _left(found) > rules.accuracy
+    images = mirror_midpoints(found.equations, found.state, points_without_rays(found.equations))
     if far or images:
         with suppress(AdjustmentError):
-            again = adjust_from(
+            again = adjust_from_start(
                 draft.equations,
                 draft.start,
                 free=rules.datum == "free",

@@ -2,7 +2,7 @@
 
 A photo that arrives in a block of thousands touches some hundred points. With all observations of
 these points it is a small network of its own; what everything else says of its cameras stands in
-the last adjustment of the whole (`factorgraph_adj.solve.prior`). Its adjustment is that of the
+the last adjustment of the whole (`factorgraph_adj.solve.added_factors`). Its adjustment is that of the
 whole network, where the rest is linear, and the rest follows the cameras of the section:
 
     dx = K d,  K = Q_·T Q_TT⁻¹,   Q'_ab = Q_ab + K_a (Q'_TT − Q_TT) K_bᵀ.
@@ -28,9 +28,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_solve
 
-from ..solve.drift import Drift
-from ..solve.lifted import ROOM, Lifted
-from ..solve.prior import VANISHED, Marginal
+from ..solve.added_factors import MIN_PRIOR_EIGENVALUE, MarginalPrior
+from ..solve.linear_base import POINT_SLOTS, LinearisationDrift, ReducedCofactors
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Array, Index
 
@@ -67,7 +66,7 @@ class Looked(NamedTuple):
 
     movement: Array | None
     """Movement of the whole at that moment, (n_columns,); none: it had not moved."""
-    drift: Drift
+    drift: LinearisationDrift
     """What was seen."""
     u: Array = np.zeros(0)
     """Coordinates u at that moment, (n,)."""
@@ -79,17 +78,17 @@ class Section:
 
     base: Solution
     """The whole network, as it was adjusted last."""
-    lifted: Lifted
+    lifted: ReducedCofactors
     """Its cofactors."""
     inside: Index
     """Rows of the ledger in it."""
-    drift: Drift | None
+    drift: LinearisationDrift | None
     """How far its linear forms were found to hold; none: that is not known."""
     columns: Index
     """Columns of T in it, (m,)."""
     spread: Array
     """Cofactors of its coordinates with T, (size, m)."""
-    known: Marginal
+    known: MarginalPrior
     """What everything but the observations of the section says of T."""
     rows: Index
     """Rows of the whole network that the section has."""
@@ -143,7 +142,7 @@ class Section:
         """
         new = np.setdiff1d(columns, self.reached)
         slots = self.lifted.with_slots(new, self.slots)
-        if len(slots) > ROOM:
+        if len(slots) > POINT_SLOTS:
             return None
         f = self.lifted.expand(new, np.eye(len(new)), slots)
         q = self.lifted.times(f.at, f.b)
@@ -157,7 +156,7 @@ class Section:
         sigma = np.sqrt(np.maximum(np.diag(c), least))
         c = c / np.outer(sigma, sigma)
         values, vectors = np.linalg.eigh(0.5 * (c + c.T))
-        on = values > VANISHED  # the others follow T
+        on = values > MIN_PRIOR_EIGENVALUE  # the others follow T
         own = (q / sigma) @ (vectors[:, on] / np.sqrt(values[on]))
         if self.own is not None:
             own = np.concatenate([self.own, own], axis=1)

@@ -10,7 +10,7 @@ from ..ledger.candidates import Candidates, NothingKnown, excerpt
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import NO_PHOTO
 from ..models.variables import VariableKind
-from ..solve.prior import marginal
+from ..solve.added_factors import marginal_prior
 from ..types import Array, Index
 from .front_system import FrontSystem
 from .section import Looked, Section
@@ -181,7 +181,7 @@ def _joined(
     if any(name not in equations.unknowns[kind].number for kind, name in known):
         return None
     spread = _spread(outer, columns, before)
-    found = marginal(
+    found = marginal_prior(
         base.normal(),
         columns,
         spread[outer.lifted.place[columns]],

@@ -17,8 +17,8 @@ import numpy as np
 from ..errors import AdjustmentError
 from ..ledger.ledger import Ledger
 from ..ledger.options import Options
-from ..solve.normal import Solver
-from ..solve.start import Start
+from ..solve.normal_equations import Solver
+from ..start.start_values import Start
 from ..types import Index
 from .front_system import FrontSystem
 from .joint_tests import RowsBesideBase

@@ -3,7 +3,7 @@
 A free network is solved in a minimal datum, and so are the columns G = Q Bᵀ of its update. With the
 basis B_0 of the motions that its datum leaves open, and B_D, the same at the datum points alone,
 S = I − B_0 B_Dᵀ transforms cofactors onto the inner constraints of the base
-(`solve.datum.FreeDatum.transformed`):
+(`solve.datum_defects.FreeDatum.transformed`):
 
     Q′ = S (Q − G P Gᵀ) Sᵀ,    S G = G − B_0 (Gᵀ B_D)ᵀ
 
@@ -21,9 +21,9 @@ from functools import cached_property
 import numpy as np
 
 from ..graph.dependence import Variable
-from ..solve.lifted import Function, Lifted
+from ..solve.linear_base import ReducedCofactors, ReducedFunctions
+from ..solve.low_rank_update import Update
 from ..solve.solution import Solution
-from ..solve.update import Update
 from ..types import Array, Index
 
 
@@ -33,13 +33,13 @@ class UpdatedCofactors:
 
     base: Solution
     """The base."""
-    lifted: Lifted
+    lifted: ReducedCofactors
     """Its cofactors."""
     update: Update
     """Rows that joined or left."""
     slots: Mapping[int, int]
-    """Slots of points, see `solve.lifted`."""
-    expand: Callable[[Index, Array], Function]
+    """Slots of points, see `solve.linear_base`."""
+    expand: Callable[[Index, Array], ReducedFunctions]
     """Returns functions of columns as functions of the coordinates of the update."""
 
     def joint(self, columns: Index, a: Array) -> Array:

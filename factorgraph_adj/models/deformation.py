@@ -1,23 +1,4 @@
-"""Deformations that models share: film, lens and plotter leave them in each model (FRAMES F2.3).
-
-    q' = q + Σ_a p_a t_a(q / b)
-
-q are coordinates in the frame of a model, b is a length such as the base of the model. The
-parameters p_a have the unit of the frame: each is the displacement at a place one base away. They
-are shared by a group of models and weighted with 0 ± σ (Ayeni's method 23). With (ξ, η, ζ) = q / b:
-
-| components | terms | number |
-| --- | --- | --- |
-| ``x`` ``y`` ``z`` | shifts: errors of projection centres, in a group of their own | 3 |
-| ``affinity`` ``shear_xy`` | (ξ, −η, 0), (η, ξ, 0) | 2 |
-| ``stretch_z`` ``shear_xz`` ``shear_yz`` | (0, 0, ζ), (ζ, 0, ξ), (0, ζ, η) | 3 |
-| ``x_xy`` ``x_yy`` ``x_xyy`` | ξη, η², ξη² in x; the same in y | 6 |
-| ``z_xy`` ``z_yy`` ``z_xyy`` | ξη (twist), η², ξη² in z | 3 |
-
-The second and third row together are the affine deformation without the similarity. The second and
-the last two together span what {1, ξ} ⊗ {1, η, η²} has beside the similarity: 8 terms in plan and 3
-in height, those of Ebner (1976) without projection centres.
-"""
+"""Deformations of film, lens, plotter and strips of models: polynomials (FRAMES F2.3, F6)."""
 
 from __future__ import annotations
 
@@ -25,7 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..frames import Frame
 from ..types import Array
+from .base import Linearised
 
 _LINEAR: dict[str, tuple[tuple[int, int, float], ...]] = {
     "affinity": ((0, 0, 1.0), (1, 1, -1.0)),
@@ -85,3 +68,74 @@ def deformed(q: Array, parameters: Array, base: Array) -> Deformed:
     moved = np.einsum("nia,na->ni", terms, parameters)
     by_q = np.einsum("na,naij->nij", parameters, slopes) / base[:, None, None]
     return Deformed(q + moved, np.eye(3) + by_q, terms)
+
+
+HEIGHT_TERMS: tuple[tuple[str, ...], ...] = (
+    ("z",),
+    ("z_x", "z_y"),
+    ("z_xx", "z_xy", "z_yy"),
+    ("z_xxx", "z_xxy", "z_xyy"),
+    ("z_xxxx", "z_xxxy", "z_xxxxy"),
+)
+"""Terms of the height by degree; x stands for along, y for across: ``z_xxy`` is along² across.
+
+They are the 12 terms of Schut and those of three lower ones (FRAMES F6.2)."""
+COEFFICIENTS: tuple[str, ...] = tuple(
+    name
+    for degree, heights in enumerate(HEIGHT_TERMS)
+    for name in (f"a{degree}", f"b{degree}", *heights)
+)
+"""Names of the coefficients in order."""
+HIGHEST = len(HEIGHT_TERMS) - 1
+"""Highest degree in plan."""
+
+
+def monomials(along: Array, across: Array, size: int) -> Array:
+    """Return the partials of the corrections by the first coefficients, (n, 3, size).
+
+    Args:
+        along: places along the strip, (n,).
+        across: places across the strip, (n,).
+        size: number of coefficients.
+    """
+    s = along + 1j * across
+    out = np.zeros((len(s), 3, size))
+    for i, name in enumerate(COEFFICIENTS[:size]):
+        if name[0] == "z":
+            out[:, 2, i] = along ** name.count("x") * across ** name.count("y")
+            continue
+        power = s ** int(name[1:])
+        if name[0] == "b":
+            power = 1j * power
+        out[:, 0, i], out[:, 1, i] = power.real, power.imag
+    return out
+
+
+def strip_coordinate(
+    frame: Frame,
+    point: Array,
+    polynomial: Array,
+    *,
+    observed: Array,
+    along: Array,
+    across: Array,
+    axes: tuple[int, ...] = (0, 1, 2),
+) -> Linearised:
+    """Compute X − Σ c f(s) − observed, metres, of the observed axes, (n, d); FRAMES F6.4.
+
+    The equations are linear in points and coefficients.
+
+    Args:
+        frame: frame of the network.
+        point: X, (n, 3).
+        polynomial: coefficients, (n, k).
+        observed: coordinates of the strip on the ground, (n, d).
+        along: places along the strip, (n,).
+        across: places across the strip, (n,).
+        axes: numbers of the observed axes.
+    """
+    rows = list(axes)
+    terms = monomials(along, across, polynomial.shape[1])[:, rows]
+    bent = np.einsum("nij,nj->ni", terms, polynomial)
+    by_point = np.broadcast_to(np.eye(3)[rows], (len(point), len(rows), 3))
+    return Linearised(point[:, rows] - bent - observed, (by_point, -terms))

@@ -1,17 +1,17 @@
-"""Image coordinates: the collinearity equations with a lens model (eq. 1).
-
-With the pose world_T_camera in the axes of GTSAM (x right, y down, z forward),
-p = Rᵀ (X − X₀), the tangents of the ray are t_x = p_x/p_z and t_y = −p_y/p_z. They equal
-−q1/q3 and −q2/q3 in photogrammetric axes. A lens model takes tangents or the ray itself.
-"""
+"""Image coordinates by the collinearity equations (eq. 1), their axes, and straight lines in images."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
 from ..frames import Frame
+from ..rotation import skew
 from ..types import Array
-from .base import Linearised
+from .base import Linearised, require
+from .frame_axes import axis_of
+from .inverse_lens import rays_and_partials
 from .lens import Lens
 from .position import split_pose
 
@@ -89,3 +89,80 @@ def by_rotation(p: tuple[Array, Array, Array], g: tuple[Array, Array, Array]) ->
     px, py, pz = p
     gx, gy, gz = g
     return gy * pz - gz * py, gz * px - gx * pz, gx * py - gy * px
+
+
+EXCHANGED = "x and y, exchanged,"
+ALONG_X, ALONG_Y = "the direction of x", "the direction of y"
+MIRRORED = "the axes, mirrored (x and y exchanged, or one the wrong way),"
+
+Axes = Callable[[Array, Array], Array]
+"""Coordinates with other axes, from coordinates (n, 2) and the principal point (2,)."""
+OTHER: tuple[tuple[str, Axes], ...] = (
+    (EXCHANGED, lambda xy, _: xy[:, ::-1]),
+    (EXCHANGED, lambda xy, _: -xy[:, ::-1]),  # with rows that count down
+    (ALONG_Y, lambda xy, _: xy * [1.0, -1.0]),
+    (ALONG_Y, lambda xy, at: xy * [1.0, -1.0] + at * [0.0, 2.0]),  # counted from the other edge
+    (ALONG_X, lambda xy, _: xy * [-1.0, 1.0]),
+    (ALONG_X, lambda xy, at: xy * [-1.0, 1.0] + at * [2.0, 0.0]),
+)
+"""Causes, and what they make of coordinates that are right; each undoes itself."""
+
+
+NO_IMAGE = (
+    "the line has no image in the photo: it passes through the projection centre, or lies in the "
+    "focal plane"
+)
+
+
+def image_line(
+    frame: Frame,
+    pose: Array,
+    calibration: Array,
+    stored: Array,
+    origin: Array | None,
+    vertical: Array | None,
+    *,
+    observed: Array,
+    x: Array,
+    y: Array,
+    lens: Lens,
+) -> Linearised:
+    """Compute the distance of measured points from imaged lines − observed, image units, (n, 1).
+
+    Args:
+        frame: frame of the network.
+        pose: stored poses, (n, 12).
+        calibration: parameters of the lens, (n, k).
+        stored: frames of the lines, (n, 17).
+        origin: O where it is a point, (n, 3).
+        vertical: deflections there, (n, 2).
+        observed: distances, (n, 1).
+        x: measured coordinates x, (n,).
+        y: measured coordinates y, (n,).
+        lens: the lens model.
+    """
+    rotation, centre = split_pose(pose)
+    line = axis_of(frame, stored, origin, vertical)
+    ray, ray_by_k = rays_and_partials(lens, np.stack([x, y], axis=1), calibration)
+    # In the plane of ideal coordinates only n_x and n_y count; on the sphere all of n does.
+    counted = np.ones(3) if lens.takes == "rays" else np.array([1.0, 1.0, 0.0])
+    c = calibration[:, 0]
+    back = rotation.transpose(0, 2, 1)
+    away = line.zero - centre
+    n = np.einsum("nij,nj->ni", back, np.cross(line.d, away))
+    in_plan = n * counted
+    plan = np.linalg.norm(in_plan, axis=1)
+    require(plan > 1e-12 * np.linalg.norm(away, axis=1), NO_IMAGE)
+    f = c * np.einsum("ni,ni->n", n, ray) / plan
+    by_n = (c / plan)[:, None] * ray - (f / plan**2)[:, None] * in_plan
+    by_k = np.einsum("ni,nij->nj", (c / plan)[:, None] * n, ray_by_k)
+    by_k[:, 0] += f / c
+    by_d = -back @ skew(away)
+    by_zero = back @ skew(line.d)
+    by_line = [by_d @ d + by_zero @ z for d, z in zip(line.d_by, line.zero_by, strict=True)]
+    by_pose = np.concatenate([skew(n), -by_zero], axis=2)
+    g = by_n[:, None]
+    parts = [g @ by_pose, by_k[:, None], g @ by_line[0]]
+    given = (origin, vertical)
+    parts += [g @ j for j, value in zip(by_line[1:], given, strict=True) if value is not None]
+    return Linearised(f[:, None] - observed, tuple(parts))

@@ -11,9 +11,9 @@ import numpy as np
 from ..frames import Frame
 from ..types import Array
 from .base import Linearised, NoDirectionError, require
-from .directions import MOUNT, of_those_there, split_mount
-from .height import heights
-from .sight import Sights, sight
+from .directions import of_those_there, split_mount
+from .heights import MOUNT_COMPONENTS, heights
+from .line_of_sight import Sights, sight
 from .sub_frame import InFrame, in_frame
 
 NO_OFFSET = "the point lies on the line: its offset has no direction"
@@ -200,7 +200,7 @@ def hydrostatic_reading(
     factor = side / (1.0 + expansion)
     above = level[:, 0] + undulation - height - split_mount(mount)[1][:, 2]
     n = len(point)
-    by_mount = np.zeros((n, 1, MOUNT))
+    by_mount = np.zeros((n, 1, MOUNT_COMPONENTS))
     by_mount[:, 0, 5] = -factor
     return Linearised(
         (factor * above)[:, None] - observed,

@@ -8,7 +8,7 @@ from ..frames import Frame
 from ..rotation import log_rotation, right_jacobian_inverse, skew
 from ..types import Array
 from .base import Linearised
-from .sight import up_by_angles
+from .line_of_sight import up_by_angles
 
 
 def _raised(

@@ -30,9 +30,9 @@ import numpy as np
 
 from ..frames import Frame
 from ..types import Array
-from . import outlines
+from . import shape_outlines
 from .base import Linearised, require
-from .outlines import Outline
+from .shape_outlines import Outline
 from .sub_frame import in_frame
 
 ON_THE_AXIS = "the point lies on the axis of the shape: the direction of its distance is open"
@@ -221,23 +221,31 @@ _RADIUS = Size("radius")
 SHAPES = {
     s.name: s
     for s in (
-        Shape("plane", plane, (*_TILTS, "z"), axis="least", outline=outlines.PLANE),
-        Shape("line", line, (*_TILTS, "x", "y"), turns=True, axis="most", outline=outlines.LINE),
+        Shape("plane", plane, (*_TILTS, "z"), axis="least", outline=shape_outlines.PLANE),
+        Shape(
+            "line", line, (*_TILTS, "x", "y"), turns=True, axis="most", outline=shape_outlines.LINE
+        ),
         Shape(
             "circle",
             circle,
             _ALL,
             (_RADIUS, Size("height", suffix=None, lifts=True)),
             axis="least",
-            outline=outlines.CIRCLE,
+            outline=shape_outlines.CIRCLE,
         ),
-        Shape("cylinder", cylinder, (*_TILTS, "x", "y"), (_RADIUS,), outline=outlines.CYLINDER),
-        Shape("sphere", sphere, ("x", "y", "z"), (_RADIUS,), outline=outlines.SPHERE),
-        Shape("cone", cone, _ALL, (Size("angle", "angle"),), outline=outlines.CONE),
         Shape(
-            "torus", torus, _ALL, (_RADIUS, Size("ring", suffix=" ring")), outline=outlines.TORUS
+            "cylinder", cylinder, (*_TILTS, "x", "y"), (_RADIUS,), outline=shape_outlines.CYLINDER
         ),
-        Shape("paraboloid", paraboloid, _ALL, (Size("focal"),), outline=outlines.PARABOLOID),
+        Shape("sphere", sphere, ("x", "y", "z"), (_RADIUS,), outline=shape_outlines.SPHERE),
+        Shape("cone", cone, _ALL, (Size("angle", "angle"),), outline=shape_outlines.CONE),
+        Shape(
+            "torus",
+            torus,
+            _ALL,
+            (_RADIUS, Size("ring", suffix=" ring")),
+            outline=shape_outlines.TORUS,
+        ),
+        Shape("paraboloid", paraboloid, _ALL, (Size("focal"),), outline=shape_outlines.PARABOLOID),
     )
 }
 """Shapes by name."""

@@ -31,7 +31,7 @@ from ..rotation import skew
 from ..types import Array
 from .base import Linearised
 from .deformation import deformed
-from .sight import turned_by_angles
+from .line_of_sight import turned_by_angles
 
 COMPONENTS = 7
 """Components of a frame: three rotations, three of the offset, ln of the scale."""

@@ -13,7 +13,7 @@ import numpy as np
 from ..frames import Frame
 from ..types import Array
 from .base import Linearised, require, wrap
-from .sight import Sights, sight
+from .line_of_sight import Sights, sight
 
 NO_LENGTH = "station and target coincide: the sight has no length"
 NO_AZIMUTH = "the sight is vertical: it has no azimuth"

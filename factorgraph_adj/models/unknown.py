@@ -17,7 +17,6 @@ import numpy as np
 
 from ..rotation import exp_rotation, log_rotation, right_jacobian_inverse
 from ..types import Array, Index, Mask
-from . import motions
 from .base import within
 
 Quantity: TypeAlias = Literal["length", "angle", "ppm", "number"]

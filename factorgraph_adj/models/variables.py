@@ -16,9 +16,8 @@ from typing import TypeAlias
 import numpy as np
 
 from ..errors import InputError, Problem, known
-from . import motions
-from .deformation import DEFORMATIONS
-from .strip import COEFFICIENTS
+from . import datum_motions
+from .deformation import COEFFICIENTS, DEFORMATIONS
 from .unknown import ENTITIES, ROTATION, Component, MoveBy, Quantity, UnknownKind, UnknownTable
 
 __all__ = [
@@ -103,7 +102,7 @@ RATES = (
 """What helps where drifts are not determined."""
 
 _BUILT_IN: Sequence[UnknownKind] = (
-    UnknownKind("point", "point", "p", _xyz(), motions=motions.of_points, connects=True),
+    UnknownKind("point", "point", "p", _xyz(), motions=datum_motions.of_points, connects=True),
     UnknownKind(
         "orientation",
         "orientation of set",
@@ -119,7 +118,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
                 planned=0.0,
             ),
         ),
-        motions=motions.of_orientations,
+        motions=datum_motions.of_orientations,
         connects=True,
         table=UnknownTable("orientations", ("station", "set"), key_default="1"),
         absent="found",
@@ -143,7 +142,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "v",
         (Component("xi", "angle", sign="ξ"), Component("eta", "angle", sign="η")),
         short="vertical of",
-        motions=motions.of_verticals,
+        motions=datum_motions.of_verticals,
         connects=True,
         across=True,
         table=UnknownTable("verticals", ("station",)),
@@ -156,7 +155,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "distance meter",
         "e",
         (Component("scale", "ppm"), Component("zero", "length", sign="zero constant")),
-        motions=motions.of_scales,
+        motions=datum_motions.of_scales,
         late=2,
         table=UnknownTable("distance_meters", held_unless_free=True),
         default=(0.0, 0.0),
@@ -187,7 +186,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "c",
         (*_ATTITUDE, *_xyz()),
         rotates=True,
-        motions=motions.of_poses,
+        motions=datum_motions.of_poses,
         connects=True,
         late=1,
     ),
@@ -217,8 +216,8 @@ _BUILT_IN: Sequence[UnknownKind] = (
             "offset": ("x", "y", "z"),
             "scale": ("ln_scale",),
         },
-        motions=motions.of_frames,
-        held_motions=motions.without_held,
+        motions=datum_motions.of_frames,
+        held_motions=datum_motions.without_held,
         connects=True,
         late=1,
         table=UnknownTable("frames", held_unless_free=True),
@@ -230,7 +229,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         tuple(replace(c, whole=True, start=0.0) for c in (*_ATTITUDE, *_xyz())),
         rotates=True,
         single_turns=True,
-        motions=motions.of_mounts,
+        motions=datum_motions.of_mounts,
         late=2,
         table=UnknownTable("mounts", held_unless_free=True),
         default=(0.0,) * 6,
@@ -252,7 +251,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
             for i, power in enumerate(("", "_t", "_tt"))
             for a in "xyz"
         ),
-        motions=motions.of_drifts,
+        motions=datum_motions.of_drifts,
         shifts=True,
         late=2,
         table=UnknownTable("drifts", held_unless_free=True),
@@ -269,7 +268,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
             for i, power in enumerate(("", "_t"))
             for a in "xyz"
         ),
-        motions=motions.of_attitude_drifts,
+        motions=datum_motions.of_attitude_drifts,
         late=2,
         table=UnknownTable("attitude_drifts", held_unless_free=True),
         default=(0.0,) * 6,
@@ -292,7 +291,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "size",
         "s",
         (Component("size", "length", np.nan, column="value", whole=True),),
-        motions=motions.of_sizes,
+        motions=datum_motions.of_sizes,
         late=1,
         table=UnknownTable("sizes"),
         default=(0.0,),
@@ -311,7 +310,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "w",
         (Component("height", "length", np.nan, column="value", whole=True),),
         short="level",
-        motions=motions.of_levels,
+        motions=datum_motions.of_levels,
         connects=True,
         late=1,
         table=UnknownTable("levels"),
@@ -328,7 +327,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
             Component("scale", "ppm"),
         ),
         short="profile",
-        motions=motions.of_profiles,
+        motions=datum_motions.of_profiles,
         connects=True,
         late=2,
         table=UnknownTable("profiles", held_unless_free=True),
@@ -343,7 +342,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "gyrotheodolite",
         "g",
         (Component("constant", "angle", np.nan, sign="E", column="value", planned=0.0),),
-        motions=motions.of_orientations,
+        motions=datum_motions.of_orientations,
         connects=True,
         at_stations=True,
         late=1,
@@ -360,7 +359,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         tuple(Component(name, "length") for name in COEFFICIENTS),
         short="strip",
         variable_size=True,
-        motions=motions.of_polynomials,
+        motions=datum_motions.of_polynomials,
         late=2,
         table=UnknownTable("polynomials", held_unless_free=True),
     ),

@@ -28,14 +28,14 @@ from ..rotation import skew
 from ..types import Array
 from .base import Linearised, require
 from .directions import (
-    MOUNT,
     Verticals,
     direction_in_frame,
     of_those_there,
     split_mount,
     vertical_in_frame,
 )
-from .sight import turned_by_angles
+from .heights import MOUNT_COMPONENTS
+from .line_of_sight import turned_by_angles
 from .sub_frame import COMPONENTS, InFrame, horizons, in_frame, split_frame
 
 PARALLEL = "the wire is parallel to the plane of its sensor"
@@ -97,7 +97,7 @@ def _read(q: Array, axes: Array, up: Array, sag: Array, mount: Array, length: Ar
     by_m[:, :, :, 1] += by_t[:, :, None] * t_by_my[:, None, :]
     # m_j = Σ_k K_k B_kj and a = Σ_k K_k b_k
     by_axes = np.einsum("niaj,nkj->niak", by_m, turn) + by_q[..., None] * arm[:, None, None, :]
-    by_mount = np.zeros((len(q), 3, MOUNT))
+    by_mount = np.zeros((len(q), 3, MOUNT_COMPONENTS))
     turning = -skew(np.eye(3))  # ∂(B Exp(β) e_j)/∂β = −B [e_j]×
     by_mount[:, :, :3] = np.einsum("niaj,nab,jbc->nic", by_m, sensor, turning)
     by_mount[:, :, 3:] = by_q @ axes

@@ -9,11 +9,11 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..control_characters import refuse_control_characters
+from ..entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from ..errors import InputError, Problem, known
 from ..models.variables import UNKNOWNS, VariableKind
-from .entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from .network import Network
-from .stated import required
+from .stated_unknowns import required
 
 UnknownsGiven: TypeAlias = Mapping[VariableKind, Mapping[Any, Parameter]]
 """Unknowns by kind and key."""

@@ -13,7 +13,8 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from ..control_characters import one_line
-from ..crs.system import ReferenceSystem, reference_system
+from ..crs.reference_system import ReferenceSystem, reference_system
+from ..entities import FREE_ORIENTATION, Camera, ImageTable, Origin, Parameter, Photo, Point
 from ..errors import Doubt, InputError, LeftOut, Problem, UnknownLeftOut, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
@@ -21,23 +22,9 @@ from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..shown import Rows, Shown
 from ..types import Array, Mask
-from .checked import (
-    checked_camera,
-    checked_image_points,
-    checked_photo,
-    checked_point,
-)
-from .entities import (
-    FREE_ORIENTATION,
-    Camera,
-    ImageTable,
-    Origin,
-    Parameter,
-    Photo,
-    Point,
-)
-from .rigs import RIGID, member_of_rig
-from .stated import StatedUnknowns, refuse_duplicate, required
+from .composite_unknowns import RIGID, member_of_rig
+from .construction import checked_camera, checked_image_points, checked_photo, checked_point
+from .stated_unknowns import StatedUnknowns, refuse_duplicate, required
 
 DatumChoice: TypeAlias = Literal["given", "free"]
 """Datum from control points and from held and weighted unknowns (given), or a free network."""

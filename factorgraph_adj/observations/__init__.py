@@ -9,24 +9,36 @@ parts. ``id`` names the observation in every report; the network numbers observa
 photos, cameras and other unknowns, to which observations refer by name.
 """
 
-from ..network.entities import Camera, Parameter, Photo, Point
+from ..entities import Camera, Parameter, Photo, Point
 from ..stochastic import StandardDeviation
 from .airborne import (
     AntennaVector,
+    GyroAzimuth,
     NavigationAttitude,
     PhotoAngle,
     PhotoAttitude,
     PhotoBase,
     PhotoRange,
+    PhotoSight,
+    PhotoTilt,
 )
 from .base import Observation, Sight
 from .built_in import BUILT_IN
-from .correlated import AnyObservation, Correlated
-from .far_directions import GyroAzimuth, PhotoSight, PhotoTilt
-from .frame_sights import FrameDirection, FrameDistance, FrameZenith
-from .gauss_markov import gauss_markov
+from .correlated import AnyObservation, Correlated, gauss_markov
+from .frame_observations import (
+    FrameCoordinate,
+    FrameDirection,
+    FrameDistance,
+    FrameInclination,
+    FrameRoll,
+    FrameVector,
+    FrameZenith,
+    StripCoordinate,
+    UnitVector,
+    WireReading,
+    WireReadingOnBody,
+)
 from .image import ImagePoint
-from .in_frames import FrameCoordinate, FrameVector
 from .offsets import (
     HydrostaticReading,
     LineOffset,
@@ -35,17 +47,6 @@ from .offsets import (
     RadialOffset,
     SightOffset,
     SightPlaneOffset,
-)
-from .on_bodies import FrameInclination, FrameRoll, UnitVector, WireReading, WireReadingOnBody
-from .on_shapes import (
-    OnCircle,
-    OnCone,
-    OnCylinder,
-    OnLine,
-    OnParaboloid,
-    OnPlane,
-    OnSphere,
-    OnTorus,
 )
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from .registry import KINDS, ObservationKind, Unit, observation_kind, register_observation
@@ -60,8 +61,18 @@ from .relations import (
     PointDirection,
     RightAngle,
 )
-from .relative import RelativePosition, RelativeRotation
-from .strips import StripCoordinate
+from .relative_poses import RelativePosition, RelativeRotation
+from .shape_points import (
+    OnCircle,
+    OnCone,
+    OnCylinder,
+    OnLine,
+    OnParaboloid,
+    OnPlane,
+    OnSphere,
+    OnTorus,
+)
+from .surface_heights import LevelHeight, ProfileHeight
 from .terrestrial import (
     AstronomicLatitude,
     AstronomicLongitude,
@@ -74,8 +85,7 @@ from .terrestrial import (
     VerticalAngle,
     ZenithAngle,
 )
-from .vertical import LevelHeight, ProfileHeight
-from .weights import Weight
+from .variances import Weight
 
 __all__ = [
     "BUILT_IN",

@@ -12,10 +12,10 @@ import numpy as np
 
 from ..constructors import ChecksArguments
 from ..control_characters import has_control_characters, why_refused
+from ..entities import Key, parameter_key, parameter_name
 from ..errors import InputError, Problem
 from ..frames import Frame
 from ..models.variables import ENTITIES, UNKNOWNS
-from ..network.entities import Key, parameter_key, parameter_name
 from ..stochastic import PARTS, StandardDeviation, whitening
 from ..types import Array
 from .registry import KINDS, ObservationKind, observation_kind

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from math import pi
 
 from ..models import position, sub_frame, terrestrial
-from . import records_flight, records_models, records_rigs, records_vertical
+from . import kind_records
+from .frame_observations import FrameCoordinate, FrameVector
 from .image import ImagePoint
-from .in_frames import FrameCoordinate, FrameVector
+from .kind_records import INSTRUMENT_KINDS as _INSTRUMENTS
+from .kind_records import METROLOGY_KINDS as _METROLOGY
+from .kind_records import RELATION_KINDS as _RELATIONS
+from .kind_records import SHAPE_KINDS as _SHAPES
 from .positions import ControlPoint, GnssPosition, GnssVector
-from .records_instruments import RECORDS as _INSTRUMENTS
-from .records_metrology import RECORDS as _METROLOGY
-from .records_relations import RECORDS as _RELATIONS
-from .records_shapes import RECORDS as _SHAPES
 from .registry import KINDS, ObservationKind, register_observation
 from .terrestrial import (
     AstronomicLatitude,
@@ -27,7 +27,7 @@ from .terrestrial import (
     VerticalAngle,
     ZenithAngle,
 )
-from .weights import ANGLES, DIRECTIONS, INCLINATIONS, LENGTHS, LEVELLING
+from .variances import ANGLES, DIRECTIONS, INCLINATIONS, LENGTHS, LEVELLING
 
 _STATION = (("point", "station"), ("vertical", "station"))
 _SIGHT = (*_STATION, ("point", "target"), ("vertical", "target"))
@@ -133,7 +133,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(GnssVector, _SIGHT, position.gnss_vector, _HEIGHTS, linear=True),
     ObservationKind(GnssPosition, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
     ObservationKind(ControlPoint, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
-    records_flight.POSITION,
+    kind_records.POSITION,
     ObservationKind(ImagePoint, _RAY, None, unit="image"),
     ObservationKind(
         FrameCoordinate,
@@ -148,13 +148,13 @@ _BUILT_IN: Sequence[ObservationKind] = (
         sub_frame.frame_vector,
     ),
     *_INSTRUMENTS,
-    *records_flight.RECORDS,
-    *records_models.RECORDS,
-    *records_vertical.RECORDS,
+    *kind_records.FLIGHT_KINDS,
+    *kind_records.MODEL_KINDS,
+    *kind_records.SURFACE_HEIGHT_KINDS,
     *_SHAPES,
     *_RELATIONS,
     *_METROLOGY,
-    *records_rigs.RECORDS,
+    *kind_records.RIG_KINDS,
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)

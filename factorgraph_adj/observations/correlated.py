@@ -1,7 +1,8 @@
-"""Observations with one joint covariance."""
+"""Observations with one joint covariance, and positions correlated in time (Gauss-Markov)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -44,3 +45,53 @@ class Correlated(metaclass=ChecksArguments):
 
 AnyObservation: TypeAlias = "Observation | Correlated"
 """An observation, or several observations with a joint covariance."""
+
+
+def gauss_markov(
+    observations: Sequence[Observation],
+    times: Sequence[float],
+    *,
+    correlation_time: float,
+    white: float = 0.0,
+) -> Correlated:
+    """Return vector observations of a strip with errors that are correlated in time; FRAMES F7.7.
+
+        Σ_ij = exp(−|t_i − t_j| / T) L_i L_jᵀ,   Σ_i = L_i L_iᵀ
+
+    with the covariance Σ_i that observation i states. Neighbours err alike: as long as T is not
+    short beside the time between exposures, a strip has a common error like a shift, which its
+    number of exposures does not reduce.
+
+    Args:
+        observations: observed positions or attitudes of the strip, with as many components each.
+        times: their times t, in the unit of T.
+        correlation_time: T, at which the correlation is 1/e; some minutes for GNSS.
+        white: standard deviation of an uncorrelated error in each component besides, SI.
+
+    Raises:
+        InputError: numbers of observations and times differ, T is not positive, an observation is
+            no vector, or times are equal and there is no white error.
+    """
+    t = np.asarray(times, dtype=float)
+    if t.shape != (len(observations),) or not np.isfinite(t).all():
+        raise InputError(f"give a time for each of {len(observations)} observations, not {times!r}")
+    if not correlation_time > 0:
+        raise InputError(f"correlation_time must be greater than zero, not {correlation_time}")
+    if not white >= 0:
+        raise InputError(f"white must be zero or greater, not {white}")
+    roots = []
+    for o in observations:
+        covariance: Array | None = getattr(o, "covariance", None)
+        sigma: tuple[float, ...] = getattr(o, "sigma", None) or ()
+        if not o.record.takes_covariance:
+            raise InputError(f"{o.label()}: a {o.kind} is no vector with a covariance")
+        full = np.diag(np.array(sigma) ** 2) if covariance is None else np.asarray(covariance)
+        roots.append(np.linalg.cholesky(full))
+    if len({len(r) for r in roots}) > 1:
+        raise InputError("the observations must have the same number of components")
+    stacked = np.concatenate(roots)
+    d = len(roots[0])
+    rho = np.exp(-np.abs(t[:, None] - t) / correlation_time)
+    joint = np.kron(rho, np.ones((d, d))) * (stacked @ stacked.T)
+    joint += white**2 * np.eye(len(joint))
+    return Correlated(tuple(observations), joint)

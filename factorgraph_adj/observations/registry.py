@@ -19,11 +19,11 @@ import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..models.base import Linearised
-from ..models.outlines import Outline
+from ..models.shape_outlines import Outline
 from ..models.variables import ENTITIES, UNKNOWNS
 from ..stochastic import PARTS
 from ..types import Array
-from .weights import Weight
+from .variances import Weight
 
 _NAME = re.compile(r"[a-z][a-z0-9]*")
 

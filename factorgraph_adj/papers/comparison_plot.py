@@ -7,14 +7,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..report.plots.style import BLUE, PALE, beside, drawn, headline, new_figure
+from ..report.plots.style import (
+    BLUE,
+    PALE,
+    in_package_style,
+    legend_at_right,
+    new_figure,
+    write_headline,
+)
 from .comparison import Comparison
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@drawn
+@in_package_style
 def plot_comparison(comparisons: Sequence[Comparison]) -> Figure:
     """Draw the figures of tables as bars: published ones pale, computed ones blue.
 
@@ -39,9 +46,9 @@ def plot_comparison(comparisons: Sequence[Comparison]) -> Figure:
                 axes.barh(place - 0.2, printed, 0.38, color=PALE, label="printed")
             axes.barh(place + 0.2 * table.has_printed, ours, 0.38, color=BLUE, label="ours")
             axes.set_yticks(place, [row.label for row in table.rows])
-            headline(axes, column)
+            write_headline(axes, column)
         every[0].invert_yaxis()
     with_printed = next((c for c in comparisons if c.has_printed), comparisons[0])
     first = parts[list(comparisons).index(with_printed)].axes[0]
-    beside(figure, first, [])
+    legend_at_right(figure, first, [])
     return figure

@@ -18,7 +18,7 @@ from ..models.orthogonal_lens import EbnerLens
 from ..network.network import Network
 from ..observations import Azimuth, Observation, ProfileHeight, SlopeDistance
 from ..rotation import exp_rotation, world_R_camera
-from ..simulation.simulate import Seed, disturb, measure
+from ..simulation.measurement import Seed, disturb, measure
 from ..types import Array, Index
 
 FOCAL, FORMAT = 153.0, 230.0

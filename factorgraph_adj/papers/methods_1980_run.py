@@ -15,14 +15,21 @@ from ..models.orthogonal_lens import EbnerLens
 from ..network.network import Network
 from ..observations import FrameCoordinate
 from ..rotation import log_rotation
-from ..simulation.generate.patterns import corners
-from ..solve.batch import adjust
+from ..simulation.generate.scene import corners
+from ..solve.adjustment import adjust
 from ..solve.solution import Solution
-from ..triangulation.alternate import an_block, plan_height
-from ..triangulation.models import ModelBlock, as_models, pairs_of_strips, photos_of_strips
-from ..triangulation.radial import radial_observations
-from ..triangulation.relative import FACING_DOWN, RelativeModel, relative_model, start_values
-from ..triangulation.strips import LEAST_COMMON, as_strips, control_of, join_models
+from ..triangulation.independent_models import (
+    FACING_DOWN,
+    ModelBlock,
+    RelativeModel,
+    as_models,
+    pairs_of_strips,
+    photos_of_strips,
+    relative_model,
+    start_values,
+)
+from ..triangulation.plan_blocks import an_block, plan_height, radial_observations
+from ..triangulation.strips import MIN_COMMON_PLACES, as_strips, control_coordinates, join_models
 from ..types import Array
 from .methods_1980_block import SIGMA_TILT, MethodBlock
 
@@ -130,7 +137,7 @@ def models_in_plan(block: MethodBlock) -> Outcome:
 def joined_strips(block: MethodBlock) -> Outcome:
     """8: models joined one to the next, each strip with seven parameters on its control."""
     network = block.plotter
-    control, found, n, u = control_of(network), dict[str, list[Array]](), 0, 0
+    control, found, n, u = control_coordinates(network), dict[str, list[Array]](), 0, 0
     for models in strips_of_models(network).values():
         strip = join_models(models).to_ground(control)
         n += 3 * sum(p in control for p in strip.points)
@@ -148,9 +155,9 @@ def joined_strips(block: MethodBlock) -> Outcome:
 def bent_strips(network: Network, block: MethodBlock) -> Outcome:
     """11, 18: strips with polynomials of degree 2, a block of them at once."""
     strips = strips_of_models(network)
-    control = control_of(network)
+    control = control_coordinates(network)
     enough = all(
-        sum(p in control for m in models for p in m.points) >= LEAST_COMMON
+        sum(p in control for m in models for p in m.points) >= MIN_COMMON_PLACES
         for models in strips.values()
     )
     bent = as_strips(network, strips, sigma=(0.1, 0.1, 0.2), height=HEIGHT)

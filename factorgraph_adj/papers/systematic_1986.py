@@ -29,18 +29,21 @@ from typing import Literal
 
 import numpy as np
 
-from ..quality.check_points import check_points
+from ..quality.point_precision import check_points
 from ..simulation.disturbances import Errors
 from ..simulation.el_hakim_1986 import SIGMA_AERIAL_TERRESTRIAL, Line, aerial_1986_plan
-from ..simulation.generate.additions import Distances, HeightDifferences
 from ..simulation.generate.control import Control
-from ..simulation.generate.instruments import DistanceMeter, Level
-from ..simulation.generate.part import MICROMETRE, MILLIMETRE
-from ..simulation.generate.patterns import perimeter, round_lines, spread
 from ..simulation.generate.published import Aerial1986
+from ..simulation.generate.scene import MICROMETRE, MILLIMETRE, perimeter, round_lines, spread
+from ..simulation.generate.terrestrial_additions import (
+    DistanceMeter,
+    Distances,
+    HeightDifferences,
+    Level,
+)
 from ..simulation.spec import Spec, simulate
-from ..simulation.systematic import AffineFilm, InImages, LensDistortion
-from ..solve.batch import adjust
+from ..simulation.systematic_errors import AffineFilm, InImages, LensDistortion
+from ..solve.adjustment import adjust
 from ..types import Array
 
 Kind = Literal["radial", "affine"]

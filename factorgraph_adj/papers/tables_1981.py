@@ -25,9 +25,11 @@ from typing import Literal
 import numpy as np
 
 from ..observations import SlopeDistance
-from ..quality.check_points import check_points
-from ..quality.distributions import chi2_quantile
-from ..simulation.generate.additions import (
+from ..quality.point_precision import check_points
+from ..simulation.generate.control import Control, Pattern
+from ..simulation.generate.published import IspBlock
+from ..simulation.generate.scene import MILLIMETRE, perimeter
+from ..simulation.generate.terrestrial_additions import (
     Additions,
     Astronomic,
     Azimuths,
@@ -36,14 +38,11 @@ from ..simulation.generate.additions import (
     HeightDifferences,
     VerticalAngles,
 )
-from ..simulation.generate.control import Control, Pattern
-from ..simulation.generate.part import MILLIMETRE
-from ..simulation.generate.patterns import perimeter
-from ..simulation.generate.published import IspBlock
 from ..simulation.industry_block import simulate_industry_block
-from ..simulation.simulate import Seed
+from ..simulation.measurement import Seed
 from ..simulation.spec import Approximate, Earth, Spec, design, simulate
-from ..solve.batch import adjust
+from ..solve.adjustment import adjust
+from ..statistical_tests import chi2_quantile
 
 IspCase = Literal["full", "reduced", "layout 1", "layout 2", "layout 3"]
 ISP_CASES: tuple[IspCase, ...] = ("full", "reduced", "layout 1", "layout 2", "layout 3")

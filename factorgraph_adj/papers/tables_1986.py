@@ -21,8 +21,8 @@ from ..simulation.el_hakim_1986 import (
     simulate_aerial_1986,
     simulate_close_range_1986,
 )
-from ..simulation.simulate import Seed
-from ..solve.batch import adjust
+from ..simulation.measurement import Seed
+from ..solve.adjustment import adjust
 from ..types import Array
 
 SEED: Seed = 1

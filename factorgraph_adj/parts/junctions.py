@@ -1,26 +1,208 @@
-"""The junctions of a network in parts: the unknowns that several parts have."""
+"""The junctions of a network in parts, and the messages between the root and the parts.
+
+Junctions are the unknowns that several parts have. All messages can be pickled.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from ..errors import InputError, Problem
 from ..models.variables import UNKNOWNS, VariableKind
-from ..solve.dissection import Front, Pattern, dissect_parts
-from ..solve.places import Places
-from ..solve.remainder import Remainder, joined
+from ..solve.nested_dissection import BlockPattern, Front, dissect_parts
+from ..solve.reduced_system import EliminationRemainder, NodePlaces, joined_node_pairs
 from ..types import Array, Index, Keys, Mask
-from .messages import Begun, Setup, Shared, Surveyed, Variable
 
-EQUAL = 1e-9
+MAX_LISTED_TESTS = 20
+"""Number of observations with the largest tests that a part reports, and a solution lists."""
+
+
+@dataclass(frozen=True)
+class IterationState:
+    """The point of the iteration that a task belongs to."""
+
+    state: int
+    """Number of the written state at which the observations are linearised."""
+    weights: int = 0
+    """Number of the written state whose lengths of sights give the standard deviations."""
+    damping: float = 0.0
+    """Share λ of the diagonal of N that is added to N."""
+
+
+@dataclass(frozen=True)
+class PartSurvey:
+    """What a part has: enough to find the unknowns that several parts have."""
+
+    keys: Keys
+    """A 64-bit number for each variable, from its kind and name, (k,)."""
+    frame: str
+    """The frame of its coordinates."""
+    free_network: bool
+    """Whether the part asks for the datum of a free network."""
+    digest: str
+    """A digest of names, observed values and weights: a changed part is noticed."""
+
+
+@dataclass(frozen=True, order=True)
+class Variable:
+    """Kind and name of a variable."""
+
+    kind: VariableKind
+    """Kind."""
+    name: str
+    """Name."""
+
+
+@dataclass(frozen=True)
+class SharedVariable:
+    """A variable of a part that other parts have too."""
+
+    variable: Variable
+    """Kind and name."""
+    components: tuple[str, ...]
+    """Names of its components."""
+    model: str
+    """What its values belong to: the lens of a calibration, the calibration of a photo."""
+    free: Mask
+    """Whether each component is estimated, (k,)."""
+    sigma: Array
+    """Standard deviations of weighted components, infinite for others, (k,)."""
+    given: Array
+    """Given values in stored form, NaN where unknown."""
+    stated: tuple[float, ...] = ()
+    """Given values of the components, NaN where unknown, of a kind of which single rotations may be
+    held: the stored rotation is not known before all three are."""
+
+
+@dataclass(frozen=True)
+class JunctionSetup:
+    """What a part has to know about its junctions."""
+
+    variables: tuple[Variable, ...]
+    """The junctions of the part, in the order of the root."""
+    start: tuple[Array, ...]
+    """Start values of each junction in stored form, NaN where no part knows them yet."""
+    foreign: tuple[bool, ...]
+    """Whether the given value of a weighted junction counts as an observation in another part."""
+
+
+@dataclass(frozen=True)
+class PartStart:
+    """How a part has divided its unknowns."""
+
+    start: tuple[Array, ...]
+    """Start values of each junction, in stored form; NaN where the part does not know them."""
+    missing: tuple[tuple[str, str], ...] = ()
+    """Where and why approximate values are missing; the part has not begun."""
+    n_rows: int = 0
+    """Number of scalar observations."""
+    n_unknowns: int = 0
+    """Number of free components that no other part has."""
+    positions: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    """Where each junction stands, (k, 3) metres."""
+    spread: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Whether each junction touches everything in the part, such as a calibration, (k,)."""
+
+
+@dataclass(frozen=True)
+class ReducedEquations:
+    """The normal equations of a part, reduced to its m free junction components."""
+
+    normal: Array
+    """Lower triangle of S, row by row, (m (m + 1) / 2,)."""
+    right: Array
+    """s, (m,)."""
+    diagonal: Array
+    """Diagonal of N before the elimination, (m,)."""
+    vtpv: float
+    """Value of vᵀPv of the part."""
+    smallest: float
+    """Smallest pivot of the interior, relative to its diagonal element of N; 0: singular."""
+    rounding: float
+    """δᵀ diag(N) δ of the part for the units δ in the last digits of its values."""
+
+
+@dataclass(frozen=True)
+class PartStep:
+    """A part after a step."""
+
+    vtpv: float
+    """Value of vᵀPv of the part; infinite where a step is impossible."""
+    downhill: float
+    """Share −gᵀdx of the part, g of its own observations."""
+    damped: float
+    """Share dxᵀλD dx of the part."""
+
+
+@dataclass(frozen=True)
+class TestedObservation:
+    """An observation with its test, for the list of the largest."""
+
+    label: str
+    """Readable name."""
+    w: float
+    """Test value."""
+    redundancy: float
+    """Redundancy number."""
+
+
+@dataclass(frozen=True)
+class PartQuality:
+    """The quality of a part; its arrays are written to its folder."""
+
+    redundancy: float
+    """Sum of the redundancy numbers of its observations."""
+    uncontrolled: int
+    """Number of observations that no other controls."""
+    largest: tuple[TestedObservation, ...]
+    """Observations with the largest |w|, the largest first."""
+    memory: int
+    """Largest memory of the process so far, bytes; 0 where the system does not tell."""
+
+
+@dataclass(frozen=True)
+class PartError:
+    """An error in a part, which the root raises together with those of other parts."""
+
+    kind: str
+    """Name of the class of the error."""
+    lines: tuple[tuple[str, str], ...]
+    """Where and what, for each problem."""
+    defect: int = 0
+    """Number of missing conditions."""
+    unknowns: tuple[tuple[str, str], ...] = ()
+    """Kind and name of the undetermined unknowns."""
+
+
+def problem_in_part(name: str, where: str, what: str) -> Problem:
+    """Return a problem of a part: its place begins with the name of the part."""
+    return Problem(what, f"part {name!r}, {where}" if where else f"part {name!r}")
+
+
+def packed_triangle(a: Array) -> Array:
+    """Return the lower triangle of a symmetric matrix, row by row, (m (m + 1) / 2,)."""
+    return np.ascontiguousarray(a[np.tril_indices(len(a))])
+
+
+def unpacked_triangle(a: Array) -> Array:
+    """Return the symmetric matrix of a lower triangle, row by row."""
+    m = int((np.sqrt(8 * len(a) + 1) - 1) / 2)
+    out = np.zeros((m, m))
+    rows, columns = np.tril_indices(m)
+    out[rows, columns] = out[columns, rows] = a
+    return out
+
+
+MAX_DIFFERENCE_OF_EQUAL_VALUES = 1e-9
 """Largest difference between held or weighted values that parts give for the same unknown: metres
 or radians, relative for other quantities, such as calibrations, whose numbers may be tiny."""
 
 
-def shared_keys(surveyed: Sequence[Surveyed], names: Sequence[str]) -> Keys:
+def shared_keys(surveyed: Sequence[PartSurvey], names: Sequence[str]) -> Keys:
     """Return the keys that several parts have, sorted.
 
     Args:
@@ -57,7 +239,7 @@ def shared_keys(surveyed: Sequence[Surveyed], names: Sequence[str]) -> Keys:
 class Junctions:
     """All junctions, their free components as columns of the root, and who has them."""
 
-    def __init__(self, shared: Sequence[Sequence[Shared]], names: Sequence[str]) -> None:
+    def __init__(self, shared: Sequence[Sequence[SharedVariable]], names: Sequence[str]) -> None:
         """Compare what the parts say of the unknowns that they have in common.
 
         Args:
@@ -67,7 +249,7 @@ class Junctions:
         Raises:
             InputError: parts differ in what they hold, weight or estimate; all are named.
         """
-        owners: dict[Variable, list[tuple[int, Shared]]] = {}
+        owners: dict[Variable, list[tuple[int, SharedVariable]]] = {}
         for number, of_part in enumerate(shared):
             for s in of_part:
                 owners.setdefault(s.variable, []).append((number, s))
@@ -113,7 +295,7 @@ class Junctions:
             out.append(next((x for x in values if np.isfinite(x).all()), values[0]))
         return out
 
-    def setups(self, start: Sequence[Array]) -> list[Setup]:
+    def setups(self, start: Sequence[Array]) -> list[JunctionSetup]:
         """Return what each part has to know about its junctions.
 
         A given value of a weighted junction is an observation once, in the first part that gives
@@ -122,16 +304,16 @@ class Junctions:
         Args:
             start: start value of each junction in stored form, NaN where unknown.
         """
-        counts_in = []
+        counted_in_part = []
         for v in self.variables:
             each = self._owners[v]
             weighted = [n for n, s in each if np.isfinite(s.sigma[s.free]).any()]
-            counts_in.append(min(weighted, default=-1))
+            counted_in_part.append(min(weighted, default=-1))
         return [
-            Setup(
+            JunctionSetup(
                 tuple(self.variables[i] for i in of_part.tolist()),
                 tuple(start[i] for i in of_part.tolist()),
-                tuple(counts_in[i] not in (-1, number) for i in of_part.tolist()),
+                tuple(counted_in_part[i] not in (-1, number) for i in of_part.tolist()),
             )
             for number, of_part in enumerate(self.of_part)
         ]
@@ -151,10 +333,10 @@ class Junctions:
         return out
 
 
-class RootPlaces(Places):
+class RootPlaces(NodePlaces):
     """Places of the junctions in the root: one node for each, or the border."""
 
-    def __init__(self, junctions: Junctions, begun: Sequence[Begun]) -> None:
+    def __init__(self, junctions: Junctions, begun: Sequence[PartStart]) -> None:
         """Give every column a place.
 
         A junction that touches everything in a part, such as a calibration, is in the border.
@@ -183,18 +365,18 @@ class RootPlaces(Places):
         self._columns = junctions.columns
 
     @cached_property
-    def layout(self) -> tuple[Pattern, list[Front]]:
+    def layout(self) -> tuple[BlockPattern, list[Front]]:
         """The blocks of the root and its fronts, which are the same in all iterations."""
-        parts = [Remainder(c, np.zeros((0, 0))) for c in self._columns]
-        return self.structure(joined(self, parts), self._positions)
+        parts = [EliminationRemainder(c, np.zeros((0, 0))) for c in self._columns]
+        return self.structure(joined_node_pairs(self, parts), self._positions)
 
-    def _fronts(self, pattern: Pattern, positions: Array) -> list[Front]:
+    def _fronts(self, pattern: BlockPattern, positions: Array) -> list[Front]:
         """Return the fronts: all junctions of a part are joined."""
         return dissect_parts(pattern, positions, self._parts)
 
 
 def _differences(
-    v: Variable, each: Sequence[tuple[int, Shared]], names: Sequence[str]
+    v: Variable, each: Sequence[tuple[int, SharedVariable]], names: Sequence[str]
 ) -> list[Problem]:
     """Return in what parts differ about a common unknown."""
     where = f"{UNKNOWNS[v.kind].noun} {v.name!r}"
@@ -227,28 +409,28 @@ def _differences(
     return out
 
 
-def _listed(v: Variable, one: Shared) -> str:
+def _listed(v: Variable, one: SharedVariable) -> str:
     """Return the values of an unknown in the form of an input."""
     values = one.stated or UNKNOWNS[v.kind].given(one.given[None])[0].tolist()
     return "(" + ", ".join(f"{x:.10g}" for x in values[: len(one.components)]) + ")"
 
 
-def _same_values(v: Variable, one: Shared, other: Shared, which: Mask) -> bool:
+def _same_values(v: Variable, one: SharedVariable, other: SharedVariable, which: Mask) -> bool:
     """Return whether two parts give some components (k,) of an unknown the same values."""
     kind = UNKNOWNS[v.kind]
     if one.stated and other.stated:
         a, b = (np.array(s.stated)[which] for s in (one, other))
-        return bool(np.all(np.abs(a - b) <= EQUAL))
+        return bool(np.all(np.abs(a - b) <= MAX_DIFFERENCE_OF_EQUAL_VALUES))
     stored = np.flatnonzero(kind.in_stored_form(which[None])[0])
     a, b = one.given[stored], other.given[stored]
     metric = bool(kind.components) and all(
         c.quantity in ("length", "angle") for c in kind.components
     )
     scale = 1.0 if metric else np.maximum(np.abs(a), np.abs(b))
-    return bool(np.all(np.abs(a - b) <= EQUAL * scale))
+    return bool(np.all(np.abs(a - b) <= MAX_DIFFERENCE_OF_EQUAL_VALUES * scale))
 
 
-def _same_weight(v: Variable, one: Shared, other: Shared) -> bool:
+def _same_weight(v: Variable, one: SharedVariable, other: SharedVariable) -> bool:
     """Return whether two parts give an unknown the same weighted values."""
     weighted = np.isfinite(one.sigma) & one.free
     return np.allclose(one.sigma[one.free], other.sigma[one.free], rtol=1e-12) and _same_values(

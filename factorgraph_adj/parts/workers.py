@@ -11,29 +11,31 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 
 from ..errors import AdjustmentError, ApproximationError, DatumError, InputError, Problem
-from .loaded import Job
-from .messages import Refused, in_part
-from .tasks import forget
+from .junctions import PartError, problem_in_part
+from .loaded_part import PartJob
+from .tasks import forget_run
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 R = TypeVar("R", covariant=True)
 
-MISSING = "a cluster needs Dask, which is not installed: pip install 'factorgraph_adj[cluster]'"
+DASK_MISSING = (
+    "a cluster needs Dask, which is not installed: pip install 'factorgraph_adj[cluster]'"
+)
 
-CONNECTED = "10s"
+CONNECTION_TIMEOUT = "10s"
 """Time after which a scheduler that does not answer is given up."""
-PATIENCE = 5.0
+RESULT_TIMEOUT_S = 5.0
 """Seconds after which is asked whether the worker of a task is still there."""
-MOST_DEATHS = 3
+MAX_WORKER_DEATHS = 3
 """Number of workers that may die with a task before it is given up, as with Dask itself."""
 
 
 class Task(Protocol[R]):
     """One of the functions of `factorgraph_adj.parts.tasks`."""
 
-    def __call__(self, job: Job, /, *arguments: Any) -> R | Refused:
+    def __call__(self, job: PartJob, /, *arguments: Any) -> R | PartError:
         """Do the task for a part."""
         ...
 
@@ -43,7 +45,7 @@ class _Call:
     """A task for a part on the cluster."""
 
     task: Task[Any]
-    job: Job
+    job: PartJob
     arguments: tuple[Any, ...]
     future: Future | None = None
     home: str | None = None
@@ -57,7 +59,7 @@ class Workers:
     received = 0
     """Bytes of the arrays received from the parts."""
 
-    def __init__(self, jobs: Sequence[Job], client: Client | None) -> None:
+    def __init__(self, jobs: Sequence[PartJob], client: Client | None) -> None:
         """Take in the parts; without a client their tasks are done here, one after another."""
         self.jobs, self._client = tuple(jobs), client
         self._homes: dict[int, str] = {}
@@ -73,9 +75,9 @@ class Workers:
             AdjustmentError: the errors of all parts together, after the last part is done.
         """
         self.sent += sum(_bytes(a) for a in arguments)
-        refused: list[tuple[str, Refused]] = []
+        refused: list[tuple[str, PartError]] = []
         for number, result in self._done(task, arguments):
-            if isinstance(result, Refused):
+            if isinstance(result, PartError):
                 refused.append((self.jobs[number].part.name, result))
                 continue
             self.received += _bytes(result)
@@ -89,7 +91,7 @@ class Workers:
 
     def _done(
         self, task: Task[R], arguments: Sequence[tuple[Any, ...]]
-    ) -> Iterator[tuple[int, R | Refused]]:
+    ) -> Iterator[tuple[int, R | PartError]]:
         if self._client is None:
             for number, (job, own) in enumerate(zip(self.jobs, arguments, strict=True)):
                 yield number, task(job, *own)
@@ -129,12 +131,12 @@ class Workers:
         """
         from distributed import KilledWorker
 
-        for _ in range(MOST_DEATHS + 1):
+        for _ in range(MAX_WORKER_DEATHS + 1):
             try:
                 while True:
                     assert call.future is not None
                     try:
-                        return call.future.result(timeout=PATIENCE)
+                        return call.future.result(timeout=RESULT_TIMEOUT_S)
                     except TimeoutError:
                         alive = client.scheduler_info(n_workers=-1)["workers"]
                         if alive and call.home not in alive:
@@ -164,13 +166,13 @@ class Workers:
         """Drop the parts from memory; workers of a failed run may hang, and drop them later."""
         run = self.jobs[0].run
         if self._client is None:
-            forget(run)
+            forget_run(run)
         elif kind is None:
-            self._client.run(forget, run, on_error="ignore")
+            self._client.run(forget_run, run, on_error="ignore")
 
 
 @contextmanager
-def connected(address: str | None) -> Iterator[Client | None]:
+def cluster_client(address: str | None) -> Iterator[Client | None]:
     """Connect to a cluster; without an address there is none, and this process computes.
 
     Raises:
@@ -182,9 +184,9 @@ def connected(address: str | None) -> Iterator[Client | None]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError(MISSING) from None
+        raise InputError(DASK_MISSING) from None
     try:
-        client = Client(address, timeout=CONNECTED)
+        client = Client(address, timeout=CONNECTION_TIMEOUT)
     except (OSError, ValueError) as error:
         what = f"no scheduler of a Dask cluster answers ({error}); valid: tcp://host:8786"
         raise InputError(Problem(what, f"cluster {address}")) from None
@@ -201,7 +203,7 @@ def check_client(client: object) -> None:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError(MISSING) from None
+        raise InputError(DASK_MISSING) from None
     if not isinstance(client, Client) or client.asynchronous:
         raise InputError(
             f"client must be a synchronous distributed.Client of Dask, not {type(client).__name__}"
@@ -209,10 +211,10 @@ def check_client(client: object) -> None:
     if client.status != "running":
         raise InputError(f"the client of the Dask cluster is {client.status}: connect a new one")
     try:
-        client.wait_for_workers(1, timeout=CONNECTED)
+        client.wait_for_workers(1, timeout=CONNECTION_TIMEOUT)
     except TimeoutError:
         where = client.scheduler.address if client.scheduler is not None else "the cluster"
-        what = f"no workers after {CONNECTED}: start some with dask worker {where}"
+        what = f"no workers after {CONNECTION_TIMEOUT}: start some with dask worker {where}"
         raise InputError(Problem(what, f"cluster {where}")) from None
 
 
@@ -227,10 +229,12 @@ def _bytes(value: Any) -> int:
     return 0
 
 
-def _error(refused: Sequence[tuple[str, Refused]]) -> AdjustmentError:
+def _error(refused: Sequence[tuple[str, PartError]]) -> AdjustmentError:
     """Return one error for those of several parts."""
     kinds = {r.kind for _, r in refused}
-    problems = [in_part(name, where, what) for name, r in refused for where, what in r.lines]
+    problems = [
+        problem_in_part(name, where, what) for name, r in refused for where, what in r.lines
+    ]
     if kinds == {"ApproximationError"}:
         return ApproximationError(problems)
     if kinds <= {"InputError", "ApproximationError"}:

@@ -1,7 +1,7 @@
 """Covariances of a design, updated for added or removed rows.
 
 Q are the cofactors of those unknowns that the rows touch. `Update` of
-`factorgraph_adj.solve.update` gives the changes by the rows. With the loss Q − Q' of cofactors,
+`factorgraph_adj.solve.low_rank_update` gives the changes by the rows. With the loss Q − Q' of cofactors,
 
     r' = r + l (Q − Q') a                   redundancy number of an observation i, a = AᵀPe_i
     ∇x = Q' a ∇',  ∇' = δ0 / √(P_ii − aᵀQ'a)
@@ -19,10 +19,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..solve.update import Update
+from ..solve.low_rank_update import Update
 from ..types import Array, Index, Mask
 from .candidates import CandidateRows
-from .displacements import DisplacementItems
+from .plan import DisplacementItems
 from .targets import (
     DetectableDisplacement,
     DetectableError,

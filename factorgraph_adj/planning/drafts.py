@@ -1,6 +1,6 @@
 """Drafts of candidates, collected from a TOML file and its table of observations.
 
-See `factorgraph_adj.planning.files`.
+See `factorgraph_adj.planning.target_files`.
 """
 
 from __future__ import annotations
@@ -12,15 +12,14 @@ from typing import Any, cast
 
 import numpy as np
 
+from ..entities import Key, Parameter, Photo, Point, parameter_name
 from ..errors import InputError, Problem, known
-from ..io.context import ImageAxes
-from ..io.fields import NAMES
+from ..io.csv_tables import FieldRow, read_table
 from ..io.json_records import observation_of, photo_of, point_of, unknown_of
+from ..io.observation_fields import NAME_FIELDS, ImageAxes
+from ..io.observation_records import record_with_reading
 from ..io.project import Project
-from ..io.records import with_reading
-from ..io.tables import Row, read_table
 from ..models.variables import VariableKind, unknown_kind
-from ..network.entities import Key, Parameter, Photo, Point, parameter_name
 from ..observations import AnyObservation, Correlated
 from ..simulation.given_values import with_defaults, without_values
 from .candidates import Candidate, dependent, identified, with_candidates
@@ -28,7 +27,7 @@ from .candidates import Candidate, dependent, identified, with_candidates
 CANDIDATE_KEYS = ("name", "cost", "points", "photos", "unknowns", "observations")
 
 
-def tables(document: Mapping[str, Any], key: str, top: Row) -> list[Mapping[str, Any]]:
+def tables(document: Mapping[str, Any], key: str, top: FieldRow) -> list[Mapping[str, Any]]:
     """Return the tables [[key]]; another value is noted as a problem and gives an empty list."""
     given = document.get(key, [])
     if not isinstance(given, list) or not all(isinstance(t, dict) for t in given):
@@ -63,7 +62,7 @@ class Drafts:
 
     def add_record(self, given: Mapping[str, Any], where: str) -> None:
         """Read a [[candidate]]."""
-        row = Row(given, where, self.problems)
+        row = FieldRow(given, where, self.problems)
         for key in given:
             if key not in CANDIDATE_KEYS:
                 row.wrong(
@@ -103,7 +102,7 @@ class Drafts:
             self.problems.append(Problem("has a header, but no rows", table.name))
         for line, record in table.records():
             where = table.where(line)
-            row = Row(record, where, self.problems)
+            row = FieldRow(record, where, self.problems)
             name = row.text("candidate", required=True)
             draft = _Draft(where)
             if name is not None:
@@ -146,7 +145,9 @@ class Drafts:
                 return replace(problem, where=f"{d.where}: {problem.where}")
         return problem
 
-    def _take_cost(self, draft: _Draft, given: object, row: Row, *, text: bool = False) -> None:
+    def _take_cost(
+        self, draft: _Draft, given: object, row: FieldRow, *, text: bool = False
+    ) -> None:
         if given is None:
             return
         try:
@@ -176,7 +177,7 @@ class Drafts:
         """Read a point, a photo or, without a function for it, an observation."""
         try:
             if read is None:
-                record = with_reading(record)
+                record = record_with_reading(record)
                 item = observation_of(record, context=self.context, source=source)
                 draft.observations.append(item)
                 return
@@ -266,7 +267,7 @@ def _names(item: AnyObservation) -> list[tuple[str, str]]:
     return [
         ("photo" if key == "photo" else "point", getattr(o, key))
         for o in members
-        for key in NAMES
+        for key in NAME_FIELDS
         if hasattr(o, key)
     ]
 

@@ -1,9 +1,4 @@
-"""Precision and reliability of a design, before any reading.
-
-Covariances, redundancy numbers, smallest detectable errors and their effects depend only on
-geometry and weights. Therefore the readings are computed from the given values of the network, and
-the network is adjusted.
-"""
+"""Precision and reliability of a design before any reading, and the displacements that it detects."""
 
 from __future__ import annotations
 
@@ -14,18 +9,17 @@ from functools import cached_property
 import numpy as np
 
 from ..blas_threads import with_one_thread
+from ..epochs.congruence_tests import UnitVariance, motion_basis, motion_rank, weight_of_differences
 from ..errors import AdjustmentError, InputError, Problem
 from ..network.network import Network
-from ..quality.effects import shifts
-from ..quality.levels import ALPHA, POWER
+from ..quality.error_effects import unit_error_shifts
 from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..shown import Rows, Shown
-from ..solve.batch import adjust
+from ..solve.adjustment import adjust
 from ..solve.solution import Solution
-from ..types import Array, Mask
-from .displacements import cofactors_at, displacement_items
-from .patterns import matching
-from .readings import as_planned
+from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
+from ..types import Array, Index, Mask
+from .planned_readings import as_planned
 from .targets import (
     DetectableDisplacement,
     DetectableError,
@@ -34,11 +28,115 @@ from .targets import (
     Shortfall,
     Target,
     as_targets,
+    describe,
     lacking,
     limit_problems,
+    matching,
     observation_problems,
     point_figures,
 )
+
+
+@dataclass(frozen=True, eq=False)
+class DisplacementItems:
+    """The points to which a target applies, and their reference points."""
+
+    target: DetectableDisplacement
+    """The target."""
+    names: tuple[str, ...]
+    """Names of the m points."""
+    columns: Index
+    """Columns of the free coordinates of the reference points, and then of the points, (n,)."""
+    owner: Index
+    """Number of the point of each of these columns; −1 for reference points, (n,)."""
+    motions: Array
+    """Motions that the observations leave open, (n, g)."""
+
+    @cached_property
+    def noncentralities(self) -> dict[int, float]:
+        """Noncentrality λ of the test of a point by its number of free coordinates."""
+        known, counts = UnitVariance(1.0, float("inf")), np.bincount(self.owner[self.owner >= 0])
+        alpha, power = self.target.alpha, self.target.power
+        return {k: known.noncentrality(alpha, power, k) for k in np.unique(counts).tolist()}
+
+    def figures(self, q: Array) -> Array:
+        """Return the smallest detectable displacements of the points, (m,) metres.
+
+        Args:
+            q: cofactors of the columns, (n, n).
+
+        Raises:
+            InputError: coordinates depend on each other beyond the open motions.
+        """
+        if not len(self.names):
+            return np.zeros(0)
+        w = weight_of_differences(2.0 * q, self.motions)
+        loose = self.owner >= 0
+        moved = np.linalg.inv(w[np.ix_(loose, loose)])
+        own = self.owner[loose]
+        out = np.zeros(len(self.names))
+        for i in range(len(self.names)):
+            at = own == i
+            largest = float(np.linalg.eigvalsh(moved[np.ix_(at, at)])[-1])
+            out[i] = np.sqrt(self.noncentralities[int(at.sum())] * max(largest, 0.0))
+        return out
+
+
+def displacement_items(solution: Solution, target: DetectableDisplacement) -> DisplacementItems:
+    """Return the points of a target and their reference points, in the columns of a solution.
+
+    Raises:
+        InputError: points are held; observations leave motions open, and the reference points do
+            not determine them.
+    """
+    table = solution.equations.unknowns["point"]
+    names = list(table.names)
+    on = matching(names, target.points)
+    free = table.free & (table.offset >= 0)[:, None]
+    held = [n for n, o, f in zip(names, on, free, strict=True) if o and not f.any()]
+    if held:
+        raise InputError(
+            Problem(f"is held: it cannot be seen to move; {describe(target)}", f"point {n!r}")
+            for n in held
+        )
+    stable = matching(names, target.reference) & ~on & free.any(axis=1)
+    order = [*np.flatnonzero(stable).tolist(), *np.flatnonzero(on).tolist()]
+    columns, owner = [], []
+    for number in order:
+        own = table.offset[number] + np.flatnonzero(free[number])
+        columns += own.tolist()
+        owner += [-1 if stable[number] else order.index(number) - int(stable.sum())] * len(own)
+    at = np.array(columns, dtype=np.intp)
+    motions = [np.zeros((len(at), 0)), *(d.motions[at] for d in solution.defects)]
+    g = motion_basis(np.hstack(motions))
+    if g.shape[1] and not stable.any():
+        raise InputError(
+            Problem(
+                "the observations leave motions of the whole open, and the target has no reference "
+                "points: name some in reference, and others in points",
+                describe(target),
+            )
+        )
+    left = g.shape[1] - motion_rank(g[np.array(owner) < 0])
+    if left:
+        raise InputError(
+            Problem(
+                f"it has not enough reference points: they leave {left} of {g.shape[1]} motions of "
+                "the whole open; name more of them",
+                describe(target),
+            )
+        )
+    points = tuple(names[i] for i in np.flatnonzero(on).tolist())
+    return DisplacementItems(target, points, at, np.array(owner, dtype=np.intp), g)
+
+
+def cofactors_at(solution: Solution, columns: Index) -> Array:
+    """Return the cofactors of some columns, (n, n)."""
+    unit = np.zeros((solution.equations.unknowns.n_columns, len(columns)))
+    unit[columns, np.arange(len(columns))] = 1.0
+    q = solution.cofactor_times(unit)[columns]
+    return np.asarray((q + q.T) / 2.0)
+
 
 CHUNK = 500
 """Number of observations whose effects are computed together."""
@@ -110,7 +208,7 @@ class Plan(Shown):
         chosen = matching(table.names, target.points) & (table.offset >= 0)
         columns = table.offset[chosen, None] + np.arange(3)
         for part in np.array_split(rows[known], max(1, int(known.sum()) // CHUNK)):
-            moved = shifts(self.solution, part)[columns] * rel.mdb[part]
+            moved = unit_error_shifts(self.solution, part)[columns] * rel.mdb[part]
             far = np.sqrt(np.sum(moved**2, axis=1)).max(axis=0, initial=0.0)
             out[np.isin(rows, part)] = far
         return labels, out
@@ -139,8 +237,8 @@ def plan(
     network: Network,
     targets: Sequence[Target] | Target = (),
     *,
-    alpha: float = ALPHA,
-    power: float = POWER,
+    alpha: float = ALPHA_OF_OBSERVATION,
+    power: float = POWER_OF_TEST,
     leave_out_undetermined: bool = False,
 ) -> Plan:
     """Compute the expected precision and reliability of a design.

@@ -7,13 +7,11 @@ from itertools import combinations
 
 import numpy as np
 
-from ..quality.rows import whitened_unit
+from ..quality.error_effects import whitened_unit_error
 from ..types import Array, Index, Mask
 from .candidates import Candidate, LinearCandidates, linearise, partials, with_candidates
 from .covariances import Covariances, Items, JointItems, PointItems, RowItems, Told, Watched, told
-from .displacements import displacement_items
-from .patterns import matching
-from .plan import Plan, horizons, rows_like
+from .plan import Plan, displacement_items, horizons, rows_like
 from .targets import (
     MET,
     DetectableDisplacement,
@@ -21,6 +19,7 @@ from .targets import (
     Target,
     UndetectedShift,
     lacking,
+    matching,
 )
 
 MOST_PAIRS = 12
@@ -250,13 +249,13 @@ def _watched_rows(design: Plan, a: object, rows: Index) -> tuple[Array, Array, A
     left, right = np.zeros((len(rows), n)), np.zeros((len(rows), n))
     weight = np.zeros(len(rows))
     for j, row in enumerate(rows.tolist()):
-        at, values = whitened_unit(equations, row)
+        at, values = whitened_unit_error(equations, row)
         part = np.asarray(a[at].todense())  # type: ignore[index]
         right[j] = values @ part
         weight[j] = values @ values
         # The row of A of the observation itself is W⁻¹ times the whitened rows of its group. The
         # columns of W are those of its members, in the order of the group, which need not be that
         # of the rows.
-        whitener = np.stack([whitened_unit(equations, i)[1] for i in at.tolist()], axis=1)
+        whitener = np.stack([whitened_unit_error(equations, i)[1] for i in at.tolist()], axis=1)
         left[j] = np.linalg.solve(whitener, part)[at.tolist().index(row)]
     return left, right, weight

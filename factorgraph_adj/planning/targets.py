@@ -1,13 +1,9 @@
-"""Targets of a network, and the items that fail them.
-
-Every target has figures, one for each of its items (points, or scalar observations), and a limit.
-The lack of an item is |ln(figure/limit)| if it fails its target, so that figures of different kinds
-can be added up.
-"""
+"""Targets of a network, the items that fail them, and patterns of their names."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any, Literal, TypeAlias, get_args
@@ -16,10 +12,66 @@ import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..graph.equations import Equations
-from ..quality.ellipses import confidence_factor
-from ..quality.levels import ALPHA_OF_MODEL, CONFIDENCE, POWER
-from ..types import Array
-from .patterns import Name, matching, patterns_of, unlike
+from ..quality.error_ellipses import confidence_factor
+from ..statistical_tests import ALPHA_OF_MODEL, CONFIDENCE_OF_REGION, POWER_OF_TEST
+from ..types import Array, Mask
+
+
+class Name(str):
+    """A literal name, in which ``*`` and ``?`` match only themselves."""
+
+    __slots__ = ()
+
+
+def patterns_of(given: Any) -> tuple[str, ...]:
+    """Return patterns as a tuple; a single string is one pattern."""
+    if isinstance(given, str):
+        return (given,)
+    try:
+        return tuple(given)
+    except TypeError:
+        return (given,)
+
+
+def matching(names: Sequence[str], patterns: Sequence[str]) -> Mask:
+    """Return which names match one of the patterns, (n,)."""
+    exact: Collection[str] = {str(p) for p in patterns if _literal(p)}
+    parts = [
+        "".join({"*": ".*", "?": "."}.get(c, re.escape(c)) for c in p)
+        for p in patterns
+        if not _literal(p)
+    ]
+    like = re.compile("|".join(parts), re.DOTALL) if parts else None
+    return np.array(
+        [n in exact or (like is not None and like.fullmatch(n) is not None) for n in names],
+        dtype=bool,
+    )
+
+
+def _literal(pattern: str) -> bool:
+    return isinstance(pattern, Name) or not ("*" in pattern or "?" in pattern)
+
+
+def unlike(what: str, patterns: Sequence[Any], names: Sequence[str]) -> list[str]:
+    """Return the errors of patterns: an empty list of patterns, or patterns without a match.
+
+    Args:
+        what: "point" or "observation".
+        patterns: the patterns.
+        names: all existing names; kinds of observations first.
+    """
+    there = f"; there are: {known(names)}"
+    if not patterns:
+        return [f"it names no {what}s; '*' stands for all" + there]
+    wrong = []
+    like = "has an id or kind" if what == "observation" else "is named"
+    for p in patterns:
+        if not isinstance(p, str):
+            wrong.append(f"names of {what}s are strings, not {p!r}")
+        elif not matching(names, (p,)).any():
+            wrong.append(f"no {what} {like} like {str(p)!r}" + there)
+    return wrong
+
 
 LEAST = 1e-6
 """Redundancy number below which an observation is uncontrolled."""
@@ -48,7 +100,7 @@ class SemiAxis:
 
     at_most: float
     """Largest allowed semi-major axis, metres."""
-    confidence: float = CONFIDENCE
+    confidence: float = CONFIDENCE_OF_REGION
     """Probability of the region, σ0 known."""
     points: tuple[str, ...] = ("*",)
     """Names of points, or patterns with ``*`` and ``?``."""
@@ -129,7 +181,7 @@ class DetectableDisplacement:
     """Limit for the smallest detectable displacement of a point between two epochs of the design.
 
     Both epochs are measured as designed, and the points are tested against stable reference points
-    as `congruence` tests them with known σ0. `factorgraph_adj.planning.displacements` has the
+    as `congruence` tests them with known σ0. `factorgraph_adj.planning.plan` has the
     formulas.
     """
 
@@ -142,7 +194,7 @@ class DetectableDisplacement:
     of the design, with its held points, is the reference."""
     alpha: float = ALPHA_OF_MODEL
     """Probability of a false alarm of the test of a point."""
-    power: float = POWER
+    power: float = POWER_OF_TEST
     """Probability with which a displacement of this size is found."""
 
     def __post_init__(self) -> None:

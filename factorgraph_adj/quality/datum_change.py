@@ -25,18 +25,21 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from ..blas_threads import with_one_thread
-from ..errors import DatumError, InputError, Problem, known
+from ..errors import DatumError, InputError, Problem, SingularError, known
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns
-from ..solve.datum import FreeDatum, find_defects, generators
-from ..solve.free_network import carry, datum_columns, held_gradient
-from ..solve.linear import LinearisedEquations
-from ..solve.normal import NormalEquations
-from ..solve.rank import describe_defects
-from ..solve.reference_datum import ReferenceDatum
-from ..solve.singular import SingularError
+from ..solve.datum_defects import FreeDatum, find_defects, generators
+from ..solve.gauss_newton_steps import Step
+from ..solve.inner_constraints import (
+    ReferenceDatum,
+    datum_columns,
+    held_gradient,
+    network_on_constraints,
+)
+from ..solve.linearised_equations import LinearisedEquations
+from ..solve.normal_equations import NormalEquations
 from ..solve.solution import Solution
-from ..solve.step import Step
+from ..solve.undetermined_unknowns import describe_defects
 from ..types import Array, Index
 
 Motion: TypeAlias = Literal[
@@ -48,13 +51,13 @@ Motion: TypeAlias = Literal[
     "rotation about z",
     "scale",
 ]
-"""The seven motions of a similarity transformation, in the order of `solve.datum.MOTIONS`."""
+"""The seven motions of a similarity transformation, in the order of `solve.datum_defects.MOTION_NAMES`."""
 
-IGNORED = 1e-60
+IGNORED_WEIGHT = 1e-60
 """Factor on the weights of an observation that takes it out of the adjustment."""
-UNOBSERVED = 1e-30
+MIN_OBSERVED_DIAGONAL = 1e-30
 """Diagonal element of N (1/m², 1/rad²) below which only ignored observations touch a column."""
-AT_REST = 1e-5
+DATUM_STEP_TOLERANCE = 1e-5
 """Step relative to σ below which a solution is at rest; the same value as in `adjust`."""
 
 
@@ -102,7 +105,7 @@ def s_transform(
             "motions= is for networks whose datum is given; in a free network they are its datum "
             f"defect ({', '.join(n for d in solution.defects for n in d.names())})"
         )
-    return _carried(solution, names)
+    return _free_network_in_datum(solution, names)
 
 
 def _names(solution: Solution, points: Sequence[str] | None) -> tuple[str, ...]:
@@ -142,7 +145,7 @@ def _check_motions(motions: Sequence[str] | None) -> None:
 # -- free networks --------------------------------------------------------------------------------
 
 
-def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
+def _free_network_in_datum(solution: Solution, names: tuple[str, ...]) -> Solution:
     """Move a free network onto inner constraints over other points."""
     assert solution.datum is not None
     equations = solution.equations
@@ -155,7 +158,7 @@ def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
             return None
         return Step.of(factor, held_gradient(normal, solution.defects, solution.constraint))
 
-    carried = carry(
+    carried = network_on_constraints(
         equations,
         solution.state,
         solution.start,
@@ -163,7 +166,7 @@ def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
         solution.defects,
         normal_at=solution.normal_at,
         step=step,
-        tolerance=AT_REST,
+        tolerance=DATUM_STEP_TOLERANCE,
         at_rest=solution.converged,
     )
     there = solution.at(carried.state)
@@ -195,7 +198,7 @@ def _reference(
     solution: Solution, names: tuple[str, ...], motions: Sequence[Motion] | None
 ) -> ReferenceDatum:
     """Expand G to all components, and multiply the cofactors by it."""
-    freed = _freed(solution)
+    freed = _network_without_coordinates(solution)
     unknowns = freed.unknowns
     place = _places(solution.equations.unknowns, unknowns)
     if motions is None:
@@ -210,7 +213,7 @@ def _reference(
     return ReferenceDatum(names, called, datum, unknowns, cross, masked.T @ cross)
 
 
-def _freed(solution: Solution) -> Equations:
+def _network_without_coordinates(solution: Solution) -> Equations:
     """Return the network with every point and photo free, and coordinates without weight.
 
     An axis that is held in all points stays held: a levelling network has no x and y.
@@ -229,7 +232,7 @@ def _freed(solution: Solution) -> Equations:
     weights = np.ones(equations.n_rows)
     for block in equations.blocks:
         if block.fixes in ("coordinates", "attitude"):
-            weights[block.rows] = IGNORED
+            weights[block.rows] = IGNORED_WEIGHT
     return equations.reweighted(weights)
 
 
@@ -250,7 +253,7 @@ def _undetermined(
     extra = [replace(e, columns=place[e.columns]) for e in solution.normal().system.extra]
     system = LinearisedEquations(freed, solution.state, extra)
     diagonal = system.diagonal()
-    diagonal[diagonal < UNOBSERVED] = 0.0
+    diagonal[diagonal < MIN_OBSERVED_DIAGONAL] = 0.0
     defects = find_defects(system, solution.state, diagonal, free=True)
     if not defects:
         raise InputError(

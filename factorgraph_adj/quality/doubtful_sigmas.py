@@ -1,10 +1,11 @@
-"""Standard deviations that may be stated in a wrong unit, by the residuals of their groups.
+"""Standard deviations that may be stated in a wrong unit, by residuals of groups.
 
 The residuals of a group of observations of one kind say by which factor f its standard deviation
 would fit: f² = vᵀPv / r with its redundancy r. A group whose σ is stated 1000 times too large fits
 far too well beside others, f is near 1/1000, and the weights of the others hardly depend on it. One
 whose σ is far too small bends the others, so that the factors are estimated together
-(`estimate_variance_components`); a gross error shows in few residuals of a group, a wrong σ in all.
+(`estimate_variance_components`); a gross error shows in few residuals of a group,
+a wrong σ in all.
 """
 
 from __future__ import annotations
@@ -19,33 +20,32 @@ from ..errors import AdjustmentError
 from ..graph.blocks import Block
 from ..graph.weights import weigh
 from ..solve.solution import Solution
+from ..statistical_tests import chi2_quantile, global_test
 from ..stochastic import PARTS, StandardDeviation
 from ..types import Array
-from .distributions import chi2_quantile
 from .reliability import Reliability
-from .unit_weight import global_test
 from .variance_components import estimate_variance_components
 
-FAR = 30.0
+MIN_DOUBTFUL_FACTOR = 30.0
 """Factor from which a σ is doubted: σ that are stated carefully lie within a few times the truth,
 and unit mistakes are of 1000, or of √1000 where the length of a line was taken in metres."""
-THOUSAND = 1000.0
+UNIT_FACTOR = 1000.0
 """Factor between metres and millimetres, kilometres and metres, gon and milligon."""
-NEAR = 3.0
+MAX_NEAR_FACTOR = 3.0
 """Factor within which a group is near its σ, and within which a factor is that of a unit."""
-CERTAIN = 3.0
+MIN_DOUBTED_REDUNDANCY = 3.0
 """Smallest redundancy of a group of which anything is said."""
-ALIKE = 0.3
+MAX_LOG_FACTOR_DIFFERENCE = 0.3
 """Largest difference of ln f, beside twice its standard deviation, of a σ with one part in another
 unit, which fits the residuals of its group."""
-EVEN = 0.3
+MIN_MEDIAN_RESIDUAL = 0.3
 """Smallest median of |v|/σ_v with the estimated σ: of normal residuals it is 0.67, and one gross
 error in a group leaves the others far below it."""
-GAP = 3.0
+MAX_SUCCESSIVE_RESIDUAL_RATIO = 3.0
 """Largest ratio of successive values among the larger half of |v|/σ_v: gross errors stand apart."""
-LARGEST = 4.5
+MAX_NORMALISED_RESIDUAL = 4.5
 """Largest |v|/σ with the estimated σ."""
-MOST_ROWS = 3000
+MAX_ROWS_OF_DOUBT = 3000
 """Number of scalar observations up to which variance components are estimated for a doubt."""
 
 
@@ -87,7 +87,7 @@ def doubtful_sigmas(found: Reliability) -> list[DoubtfulSigma]:
     Given values of weighted unknowns are left out: a weak weight is often meant.
     """
     s = found.solution
-    if not s.converged or s.redundancy < CERTAIN:
+    if not s.converged or s.redundancy < MIN_DOUBTED_REDUNDANCY:
         return []
     v = s.equations.residuals(s.state)
     groups: dict[str, list[Block]] = {}
@@ -98,21 +98,21 @@ def doubtful_sigmas(found: Reliability) -> list[DoubtfulSigma]:
     for kind, blocks in groups.items():
         rows = _rows(s, blocks)
         r = float(found.redundancy_numbers[rows].sum())
-        if r >= CERTAIN:
+        if r >= MIN_DOUBTED_REDUNDANCY:
             factors[kind] = float(np.sqrt(np.sum(np.square(v[rows])) / r))
-    if any(1.0 / NEAR < f < NEAR for f in factors.values()):
-        large = {k: f for k, f in factors.items() if 0.0 < f < 1.0 / FAR}
+    if any(1.0 / MAX_NEAR_FACTOR < f < MAX_NEAR_FACTOR for f in factors.values()):
+        large = {k: f for k, f in factors.items() if 0.0 < f < 1.0 / MIN_DOUBTFUL_FACTOR}
         if large:
             found_large = [_doubt(s, k, groups[k], f) for k, f in large.items()]
             return [d for d in found_large if d.reason]  # others are stated carefully
-    if global_test(s).accepted or global_test(s).too_good or len(v) > MOST_ROWS:
+    if global_test(s).accepted or global_test(s).too_good or len(v) > MAX_ROWS_OF_DOUBT:
         return []
-    if _of_one_reading(found):
+    if _one_reading_explains(found):
         return []
-    return _too_small(s, groups)
+    return _groups_with_small_sigmas(s, groups)
 
 
-def _of_one_reading(found: Reliability) -> bool:
+def _one_reading_explains(found: Reliability) -> bool:
     """Return whether one gross error explains all misfits: without it the global test is passed.
 
     In small loops it spreads over all residuals, as σ that are too small do.
@@ -122,7 +122,7 @@ def _of_one_reading(found: Reliability) -> bool:
     return left <= chi2_quantile(1.0 - found.alpha, r) if r > 0 else True
 
 
-def _too_small(s: Solution, groups: dict[str, list[Block]]) -> list[DoubtfulSigma]:
+def _groups_with_small_sigmas(s: Solution, groups: dict[str, list[Block]]) -> list[DoubtfulSigma]:
     """Return the groups whose σ are far too small, if larger ones make everything fit."""
     try:
         with np.errstate(all="ignore"):  # only a trial: gross errors make weights of any size
@@ -141,18 +141,26 @@ def _too_small(s: Solution, groups: dict[str, list[Block]]) -> list[DoubtfulSigm
     for component in estimated.components:
         blocks = groups[component.name]
         f = component.factor
-        if not component.estimated or component.redundancy < CERTAIN:
+        if not component.estimated or component.redundancy < MIN_DOUBTED_REDUNDANCY:
             continue
-        if 1.0 / NEAR < f < NEAR:
+        if 1.0 / MAX_NEAR_FACTOR < f < MAX_NEAR_FACTOR:
             near += 1
             continue
         doubt = _doubt(s, component.name, blocks, f, component.sigma / f)
         rows = _rows(s, blocks)
         w = np.abs(again.equations.residuals(again.state)[rows])
         w = np.sort(w) / np.sqrt(component.redundancy / len(w))
-        upper = np.maximum(w[len(w) // 2 :], EVEN)
-        even = np.median(w) > EVEN and w[-1] < LARGEST and np.all(upper[1:] < GAP * upper[:-1])
-        if f < 1.0 or not even or not (doubt.reason or (f >= FAR and _near_unit(f))):
+        upper = np.maximum(w[len(w) // 2 :], MIN_MEDIAN_RESIDUAL)
+        even = (
+            np.median(w) > MIN_MEDIAN_RESIDUAL
+            and w[-1] < MAX_NORMALISED_RESIDUAL
+            and np.all(upper[1:] < MAX_SUCCESSIVE_RESIDUAL_RATIO * upper[:-1])
+        )
+        if (
+            f < 1.0
+            or not even
+            or not (doubt.reason or (f >= MIN_DOUBTFUL_FACTOR and _near_unit(f)))
+        ):
             return []
         off.append(doubt)
     return off if near or len(off) > 1 else []
@@ -160,7 +168,10 @@ def _too_small(s: Solution, groups: dict[str, list[Block]]) -> list[DoubtfulSigm
 
 def _near_unit(factor: float) -> bool:
     """Return whether a factor is that of a unit, 1000, or of the square root of one."""
-    return any(f / NEAR < factor < f * NEAR for f in (THOUSAND, np.sqrt(THOUSAND)))
+    return any(
+        f / MAX_NEAR_FACTOR < factor < f * MAX_NEAR_FACTOR
+        for f in (UNIT_FACTOR, np.sqrt(UNIT_FACTOR))
+    )
 
 
 def _rows(s: Solution, blocks: Sequence[Block]) -> Array:
@@ -182,7 +193,7 @@ def _doubt(
 
 def _reason(s: Solution, blocks: Sequence[Block], factor: float, doubt: float) -> str:
     """Return the likely mistake of a unit; empty if there is none."""
-    for by in (THOUSAND, 1.0 / THOUSAND):
+    for by in (UNIT_FACTOR, 1.0 / UNIT_FACTOR):
         for part in ("constant", *PARTS):
             changed = _with_part(s, blocks, part, by)
             if changed is None:
@@ -190,14 +201,14 @@ def _reason(s: Solution, blocks: Sequence[Block], factor: float, doubt: float) -
             before = np.concatenate([np.square(b.sigma).ravel() for b in blocks])
             ratio = float(np.sqrt(changed.mean() / before.mean()))
             # Where a part is made small, what is left of σ tells nothing of the unit of the part.
-            specific = by > 1.0 or factor < 1.0 / FAR
-            alike = abs(np.log(factor / ratio)) < ALIKE + 2.0 * doubt
+            specific = by > 1.0 or factor < 1.0 / MIN_DOUBTFUL_FACTOR
+            alike = abs(np.log(factor / ratio)) < MAX_LOG_FACTOR_DIFFERENCE + 2.0 * doubt
             if specific and alike and not 0.5 < ratio < 2.0:
                 said = "constant part" if part == "constant" else f"part {part}"
                 return f"a unit may be wrong: with its {said} {_times(by)} it fits"
-    if THOUSAND / NEAR < max(factor, 1.0 / factor) < THOUSAND * NEAR:
+    if UNIT_FACTOR / MAX_NEAR_FACTOR < max(factor, 1.0 / factor) < UNIT_FACTOR * MAX_NEAR_FACTOR:
         return "a unit may be wrong, by the factor 1000: millimetres and metres, gon and milligon"
-    root = float(np.sqrt(THOUSAND))
+    root = float(np.sqrt(UNIT_FACTOR))
     if root / 2 < max(factor, 1.0 / factor) < root * 2:
         lengths = [getattr(s.network.observations.get(i), "length_km", None) for i in blocks[0].ids]
         if any(x is not None for x in lengths):

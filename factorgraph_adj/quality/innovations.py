@@ -144,7 +144,7 @@ class Innovations:
         self._refuse_unknown(rows)
         every = np.union1d(rows, self._context(rows))
         v, a, covariance = self._linearise(every)
-        given = _given_the_others(self.equations, every, rows, covariance)
+        given = _conditional_transformation(self.equations, every, rows, covariance)
         return LinearInnovations(
             given @ v, csr_array(given @ a), csr_array(given @ covariance @ given.T)
         )
@@ -219,7 +219,7 @@ class _Entries:
         return csr_array(coo_array((values, (i, j)), shape=(rows, columns)))
 
 
-def _given_the_others(
+def _conditional_transformation(
     equations: Equations, every: Index, rows: Index, covariance: csr_array
 ) -> csr_array:
     """Return T (k, k + context): T l = l₂ − Σ₂₁ Σ₁₁⁻¹ l₁ is uncorrelated with l₁, the context.

@@ -4,7 +4,7 @@ For an observation l with covariance Σ, computed from the solution as f(x̂) wi
 
     d = f(x̂) − l,   D = Σ + A Q Aᵀ        innovation and its cofactors (σ0 = 1)
 
-`statistics` of `factorgraph_adj.solve.update` gives the test values w of the components of l, T² of
+`statistics` of `factorgraph_adj.solve.low_rank_update` gives the test values w of the components of l, T² of
 all components together, and their redundancy numbers. To first order, w equals the test value of
 the observation in an adjustment that includes it: in that adjustment P Q_vv P of its rows is D⁻¹,
 and Pv is D⁻¹ d. If other members of its correlated group are in the solution, an observation is
@@ -29,16 +29,16 @@ from ..graph.equations import Equations, compile_network
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
 from ..shown import Rows, Shown
+from ..solve.low_rank_update import covariance_whitener, innovation_statistics
 from ..solve.solution import Solution
-from ..solve.update import statistics, whitener
 from ..types import Array, Index, Mask
 from .innovations import Innovations
 
-CHUNK = 5_000_000
+MAX_RIGHT_SIDE_ELEMENTS = 5_000_000
 """Maximum number of elements of the dense right-hand sides that are solved at once."""
-MOST_STEPS = 20
+MAX_INTERSECTION_STEPS = 20
 """Maximum number of steps of the intersection of a point."""
-AT_REST = 1e-4
+INTERSECTION_TOLERANCE = 1e-4
 """Step relative to σ below which an intersection has converged."""
 
 
@@ -130,10 +130,10 @@ def predict(
         equations = compile_network(what)
         wanted = None if ids is None else _rows_of(equations, ids)
         _refuse_known(solution, () if ids is None else ids)
-        rows = _absent(equations, solution) if wanted is None else wanted
+        rows = _new_rows(equations, solution) if wanted is None else wanted
     else:
-        equations = compile_network(_only(solution.network, what))
-        rows = _given(equations) if ids is None else _rows_of(equations, ids)
+        equations = compile_network(_network_of(solution.network, what))
+        rows = _stated_rows(equations) if ids is None else _rows_of(equations, ids)
     return Predictor(equations, solution).predict(rows)
 
 
@@ -217,24 +217,24 @@ class Predictor:
         """
         n = self.solution.equations.unknowns.n_columns
         x = np.array(start, dtype=float)
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_INTERSECTION_STEPS):
             linear = Innovations(self.equations, self.solution, points={point: x}).linearise(rows)
             a = linear.a.toarray()
             d = linear.covariance.toarray() + a[:, :n] @ self.solution.cofactor_times(a[:, :n].T)
-            root = whitener(d)
+            root = covariance_whitener(d)
             b, v = root @ a[:, n:], root @ linear.v
             step, _, rank, _ = np.linalg.lstsq(b, -v, rcond=None)
             if rank < 3:
                 break
             x = x + step
-            if np.linalg.norm(b @ step) < AT_REST:
+            if np.linalg.norm(b @ step) < INTERSECTION_TOLERANCE:
                 return Intersection(x, float(np.sum((v + b @ step) ** 2)), len(rows) - 3)
         return Intersection(x, np.inf, len(rows) - 3)
 
     def _chunks(self, first: Index) -> list[Index]:
         """Split observations so that their right-hand sides take bounded memory."""
         columns = max(1, self.solution.equations.unknowns.n_columns)
-        part = first // max(1, CHUNK // columns)
+        part = first // max(1, MAX_RIGHT_SIDE_ELEMENTS // columns)
         return [np.flatnonzero(part == p) for p in np.unique(part)]
 
 
@@ -269,7 +269,7 @@ def _figures(v: Array, sigma: Array, d: Array, size: Index) -> _Figures:
     grid = (place[:, :, None], place[:, None, :])
     own = np.where(pair, sigma[grid], np.eye(most))
     full = np.where(pair, d[grid], np.eye(most))
-    t2, w, r = statistics(np.where(valid, v[place], 0.0), full, own)
+    t2, w, r = innovation_statistics(np.where(valid, v[place], 0.0), full, own)
     return _Figures(np.sqrt(np.diag(d)), w[valid], r[valid], t2)
 
 
@@ -288,7 +288,7 @@ def _rows_of(equations: Equations, ids: Sequence[str]) -> Index:
     return np.sort(np.concatenate([np.zeros(0, dtype=np.intp), *found]))
 
 
-def _given(equations: Equations) -> Index:
+def _stated_rows(equations: Equations) -> Index:
     """Return the rows of all observations except weighted unknowns."""
     out = [np.zeros(0, dtype=np.intp)]
     for block in equations.blocks:
@@ -301,9 +301,9 @@ def _given(equations: Equations) -> Index:
     return np.concatenate(out)
 
 
-def _absent(equations: Equations, solution: Solution) -> Index:
+def _new_rows(equations: Equations, solution: Solution) -> Index:
     """Return the rows of observations that are not in a solution."""
-    rows = _given(equations)
+    rows = _stated_rows(equations)
     stays = np.ones(equations.n_rows, dtype=bool)
     there = solution.network
     photos, points = list(there.photos), list(there.points)
@@ -325,7 +325,7 @@ def _absent(equations: Equations, solution: Solution) -> Index:
     return rows[stays[rows]]
 
 
-def _only(network: Network, observations: Sequence[AnyObservation]) -> Network:
+def _network_of(network: Network, observations: Sequence[AnyObservation]) -> Network:
     """Return the network with ``observations`` in place of its own."""
     out = network.copy()
     out.observations, out.clusters = {}, []

@@ -1,4 +1,4 @@
-"""Reliability: how well each observation is controlled, and the effect of undetected errors.
+"""Reliability: the control of each observation, and the effect of undetected errors.
 
 With P the weight matrix, Q the cofactors of the unknowns and Q_vv = P⁻¹ − A Q Aᵀ those of the
 residuals v = computed − observed (Baarda 1968; El-Hakim 1986, eqs. 3 to 8):
@@ -10,7 +10,13 @@ residuals v = computed − observed (Baarda 1968; El-Hakim 1986, eqs. 3 to 8):
     its effect on unknowns   ∇x  = Q AᵀP e_i ∇_i
     external reliability     δ̄_i = √(∇xᵀ N ∇x)                          = δ0 √((1 − r_i)/r_i)
 
-The right column holds for uncorrelated observations, the left column for all.
+The right column is valid for uncorrelated observations, the left column for all.
+
+Stiff ties are observations that state a property of the model, so stiff that nothing controls
+them. A member of a rig is tied to its carrier by a relative pose with a play of a micrometre; a
+condition between shapes may have as small a standard deviation. Their redundancy numbers are near
+zero, as the tie gives way by r of any error in it. That is their purpose, and no weakness of a
+measurement.
 """
 
 from __future__ import annotations
@@ -23,26 +29,40 @@ import numpy as np
 
 from ..blas_threads import with_one_thread
 from ..columns import Columns
-from ..errors import AdjustmentError, InputError, known
+from ..errors import AdjustmentError, InputError, SingularError, known
 from ..shown import FIRST, Rows, Shown
-from ..solve.leverage import Leverages, STransform, leverages, point_leverages
-from ..solve.singular import SingularError
+from ..solve.leverages import Leverages, STransform, leverages, point_leverages
 from ..solve.solution import Solution
+from ..statistical_tests import (
+    ALPHA_OF_OBSERVATION,
+    POWER_OF_TEST,
+    normal_quantile,
+    student_quantile,
+)
 from ..types import Array, Index, Mask
-from .causes.given import GivenValue, given_values
-from .distributions import normal_quantile, student_quantile
-from .effects import Effect, Unknown, effect_of, response
-from .factor_tests import FactorReliability, factor_reliability
-from .groups import GroupReliability, group_reliabilities
-from .levels import ALPHA, POWER
-from .rows import largest_shift, share_diagonal, weighted, weighted_diagonal, weights
+from .causes.shared_error_tests import GivenValue, given_values
+from .error_effects import (
+    Effect,
+    UnknownName,
+    effect_on_unknowns,
+    largest_point_shift,
+    residual_response,
+    share_diagonal,
+    weight_diagonal,
+    weighted_diagonal,
+    weighted_rows,
+)
+from .group_tests import (
+    MIN_CONTROLLED_SHARE,
+    FactorReliability,
+    GroupReliability,
+    factor_reliability,
+    group_reliabilities,
+)
 
-UNCONTROLLED = 1e-6
-"""Share of an error in the residuals above which an observation counts as controlled. Below this
-share the smallest detectable error is more than 4000 σ, and rounding errors dominate."""
-UNMOVED = 1e-12
+ROUNDING_EFFECT_M = 1e-12
 """Effect of an error of one σ on a point, metres, below which the effect is rounding error."""
-TRUSTED = 1e-3
+MAX_REDUNDANCY_SUM_ERROR = 1e-3
 """Largest difference between Σr and the redundancy with which the figures are accepted."""
 
 
@@ -225,7 +245,7 @@ class Reliability(Shown):
     def effect_on(
         self,
         observation: int | str,
-        unknowns: Unknown | Sequence[Unknown] | None = None,
+        unknowns: UnknownName | Sequence[UnknownName] | None = None,
         *,
         component: str | None = None,
         error: float | None = None,
@@ -254,7 +274,7 @@ class Reliability(Shown):
                 f"{self.solution.equations.label(row)} is controlled by no other observation: "
                 "its smallest detectable error is infinite; give error="
             )
-        return effect_of(self.solution, row, unknowns, size)
+        return effect_on_unknowns(self.solution, row, unknowns, size)
 
     def correlation(self, rows: Sequence[int] | Index) -> Array:
         """Return the correlations (k, k) of the test values of k observations.
@@ -294,7 +314,7 @@ class Reliability(Shown):
     @with_one_thread
     def correlations_with(self, rows: Index) -> Array:
         """Return the correlations of all test values with those of ``rows``, (n, k)."""
-        pqp = response(self.solution, rows)
+        pqp = residual_response(self.solution, rows)
         return correlations_of_tests(pqp, rows, self.precision, self.controlled)
 
 
@@ -314,7 +334,9 @@ class Suspect:
 
 
 @with_one_thread
-def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWER) -> Reliability:
+def reliability(
+    solution: Solution, *, alpha: float = ALPHA_OF_OBSERVATION, power: float = POWER_OF_TEST
+) -> Reliability:
     """Compute the reliability of every observation of an adjustment.
 
     All figures come from one pass over the factorised normal equations (selected inverse), by the
@@ -344,18 +366,18 @@ def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWE
     extra += solution.n_extra - sum(len(c.hat) for c in found.extra)  # rows that are constants
     total = float(r.sum()) + extra
     wanted = solution.sum_of_redundancy_numbers
-    if wanted is not None and not abs(total - wanted) < TRUSTED:
+    if wanted is not None and not abs(total - wanted) < MAX_REDUNDANCY_SUM_ERROR:
         raise AdjustmentError(
             f"no reliability: the redundancy numbers sum to {total:.9g}, the redundancy is "
             f"{wanted}: the network is too weak to compute them ({solution.reason})"
         )
-    weight = weights(equations)
+    weight = weight_diagonal(equations)
     lost = weighted_diagonal(equations, blocks, clusters)
     precision = weight - lost
-    controlled = precision > UNCONTROLLED * weight
+    controlled = precision > MIN_CONTROLLED_SHARE * weight
     root = np.sqrt(np.where(controlled, precision, np.nan))
     delta0 = noncentrality(alpha, power)
-    pv = weighted(equations, system.residual[:, None])[:, 0]
+    pv = weighted_rows(equations, system.residual[:, None])[:, 0]
     mdb = np.where(controlled, delta0 * np.sqrt(solution.variance_factor) / root, np.inf)
     lost = np.maximum(lost, 0.0)
     return Reliability(
@@ -369,7 +391,7 @@ def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWE
         w=pv / root,
         mdb=mdb,
         delta_bar=np.where(controlled, delta0 * np.sqrt(lost) / root, np.inf),
-        largest_effect=_effect(largest_shift(equations, found), mdb, weight),
+        largest_effect=_largest_effects(largest_point_shift(equations, found), mdb, weight),
         estimated_errors=-pv / root**2,
         controlled=controlled,
         redundancy_of_extra_factors=extra,
@@ -378,9 +400,9 @@ def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWE
     )
 
 
-def _effect(shift: Array, mdb: Array, weight: Array) -> Array:
-    """Return shift · ∇; a shift below `UNMOVED` gives 0, even for an infinite ∇."""
-    still = shift * np.sqrt(1.0 / weight) < UNMOVED
+def _largest_effects(shift: Array, mdb: Array, weight: Array) -> Array:
+    """Return shift · ∇; a shift below `ROUNDING_EFFECT_M` gives 0, even for an infinite ∇."""
+    still = shift * np.sqrt(1.0 / weight) < ROUNDING_EFFECT_M
     return np.where(still, 0.0, np.where(still, 1.0, shift) * np.where(still, 1.0, mdb))
 
 
@@ -429,3 +451,28 @@ def _transform(solution: Solution) -> STransform | None:
     if solution.datum is None or solution.datum_cross is None:
         return None
     return STransform(solution.datum.basis, *solution.datum_cross)
+
+
+MAX_STIFF_REDUNDANCY = 1e-4
+"""Redundancy number below which a stated observation counts as a stiff tie: an error of 10 µm in it
+moves its residual by a nanometre."""
+
+
+def stiff_ties(rel: Reliability) -> Mask:
+    """Return which rows belong to stiff ties of the model, (n_rows,).
+
+    An observation is one if it was stated and not measured, see `Observation.stated`, and none of
+    its redundancy numbers reaches `MAX_STIFF_REDUNDANCY`.
+    """
+    out = np.zeros(len(rel.redundancy_numbers), dtype=bool)
+    observations = rel.solution.network.observations
+    for block in rel.solution.equations.blocks:
+        if block.prior or block.by_axis or not block.named:
+            continue
+        numbers = np.arange(block.rows.start, block.rows.stop).reshape(block.observed.shape)
+        for i in np.flatnonzero(
+            (rel.redundancy_numbers[numbers] < MAX_STIFF_REDUNDANCY).all(axis=1)
+        ).tolist():
+            found = observations.get(block.ids[i])
+            out[numbers[i]] = found is not None and found.stated
+    return out

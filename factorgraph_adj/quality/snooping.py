@@ -1,10 +1,15 @@
-"""Data snooping: gross errors are found and set aside, and the network is adjusted again.
+"""Data snooping: gross errors are found and rejected, and the network is adjusted again.
 
-A round tests every observation (Baarda's w, or Pope's τ if σ0 is unknown), and sets aside the worst
-observations by the rule of `candidates`. After a round without a new gross error, the network is
-adjusted without the observations set aside, and these are predicted from the clean solution. An
-observation that fits is put back, at most once, and the search continues until nothing changes. An
-observation is set aside with all its components, by their largest test value.
+A round tests every observation (Baarda's w, or Pope's τ if σ0 is unknown), and rejects the worst
+observations by the rule of `snooping_candidates`. After a round without a new gross error, the
+network is adjusted without the rejected observations, and these are predicted from the clean
+solution. An observation that fits is put back, at most once, and the search continues until nothing
+changes. An observation is rejected with all its components, by their largest test value.
+
+The start of a block that is oriented from image points alone names the image points that do not
+agree with it. With them the network has no minimum: a point of two rays that do not meet lies at
+infinity or behind a photo. So they are rejected before the first round, and are examined afterwards
+as all other rejected observations: what fits the clean solution is put back.
 """
 
 from __future__ import annotations
@@ -14,39 +19,156 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import numpy as np
+
 from ..blas_threads import with_one_thread
-from ..block_orientation.begin import begun, begun_anew, is_lost, leaving_out, with_note
 from ..errors import AdjustmentError, DatumError, InputError, Problem, known
+from ..graph.equations import Equations, compile_network
+from ..graph.observation_selection import without
 from ..network.network import DatumChoice, Network
-from ..solve.batch import adjust
-from ..solve.extra import Extra, ExtraFactors
-from ..solve.minimum import MOST_ITERATIONS
+from ..solve.added_factors import AddedFactors, ExtraFactors
+from ..solve.adjustment import adjust
+from ..solve.minimum import DEFAULT_MAX_ITERATIONS
 from ..solve.solution import Solution
-from ..solve.start import Start
+from ..start.choice_of_start import (
+    given_or_image_start,
+    image_start,
+    misses_minimum,
+    noted_error,
+    with_doubtful_image_points,
+)
+from ..start.start_values import Start
+from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array
 from .causes.block_mistakes import BlockMistake, block_mistakes
-from .causes.matches import Match
-from .exchanged_names import exchanged_names, sights_far_off, start_beside
-from .far_off import approximate_values, astray, simpler
-from .image_start import clean_adjustment, search_beside
-from .levels import ALPHA, POWER
-from .rejections import Round, Snooping, Test
-from .robust import ESTIMATORS, Estimator, robust_adjust
+from .causes.mistaken_identity import MistakenIdentity
+from .misleading_readings import (
+    exchanged_names,
+    has_far_off_sights,
+    is_misled,
+    simpler_result,
+    start_at_approximate_values,
+    start_without_exchanges,
+)
+from .rejections import Rejected, RejectedPoint, Round, Snooping, Test
+from .robust_estimation import ESTIMATORS, Estimator, robust_adjust
 from .snooping_search import CannotSettle, SnoopingSearch
+
+LOST_POINT_REASON = "fewer than two of its rays agree with the others"
+"""Reason that a point is removed at the start."""
+
+
+def clean_adjustment(network: Network, start: Start, options: dict[str, Any]) -> Solution:
+    """Adjust a network without the image points that do not agree with its start."""
+    lost = _lost_points(network, start)
+    equations = compile_network(network)
+    rays = _rays(equations, lost)
+    gone = {ray for own in rays.values() for ray in own}
+    ids = [i for i in start.doubtful if i not in gone]
+    return adjust(without(network, ids, points=lost), start=start, **options)
+
+
+def clean_search(
+    network: Network,
+    start: Start,
+    clean: Solution,
+    *,
+    test: Test,
+    alpha: float,
+    power: float,
+    options: dict[str, Any],
+    withdrawing: bool,
+) -> SnoopingSearch:
+    """Return a search of data snooping that begins with a clean adjustment.
+
+    Args:
+        network: the whole network.
+        start: its start, which names the image points that do not agree.
+        clean: its adjustment without them, see `clean_adjustment`.
+        test: as for `SnoopingSearch`.
+        alpha: as there.
+        power: as there.
+        options: as there.
+        withdrawing: as there.
+    """
+    search = SnoopingSearch(clean, test, alpha, power, options, withdrawing=withdrawing)
+    equations = compile_network(network)
+    moved = start.for_unknowns(equations.unknowns)
+    assert moved is not None
+    with np.errstate(all="ignore"):
+        v = np.nan_to_num(equations.residuals(moved.state))
+        raw = np.nan_to_num(equations.residuals(moved.state, whitened=False))
+    rays = _rays(equations, _lost_points(network, start))
+    of_points = {ray for own in rays.values() for ray in own}
+    search.network, search.equations, search.whole = network, equations, None
+    search.start = moved.origin["point"]
+    for ident in start.doubtful:
+        if ident not in of_points:
+            search.aside[ident], search.place[ident] = _rejected(equations, ident, v, raw)
+    for name, own in rays.items():
+        rows = np.concatenate(equations.find(own))
+        worst = int(rows[np.argmax(np.abs(v[rows]))])
+        number = equations.unknowns["point"].number[name]
+        search.coordinates[name] = moved.state["point"][number]
+        label = equations.label(worst)
+        search.points[name] = RejectedPoint(name, own, label, float(v[worst]), 0, LOST_POINT_REASON)
+    return search
+
+
+def _rejected(equations: Equations, ident: str, v: Array, raw: Array) -> tuple[Rejected, int]:
+    """Return an observation that does not agree with the start, and its worst component."""
+    (rows,) = equations.find([ident])
+    place = int(np.argmax(np.abs(v[rows])))
+    row = int(rows[place])
+    nan = float("nan")
+    block = next(b for b in equations.blocks if b.rows.start <= row < b.rows.stop)
+    found = Rejected(
+        ident,
+        block.kind,
+        equations.label(row),
+        block.components[place],
+        float(v[row]),
+        float(-raw[row]),
+        0,
+        nan,
+        nan,
+        nan,
+        (),
+    )
+    return found, place
+
+
+def _lost_points(network: Network, start: Start) -> tuple[str, ...]:
+    """Return the points that leave with all their rays: nothing else observes them."""
+    observed = {p for o in network.observations.values() for p in o.points()}
+    return tuple(p for p in start.unreached if p not in observed)
+
+
+def _rays(equations: Equations, points: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Return the ids of the image points of each of some points."""
+    number = equations.unknowns["point"].number
+    out: dict[int, list[str]] = {number[p]: [] for p in points}
+    for block in equations.blocks if points else ():
+        if block.kind != "image":
+            continue
+        at = block.variables[2][1]
+        for i in np.flatnonzero(np.isin(at, list(out))).tolist():
+            out[int(at[i])].append(equations.id(block.first_row + 2 * i))
+    return {p: tuple(out[number[p]]) for p in points}
 
 
 @with_one_thread
 def snoop(
     network: Network,
     *,
-    alpha: float = ALPHA,
-    power: float = POWER,
+    alpha: float = ALPHA_OF_OBSERVATION,
+    power: float = POWER_OF_TEST,
     test: Test = "baarda",
     sidak: bool = False,
     share: float = 0.4,
     robust: Estimator | None = None,
     max_rounds: int = 100,
-    max_iterations: int = MOST_ITERATIONS,
+    max_iterations: int = DEFAULT_MAX_ITERATIONS,
     datum: DatumChoice | None = None,
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
     start: Solution | Start | None = None,
@@ -100,7 +222,7 @@ def snoop(
         problems.append(f"share must lie between 0 and 1, not {share}")
     if max_rounds < 1:
         problems.append(f"max_rounds must be 1 or more, not {max_rounds}")
-    extra = Extra.of(extra_factors, network)
+    extra = AddedFactors.of(extra_factors, network)
     if extra.factors and robust is not None:
         problems.append("there is no robust estimator with factors: leave robust out")
     if problems:
@@ -112,8 +234,10 @@ def snoop(
         "variance": variance,
         "max_iterations": max_iterations,
     }
-    given, start = start, begun(network, datum, start)
-    searching = _Searching(network, test, alpha, power, sidak, options, share, max_rounds, progress)
+    given, start = start, given_or_image_start(network, datum, start)
+    searching = _SearchArguments(
+        network, test, alpha, power, sidak, options, share, max_rounds, progress
+    )
     plain = robust is None and not extra.factors and given is None
     if plain and isinstance(start, Start) and start.doubtful:
         return searching.run_beside(start)[1]
@@ -132,8 +256,8 @@ def snoop(
         if aside:
             beside = replace(Start.of(mistakes[0].solution), doubtful=aside)
             return searching.run_beside(beside, [m.match for m in mistakes])[1]
-        lost = first is None or is_lost(first)
-        if plain and lost and (anew := begun_anew(network, datum)) is not None:
+        lost = first is None or misses_minimum(first)
+        if plain and lost and (anew := image_start(network, datum)) is not None:
             with suppress(AdjustmentError):
                 from_images = searching.run_beside(anew, [m.match for m in mistakes])[1]
         if from_images is not None and (failure is not None or not from_images.unresolved):
@@ -147,24 +271,26 @@ def snoop(
                 "errors without extra_factors first"
             )
     try:
-        found = _from_given(searching, first, start, robust, extra, mistakes, plain=plain)
+        found = _search_from_given_values(
+            searching, first, start, robust, extra, mistakes, plain=plain
+        )
     except AdjustmentError as error:
         if not mistakes:
             raise
         said = "; ".join(f"{m.match.cause} {m.match.where}" for m in mistakes)
-        raise with_note(error, f"nearly everything fits without one mistake: {said}") from None
+        raise noted_error(error, f"nearly everything fits without one mistake: {said}") from None
     if from_images is None:
         return found
     # Images that are wrong themselves lead astray, too: what leaves less unresolved is chosen.
     return min(found, from_images, key=lambda f: (len(f.unresolved), len(f.rejected)))
 
 
-def _from_given(
-    searching: _Searching,
+def _search_from_given_values(
+    searching: _SearchArguments,
     first: Solution | None,
     start: Solution | Start | None,
     robust: Estimator | None,
-    extra: Extra,
+    extra: AddedFactors,
     mistakes: Sequence[BlockMistake],
     *,
     plain: bool,
@@ -183,22 +309,22 @@ def _from_given(
     network, options = searching.network, searching.options
     names = [m.match for m in mistakes]
     estimated = searching.test == "pope"
-    if plain and first is not None and sights_far_off(first):
+    if plain and first is not None and has_far_off_sights(first):
         # Exchanged names bend an adjustment, and a search that begins with it.
         exchanged = exchanged_names(network, first, searching.alpha, estimated=estimated)
         names += [e.match for e in exchanged]
-        beside = start_beside(network, exchanged, options) if exchanged else None
+        beside = start_without_exchanges(network, exchanged, options) if exchanged else None
         if beside is not None:
             return searching.run_beside(beside, names)[1]
     if first is not None and first.converged:
         search, found = searching.run(first, exchanged=names)
         # There is no robust estimator of free networks, nor one with factors.
         free = options["datum"] == "free" or network.datum == "free"
-        if free or extra.factors or not astray(search, found):
+        if free or extra.factors or not is_misled(search, found):
             return found
         with suppress(AdjustmentError):
-            again = searching.robust("huber", approximate_values(first), from_start=True)
-            found = simpler(search, found, *searching.run(*again, exchanged=names))
+            again = searching.robust("huber", start_at_approximate_values(first), from_start=True)
+            found = simpler_result(search, found, *searching.run(*again, exchanged=names))
         return found
     # An adjustment without a minimum need not be tried again: the start values are what is left.
     begin = searching.robust(robust or "huber", start, from_start=first is not None)
@@ -206,7 +332,7 @@ def _from_given(
 
 
 @dataclass(frozen=True)
-class _Searching:
+class _SearchArguments:
     """What all searches in a network have in common; the fields are arguments of `snoop`."""
 
     network: Network
@@ -239,7 +365,7 @@ class _Searching:
         solution: Solution,
         values: Array | None = None,
         *,
-        exchanged: Sequence[Match] = (),
+        exchanged: Sequence[MistakenIdentity] = (),
     ) -> tuple[SnoopingSearch, Snooping]:
         """Return a search at its end, and its result.
 
@@ -259,7 +385,7 @@ class _Searching:
         return self._to_the_end(made, exchanged)
 
     def run_beside(
-        self, start: Start, exchanged: Sequence[Match] = ()
+        self, start: Start, exchanged: Sequence[MistakenIdentity] = ()
     ) -> tuple[SnoopingSearch, Snooping]:
         """Return a search that begins without what does not agree with a start.
 
@@ -270,10 +396,10 @@ class _Searching:
         try:
             clean = clean_adjustment(self.network, start, self.options)
         except (InputError, DatumError) as error:
-            raise leaving_out(start, error) from None
+            raise with_doubtful_image_points(start, error) from None
 
         def made(withdrawing: bool) -> SnoopingSearch:
-            return search_beside(
+            return clean_search(
                 self.network,
                 start,
                 clean,
@@ -293,7 +419,7 @@ class _Searching:
         return float(1.0 - (1.0 - self.alpha) ** (1.0 / solution.equations.n_rows))
 
     def _to_the_end(
-        self, made: Callable[[bool], SnoopingSearch], exchanged: Sequence[Match]
+        self, made: Callable[[bool], SnoopingSearch], exchanged: Sequence[MistakenIdentity]
     ) -> tuple[SnoopingSearch, Snooping]:
         """Return a search at its end, and its result.
 

@@ -1,7 +1,8 @@
-"""The search of data snooping: its state and its rounds.
+"""Rounds of data snooping: rejection, readmission and the final figures.
 
-A round takes observations out of the present solution (`Present`). Before anything is put back, at
-the end, and for members of clusters, the network without the observations is adjusted anew.
+A round takes observations out of the present solution (`SnoopingState`). Before anything is put
+back, at the end, and for members of clusters, the network without the observations is adjusted
+again.
 """
 
 from __future__ import annotations
@@ -15,21 +16,19 @@ import numpy as np
 
 from ..errors import AdjustmentError, InputError
 from ..graph.equations import compile_network
+from ..graph.observation_selection import without
 from ..network.network import Network
-from ..network.selection import without
-from ..solve.batch import adjust
+from ..solve.adjustment import adjust
 from ..solve.solution import Solution
+from ..statistical_tests import chi2_quantile, fisher_quantile, normal_quantile
 from ..types import Array
-from .candidates import Choice, Outlier, Units, choose, conditions
-from .causes.every_match import every_match
-from .causes.matches import Match, both_ways
-from .causes.search import Causes, causes
-from .distributions import chi2_quantile, fisher_quantile, normal_quantile
-from .factor_search import FactorSearch
+from .causes.mistaken_identity import MistakenIdentity, merged_exchanges
+from .causes.search import Causes, causes, every_mistaken_identity
 from .prediction import Prediction, Predictor
-from .present import Present
-from .rejections import FactorSetAside, PointSetAside, Rejected, Round, Snooping, Test, Unresolved
+from .rejections import Rejected, RejectedFactor, RejectedPoint, Round, Snooping, Test, Unresolved
 from .reliability import Reliability, critical_tau, reliability
+from .snooping_candidates import Choice, Outlier, RowGroups, choose_outliers, stated_conditions
+from .snooping_state import FactorSearch, SnoopingState
 
 
 class CannotSettle(Exception):
@@ -69,11 +68,11 @@ class SnoopingSearch:
         self.alpha, self.power, self.options = alpha, power, options
         self.first = reliability(solution, alpha=alpha, power=power)
         self.whole = solution if solution.weights is None else None
-        self.present = Present(self.first, test)
+        self.present = SnoopingState(self.first, test)
         self.factors = FactorSearch(solution.extra, test, alpha)
         self.withdrawing = withdrawing and not self.factors
         self.aside: dict[str, Rejected] = {}
-        self.points: dict[str, PointSetAside] = {}
+        self.points: dict[str, RejectedPoint] = {}
         self.readmitted: list[str] = []
         self.stuck: dict[str, str] = {}
         self.place: dict[str, int] = {}
@@ -81,10 +80,10 @@ class SnoopingSearch:
         self.coordinates: dict[str, Array] = {}
         """Coordinates of each removed point at its removal, (3,) metres."""
         self.rounds: list[Round] = []
-        self.exchanged: tuple[Match, ...] = ()
+        self.exchanged: tuple[MistakenIdentity, ...] = ()
         """Exchanges found before the search."""
         self._predicted: tuple[Solution, Prediction | None] | None = None
-        self._matched: tuple[Solution, tuple[Match, ...]] | None = None
+        self._matched: tuple[Solution, tuple[MistakenIdentity, ...]] | None = None
 
     @property
     def solution(self) -> Solution:
@@ -99,10 +98,10 @@ class SnoopingSearch:
     def begin(self, values: Array, progress: Callable[[Round], None] | None) -> None:
         """Set aside the outliers of a robust adjustment, by test values (n,) for σ0 = 1."""
         critical = normal_quantile(1.0 - self.alpha / 2.0)
-        chosen = choose(
+        chosen = choose_outliers(
             self.reliability, values, scale=1.0, critical=critical, share=0.0, every=True
         ).chosen
-        sigma0, size = self.solution.sigma0, Units.of(self.solution.equations).largest(values)
+        sigma0, size = self.solution.sigma0, RowGroups.of(self.solution.equations).largest(values)
         gone = 0
         while chosen and not gone:
             gone = self._set_aside(chosen, 0)
@@ -172,7 +171,7 @@ class SnoopingSearch:
             name, ratio = self.factors.worst(self.reliability)
             if not name or ratio < largest:
                 return 0
-            self.factors.aside[name] = FactorSetAside(name, ratio, number, np.nan)
+            self.factors.aside[name] = RejectedFactor(name, ratio, number, np.nan)
             failure = self._adjust(self.aside, self.points)
             if failure is None:
                 return 1
@@ -194,7 +193,7 @@ class SnoopingSearch:
     def _fits(self, name: str) -> bool:
         return self.factors.ratios(self.reliability).get(name, 0.0) <= 1.0
 
-    def _final_factors(self) -> Iterator[FactorSetAside]:
+    def _final_factors(self) -> Iterator[RejectedFactor]:
         """Iterate over the factors set aside, each with its test where it is put back."""
         clean, factors = self.present, self.factors
         for name, was in list(factors.aside.items()):
@@ -261,13 +260,13 @@ class SnoopingSearch:
             rel = reliability(solution, alpha=self.alpha, power=self.power)
         except AdjustmentError as error:
             return error
-        self.present = Present(rel, self.test)
+        self.present = SnoopingState(rel, self.test)
         return None
 
     def _rejected(self, c: Outlier, number: int) -> Rejected:
         equations = self.solution.equations
         label, record = equations.label, self.solution.observations[c.row]
-        self.place[record.id] = c.row - int(Units.of(equations).first[c.unit])
+        self.place[record.id] = c.row - int(RowGroups.of(equations).first[c.unit])
         return Rejected(
             record.id,
             record.kind,
@@ -282,14 +281,14 @@ class SnoopingSearch:
             tuple((label(row), rho) for row, rho in c.inseparable),
         )
 
-    def _point(self, c: Outlier, number: int) -> PointSetAside:
+    def _point(self, c: Outlier, number: int) -> RejectedPoint:
         equations = self.solution.equations
         assert c.point is not None
         ids = [equations.id(int(row)) for row in self.present.rays(c.point)]
         rays = [ident for ident in ids if ident not in self.aside]
         name = equations.unknowns["point"].names[c.point]
         self.coordinates[name] = self.solution.point(name)
-        return PointSetAside(
+        return RejectedPoint(
             name,
             tuple(rays),
             equations.label(c.row),
@@ -425,16 +424,16 @@ class SnoopingSearch:
             return None
         return causes(first, self.matches(), estimated=pope)
 
-    def matches(self) -> tuple[Match, ...]:
+    def matches(self) -> tuple[MistakenIdentity, ...]:
         """Return what the observations set aside may be instead; a solution looks once."""
         if self._matched is None or self._matched[0] is not self.solution:
             told = {i for m in self.exchanged for i in m.ids}
             bad = [i for i in self.ids_aside() if i not in told], self._above()
             again, pope = not self.factors.given.factors, self.test == "pope"
-            found = every_match(
+            found = every_mistaken_identity(
                 self.equations, self.solution, *bad, self.alpha, again=again, estimated=pope
             )
-            self._matched = self.solution, tuple(both_ways([*self.exchanged, *found]))
+            self._matched = self.solution, tuple(merged_exchanges([*self.exchanged, *found]))
         return self._matched[1]
 
     def _above(self) -> list[str]:
@@ -464,13 +463,13 @@ class SnoopingSearch:
 
     def _unresolved(self) -> tuple[Unresolved, ...]:
         """Return the observations above the critical value at the end, the largest first."""
-        units = Units.of(self.solution.equations)
+        units = RowGroups.of(self.solution.equations)
         size = units.largest(self.present.values)
         order = np.argsort(-size, kind="stable")
         above = order[size[order] > self.present.critical].tolist()
         last = self._choice(share=1.0) if above else Choice((), ())
         blocked = {c.unit for c in last.blocked}
-        protected = conditions(self.solution.equations, units)
+        protected = stated_conditions(self.solution.equations, units)
         out = []
         for unit in above:
             rows = units.rows(unit)

@@ -21,29 +21,40 @@ from ..blas_threads import with_one_thread
 from ..errors import InputError, known
 from ..network.network import DatumChoice, Network
 from ..shown import Rows, Shown
-from ..solve.batch import adjust
-from ..solve.extra import ExtraFactors
+from ..solve.added_factors import ExtraFactors
+from ..solve.adjustment import adjust
+from ..solve.given_state import solution_after_step
 from ..solve.minimum import readjust
-from ..solve.reweigh import stepped
 from ..solve.solution import Solution
-from ..solve.start import Start
+from ..start.start_values import Start
+from ..statistical_tests import (
+    CONFIDENCE_OF_REGION,
+    chi2_lower_probability,
+    chi2_quantile,
+    chi2_upper_probability,
+)
 from ..types import Array
-from .component_search import ComponentSearch, State
-from .distributions import chi2_above, chi2_below, chi2_quantile
-from .group_redundancy import SIMILAR, GroupRedundancy, group_redundancy, sharpened
-from .levels import CONFIDENCE
-from .observation_groups import Groups, ObservationGroups, observation_groups
+from .component_iteration import ComponentIteration, ComponentState
+from .observation_groups import (
+    MAX_WEIGHT_LOG_CHANGE,
+    GroupChoice,
+    GroupRedundancy,
+    ObservationGroups,
+    group_redundancy,
+    observation_groups,
+    sharpened_redundancy,
+)
 
-CERTAIN = 10.0
+MIN_CERTAIN_FREEDOM = 10.0
 """Degrees of freedom below which an estimate is called uncertain: the standard deviation of its
 factor is more than 1/√20, 22 %."""
-NEARLY = 30.0
+LAST_CHANGE_FACTOR = 30.0
 """Multiple of the tolerance below which a change of the components is likely to be the last but
 one; the network is then adjusted to the end with the changed weights."""
-UNPREDICTED = 0.1
+MAX_UNPREDICTED_SHARE = 0.1
 """Excess of vᵀPv over the prediction of the linear model, relative to the prediction, above which
 a single step does not count as an adjustment."""
-SEPARABLE = 0.9
+MAX_SEPARABLE_CORRELATION = 0.9
 """Correlation of two estimates above which their groups are called inseparable."""
 
 
@@ -62,7 +73,7 @@ class VarianceComponent:
     """Redundancy r_g with the estimated weights."""
     n: int
     """Number of scalar observations."""
-    state: State
+    state: ComponentState
     """State of the estimate."""
     note: str
     """Reason of the state, in words; may be empty."""
@@ -87,9 +98,17 @@ class VarianceComponent:
         if not self.freedom > 0:
             return np.nan
         x = self.freedom * self.factor**2
-        return float(min(1.0, 2.0 * min(chi2_below(x, self.freedom), chi2_above(x, self.freedom))))
+        return float(
+            min(
+                1.0,
+                2.0
+                * min(
+                    chi2_lower_probability(x, self.freedom), chi2_upper_probability(x, self.freedom)
+                ),
+            )
+        )
 
-    def interval(self, *, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    def interval(self, *, confidence: float = CONFIDENCE_OF_REGION) -> tuple[float, float]:
         """Return the bounds of the true factor, f √(ν/χ²); 0 and infinite without an estimate.
 
         Raises:
@@ -158,7 +177,7 @@ class VarianceComponents(Shown):
 def estimate_variance_components(
     network: Network,
     *,
-    groups: Groups = "kind",
+    groups: GroupChoice = "kind",
     datum: DatumChoice | None = None,
     tolerance: float = 1e-3,
     max_iterations: int = 50,
@@ -202,7 +221,7 @@ def estimate_variance_components(
         raise InputError("max_iterations must be at least 1, and tolerance greater than 0")
     solution = adjust(network, datum=datum, start=start, extra_factors=extra_factors)
     found = observation_groups(solution, groups)
-    search = ComponentSearch(len(found.names))
+    search = ComponentIteration(len(found.names))
     iterations, whole, near = 1, True, False
     logarithms = search.logarithms.copy()
     at: GroupRedundancy | None = None
@@ -230,13 +249,13 @@ def estimate_variance_components(
                 break
         if not at_rest:
             search.step(at, search.proposal(at) if changed else proposal)
-            near = float(np.abs(search.logarithms - logarithms).max()) <= SIMILAR
+            near = float(np.abs(search.logarithms - logarithms).max()) <= MAX_WEIGHT_LOG_CHANGE
             logarithms = search.logarithms.copy()
             iterations += 1
         weights = np.append(np.exp(-logarithms), 1.0)[found.of_row]
-        last = proposal.bound < NEARLY * tolerance or iterations == max_iterations
+        last = proposal.bound < LAST_CHANGE_FACTOR * tolerance or iterations == max_iterations
         solution, whole = _reweighted(solution, at, weights, datum, whole=last)
-    at = sharpened(at, solution, found, seed=seed)
+    at = sharpened_redundancy(at, solution, found, seed=seed)
     converged = at_rest and solution.converged
     components, correlation = _results(search, at, found, np.exp(logarithms / 2.0))
     return VarianceComponents(
@@ -267,16 +286,16 @@ def _reweighted(
         predicted = float(np.square(at.residuals[:n]) @ (weights / before))
         predicted += float(at.residuals[n:] @ at.residuals[n:])
         try:
-            step = stepped(solution, at.movement, weights)
+            step = solution_after_step(solution, at.movement, weights)
         except InputError:
             return readjust(solution, weights, datum=datum), True
-        if step.vtpv <= (1.0 + UNPREDICTED) * predicted:
+        if step.vtpv <= (1.0 + MAX_UNPREDICTED_SHARE) * predicted:
             return step, False
     return readjust(solution, weights, datum=datum), True
 
 
 def _results(
-    search: ComponentSearch, at: GroupRedundancy, groups: ObservationGroups, factors: Array
+    search: ComponentIteration, at: GroupRedundancy, groups: ObservationGroups, factors: Array
 ) -> tuple[tuple[VarianceComponent, ...], Array]:
     """Return the components and the correlations of their estimates."""
     cofactors, lost = search.cofactors(at)
@@ -284,7 +303,7 @@ def _results(
     safe = np.where(root > 0, root, 1.0)
     correlation = cofactors / np.outer(safe, safe)
     sigmas = np.where(lost, np.inf, factors * root / np.sqrt(2.0))
-    close = (np.abs(correlation) > SEPARABLE) | np.outer(lost, lost)
+    close = (np.abs(correlation) > MAX_SEPARABLE_CORRELATION) | np.outer(lost, lost)
     np.fill_diagonal(close, False)
     components = []
     for i, name in enumerate(groups.names):
@@ -312,7 +331,7 @@ def _commented(c: VarianceComponent, inseparable: list[str]) -> VarianceComponen
             "one group"
         )
         return replace(c, state="not separable", note=what)
-    if c.freedom < CERTAIN:
+    if c.freedom < MIN_CERTAIN_FREEDOM:
         what = (
             f"only {c.freedom:.1f} degrees of freedom (redundancy {c.redundancy:.1f}): the factor "
             f"is uncertain by {100 * c.sigma / c.factor:.0f} %"

@@ -1,15 +1,71 @@
-"""Fixed-width text: columns, and numbers with their significant digits."""
+"""Text of reports: columns of fixed width, numbers with significant digits, JSON.
+
+`json.dumps` with an indent calls Python for every number; without one it does not. `json_text`
+therefore writes lists and objects of numbers and texts alone without an indent, with a separator
+that contains the line break and the indent.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cache
+from json import JSONEncoder, dumps
 from math import floor, isfinite, log10, nan, sqrt
 from textwrap import wrap
+from typing import Any
 from unicodedata import combining
 
 from ..units import decimal
 
-WIDTH = 100
+SCALAR_TYPES = frozenset({str, float, int, bool, type(None)})
+"""Types that are written without members of their own."""
+
+
+def json_text(value: Any, level: int = 0) -> str:
+    """Return a value as ``json.dumps(value, indent=1, ensure_ascii=False)`` does.
+
+    Args:
+        value: objects with texts as keys, lists, tuples, texts, numbers, truth values, None.
+        level: number of spaces before the end of the value.
+    """
+    if not isinstance(value, dict | list | tuple) or not value:
+        return dumps(value, ensure_ascii=False)
+    members = value.values() if isinstance(value, dict) else value
+    inner, end = "\n" + " " * (level + 1), "\n" + " " * level
+    if SCALAR_TYPES.issuperset(map(type, members)):
+        flat = _encoder(level + 1).encode(value)
+        return f"{flat[0]}{inner}{flat[1:-1]}{end}{flat[-1]}"
+    if isinstance(value, dict):
+        parts = (
+            f"{dumps(k, ensure_ascii=False)}: {json_text(v, level + 1)}" for k, v in value.items()
+        )
+        return "{" + inner + f",{inner}".join(parts) + end + "}"
+    return "[" + inner + f",{inner}".join(json_text(v, level + 1) for v in value) + end + "]"
+
+
+@cache
+def _encoder(level: int) -> JSONEncoder:
+    """Return an encoder whose separator of members is a line break with an indent."""
+    return JSONEncoder(ensure_ascii=False, separators=(",\n" + " " * level, ": "))
+
+
+def finite_json(value: Any) -> Any:
+    """Return a JSON value with null for numbers that are not finite, and 0 for −0."""
+    if isinstance(value, dict):
+        return {k: finite_json(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        types = set(map(type, value))
+        if types == {float}:
+            return [v + 0.0 if isfinite(v) else None for v in value]
+        if float not in types and SCALAR_TYPES.issuperset(types):
+            return list(value)
+        return [finite_json(v) for v in value]
+    if isinstance(value, float):
+        return value + 0.0 if isfinite(value) else None
+    return value
+
+
+LINE_WIDTH = 100
 """Width of a protocol's heading and paragraphs, characters."""
 NO_BREAK = "\u00a0"
 """Blank at which `paragraph` does not break a line."""
@@ -62,7 +118,7 @@ def paragraph(text: str, *, indent: int = 2) -> list[str]:
     blank = " " * indent
     lines = wrap(
         text,
-        WIDTH,
+        LINE_WIDTH,
         initial_indent=blank,
         subsequent_indent=blank,
         break_long_words=False,
@@ -71,12 +127,12 @@ def paragraph(text: str, *, indent: int = 2) -> list[str]:
     return [line.replace(NO_BREAK, " ") for line in lines]
 
 
-def whole(name: str) -> str:
+def unbroken(name: str) -> str:
     """Return a name whose blanks do not break, so that `paragraph` writes it on one line."""
     return name.replace(" ", NO_BREAK)
 
 
-def without_empty(
+def without_empty_columns(
     header: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> tuple[list[str], list[list[str]]]:
     """Return header and rows without the columns that no row fills."""

@@ -9,12 +9,12 @@ from typing import Literal, TypeAlias, get_args
 from ..errors import InputError
 from ..io.numbers import Units
 from ..network.network import Network
-from ..quality.ellipses import confidence_factor
-from ..quality.levels import ALPHA, POWER
+from ..quality.error_ellipses import confidence_factor
+from ..quality.point_precision import Place
 from ..quality.rejections import Snooping
-from ..quality.relative import Place
 from ..quality.reliability import check_probabilities
 from ..quality.variance_components import VarianceComponents
+from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 
 Test: TypeAlias = Literal["baarda", "pope"]
 """Test values of a report: w (baarda), or τ = w/σ̂0 (pope)."""
@@ -36,9 +36,9 @@ class ReportOptions:
     """Number of observations with the largest test values that are listed."""
     tables: str = ""
     """Folder of the CSV tables; the notes about omitted rows refer to it."""
-    alpha: float = ALPHA
+    alpha: float = ALPHA_OF_OBSERVATION
     """Probability α0 of a false alarm of one test."""
-    power: float = POWER
+    power: float = POWER_OF_TEST
     """Probability with which the test finds an error of the smallest detectable size."""
     test: Test | None = None
     """Test values that are shown; None: τ if σ are a posteriori, otherwise w."""

@@ -1,33 +1,115 @@
-"""Sections of the protocol: redundancy by kind, weakest observations and points, suspects."""
+"""Reliability: redundancy by kind, weakest observations and points, largest test values.
+
+The points that undetected errors move most are found without all effects on all points: the
+largest effect of an observation on any point bounds its effect on each.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
 
-from ..quality.groups import GroupReliability
+from ..quality.error_effects import row_place, unit_error_shifts
+from ..quality.group_tests import GroupReliability
 from ..quality.reliability import Reliability
-from ..quality.unit_weight import global_test
-from ..types import Mask
+from ..statistical_tests import global_test
+from ..types import Array, Index, Mask
 from ..units import decimal, significant
-from .adjusted import lists_every_row, short_r
-from .context import Report
-from .layout import listed, paragraph, percent, short, table, title, whole, without_empty
-from .rows import Group, Row
-from .weakest import point_redundancy, weakest_points
+from .adjusted_observations import lists_every_observation, redundancy_text
+from .adjustment_report import Report
+from .layout import listed, paragraph, percent, short, table, title, unbroken, without_empty_columns
+from .observation_rows import Row, RowGroup
 
-NAMES = ("kind", "what", "id", "from")
+OBSERVATIONS_PER_SOLVE = 8
+"""Number of observations whose effects are computed in one solve."""
+
+
+@dataclass(frozen=True)
+class WeakPoint:
+    """A point and the undetected error that moves the point most."""
+
+    name: str
+    """Name of the point."""
+    effect: float
+    """Largest shift of the point by a smallest detectable error, metres: length of the vector."""
+    row: int
+    """Scalar row of the observation with this error."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointRedundancy:
+    """Redundancy of the observations of each point, arrays over all points (n,)."""
+
+    rows: Index
+    """Number of scalar observations of the point."""
+    uncontrolled: Index
+    """Number of these observations that no other observation controls."""
+    redundancy: Array
+    """Sum of their redundancy numbers."""
+
+
+def point_redundancy(rel: Reliability) -> PointRedundancy:
+    """Return the number of observations and the redundancy of each point."""
+    equations = rel.solution.equations
+    n = len(equations.unknowns["point"].names)
+    out = PointRedundancy(np.zeros(n, np.intp), np.zeros(n, np.intp), np.zeros(n))
+    for block in equations.blocks:
+        shape = block.observed.shape
+        r = rel.redundancy_numbers[block.rows].reshape(shape).sum(axis=1)
+        open_rows = np.sum(~rel.controlled[block.rows].reshape(shape), axis=1)
+        for kind, index in block.variables:
+            if kind == "point":
+                np.add.at(out.rows, index, block.dimension)
+                np.add.at(out.uncontrolled, index, open_rows)
+                np.add.at(out.redundancy, index, r)
+    return out
+
+
+def weakest_points(rel: Reliability, most: int) -> list[WeakPoint]:
+    """Return the points that smallest detectable errors of controlled observations move most.
+
+    An observation's ``largest_effect`` bounds its effect on each of its points. Observations are
+    taken in decreasing order of this bound, until enough points have larger effects than the
+    bound of the remaining observations.
+    """
+    solution = rel.solution
+    offset = solution.equations.unknowns["point"].offset
+    names = solution.equations.unknowns["point"].names
+    bound = np.where(rel.controlled, np.nan_to_num(rel.largest_effect, posinf=0.0), 0.0)
+    order = np.argsort(-bound, kind="stable")
+    order = order[bound[order] > 0]
+    best: dict[int, tuple[float, int]] = {}
+    for start in range(0, len(order), OBSERVATIONS_PER_SOLVE):
+        rows = order[start : start + OBSERVATIONS_PER_SOLVE]
+        left = bound[rows[0]] * (1.0 + 1e-9)
+        if sum(size >= left for size, _ in best.values()) >= most:
+            break
+        moved = unit_error_shifts(solution, rows) * rel.mdb[rows]
+        for j, row in enumerate(rows.tolist()):
+            place = row_place(solution.equations, row)
+            for kind, index in place.block.variables:
+                point = int(index[place.observation])
+                if kind == "point" and offset[point] >= 0:
+                    size = float(np.linalg.norm(moved[offset[point] : offset[point] + 3, j]))
+                    if size > best.get(point, (0.0, 0))[0]:
+                        best[point] = size, row
+    ranked = sorted(best.items(), key=lambda item: -item[1][0])[:most]
+    return [WeakPoint(names[p], size, row) for p, (size, row) in ranked]
+
+
+IDENTITY_HEADER = ("kind", "what", "id", "from")
 """Header of the columns that identify an observation."""
-WEAKEST = 5
+MAX_WEAKEST_LISTED = 5
 """Number of weakest observations and of weakest points that are listed."""
-NAMED = 8
+MAX_NAMES_IN_SENTENCE = 8
 """Largest number of names in a sentence."""
-PARTNERS = 4
+MAX_INSEPARABLE_LISTED = 4
 """Largest number of observations listed as inseparable from a suspect."""
 
 
-def reliability(report: Report) -> list[str]:
+def reliability_section(report: Report) -> list[str]:
     """Return redundancy numbers by kind, and the uncontrolled observations."""
     rel = report.reliability
     if rel is None:
@@ -54,7 +136,7 @@ def reliability(report: Report) -> list[str]:
     return out
 
 
-def _of_group(rel: Reliability, group: Group, uncontrolled: Mask) -> list[str]:
+def _of_group(rel: Reliability, group: RowGroup, uncontrolled: Mask) -> list[str]:
     r, mdb = rel.redundancy_numbers[group.rows], rel.mdb[group.rows]
     finite = mdb[np.isfinite(mdb)]
     middle = ""
@@ -84,18 +166,21 @@ def _words(report: Report, rel: Reliability) -> list[str]:
         )
     numbers = np.flatnonzero(~rel.controlled & ~report.stiff)
     if len(numbers):
-        shown = [whole(f"{r.kind_name} {r.what}") for r in report.rows.at(numbers[:NAMED])]
+        shown = [
+            unbroken(f"{r.kind_name} {r.what}")
+            for r in report.rows.at(numbers[:MAX_NAMES_IN_SENTENCE])
+        ]
         more = f" … ({len(numbers)} in all, see {report.where('observations.csv')})"
         out.append(
             "controlled by no other observation, so that no error of theirs shows: "
             + ", ".join(shown)
-            + (more if len(numbers) > NAMED else "")
+            + (more if len(numbers) > MAX_NAMES_IN_SENTENCE else "")
         )
         points = point_redundancy(rel)
         lonely = np.flatnonzero((points.rows > 0) & (points.uncontrolled == points.rows))
         names = report.solution.equations.unknowns["point"].names
         if len(lonely):
-            named = listed([names[i] for i in lonely], NAMED)
+            named = listed([names[i] for i in lonely], MAX_NAMES_IN_SENTENCE)
             out.append(f"points with no controlled observation: {named}")
     if report.stiff.any():
         out.append(_ties(report, rel))
@@ -114,7 +199,7 @@ def _ties(report: Report, rel: Reliability) -> str:
     )
 
 
-def weakest(report: Report) -> list[str]:
+def weakest_section(report: Report) -> list[str]:
     """Return controlled observations with the smallest r; points that hidden errors move most."""
     rel = report.reliability
     if rel is None or report.solution.redundancy <= 0 or not rel.controlled.any():
@@ -125,22 +210,22 @@ def weakest(report: Report) -> list[str]:
     if not shown.any() or (few and not _above(report)):
         return points  # the lists of test values contain all observations with their r
     r = np.where(shown, rel.redundancy_numbers, np.inf)
-    order = np.argsort(r, kind="stable")[: min(WEAKEST, int(shown.sum()))]
+    order = np.argsort(r, kind="stable")[: min(MAX_WEAKEST_LISTED, int(shown.sum()))]
     unit = report.units.sigma_length
     rows = []
     for row in report.rows.at(order.tolist()):
         i = row.number
         rows.append(
             [
-                *names_of(row),
+                *identity_cells(row),
                 short(rel.redundancy_numbers[i]),
                 f"{short(rel.mdb[i] / row.scale.size)} {row.scale.small}".strip(),
                 short(rel.delta_bar[i]),
                 _length(rel.largest_effect[i], report),
             ]
         )
-    header = [*NAMES, "r", "∇", "δ̄", f"effect [{unit}]"]
-    header, rows = without_empty(header, rows)
+    header = [*IDENTITY_HEADER, "r", "∇", "δ̄", f"effect [{unit}]"]
+    header, rows = without_empty_columns(header, rows)
     left = len(header) - 3 - (header[-1].startswith("effect"))
     out = title(
         "Weakest observations (∇: smallest detectable error; effect: shift of their points)"
@@ -150,7 +235,7 @@ def weakest(report: Report) -> list[str]:
 
 
 def _weakest_points(report: Report, rel: Reliability) -> list[str]:
-    found = weakest_points(rel, WEAKEST)
+    found = weakest_points(rel, MAX_WEAKEST_LISTED)
     if not found:
         return []
     points, number = point_redundancy(rel), report.solution.equations.unknowns["point"].number
@@ -173,7 +258,7 @@ def _weakest_points(report: Report, rel: Reliability) -> list[str]:
     return [*heading, *table(header, rows)]
 
 
-def names_of(row: Row) -> list[str]:
+def identity_cells(row: Row) -> list[str]:
     """Return the cells under `NAMES`."""
     return [row.kind_name, row.what, row.own_id, row.source]
 
@@ -185,17 +270,17 @@ def _length(metres: float, report: Report) -> str:
 # -- suspects -------------------------------------------------------------------------------------
 
 
-def suspects(report: Report) -> list[str]:
+def suspects_section(report: Report) -> list[str]:
     """Return the largest test values with estimated errors and inseparable observations."""
     rel = report.reliability
     if rel is None:
-        return residuals(report)
+        return largest_residuals_section(report)
     if report.solution.redundancy <= 0 or not rel.controlled.any():
         return []
     values, critical = report.tests
     size = np.where(np.isfinite(values), np.abs(values), 0.0)
     above = _above(report)
-    if not above and lists_every_row(report):
+    if not above and lists_every_observation(report):
         row = report.rows.at([int(np.argmax(size))])[0]
         test = decimal(row.sign * float(values[row.number]), 2)
         words = f"all stand above; the largest is {test}, of {row.kind_name} {row.what}"
@@ -218,17 +303,17 @@ def suspects(report: Report) -> list[str]:
         i, unit = row.number, row.scale.size
         cells.append(
             [
-                *names_of(row),
+                *identity_cells(row),
                 f"{short(row.residual / unit)} {row.scale.small}".strip(),
                 short(row.sigma / unit),
-                short_r(float(rel.redundancy_numbers[i])),
+                redundancy_text(float(rel.redundancy_numbers[i])),
                 decimal(row.sign * values[i], 2),
                 short(row.sign * rel.estimated_errors[i] / unit),
                 short(rel.mdb[i] / unit),
             ]
         )
-    header = [*NAMES, "v", "σ", "r", name, "error", "detectable"]
-    header, cells = without_empty(header, cells)
+    header = [*IDENTITY_HEADER, "v", "σ", "r", name, "error", "detectable"]
+    header, cells = without_empty_columns(header, cells)
     limit = f"{critical:.2f}" if isfinite(critical) else "–"
     heading = f"Suspects: |{name}| above {limit} (α0 = {percent(rel.alpha)})"
     if not above:
@@ -261,12 +346,16 @@ def _inseparable(report: Report, row: Row, partners: tuple[tuple[int, float], ..
     """Return a sentence about the observations that are inseparable from an observation."""
     if not partners:
         return ""
-    rows = report.rows.at([row for row, _ in partners[:PARTNERS]])
+    rows = report.rows.at([row for row, _ in partners[:MAX_INSEPARABLE_LISTED]])
     named = [
-        whole(f"{r.kind_name} {r.what} ({row.sign * r.sign * rho:+.2f})")
+        unbroken(f"{r.kind_name} {r.what} ({row.sign * r.sign * rho:+.2f})")
         for r, (_, rho) in zip(rows, partners, strict=False)
     ]
-    more = f" and {len(partners) - PARTNERS} more" if len(partners) > PARTNERS else ""
+    more = (
+        f" and {len(partners) - MAX_INSEPARABLE_LISTED} more"
+        if len(partners) > MAX_INSEPARABLE_LISTED
+        else ""
+    )
     return f"not to be told apart from: {', '.join(named)}{more}"
 
 
@@ -325,13 +414,13 @@ def _members(report: Report, group: GroupReliability) -> str:
     return f"{row.kind_name} {' '.join(row.names) or row.id}"
 
 
-def residuals(report: Report) -> list[str]:
+def largest_residuals_section(report: Report) -> list[str]:
     """Return the largest normalised residuals, for solutions without test values."""
     size = np.abs(report.solution.observations.normalised)
     order = np.argsort(-size, kind="stable")[: report.options.n_suspects].tolist()
     rows = [
         [
-            *names_of(r),
+            *identity_cells(r),
             f"{short(r.residual / r.scale.size)} {r.scale.small}".strip(),
             short(r.sigma / r.scale.size),
             decimal(r.residual / r.sigma, 2),
@@ -340,7 +429,7 @@ def residuals(report: Report) -> list[str]:
     ]
     if not rows:
         return []
-    header, rows = without_empty([*NAMES, "v", "σ", "v/σ"], rows)
+    header, rows = without_empty_columns([*IDENTITY_HEADER, "v", "σ", "v/σ"], rows)
     return [
         *title("Largest normalised residuals (v = computed − observed)"),
         *table(header, rows, left=len(header) - 3),

@@ -1,4 +1,4 @@
-"""The protocol of an adjustment: plain text of fixed width, for readers and archives."""
+"""The report of an adjustment as plain text of fixed width, for readers and archives."""
 
 from __future__ import annotations
 
@@ -8,29 +8,48 @@ from math import isfinite
 from ..control_characters import escaped
 from ..epochs.comparison import Congruence
 from ..frames import Frame, GeocentricFrame, LocalFrame
-from ..quality.unit_weight import global_test
 from ..solve.solution import Solution
+from ..statistical_tests import global_test
 from ..units import format_angle
 from ..version import __version__
-from .adjusted import observations, weighted_coordinates
-from .causes import causes, exchanges_untested, given, likeliest
-from .context import Report
-from .coordinates import check_points, photos, points, side_shots
-from .doubts import notes_about, notes_on, unknowns_left_out
-from .epochs.text import render_congruence
-from .frames import frames
-from .geographic import geographic
-from .grid import grid, grid_photos, reference_system
-from .layout import WIDTH, paragraph, short, table, title
-from .lines import lines
+from .adjusted_coordinates import (
+    centre_ellipsoids_section,
+    check_points_section,
+    lines_section,
+    photos_section,
+    points_section,
+    side_shots_section,
+)
+from .adjusted_observations import adjusted_observations_section, weighted_coordinates_section
+from .adjustment_report import Report
+from .doubtful_results import notes_of_network, notes_of_solution, unknowns_left_out
+from .epochs_report import render_congruence
+from .frames_and_shapes import frames_section, shapes_section
+from .geodetic_coordinates import (
+    geographic_section,
+    grid_photos_section,
+    grid_section,
+    reference_system_line,
+)
+from .gross_errors import (
+    causes_section,
+    exchange_hints,
+    given_values_section,
+    most_probable_cause,
+    snooping_section,
+    variance_components_section,
+)
+from .layout import LINE_WIDTH, paragraph, short, table, title
 from .options import Provenance, ReportOptions, Run
-from .precision import centres
-from .reliability import reliability, suspects, weakest
-from .shapes import shapes
-from .snooping import components, snooping
-from .unknowns import calibrations, orientations, others, overparametrised
+from .reliability import reliability_section, suspects_section, weakest_section
+from .unknowns import (
+    calibrations_section,
+    orientations_section,
+    other_unknowns_section,
+    overparametrised_section,
+)
 
-DIRECTIONS = {"e": "east", "w": "west", "n": "north", "s": "south"}
+COMPASS_WORDS = {"e": "east", "w": "west", "n": "north", "s": "south"}
 
 
 def protocol(
@@ -54,35 +73,44 @@ def protocol(
     """
     if isinstance(solution, Congruence):
         return render_congruence(solution)
-    return render(Report(solution, options or ReportOptions(), provenance or Provenance()))
+    return render_text(Report(solution, options or ReportOptions(), provenance or Provenance()))
 
 
-def render(report: Report) -> str:
+def render_text(report: Report) -> str:
     """Return the protocol of a report."""
     precise = (
-        points,
-        side_shots,
-        geographic,
-        grid,
-        weighted_coordinates,
-        check_points,
-        photos,
-        grid_photos,
-        centres,
-        shapes,
-        frames,
-        calibrations,
-        orientations,
-        others,
-        overparametrised,
-        lines,
+        points_section,
+        side_shots_section,
+        geographic_section,
+        grid_section,
+        weighted_coordinates_section,
+        check_points_section,
+        photos_section,
+        grid_photos_section,
+        centre_ellipsoids_section,
+        shapes_section,
+        frames_section,
+        calibrations_section,
+        orientations_section,
+        other_unknowns_section,
+        overparametrised_section,
+        lines_section,
     )
     sections = (
-        *(_overview, _observations, _result, causes, snooping, components, reliability, given),
-        weakest,
+        *(
+            _overview,
+            _observations,
+            _result,
+            causes_section,
+            snooping_section,
+            variance_components_section,
+            reliability_section,
+            given_values_section,
+        ),
+        weakest_section,
         *(() if report.singular else precise),
-        observations,
-        suspects,
+        adjusted_observations_section,
+        suspects_section,
     )
     texts = [section(report) for section in sections]
     out = [line.rstrip() for text in texts if text for line in [*text, ""]]
@@ -107,12 +135,12 @@ def _overview(report: Report) -> list[str]:
     parts = ", ".join(f"{n} {what}" for what, n in counts.items() if n)
     out = [
         f"Adjustment of {network.name or 'a network without a name'}",
-        "=" * WIDTH,
+        "=" * LINE_WIDTH,
         *_doubts(report),
         *_notes(report),
         *run_lines(report.provenance.run),
         f"  frame          {_frame(network.frame)}",
-        *reference_system(report),
+        *reference_system_line(report),
         f"  points         {len(network.points)}" + (f" ({parts})" if parts else ""),
     ]
     if network.photos:
@@ -138,8 +166,8 @@ def _doubts(report: Report) -> list[str]:
     if not report.doubts:
         return []
     out = paragraph(f"DOUBTFUL RESULT: {'; '.join(report.doubts)}")
-    hints = exchanges_untested(report)
-    if (cause := likeliest(report)) and cause not in report.doubts:
+    hints = exchange_hints(report)
+    if (cause := most_probable_cause(report)) and cause not in report.doubts:
         hints.insert(0, cause)
     out += paragraph("; ".join(hints), indent=4) if hints else []
     return [*out, ""]
@@ -149,15 +177,15 @@ def _notes(report: Report) -> list[str]:
     """Return what was left out, as nothing determines it, and what is striking."""
     said = [
         *unknowns_left_out(report.network),
-        *notes_about(report.solution),
-        *notes_on(report.network),
+        *notes_of_solution(report.solution),
+        *notes_of_network(report.network),
     ]
     return [line for each in said for line in (*paragraph(each), "")]
 
 
 def _frame(frame: Frame) -> str:
     if isinstance(frame, LocalFrame):
-        x, y = (DIRECTIONS[a] for a in frame.axes)
+        x, y = (COMPASS_WORDS[a] for a in frame.axes)
         shape = f"curved, R = {frame.radius:.0f} m" if frame.curvature else "flat"
         return f"local, x {x}, y {y}, z up, {shape}"
     if isinstance(frame, GeocentricFrame):

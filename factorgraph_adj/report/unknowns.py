@@ -1,4 +1,4 @@
-"""Sections of the protocol: calibrations, orientation unknowns, refraction, verticals, meters."""
+"""Calibrations, orientation unknowns, refraction, verticals and other unknowns."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Literal
 
+from ..entities import Camera, Parameter, parameter_name
 from ..graph.variables import camera_of_calibration
 from ..models.variables import UNKNOWNS, Quantity, VariableKind, parameter_kinds
-from ..network.entities import Camera, Parameter, parameter_name
-from ..quality.systematic import TestedParameter
+from ..quality.parameter_significance import TestedParameter
 from ..units import ANGLE, decimal, decimal_angle, format_turn
-from .context import Report
+from .adjustment_report import Report
 from .layout import paragraph, percent, short, table, title, with_sigma
 
-SENTENCES = 10
+MAX_WARNINGS_LISTED = 10
 """Largest number of listed warnings."""
 _USUAL = {"refraction": "refraction", "vertical": "verticals", "edm": "distance meters"}
 """Kinds that the heading of their table names first, and in what words."""
@@ -23,11 +23,11 @@ _APART = ("frame",)
 """Kinds with a table of their own in the protocol."""
 _PER = ("", "/t", "/t²")
 """What stands behind the unit of a component that observations multiply by a power of t."""
-STRONG = 0.8
+STRONG_CORRELATION = 0.8
 """Smallest absolute correlation of calibration parameters that is reported as strong."""
 
 
-def calibrations(report: Report) -> list[str]:
+def calibrations_section(report: Report) -> list[str]:
     """Return each calibration with standard deviations and strong correlations."""
     names, few = list(report.calibrations), max(1, report.options.most // 10)
     out: list[str] = []
@@ -53,14 +53,14 @@ def _calibration(report: Report, name: str, camera: Camera) -> list[str]:
         f"{estimate.names[i]}–{estimate.names[j]} {estimate.correlation[i, j]:+.2f}"
         for k, i in enumerate(free)
         for j in free[k + 1 :]
-        if abs(estimate.correlation[i, j]) >= STRONG
+        if abs(estimate.correlation[i, j]) >= STRONG_CORRELATION
     ]
     out = title(f"Calibration of {name} (lens model {camera.lens.kind}; image unit {camera.unit})")
     tested = any(r[3] for r in rows)
     header = ["parameter", "value", "σ", *(["t"] if tested else []), ""]
     out += table(header, rows if tested else [[*r[:3], r[4]] for r in rows])
     if len(free) > 1:
-        out.append(f"  correlations from {STRONG}: {', '.join(strong) or 'none'}")
+        out.append(f"  correlations from {STRONG_CORRELATION}: {', '.join(strong) or 'none'}")
     if tested:
         out.append(_meaning(report))
     return out
@@ -86,21 +86,23 @@ def _meaning(report: Report) -> str:
     )
 
 
-def overparametrised(report: Report) -> list[str]:
+def overparametrised_section(report: Report) -> list[str]:
     """Return warnings about inseparable parameters."""
     found = report.significance
     if found is None or not found.overparametrised:
         return []
     sentences = found.overparametrised
     out = title(f"Overparametrised: not to be told apart, correlations from {found.limit:g}")
-    for sentence in sentences[:SENTENCES]:
+    for sentence in sentences[:MAX_WARNINGS_LISTED]:
         out += paragraph(sentence)
-    if len(sentences) > SENTENCES:
-        out.append(f"  … {len(sentences) - SENTENCES} more in {report.where('results.json')}")
+    if len(sentences) > MAX_WARNINGS_LISTED:
+        out.append(
+            f"  … {len(sentences) - MAX_WARNINGS_LISTED} more in {report.where('results.json')}"
+        )
     return out
 
 
-def orientations(report: Report) -> list[str]:
+def orientations_section(report: Report) -> list[str]:
     """Return the section of orientation unknowns of the sets of directions."""
     units = report.units
     digits = {"dms": 2, "deg": 6, "rad": 8, "mgon": 2, "cc": 1, "arcsec": 2}.get(units.angle, 5)
@@ -117,12 +119,12 @@ def orientations(report: Report) -> list[str]:
     return [*title("Orientation unknowns"), *table(header, shown, left=2), *note]
 
 
-MOST_HELD = 2
+MAX_COMPONENTS_HELD_SHOWN = 2
 """Number of components of an unknown up to which those that are held at zero are shown."""
 
 
 @dataclass(frozen=True)
-class SmallUnknown:
+class UnknownComponent:
     """One component of an unknown such as refraction, a vertical or a distance meter."""
 
     kind: VariableKind
@@ -147,7 +149,7 @@ class SmallUnknown:
     """Whether the component was held, weighted or free."""
 
 
-def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
+def unknown_components(report: Report) -> Iterator[UnknownComponent]:
     """Iterate over the components of all parameters but orientation unknowns.
 
     Those that are coordinates or rotations of any size are in the unit of observed values.
@@ -173,7 +175,7 @@ def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
             e = solution.unknown(kind.name, name)
             for i, component in enumerate(kind.components[: len(parameter.values)]):
                 unit, size = (whole if component.whole else shown)[component.quantity]
-                yield SmallUnknown(
+                yield UnknownComponent(
                     kind.name,
                     name,
                     component.name,
@@ -193,17 +195,17 @@ def _state(parameter: Parameter, i: int) -> Literal["held", "weighted", "free"]:
     return "weighted" if isfinite(parameter.sigma[i]) else "free"
 
 
-def others(report: Report) -> list[str]:
+def other_unknowns_section(report: Report) -> list[str]:
     """Return refraction, deflections of the vertical, distance meters and further kinds."""
     rows, shown_ones = [], []
     of_shapes = {(size.kind, size.name) for one in report.shapes for size in one.sizes}
     found = [
         u
-        for u in small_unknowns(report)
+        for u in unknown_components(report)
         if u.kind not in _APART and (u.kind, u.name) not in of_shapes
     ]
     for u in found:
-        if u.state == "held" and u.value == 0 and UNKNOWNS[u.kind].size > MOST_HELD:
+        if u.state == "held" and u.value == 0 and UNKNOWNS[u.kind].size > MAX_COMPONENTS_HELD_SHOWN:
             continue
         shown_ones.append(u)
         value, sigma = u.value / u.size, u.sigma / u.size

@@ -1,6 +1,6 @@
 """Answers of the stream: JSON values in the units of the project.
 
-The names are those of the CSV tables of a solution (`factorgraph_adj.report.tables`). The stream
+The names are those of the CSV tables of a solution (`factorgraph_adj.report.result_files`). The stream
 writes numbers that are not finite as null.
 """
 
@@ -15,27 +15,27 @@ import numpy as np
 from ..errors import AdjustmentError, InputError, Problem
 from ..incremental.adjustment import IncrementalAdjustment
 from ..incremental.arrival import Arrival, Waiting
-from ..io.numbers import Units, write
+from ..io.numbers import Units, write_quantity
 from ..ledger.verdicts import Gain, Verdict
 from ..observations import ImagePoint, observation_kind
 from ..quality.causes.search import Causes
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.reliability import Reliability
-from ..report import axes
-from ..report.context import Report
+from ..report import image_axes
+from ..report.adjustment_report import Report
+from ..report.observation_rows import Row, Scale, image_scale, observation_scale
 from ..report.options import ReportOptions
-from ..report.rows import Row, Scale, image_scale, scale_of
 from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
 from ..types import Array
 from ..units import ANGLE, LENGTH
 
 Answer = dict[str, Any]
-MOST_WAITING = 20
+MAX_WAITING_LISTED = 20
 """Largest number of waiting observations in an answer; ``waiting`` returns all of them."""
-MOST_PROBLEMS = 100
+MAX_PROBLEMS_IN_ANSWER = 100
 """Largest number of problems in an answer."""
-MOST_TEXT = 600
+MAX_LETTERS_OF_PROBLEM = 600
 """Largest number of characters of one problem; a message may quote a line of any length."""
 
 
@@ -96,8 +96,8 @@ class Answers:
         return self.point(name, inc.estimate(name), inc.standard_deviations(name))
 
     def latest_waiting(self) -> list[Answer]:
-        """Return the waiting observations, the latest first, at most `MOST_WAITING`."""
-        return [self.waiting(w) for w in self.adjustment.latest_waiting(MOST_WAITING)]
+        """Return the waiting observations, the latest first, at most `MAX_WAITING_LISTED`."""
+        return [self.waiting(w) for w in self.adjustment.latest_waiting(MAX_WAITING_LISTED)]
 
     def counts(self) -> Answer:
         """Return the numbers of observations by state, the redundancy and σ̂0."""
@@ -109,7 +109,7 @@ class Answers:
             "rejected": len(inc.rejected),
             "doubts": len(inc.doubts),
             "redundancy": inc.redundancy,
-            "sigma0": figure(inc.sigma0),
+            "sigma0": rounded_figure(inc.sigma0),
         }
 
     # -- verdicts -----------------------------------------------------------------------------
@@ -129,22 +129,22 @@ class Answers:
         scale = self._scale(v)
         sign = np.array([scale.sign(c) for c in v.components])
         return out | {
-            "test": figure(v.test),
-            "t2": figure(v.t2),
+            "test": rounded_figure(v.test),
+            "t2": rounded_figure(v.t2),
             "dof": v.dof,
-            "critical": figure(v.critical),
+            "critical": rounded_figure(v.critical),
             "controlled": bool(v.controlled),
             "components": list(v.components),
-            "innovation": figures(sign * v.innovation / scale.size),
-            "innovation_sigma": figures(v.sigma / scale.size),
+            "innovation": rounded_figures(sign * v.innovation / scale.size),
+            "innovation_sigma": rounded_figures(v.sigma / scale.size),
             "small_unit": scale.small,
-            "w": figures(sign * v.w),
-            "redundancy_number": figures(v.redundancy_numbers),
+            "w": rounded_figures(sign * v.w),
+            "redundancy_number": rounded_figures(v.redundancy_numbers),
             "gains": [self.gain(g) for g in v.gains],
         }
 
     def _test_value(self, found: Rejected | Unresolved) -> float:
-        return figure(self._scale(found).sign(found.component) * found.test)
+        return rounded_figure(self._scale(found).sign(found.component) * found.test)
 
     def _scale(self, v: Verdict | Rejected | Unresolved) -> Scale:
         """Return the units of an observation."""
@@ -155,7 +155,7 @@ class Answers:
                 photo = cast(ImagePoint, self.adjustment.observation(v.id)).photo
                 scales = {image_scale(network.cameras[network.photos[photo].camera])}
             return scales.pop()
-        return scale_of(observation_kind(v.kind).unit, self.units)
+        return observation_scale(observation_kind(v.kind).unit, self.units)
 
     def gain(self, g: Gain) -> Answer:
         """Return σ of a point before and after an observation."""
@@ -185,16 +185,16 @@ class Answers:
         out |= {a: self.angle(v) for a, v in about}
         out |= self._xyz("sigma_", pose.sigmas[3:], self.units.sigma_length)
         turns = zip(("rx", "ry", "rz"), pose.sigmas[:3].tolist(), strict=True)
-        return out | {f"sigma_{a}_{small}": figure(s / ANGLE[small]) for a, s in turns}
+        return out | {f"sigma_{a}_{small}": rounded_figure(s / ANGLE[small]) for a, s in turns}
 
     def calibration(self, name: str, e: CalibrationEstimate) -> Answer:
         """Return a calibration in units and axes of the camera's files."""
-        e = axes.calibration(self.adjustment.described, name, e)
+        e = image_axes.calibration_in_files(self.adjustment.described, name, e)
         return {
             "name": name,
             "unit": e.unit,
             "parameters": {n: float(v) for n, v in zip(e.names, e.values, strict=True)},
-            "sigma": {n: figure(float(s)) for n, s in zip(e.names, e.sigmas, strict=True)},
+            "sigma": {n: rounded_figure(float(s)) for n, s in zip(e.names, e.sigmas, strict=True)},
         }
 
     def length(self, metres: float) -> float:
@@ -204,12 +204,12 @@ class Answers:
 
     def angle(self, radians: float) -> float | str:
         """Return an angle in the project's unit; degrees-minutes-seconds are text."""
-        text = write(radians, self.units.angle)
+        text = write_quantity(radians, self.units.angle)
         return text if self.units.angle == "dms" else float(text)
 
     def _xyz(self, prefix: str, sigma: Iterable[float] | Array, unit: str) -> Answer:
         return {
-            f"{prefix}{a}_{unit}": figure(float(s) / LENGTH[unit])
+            f"{prefix}{a}_{unit}": rounded_figure(float(s) / LENGTH[unit])
             for a, s in zip("xyz", sigma, strict=True)
         }
 
@@ -223,8 +223,8 @@ class Answers:
             "name": s.network.name,
             **fields_of(s, "converged", "reason", "n_observations", "n_unknowns"),
             **fields_of(s, "datum_defect", "redundancy", "second_places"),
-            "vtpv": figure(s.vtpv),
-            "sigma0": figure(s.sigma0),
+            "vtpv": rounded_figure(s.vtpv),
+            "sigma0": rounded_figure(s.sigma0),
             "points": [
                 self.point(n, at[i], np.array(report.sigmas[n]))
                 for i, n in enumerate(s.network.points)
@@ -250,8 +250,8 @@ class Answers:
         return {
             "alpha": rel.alpha,
             "power": rel.power,
-            "critical_w": figure(rel.critical_w),
-            "sum": figure(float(r.sum()) + rel.redundancy_of_extra_factors),
+            "critical_w": rounded_figure(rel.critical_w),
+            "sum": rounded_figure(float(r.sum()) + rel.redundancy_of_extra_factors),
             "redundancy": rel.solution.redundancy,
             "uncontrolled": [_which(row) for row in uncontrolled],
             "weakest": [self._reliable(rel, row) for row in report.rows.at(weakest)],
@@ -260,7 +260,7 @@ class Answers:
                 self._reliable(rel, row)
                 | {
                     "not_told_apart_from": [
-                        {"label": labels(i), "correlation": figure(rho)}
+                        {"label": labels(i), "correlation": rounded_figure(rho)}
                         for i, rho in sharing[row.number]
                     ]
                 }
@@ -271,12 +271,12 @@ class Answers:
     def _reliable(self, rel: Reliability, row: Row) -> Answer:
         i = row.number
         return _which(row) | {
-            "redundancy_number": figure(rel.redundancy_numbers[i]),
-            "w": figure(row.sign * rel.w[i]),
-            "mdb": figure(rel.mdb[i] / row.scale.size),
-            "estimated_error": figure(row.sign * rel.estimated_errors[i] / row.scale.size),
+            "redundancy_number": rounded_figure(rel.redundancy_numbers[i]),
+            "w": rounded_figure(row.sign * rel.w[i]),
+            "mdb": rounded_figure(rel.mdb[i] / row.scale.size),
+            "estimated_error": rounded_figure(row.sign * rel.estimated_errors[i] / row.scale.size),
             "small_unit": row.scale.small,
-            "delta_bar": figure(rel.delta_bar[i]),
+            "delta_bar": rounded_figure(rel.delta_bar[i]),
         }
 
     def causes(self, found: Causes | None) -> Answer:
@@ -302,8 +302,8 @@ class Answers:
         """
         return {
             "reason": found.reason,
-            "critical": figure(found.critical),
-            "sigma0": figure(found.solution.sigma0),
+            "critical": rounded_figure(found.critical),
+            "sigma0": rounded_figure(found.solution.sigma0),
             "set_aside": [
                 _which(r) | {"round": r.round, "test_value": self._test_value(r)}
                 for r in found.rejected
@@ -330,14 +330,14 @@ def _which(row: Row | Rejected | Unresolved) -> Answer:
     return fields_of(row, "id", "kind", "component")
 
 
-def figure(value: float) -> float:
+def rounded_figure(value: float) -> float:
     """Return a derived figure with enough digits for further use."""
     return float(f"{value:.9g}") + 0.0
 
 
-def figures(values: Sequence[float] | Array) -> list[float]:
+def rounded_figures(values: Sequence[float] | Array) -> list[float]:
     """Return derived figures as `figure` does."""
-    return [figure(v) for v in np.asarray(values, dtype=float).tolist()]
+    return [rounded_figure(v) for v in np.asarray(values, dtype=float).tolist()]
 
 
 # -- errors ----------------------------------------------------------------------------------------
@@ -347,10 +347,11 @@ def refusal(number: int, error: AdjustmentError) -> Answer:
     """Return the answer to a faulty line."""
     problems: tuple[Problem, ...] = getattr(error, "problems", (Problem(str(error)),))
     listed = [
-        {"where": cut_short(p.where), "what": cut_short(p.what)} for p in problems[:MOST_PROBLEMS]
+        {"where": cut_short(p.where), "what": cut_short(p.what)}
+        for p in problems[:MAX_PROBLEMS_IN_ANSWER]
     ]
-    if len(problems) > MOST_PROBLEMS:
-        listed.append({"where": "", "what": f"… and {len(problems) - MOST_PROBLEMS} more"})
+    if len(problems) > MAX_PROBLEMS_IN_ANSWER:
+        listed.append({"where": "", "what": f"… and {len(problems) - MAX_PROBLEMS_IN_ANSWER} more"})
     return {"line": number, "ok": False, "error": listed}
 
 
@@ -361,5 +362,5 @@ def fault(number: int, error: Exception) -> Answer:
 
 
 def cut_short(text: str) -> str:
-    """Return a text cut to `MOST_TEXT` characters."""
-    return text if len(text) <= MOST_TEXT else text[:MOST_TEXT] + "…"
+    """Return a text cut to `MAX_LETTERS_OF_PROBLEM` characters."""
+    return text if len(text) <= MAX_LETTERS_OF_PROBLEM else text[:MAX_LETTERS_OF_PROBLEM] + "…"

@@ -10,28 +10,28 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
+from ..entities import Camera, Key, Parameter, parameter_name
 from ..errors import InputError, Problem, known
-from ..io.context import ImageAxes, RecordContext
+from ..io.csv_tables import FieldRow
 from ..io.json_records import camera_of, observation_of
-from ..io.records import label
-from ..io.tables import Row
+from ..io.observation_fields import ImageAxes, RecordContext
+from ..io.observation_records import record_label
 from ..models.variables import UNKNOWNS, VariableKind
-from ..network.entities import Camera, Key, Parameter, parameter_name
 from ..network.network import Network
 from ..observations import AnyObservation
 
-LONGEST = 1 << 26
+MAX_LINE_BYTES = 1 << 26
 """Largest length of a line: 64 MB, bytes."""
-MOST_SHOWN = 60
+MAX_LETTERS_SHOWN = 60
 """Largest number of characters of a faulty line in a message."""
 
-NEW = ("id", "name", "set")
+FIELDS_WITH_NEW_NAMES = ("id", "name", "set")
 """Fields with names that may be new."""
 
 Found = TypeVar("Found")
 
 
-def parse(line: str | bytes) -> dict[str, Any]:
+def parse_line(line: str | bytes) -> dict[str, Any]:
     """Return the object of a line.
 
     Numbers that are not JSON (NaN, Infinity) are accepted here; the reader of the field refuses
@@ -44,8 +44,8 @@ def parse(line: str | bytes) -> dict[str, Any]:
         InputError: the line is not UTF-8, empty, not JSON or not an object, has a key twice, or
             has a lone surrogate.
     """
-    if len(line) > LONGEST:
-        raise InputError(f"the line is longer than {LONGEST >> 20} MB")
+    if len(line) > MAX_LINE_BYTES:
+        raise InputError(f"the line is longer than {MAX_LINE_BYTES >> 20} MB")
     if isinstance(line, bytes):
         try:
             line = line.decode("utf-8")
@@ -68,7 +68,7 @@ def parse(line: str | bytes) -> dict[str, Any]:
     except ValueError as error:  # a whole number has thousands of digits
         raise InputError(f"the line is not JSON that can be read: {error}") from None
     if not isinstance(found, dict):
-        raise InputError(f"the line must be one JSON object {{…}}, not {shown(found)}")
+        raise InputError(f"the line must be one JSON object {{…}}, not {shown_value(found)}")
     return found
 
 
@@ -82,16 +82,16 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return out
 
 
-def shown(value: object) -> str:
+def shown_value(value: object) -> str:
     """Return the text of a value for a message."""
     text = repr(value)
-    return text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "…"
+    return text if len(text) <= MAX_LETTERS_SHOWN else text[:MAX_LETTERS_SHOWN] + "…"
 
 
 # -- fields ---------------------------------------------------------------------------------------
 
 
-def fine(row: Row) -> None:
+def refuse_noted_problems(row: FieldRow) -> None:
     """Continue only if no problem was noted so far.
 
     Raises:
@@ -101,34 +101,36 @@ def fine(row: Row) -> None:
         raise InputError(row.problems)
 
 
-def ids(row: Row, name: str = "ids", *, required: bool = True) -> tuple[str, ...]:
+def listed_ids(row: FieldRow, name: str = "ids", *, required: bool = True) -> tuple[str, ...]:
     """Return a field with a list of ids, or a single id. Raises as `fine` does."""
     given = row.take(name, required=required)
     listed: Sequence[object] = given if isinstance(given, list) else [given]
     found = []
     for ident in listed if given is not None else ():
         if isinstance(ident, bool) or not isinstance(ident, str | int) or ident == "":
-            row.wrong(f"{name} must be a list of ids, or one id, not {shown(given)}")
+            row.wrong(f"{name} must be a list of ids, or one id, not {shown_value(given)}")
             break
         found.append(str(ident))
     if given == []:
         row.wrong(f"{name} is empty: name one or more")
-    fine(row)
+    refuse_noted_problems(row)
     return tuple(found)
 
 
-def an_object(given: object, name: str) -> Mapping[str, Any]:
+def checked_object(given: object, name: str) -> Mapping[str, Any]:
     """Return a value that must be an object.
 
     Raises:
         InputError: the value is not an object.
     """
     if not isinstance(given, Mapping):
-        raise InputError(f"{name} must be an object {{…}}, not {shown(given)}")
+        raise InputError(f"{name} must be an object {{…}}, not {shown_value(given)}")
     return given
 
 
-def each(row: Row, name: str, read: Callable[[Mapping[str, Any]], Found]) -> list[Found]:
+def records_of_list(
+    row: FieldRow, name: str, read: Callable[[Mapping[str, Any]], Found]
+) -> list[Found]:
     """Read every record of a list; problems are noted with the number of the record.
 
     Args:
@@ -140,14 +142,14 @@ def each(row: Row, name: str, read: Callable[[Mapping[str, Any]], Found]) -> lis
     if given is None:
         return []
     if not isinstance(given, list):
-        row.wrong(f"{name} must be a list of records, not {shown(given)}")
+        row.wrong(f"{name} must be a list of records, not {shown_value(given)}")
         return []
     found = []
     for number, record in enumerate(given, start=1):
         which = f"{name.removesuffix('s')} {number}"
         try:
-            fields = an_object(record, which)
-            new_names(fields)
+            fields = checked_object(record, which)
+            refuse_unwritable_names(fields)
             found.append(read(fields))
         except InputError as error:
             row.problems += [
@@ -156,8 +158,8 @@ def each(row: Row, name: str, read: Callable[[Mapping[str, Any]], Found]) -> lis
     return found
 
 
-def by_kind(
-    row: Row, stated: Sequence[tuple[VariableKind, Key, Parameter]]
+def unknowns_by_kind(
+    row: FieldRow, stated: Sequence[tuple[VariableKind, Key, Parameter]]
 ) -> dict[VariableKind, dict[Key, Parameter]]:
     """Return unknowns by kind and key; those that stand twice are noted as problems."""
     out: dict[VariableKind, dict[Key, Parameter]] = {}
@@ -169,43 +171,45 @@ def by_kind(
     return out
 
 
-def new_names(fields: Mapping[str, Any]) -> None:
+def refuse_unwritable_names(fields: Mapping[str, Any]) -> None:
     """Refuse new names that cannot be written to the files of a project.
 
     Raises:
         InputError: a new name has blanks or line breaks at its ends. Control characters inside
             are refused for every name of a network.
     """
-    for field in NEW:
+    for field in FIELDS_WITH_NEW_NAMES:
         name = fields.get(field)
         if isinstance(name, str) and name != name.strip():
-            what = f"{field} {shown(name)} has blanks or line breaks at its ends"
-            raise InputError(Problem(what, label(fields)))
+            what = f"{field} {shown_value(name)} has blanks or line breaks at its ends"
+            raise InputError(Problem(what, record_label(fields)))
     members = fields.get("observations")
     for member in members if isinstance(members, list) else ():
         if isinstance(member, Mapping):
-            new_names(member)
+            refuse_unwritable_names(member)
 
 
 # -- defaults of the project -----------------------------------------------------------------------
 
 
-def completed(context: RecordContext, network: Network) -> RecordContext:
+def context_with_image_axes(context: RecordContext, network: Network) -> RecordContext:
     """Return a context with the image axes of every camera and photo.
 
     A network that was not read from a project states no σ of image coordinates.
     """
-    cameras = {n: context.cameras.get(n, axes_of(c)) for n, c in network.cameras.items()}
+    cameras = {
+        n: context.cameras.get(n, image_axes_of_camera(c)) for n, c in network.cameras.items()
+    }
     images = {n: context.images.get(n, cameras[p.camera]) for n, p in network.photos.items()}
     return replace(context, cameras=cameras, images=images)
 
 
-def axes_of(camera: Camera) -> ImageAxes:
+def image_axes_of_camera(camera: Camera) -> ImageAxes:
     """Return the axes of a camera's image coordinates in files, without a default of σ."""
     return ImageAxes(camera.unit, camera.y_down_in_files)
 
 
-def camera(fields: Mapping[str, Any]) -> Camera:
+def new_camera(fields: Mapping[str, Any]) -> Camera:
     """Return a camera that arrives.
 
     A default of σ is part of a project and cannot be kept in a journal.
@@ -223,16 +227,16 @@ def camera(fields: Mapping[str, Any]) -> Camera:
     return camera
 
 
-def observation(fields: Mapping[str, Any], context: RecordContext) -> AnyObservation:
+def observation_of_record(fields: Mapping[str, Any], context: RecordContext) -> AnyObservation:
     """Return the observation of a record.
 
     Raises:
         InputError: the record has problems, or its photo is unknown and therefore also the image
             axes of the photo in files.
     """
-    new_names(fields)
+    refuse_unwritable_names(fields)
     photo = fields.get("photo")
     if fields.get("kind") == "image" and photo is not None and str(photo) not in context.images:
-        what = f"unknown photo {shown(photo)}; known: {known(context.images, meant=photo)}"
-        raise InputError(Problem(what, label(fields)))
+        what = f"unknown photo {shown_value(photo)}; known: {known(context.images, meant=photo)}"
+        raise InputError(Problem(what, record_label(fields)))
     return observation_of(fields, context=context)

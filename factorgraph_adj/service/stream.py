@@ -25,7 +25,7 @@ such as σ of a new point before the observation, are null.
                       what has none counts as coming with the latest that has one.
                       One error refuses all. Observations with a joint covariance are one record
                       ``{"kind": "correlated", "observations": […], "covariance_si": [[…]]}``
-``solution``          figures of the adjustment, ``second_places`` (why a converged result is in
+``solution``          figures of the adjustment, ``ambiguous_places`` (why a converged result is in
                       doubt), ``points``, ``photos``, ``calibrations``
 ``estimate``          one of ``point``, ``photo``, ``camera``: a name; present estimate and σ
 ``reliability``       ``alpha``, ``power``, ``most`` (10): Σr (``sum``), ``uncontrolled``,
@@ -103,26 +103,26 @@ from typing import Any
 from ..blas_threads import one_at_a_time
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..incremental.adjustment import IncrementalAdjustment
-from ..io.atomic import write_files
-from ..io.context import RecordContext
+from ..io.csv_tables import FieldRow
+from ..io.file_transaction import write_files
 from ..io.json_records import photo_of, point_of, unknown_of
-from ..io.tables import Row
-from ..io.write_project import network_files
+from ..io.observation_fields import RecordContext
+from ..io.project_writer import network_files
 from ..observations import Correlated
-from ..quality.levels import POWER
-from ..report.json_text import finite
+from ..report.layout import finite_json
+from ..statistical_tests import POWER_OF_TEST
 from . import requests
 from .answers import Answer, Answers, fault, fields_of, refusal
 
-LISTED = 10
+DEFAULT_LIST_LENGTH = 10
 """Default number of observations in the lists of ``reliability``."""
 
 
 @dataclass(frozen=True)
-class Command:
+class StreamCommand:
     """A command: a value of ``do``."""
 
-    run: Callable[[Stream, Row], Answer]
+    run: Callable[[Stream, FieldRow], Answer]
     """Function that executes the command; it notes problems in the row or raises them."""
     fields: tuple[str, ...] = ()
     """Fields of the command."""
@@ -136,7 +136,7 @@ class Stream:
         adjustment: IncrementalAdjustment,
         *,
         context: RecordContext | None = None,
-        power: float = POWER,
+        power: float = POWER_OF_TEST,
     ) -> None:
         """Start a stream for an adjustment.
 
@@ -150,7 +150,7 @@ class Stream:
         described = adjustment.described
         self.frame = described.frame
         self.power = power
-        self.context = requests.completed(context or RecordContext(), described)
+        self.context = requests.context_with_image_axes(context or RecordContext(), described)
         self.answers = Answers(adjustment, self.context.units)
         self.stopped = False
         """Whether the stream was asked to stop."""
@@ -174,7 +174,7 @@ class Stream:
             "waiting": self.answers.latest_waiting(),
             "counts": self.answers.counts(),
         }
-        return dict(finite(out))
+        return dict(finite_json(out))
 
     @one_at_a_time
     def answer(self, line: str | bytes, number: int) -> Answer:
@@ -189,7 +189,7 @@ class Stream:
         """
         begun = perf_counter()
         try:
-            fields = requests.parse(line)
+            fields = requests.parse_line(line)
             said = self._command(fields) if "do" in fields else self._observation(fields)
             out: Answer = {"line": number, "ok": True, **said}
         except AdjustmentError as error:
@@ -200,24 +200,24 @@ class Stream:
             out = fault(number, error)
         out["counts"] = self.answers.counts()
         out["seconds"] = round(perf_counter() - begun, 6)
-        return dict(finite(out))
+        return dict(finite_json(out))
 
     # -- lines --------------------------------------------------------------------------------
 
     def _command(self, fields: dict[str, Any]) -> Answer:
         do = fields["do"]
-        command = COMMANDS.get(do) if isinstance(do, str) else None
+        command = STREAM_COMMANDS.get(do) if isinstance(do, str) else None
         if command is None:
-            valid = known(COMMANDS, meant=do, most=40)
-            what = f"unknown command {requests.shown(do)}; valid: {valid}"
+            valid = known(STREAM_COMMANDS, meant=do, most=40)
+            what = f"unknown command {requests.shown_value(do)}; valid: {valid}"
             raise InputError(Problem(what, "do"))
-        row = Row(fields, str(do), [])
+        row = FieldRow(fields, str(do), [])
         for name in row.fields:
             if name not in ("do", "remark", *command.fields):
                 takes = known(command.fields, meant=name) if command.fields else "no further fields"
-                row.wrong(f"unknown field {requests.shown(name)}; it takes: {takes}")
+                row.wrong(f"unknown field {requests.shown_value(name)}; it takes: {takes}")
         if not command.fields:
-            requests.fine(row)
+            requests.refuse_noted_problems(row)
         return {"do": do, **command.run(self, row)}
 
     def _observation(self, fields: Mapping[str, object]) -> Answer:
@@ -225,81 +225,85 @@ class Stream:
         if "kind" not in fields:
             what = "neither an observation (kind) nor a command (do)"
             raise InputError(Problem(f"{what}; fields: {known(fields, most=6)}"))
-        given = requests.observation(fields, self.context)
+        given = requests.observation_of_record(fields, self.context)
         out = self.answers.arrival(self.adjustment.add(given))
         verdicts = out.pop("verdicts")
         return {**(verdicts[0] if len(verdicts) == 1 else {"verdicts": verdicts}), **out}
 
     # -- commands that change the graph ---------------------------------------------------------
 
-    def _add(self, row: Row) -> Answer:
+    def _add(self, row: FieldRow) -> Answer:
         context = self.context
-        cameras = requests.each(row, "cameras", requests.camera)
-        axes = {**context.cameras, **{c.name: requests.axes_of(c) for c in cameras}}
+        cameras = requests.records_of_list(row, "cameras", requests.new_camera)
+        axes = {**context.cameras, **{c.name: requests.image_axes_of_camera(c) for c in cameras}}
         only = {"camera": next(iter(axes))} if len(axes) == 1 else {}
-        photos = requests.each(
+        photos = requests.records_of_list(
             row, "photos", lambda f: photo_of({**only, **f}, context=context, frame=self.frame)
         )
         images = {p.name: axes[p.camera] for p in photos if p.camera in axes}
         context = replace(context, cameras=axes, images={**context.images, **images})
-        points = requests.each(
+        points = requests.records_of_list(
             row, "points", lambda f: point_of(f, context=context, frame=self.frame)
         )
-        stated = requests.each(row, "unknowns", lambda f: unknown_of(f, context=context))
-        given = requests.each(row, "observations", lambda f: requests.observation(f, context))
+        stated = requests.records_of_list(row, "unknowns", lambda f: unknown_of(f, context=context))
+        given = requests.records_of_list(
+            row, "observations", lambda f: requests.observation_of_record(f, context)
+        )
         if not row.problems and not (given or points or photos or cameras or stated):
             row.wrong("nothing to add: give observations, points, photos, cameras or unknowns")
-        unknowns, time = requests.by_kind(row, stated), row.number("time")
-        requests.fine(row)
+        unknowns, time = requests.unknowns_by_kind(row, stated), row.number("time")
+        requests.refuse_noted_problems(row)
         arrival = self.adjustment.add(
             given, points=points, photos=photos, cameras=cameras, unknowns=unknowns, time=time
         )
         self.context = context
         return self.answers.arrival(arrival)
 
-    def _accept(self, row: Row) -> Answer:
-        return self.answers.arrival(self.adjustment.accept(requests.ids(row)))
+    def _accept(self, row: FieldRow) -> Answer:
+        return self.answers.arrival(self.adjustment.accept(requests.listed_ids(row)))
 
-    def _discard(self, row: Row) -> Answer:
-        self.adjustment.discard(requests.ids(row))
+    def _discard(self, row: FieldRow) -> Answer:
+        self.adjustment.discard(requests.listed_ids(row))
         return {}
 
-    def _remove(self, row: Row) -> Answer:
-        ids = requests.ids(row)
+    def _remove(self, row: FieldRow) -> Answer:
+        ids = requests.listed_ids(row)
         points, _ = self.answers.points(self.answers.points_of(ids))  # only these can be lost
         touched = [str(p["name"]) for p in points]
         return self.answers.arrival(self.adjustment.remove(ids), touched=touched)
 
-    def _replace(self, row: Row) -> Answer:
+    def _replace(self, row: FieldRow) -> Answer:
         ident = row.text("id", required=True)
         record = row.take("observation", required=True)
-        requests.fine(row)
-        given = requests.observation(requests.an_object(record, "observation"), self.context)
+        requests.refuse_noted_problems(row)
+        given = requests.observation_of_record(
+            requests.checked_object(record, "observation"), self.context
+        )
         if isinstance(given, Correlated):
             raise InputError("a correlated group cannot stand in the place of one observation")
         assert ident is not None
         return self.answers.arrival(self.adjustment.replace(ident, given))
 
-    def _reweight(self, row: Row) -> Answer:
+    def _reweight(self, row: FieldRow) -> Answer:
         factor = row.number("factor", required=True, positive=True)
-        ids = requests.ids(row)
+        ids = requests.listed_ids(row)
         assert factor is not None
         return self.answers.arrival(self.adjustment.reweight(ids, factor))
 
-    def _snoop(self, row: Row) -> Answer:
+    def _snoop(self, row: FieldRow) -> Answer:
         found = self.adjustment.snoop()
         return self.answers.snooping(found, self.adjustment.latest)
 
-    def _settle(self, row: Row) -> Answer:
+    def _settle(self, row: FieldRow) -> Answer:
         everything = row.flag("all")
-        requests.fine(row)
+        requests.refuse_noted_problems(row)
         self.adjustment.settle(all=everything)
         return {}
 
-    def _retire(self, row: Row) -> Answer:
-        points, photos = (requests.ids(row, n, required=False) for n in ("points", "photos"))
+    def _retire(self, row: FieldRow) -> Answer:
+        points, photos = (requests.listed_ids(row, n, required=False) for n in ("points", "photos"))
         before = row.text("before")
-        requests.fine(row)
+        requests.refuse_noted_problems(row)
         was = self._numbers_retired()
         self.adjustment.retire(points=points, photos=photos, before=before)
         now = self._numbers_retired()
@@ -311,15 +315,15 @@ class Stream:
 
     # -- queries --------------------------------------------------------------------------------
 
-    def _solution(self, row: Row) -> Answer:
+    def _solution(self, row: FieldRow) -> Answer:
         return self.answers.solution(self.adjustment.solution())
 
-    def _estimate(self, row: Row) -> Answer:
+    def _estimate(self, row: FieldRow) -> Answer:
         inc = self.adjustment
         asked = {n: row.text(n) for n in ("point", "photo", "camera") if n in row}
         if len(asked) != 1:
             row.wrong("give one of point, photo, camera")
-        requests.fine(row)
+        requests.refuse_noted_problems(row)
         (what, name), *_ = asked.items()
         assert name is not None
         if what == "point":
@@ -328,38 +332,38 @@ class Stream:
             return self.answers.photo(name, inc.pose(name))
         return self.answers.calibration(name, inc.calibration(name))
 
-    def _reliability(self, row: Row) -> Answer:
+    def _reliability(self, row: FieldRow) -> Answer:
         alpha, power = (row.number(n, positive=True) for n in ("alpha", "power"))
         most = row.number("most", positive=True)
-        requests.fine(row)
+        requests.refuse_noted_problems(row)
         inc = self.adjustment
         found = inc.reliability(
             alpha=inc.alpha if alpha is None else alpha,
             power=self.power if power is None else power,
         )
-        return self.answers.reliability(found, LISTED if most is None else int(most))
+        return self.answers.reliability(found, DEFAULT_LIST_LENGTH if most is None else int(most))
 
-    def _all_waiting(self, row: Row) -> Answer:
+    def _all_waiting(self, row: FieldRow) -> Answer:
         return {"waiting": [self.answers.waiting(w) for w in self.adjustment.waiting]}
 
-    def _suspects(self, row: Row) -> Answer:
+    def _suspects(self, row: FieldRow) -> Answer:
         return {"suspects": [self.answers.verdict(v) for v in self.adjustment.suspects]}
 
-    def _rejected(self, row: Row) -> Answer:
+    def _rejected(self, row: FieldRow) -> Answer:
         return {"rejected": [self.answers.verdict(v) for v in self.adjustment.rejected]}
 
-    def _doubts(self, row: Row) -> Answer:
+    def _doubts(self, row: FieldRow) -> Answer:
         return {"doubts": list(self.adjustment.doubts)}
 
-    def _causes(self, row: Row) -> Answer:
+    def _causes(self, row: FieldRow) -> Answer:
         return self.answers.causes(self.adjustment.causes())
 
-    def _write(self, row: Row) -> Answer:
+    def _write(self, row: FieldRow) -> Answer:
         name = row.text("project", required=True)
         overwrite = row.take("overwrite")
         if overwrite not in (None, True, False):
-            row.wrong(f"overwrite must be true or false, not {requests.shown(overwrite)}")
-        requests.fine(row)
+            row.wrong(f"overwrite must be true or false, not {requests.shown_value(overwrite)}")
+        requests.refuse_noted_problems(row)
         path = Path(name or "")
         path = path if path.suffix == ".toml" else path / "project.toml"
         network = self.adjustment.network()
@@ -374,32 +378,32 @@ class Stream:
         write_files(path.parent, files)
         return {"project": str(path)}
 
-    def _stop(self, row: Row) -> Answer:
+    def _stop(self, row: FieldRow) -> Answer:
         self.stopped = True
         return {}
 
 
-COMMANDS: dict[str, Command] = {
-    "add": Command(
+STREAM_COMMANDS: dict[str, StreamCommand] = {
+    "add": StreamCommand(
         Stream._add, ("observations", "points", "photos", "cameras", "unknowns", "time")
     ),
-    "solution": Command(Stream._solution),
-    "estimate": Command(Stream._estimate, ("point", "photo", "camera")),
-    "reliability": Command(Stream._reliability, ("alpha", "power", "most")),
-    "waiting": Command(Stream._all_waiting),
-    "suspects": Command(Stream._suspects),
-    "rejected": Command(Stream._rejected),
-    "doubts": Command(Stream._doubts),
-    "causes": Command(Stream._causes),
-    "accept": Command(Stream._accept, ("ids",)),
-    "discard": Command(Stream._discard, ("ids",)),
-    "remove": Command(Stream._remove, ("ids",)),
-    "replace": Command(Stream._replace, ("id", "observation")),
-    "reweight": Command(Stream._reweight, ("ids", "factor")),
-    "snoop": Command(Stream._snoop),
-    "settle": Command(Stream._settle, ("all",)),
-    "retire": Command(Stream._retire, ("points", "photos", "before")),
-    "write": Command(Stream._write, ("project", "overwrite")),
-    "stop": Command(Stream._stop),
+    "solution": StreamCommand(Stream._solution),
+    "estimate": StreamCommand(Stream._estimate, ("point", "photo", "camera")),
+    "reliability": StreamCommand(Stream._reliability, ("alpha", "power", "most")),
+    "waiting": StreamCommand(Stream._all_waiting),
+    "suspects": StreamCommand(Stream._suspects),
+    "rejected": StreamCommand(Stream._rejected),
+    "doubts": StreamCommand(Stream._doubts),
+    "causes": StreamCommand(Stream._causes),
+    "accept": StreamCommand(Stream._accept, ("ids",)),
+    "discard": StreamCommand(Stream._discard, ("ids",)),
+    "remove": StreamCommand(Stream._remove, ("ids",)),
+    "replace": StreamCommand(Stream._replace, ("id", "observation")),
+    "reweight": StreamCommand(Stream._reweight, ("ids", "factor")),
+    "snoop": StreamCommand(Stream._snoop),
+    "settle": StreamCommand(Stream._settle, ("all",)),
+    "retire": StreamCommand(Stream._retire, ("points", "photos", "before")),
+    "write": StreamCommand(Stream._write, ("project", "overwrite")),
+    "stop": StreamCommand(Stream._stop),
 }
 """Commands by name."""

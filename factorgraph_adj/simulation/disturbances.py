@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..entities import ImageTable, Parameter
 from ..errors import Problem, known
 from ..graph.equations import compile_rows
+from ..graph.observation_selection import without
 from ..models.variables import UNKNOWNS
-from ..network.entities import ImageTable, Parameter
 from ..network.network import Network
-from ..network.selection import without
 from ..observations import KINDS, ControlPoint, Observation, SlopeDistance
 from ..types import Array
-from .determined import undetermined_points
+from .given_values import undetermined_points
+from .measurement import Seed, measure
 from .parameters import Parameters, number, path_of
-from .simulate import Seed, measure
-from .systematic import InImages, Systematic
+from .systematic_errors import InImages, Systematic
 
 GROSS, DROPPED = 1000, 1001
 """Streams of the seed for gross errors and drop-outs. Lower numbers are streams of measuring and

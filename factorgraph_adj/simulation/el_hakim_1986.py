@@ -41,8 +41,8 @@ from ..network.network import Network
 from ..observations import ControlPoint, HeightDifference, SlopeDistance
 from ..rotation import world_R_camera
 from ..types import Array, Mask
-from .generate.photos import in_view
-from .simulate import Seed, SimulatedNetwork, Truth, disturb, measure
+from .generate.scene import in_view
+from .measurement import Seed, SimulatedNetwork, Truth, disturb, measure
 
 MILLIMETRE = 1e-3
 """Millimetre in metres."""

@@ -25,14 +25,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..entities import Camera
 from ..errors import InputError
 from ..models.lens import HarmonicLens
-from ..network.entities import Camera
 from ..network.network import Network
 from ..observations import HeightDifference, SlopeDistance
 from ..types import Array, Mask
-from .generate.photos import in_view
-from .simulate import Seed, SimulatedNetwork, Truth, disturb, look_at, measure
+from .generate.scene import in_view
+from .measurement import Seed, SimulatedNetwork, Truth, disturb, look_at, measure
 
 MILLIMETRE = 1e-3
 """Millimetre in metres."""

@@ -1,49 +1,87 @@
-"""The spec of a simulation: all parameters of a simulated network.
-
-Example:
-    >>> from factorgraph_adj.simulation.generate.aerial import Aerial
-    >>> from factorgraph_adj.simulation.generate.control import Control
-    >>> spec = Spec(parts=(Aerial(strips=2, photos_per_strip=4),), control=Control())
-    >>> len(design(spec).photos)
-    8
-    >>> spec.varied({"parts.0.strips": 3}).parts[0].strips
-    3
-"""
+"""The spec of a simulation: all parameters of a simulated network, read from and written to TOML."""
 
 from __future__ import annotations
 
+import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any, Literal, get_type_hints
 
 import numpy as np
 
+from ..entities import Point
 from ..errors import InputError, Problem, known
 from ..frames import Frame, LocalFrame, TopocentricFrame
-from ..network.entities import Point
+from ..io.project_writer import toml_value
+from ..io.text_files import parse_toml, read_text
 from ..network.network import Network
 from ..observations import ControlPoint
 from .disturbances import Errors, add_gross_errors, drop, read, readings_of, true_plan
 from .generate import (
-    additions,
     aerial,
     close_range,
-    cross_strips,
-    gnss,
-    heights,
-    models,
+    flight_observations,
+    metrology,
     published,
-    rig,
-    shapes,
+    rigs_and_models,
     terrestrial,
-    trackers,
+    terrestrial_additions,
 )
+from .generate import aerial as cross_strips
 from .generate.control import Control
-from .generate.part import Part, Scene
+from .generate.scene import Part, Scene
+from .measurement import Seed, SimulatedNetwork, Truth, disturb, measure
 from .parameters import BAD, Parameters, changed, convert, number, path_of
-from .simulate import Seed, SimulatedNetwork, Truth, disturb, measure
-from .write_parameters import to_toml
+
+BARE = re.compile(r"[A-Za-z0-9_-]+")
+"""Pattern of keys that need no quotes."""
+
+
+def to_toml(value: Any) -> str:
+    """Return a dataclass of parameters as TOML.
+
+    Defaults are written too, so that the text does not depend on later changes of defaults. TOML
+    cannot express None; keys without a value are written as comments.
+    """
+    return "\n".join(_table(value, "")).strip() + "\n"
+
+
+def _table(value: Any, path: str) -> Iterator[str]:
+    """Yield the lines of a dataclass or a mapping; keys with tables of their own come last."""
+    if isinstance(value, Mapping):
+        items = list(value.items())
+    else:
+        items = [(f.name, getattr(value, f.name)) for f in fields(value)]
+        if isinstance(value, Parameters) and value.kind:
+            items.insert(0, ("kind", value.kind))
+    tables = []
+    for key, inner in items:
+        if _is_table(inner) or (isinstance(inner, tuple) and any(map(_is_table, inner))):
+            tables.append((key, inner))
+        elif inner is None:
+            yield f"# {_key(key)} = …  (not set)"
+        else:
+            yield f"{_key(key)} = {toml_value(inner)}"
+    for key, inner in tables:
+        name = f"{path}.{_key(key)}" if path else _key(key)
+        if isinstance(inner, tuple):
+            for one in inner:
+                yield from ("", f"[[{name}]]", *_table(one, name))
+        elif isinstance(inner, Mapping) and not inner:
+            yield from ("", f"# [{name}]  (empty)")
+        else:
+            yield from ("", f"[{name}]", *_table(inner, name))
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, Mapping) or dataclasses.is_dataclass(value)
+
+
+def _key(name: str) -> str:
+    return name if BARE.fullmatch(name) else toml_value(name)
+
 
 INDEX = re.compile(r"\[(\d+)\]")
 """Pattern of an index in a path in Python notation, such as ``[0]``."""
@@ -52,13 +90,13 @@ MODULES_OF_PARTS = (
     close_range,
     cross_strips,
     terrestrial,
-    trackers,
-    shapes,
-    additions,
-    gnss,
-    heights,
-    rig,
-    models,
+    metrology,
+    metrology,
+    terrestrial_additions,
+    flight_observations,
+    flight_observations,
+    rigs_and_models,
+    rigs_and_models,
     published,
 )
 """Modules that define the kinds of parts; their import registers the kinds."""
@@ -295,3 +333,42 @@ def _with_check(point: Point, observed: set[str]) -> Point:
     if all(np.isnan(check)):
         return point
     return replace(point, check=check)  # type: ignore[arg-type]
+
+
+def read_spec(source: str | Path) -> Spec:
+    """Read a spec.
+
+    Args:
+        source: a file, or the TOML text itself (text with a line break or an equals sign).
+
+    Raises:
+        InputError: all problems, each with the path of its key.
+    """
+    text, where = _text(source)
+    document = parse_toml(text, where)
+    names = [f.name for f in fields(Spec)]
+    found = [
+        Problem(f"unknown key; valid: {known(names, meant=key, most=40)}", key)
+        for key in document
+        if key not in names
+    ]
+    if "parts" not in document:
+        found.append(Problem("is missing: a spec has at least one part", "parts"))
+    try:
+        # The rest is checked even with faulty parts, whose problems are already in the list.
+        rest = {k: v for k, v in document.items() if k in names}
+        spec = Spec(**{"parts": None, **rest})
+    except InputError as error:
+        absent = "parts" not in document
+        found += [p for p in error.problems if not (absent and p.where == "parts")]
+    if found:
+        raise InputError(found)
+    return spec
+
+
+def _text(source: str | Path) -> tuple[str, str]:
+    """Return the TOML text and its name for messages."""
+    if isinstance(source, str) and ("\n" in source or "=" in source):
+        return source, "spec"
+    path = Path(source)
+    return read_text(path, path.name), path.name

@@ -1,7 +1,8 @@
-"""Sparse symmetric matrices of equal blocks: factor, solution and selected inverse by dense fronts.
+"""Sparse matrices of equal blocks: factor, solution and selected inverse by dense fronts.
 
-Each front of `factorgraph_adj.solve.dissection` is a dense matrix in LAPACK: with the columns that
-it eliminates (o) and the columns that remain (b, the later nodes and the border of full columns),
+Each front of `factorgraph_adj.solve.nested_dissection` is a dense matrix in LAPACK: with the
+columns that it eliminates (o) and the columns that remain (b, the later nodes and the border of
+full columns),
 
     F_oo = L Lᵀ,   B = F_bo L⁻ᵀ,   the parent takes in F_bb − B Bᵀ.
 
@@ -9,8 +10,20 @@ The selected inverse runs from the root to the leaves (Takahashi), with T = B L�
 
     Σ_bo = −Σ_bb T,   Σ_oo = L⁻ᵀL⁻¹ − Tᵀ Σ_bo.
 
-The last front and the border are the root (`factorgraph_adj.solve.root`), which may keep columns
-that other parts of a network have too.
+The last front and the border are the root, a dense matrix that may keep columns that other parts of
+a network have too, because only all parts together determine them (Helmert 1880). With e for the
+eliminated columns and k for those that are kept,
+
+    F_ee = L Lᵀ,   B = F_ke L⁻ᵀ,   S = F_kk − B Bᵀ,   s = y_k − B L⁻¹ y_e.
+
+S and s are the reduced normal equations of the part. Once the solution x_k of all parts is known,
+x_e = L⁻ᵀ(L⁻¹ y_e − Bᵀ x_k); and with their covariances Σ_kk and T = B L⁻¹,
+
+    Σ_ke = −Σ_kk T,   Σ_ee = L⁻ᵀL⁻¹ − Tᵀ Σ_ke.
+
+Triangular solves call BLAS directly: ``scipy.linalg.solve_triangular`` calls LAPACK's trtrs, which
+wakes the threads of the library even for blocks of three; on a busy machine each call then costs
+milliseconds.
 """
 
 from __future__ import annotations
@@ -18,19 +31,158 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import blas
+from scipy.linalg import blas, lapack
 
+from ..errors import SingularError
 from ..types import Array, Index
-from .dissection import Front, Pattern
-from .root import Root, cholesky, inverse_of, lower
-from .singular import SingularError
+from .nested_dissection import BlockPattern, Front
+
+
+def upper_solve(r: Array, b: Array) -> Array:
+    """Return R⁻¹ b for upper triangular R (n, n) and b (n, k)."""
+    return np.asarray(blas.dtrsm(1.0, r, b, lower=0))
+
+
+def upper_transposed_solve(r: Array, b: Array) -> Array:
+    """Return R⁻ᵀ b for upper triangular R (n, n) and b (n, k)."""
+    return np.asarray(blas.dtrsm(1.0, r, b, lower=0, trans_a=1))
+
+
+def lower_solve(root: Array, b: Array, *, transposed: bool = False) -> Array:
+    """Return L⁻¹ b or L⁻ᵀ b for lower triangular L (n, n) and b (n, k)."""
+    return np.asarray(blas.dtrsm(1.0, root, b, lower=1, trans_a=int(transposed)))
+
+
+class RootFront:
+    """A dense symmetric matrix, factorised as far as it is eliminated."""
+
+    _covariances: Array | None = None
+
+    def __init__(self, matrix: Array, kept: Index, scale: Array) -> None:
+        """Eliminate.
+
+        Args:
+            matrix: the lower triangle, (n, n).
+            kept: columns that are kept, (m,).
+            scale: factors of the kept columns, by which the matrix was scaled, (m,).
+
+        Raises:
+            SingularError: the matrix of the eliminated columns is not positive definite.
+        """
+        n = len(matrix)
+        self.kept, self.scale = kept, scale
+        eliminated = np.ones(n, dtype=bool)
+        eliminated[kept] = False
+        self.eliminated: Index = np.flatnonzero(eliminated)
+        """Columns that are eliminated."""
+        self.pivots = np.full(n, np.inf)
+        """Pivots of the eliminated columns, infinite for the others, (n,)."""
+        if not len(kept):
+            self.own = cholesky_lower(matrix)
+            self.across, self.rest = np.zeros((0, n)), np.zeros((0, 0))
+        else:
+            whole = np.tril(matrix) + np.tril(matrix, -1).T
+            e = self.eliminated
+            self.own = cholesky_lower(whole[np.ix_(e, e)])
+            """L."""
+            self.across = solve_lower(self.own, whole[np.ix_(e, kept)]).T
+            """B."""
+            self.rest = whole[np.ix_(kept, kept)] - self.across @ self.across.T
+        self.pivots[self.eliminated] = np.diag(self.own) ** 2
+
+    @property
+    def left(self) -> Array:
+        """Reduced normal matrix S of the kept columns, (m, m), not scaled."""
+        return np.asarray(self.rest / (self.scale[:, None] * self.scale))
+
+    def close(self, covariances: Array) -> None:
+        """Take in the covariances of the kept columns, (m, m), which all parts determine."""
+        self._covariances = covariances / (self.scale[:, None] * self.scale)
+
+    @property
+    def covariances(self) -> Array:
+        """Covariances of the kept columns, scaled.
+
+        Raises:
+            SingularError: they are not known.
+        """
+        if self._covariances is None:
+            if len(self.kept):
+                raise SingularError("the junctions with other parts have no covariances yet")
+            return np.zeros((0, 0))
+        return self._covariances
+
+    def remaining(self, y: Array) -> Array:
+        """Return s for y (n, r) in scaled columns; s (m, r) is not scaled."""
+        half = solve_lower(self.own, y[self.eliminated])
+        return np.asarray((y[self.kept] - self.across @ half) / self.scale[:, None])
+
+    def solve(self, y: Array, kept: Array | None) -> Array:
+        """Return x for y (n, r), both in scaled columns.
+
+        Args:
+            y: right sides.
+            kept: x at the kept columns, not scaled (m, r); none: Σ_kk s.
+        """
+        half = solve_lower(self.own, y[self.eliminated])
+        x = np.empty_like(y)
+        if kept is not None:
+            x[self.kept] = kept / self.scale[:, None]
+        elif len(self.kept):
+            x[self.kept] = self.covariances @ (y[self.kept] - self.across @ half)
+        half -= self.across.T @ x[self.kept]
+        x[self.eliminated] = solve_lower(self.own, half, transposed=True)
+        return x
+
+    def inverse(self) -> Array:
+        """Return the covariances of all columns, scaled, (n, n)."""
+        own = inverse_from_cholesky(self.own)
+        if not len(self.kept):
+            return own
+        e, k = self.eliminated, self.kept
+        out = np.empty((len(self.pivots),) * 2, order="F")
+        t = self.across
+        if t.size:
+            t = blas.dtrsm(1.0, self.own, t, side=1, lower=1)
+        between = -self.covariances @ t
+        out[np.ix_(k, k)] = self.covariances
+        out[np.ix_(k, e)], out[np.ix_(e, k)] = between, between.T
+        out[np.ix_(e, e)] = own - t.T @ between
+        return out
+
+
+def cholesky_lower(a: Array) -> Array:
+    """Return L with L Lᵀ = a, of which the lower triangle is read.
+
+    Raises:
+        SingularError: the matrix is not positive definite.
+    """
+    if not len(a):
+        return np.zeros((0, 0), order="F")
+    root, info = lapack.dpotrf(a, lower=1, clean=1)
+    if info != 0:
+        raise SingularError(f"pivot {info} of the cameras' normal equations")
+    return np.asarray(root)
+
+
+def inverse_from_cholesky(root: Array) -> Array:
+    """Return L⁻ᵀL⁻¹."""
+    if not len(root):
+        return np.zeros((0, 0), order="F")
+    inverse, _ = lapack.dpotri(root, lower=1)
+    return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
+
+
+def solve_lower(root: Array, b: Array, *, transposed: bool = False) -> Array:
+    """Return L⁻¹ b, or L⁻ᵀ b; BLAS takes no empty arrays."""
+    return lower_solve(root, b, transposed=transposed) if b.size else b.copy()
 
 
 @dataclass
 class BlockMatrix:
     """A symmetric matrix of n nodes of w columns and a border of k full columns."""
 
-    pattern: Pattern
+    pattern: BlockPattern
     """The blocks."""
     diagonal: Array
     """Blocks on the diagonal, (n, w, w)."""
@@ -42,7 +194,7 @@ class BlockMatrix:
     """The border itself, (k, k)."""
 
     @classmethod
-    def zeros(cls, pattern: Pattern) -> BlockMatrix:
+    def zeros(cls, pattern: BlockPattern) -> BlockMatrix:
         """Return a matrix of zeros."""
         n, w, k = pattern.n, pattern.width, pattern.side
         pairs = np.zeros((len(pattern.first), w, w))
@@ -133,7 +285,7 @@ class Fronts:
         for front in self._below:
             f = self._assembled(front, m, waiting)
             k = w * len(front.own)
-            own = cholesky(f[:k, :k])
+            own = cholesky_lower(f[:k, :k])
             across = blas.dtrsm(1.0, own, f[k:, :k], side=1, lower=1, trans_a=1)
             rest = np.array(f[k:, k:], order="F")
             if len(rest) and k:
@@ -156,7 +308,7 @@ class Fronts:
         kept = np.zeros(0, dtype=np.intp) if kept is None else kept
         place = np.full(len(pivots), -1, dtype=np.intp)
         place[at] = np.arange(len(at))
-        self.root = Root(f, place[kept], self.scale[kept])
+        self.root = RootFront(f, place[kept], self.scale[kept])
         """The root."""
         pivots[at] = self.root.pivots
         self.pivots = pivots
@@ -197,7 +349,7 @@ class Fronts:
         nodes, border = x[: n * w].reshape(n, w, r), x[n * w :]
         for front, own, across in zip(self._below, self.own, self.across, strict=True):
             k = len(front.own)
-            part = lower(own, nodes[front.own].reshape(w * k, r))
+            part = solve_lower(own, nodes[front.own].reshape(w * k, r))
             moved = across @ part
             end = w * len(front.border)
             nodes[front.border] -= moved[:end].reshape(len(front.border), w, r)
@@ -227,7 +379,7 @@ class Fronts:
             k, end = len(front.own), w * len(front.border)
             later = np.concatenate([nodes[front.border].reshape(end, r), border])
             part = nodes[front.own].reshape(w * k, r) - across.T @ later
-            nodes[front.own] = lower(own, part, transposed=True).reshape(k, w, r)
+            nodes[front.own] = solve_lower(own, part, transposed=True).reshape(k, w, r)
         return np.asarray(x * self.scale[:, None])
 
     def inverse(self) -> BlockMatrix:
@@ -251,7 +403,7 @@ class Fronts:
             p, k = front.size, w * len(front.own)
             z = np.empty((w * p + side,) * 2, order="F")
             z[k:, k:] = joint.pop(id(front))
-            inverse = inverse_of(own)
+            inverse = inverse_from_cholesky(own)
             if len(across) and k:
                 t = blas.dtrsm(1.0, own, across, side=1, lower=1)
                 between = blas.dsymm(-1.0, np.asfortranarray(z[k:, k:]), t, lower=1)

@@ -13,30 +13,34 @@ import numpy as np
 
 from ..blas_threads import with_one_thread
 from ..columns import Columns
-from ..errors import InputError, known
+from ..errors import InputError, SingularError, known
 from ..graph.equations import Equations
 from ..graph.variables import State, camera_of_calibration
 from ..models.variables import VariableKind, unknown_kind
 from ..network.network import Network
-from ..quality.unit_weight import global_test
 from ..shown import Rows, Shown
+from ..statistical_tests import global_test
 from ..types import Array, Index
-from . import columns
-from .adjusted import with_values
-from .datum import Defect, FreeDatum
-from .estimates import CalibrationEstimate, Estimate, PoseEstimate, estimate
-from .extra import Extra
-from .extrapolation import NONE_TAKEN, Extrapolated
-from .factor import Factor
-from .normal import NormalEquations, Solver
-from .observation_table import ObservationTable
-from .reference_datum import ReferenceDatum
-from .run import Looked
-from .singular import SingularError
+from . import estimates
+from .added_factors import AddedFactors
+from .adjustment_run import ShapeMisfit
+from .datum_defects import Defect, FreeDatum
+from .estimates import (
+    CalibrationEstimate,
+    Estimate,
+    ObservationTable,
+    PoseEstimate,
+    estimate,
+    network_with_values,
+)
+from .factorisation import Factorisation
+from .gauss_newton_steps import NO_EXTRAPOLATIONS, ExtrapolationRecord
+from .inner_constraints import ReferenceDatum
+from .normal_equations import NormalEquations, Solver
 
-ROUNDING = 1e-15
+MIN_VARIANCE_ERROR = 1e-15
 """Smallest relative error of a variance that is assumed."""
-CANCELLED = 1e-6
+MAX_CANCELLATION_ERROR = 1e-6
 """Largest relative error of a variance from the S-transformation of a block. Above it the normal
 equations are solved instead, where σ cancels and not σ²."""
 
@@ -46,7 +50,7 @@ class Solution(Shown):
     """An adjusted network: the object stores data; derived quantities are computed on request.
 
     A solution can be copied and pickled. Factors that the user added are pickled as their rows at
-    the solution, see `factorgraph_adj.solve.extra.Extra`.
+    the solution, see `factorgraph_adj.solve.added_factors.AddedFactors`.
     """
 
     network: Network
@@ -85,13 +89,13 @@ class Solution(Shown):
     """Whether covariances are scaled by 1 or by σ̂0²."""
     weights: Array | None = None
     """Factor on the weight of each scalar observation; none: all factors are 1."""
-    extra: Extra = field(default_factory=Extra, repr=False)
+    extra: AddedFactors = field(default_factory=AddedFactors, repr=False)
     """Factors that the user added, linearised at the solution."""
     drifting: tuple[tuple[str, str], ...] = ()
     """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
-    extrapolated: Extrapolated = NONE_TAKEN
+    extrapolated: ExtrapolationRecord = NO_EXTRAPOLATIONS
     """The extrapolations of steps that the iteration took; as text it says what they gained."""
-    looked: Mapping[str, Looked] = field(default_factory=dict, repr=False)
+    looked: Mapping[str, ShapeMisfit] = field(default_factory=dict, repr=False)
     """Shapes that do not fit and were fitted anew in vain, by name, see `shapes_anew`."""
     reference: ReferenceDatum | None = None
     """Datum points that covariances refer to instead of a given datum, see `s_transform`."""
@@ -242,15 +246,15 @@ class Solution(Shown):
         In a geocentric or topocentric frame also ``latitude`` and ``longitude`` (radians, north
         and east positive), ``height`` above the ellipsoid, ``sigma_east sigma_north sigma_up``.
         """
-        return columns.points(self)
+        return estimates.point_table(self)
 
     def photo_table(self) -> Columns:
         """Return the adjusted photos as columns: centres, angles and σ; metres, radians."""
-        return columns.photos(self)
+        return estimates.photo_table(self)
 
     def unknown_table(self) -> Columns:
         """Return all other unknowns as columns, one row for each component; SI, image units."""
-        return columns.others(self)
+        return estimates.unknown_table(self)
 
     # -- covariances --------------------------------------------------------------------------
 
@@ -289,7 +293,7 @@ class Solution(Shown):
         What is held stays held. What is weighted keeps its σ, about the adjusted value then. A
         camera with a calibration for each photo keeps its given values.
         """
-        return with_values(self.network, self.equations.unknowns, self.state)
+        return network_with_values(self.network, self.equations.unknowns, self.state)
 
     @cached_property
     @with_one_thread
@@ -376,7 +380,7 @@ class Solution(Shown):
 
     @cached_property
     @with_one_thread
-    def factor(self) -> Factor:
+    def factor(self) -> Factorisation:
         """The factorised normal equations at the solution; a free network has a minimal datum.
 
         Raises:
@@ -445,8 +449,8 @@ class Solution(Shown):
     def _cancelled(self, before: Array, after: Array) -> Array:
         """Return where the S-transformation of blocks (…, k, k) has lost too many digits, (…)."""
         was, left = (np.diagonal(x, axis1=-2, axis2=-1) for x in (before, after))
-        rounding = max(self.factor.uncertainty, ROUNDING)
-        return np.asarray(np.any(rounding * was > CANCELLED * np.abs(left), axis=-1))
+        rounding = max(self.factor.uncertainty, MIN_VARIANCE_ERROR)
+        return np.asarray(np.any(rounding * was > MAX_CANCELLATION_ERROR * np.abs(left), axis=-1))
 
     # -- helpers ------------------------------------------------------------------------------
 

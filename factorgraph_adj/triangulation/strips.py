@@ -16,22 +16,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..entities import ImageTable, Point
 from ..errors import InputError, Problem
-from ..models.strip import COEFFICIENTS
-from ..network.entities import ImageTable, Point
+from ..graph.observation_selection import without
+from ..models.deformation import COEFFICIENTS
 from ..network.network import Network
-from ..network.selection import without
 from ..observations import ControlPoint, StripCoordinate
 from ..rotation import nearest_rotation
 from ..shown import Rows, Shown
 from ..types import Array
-from .relative import RelativeModel, start_values
+from .independent_models import RelativeModel, start_values
 
-KILOMETRE = 1000.0
+METRES_OF_STRIP_UNIT = 1000.0
 """Metres in the unit of places in a strip."""
-LEAST_COMMON = 3
+MIN_COMMON_PLACES = 3
 """Smallest number of common places of two models, and of control points of a strip."""
-FLAT = 1e-3
+MIN_EXTENT_RATIO_OF_MODELS = 1e-3
 """Smallest ratio of extents, across and along, at which places fix a similarity."""
 
 
@@ -61,8 +61,8 @@ def fitted_similarity(x: Array, to: Array, where: str) -> Similarity:
     """
     n = max(len(x), 1)
     a, b = (p - p.sum(axis=0) / n for p in (x, to))
-    spread = np.linalg.svd(a, compute_uv=False) if len(x) >= LEAST_COMMON else np.zeros(3)
-    if not spread[1] > FLAT * spread[0]:
+    spread = np.linalg.svd(a, compute_uv=False) if len(x) >= MIN_COMMON_PLACES else np.zeros(3)
+    if not spread[1] > MIN_EXTENT_RATIO_OF_MODELS * spread[0]:
         what = f"{len(x)} common places fix no similarity: three are needed, not on one line"
         raise InputError(Problem(what, where))
     rotation = nearest_rotation(b.T @ a)
@@ -112,7 +112,7 @@ class Strip(Shown):
         middle, axis = self._line()
         found = {}
         for name, x in self.points.items():
-            s = complex(*(x - middle)[:2]) / axis / KILOMETRE
+            s = complex(*(x - middle)[:2]) / axis / METRES_OF_STRIP_UNIT
             found[name] = (s.real, s.imag)
         return found
 
@@ -175,7 +175,7 @@ def join_models(models: Sequence[RelativeModel], *, name: str = "strip") -> Stri
     return Strip(name, points, centres)
 
 
-def control_of(network: Network) -> dict[str, Array]:
+def control_coordinates(network: Network) -> dict[str, Array]:
     """Return the coordinates (3,) of points that are held, weighted or observed in all axes."""
     found = {n: np.array(p.coordinates) for n, p in network.points.items() if _is_control(p)}
     for o in network.observations.values():
@@ -208,13 +208,13 @@ def as_strips(
     Raises:
         InputError: strips that cannot be joined or oriented.
     """
-    control = control_of(network) if places is None else dict(places)
+    control = control_coordinates(network) if places is None else dict(places)
     terms = tuple(height)
     observed: list[StripCoordinate] = []
     oriented: list[Strip] = []
     for name, models in strips.items():
         strip = join_models(models, name=name)
-        enough = sum(p in control for p in strip.points) >= LEAST_COMMON
+        enough = sum(p in control for p in strip.points) >= MIN_COMMON_PLACES
         there = control if enough else _approximate(network)
         oriented.append(strip.to_ground(there))
         observed += oriented[-1].observations(sigma=sigma)
@@ -228,7 +228,7 @@ def as_strips(
     return without(out, (), points=[p for p in out.points if p not in seen])
 
 
-def needed_control(coefficients: Iterable[str]) -> tuple[int, int]:
+def min_control_points(coefficients: Iterable[str]) -> tuple[int, int]:
     """Return how many control points in plan and in height some coefficients need at least."""
     names = set(coefficients) & set(COEFFICIENTS)
     in_height = sum(n.startswith("z") for n in names)

@@ -1,1 +1,1 @@
-"""Checks of a network before the adjustment."""
+"""Checks of a network and of its readings before the adjustment."""

@@ -1,10 +1,10 @@
-"""Names of new points that may be typing errors: the place is that of a point with a similar name.
+"""Names of new points that may be typing errors of the name of a known point.
 
 A typing error makes a new point of a known one. It is observed in one set-up alone, nothing depends
 on it, and it comes to lie where the other point is: with the difference d of their n unknown
 coordinates and the sum Σ of their covariances dᵀ Σ⁻¹ d follows χ² with n degrees of freedom. Two
 points that are read in one set-up, such as the two edges of a kerb, may lie beside one another and
-have numbers in a row: there only names that look alike are told.
+have numbers in a row: there only names that look alike are reported.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ import numpy as np
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State
 from ..network.network import Network
-from ..quality.distributions import chi2_upper_quantile
+from ..statistical_tests import chi2_upper_quantile
 from ..types import Array, Index, Mask
 
-LOOK_ALIKE = str.maketrans("Il|iOoQDSsBZzG", "11110000558226")
+LOOKALIKE_CHARACTERS = str.maketrans("Il|iOoQDSsBZzG", "11110000558226")
 """Characters that are taken for one another, each as the digit that it looks like."""
-ALPHA = 1e-4
+ALPHA_OF_SAME_PLACE = 1e-4
 """Probability that one point seems to lie elsewhere because of its observations' errors."""
-ROUGH = 3.0
+START_SIGMA_FACTOR = 3.0
 """Factor on standard deviations of start values, of which each rests on other start values."""
-SHARP = 0.02
+MAX_REGION_SHARE = 0.02
 """Largest extent of the region in which two points count as one, relative to the distance of the
 nearest point from which they are observed: a poorly determined point coincides with anything."""
-SINGULAR = 1e-12
+SINGULAR_TRACE_SHARE = 1e-12
 """Smallest eigenvalue, relative to the trace, that is not zero but for rounding."""
-CONVENTION = 3
+MIN_PAIRS_OF_CONVENTION = 3
 """Number of pairs with the same difference from which on it is a rule of naming."""
-NAMED = 6
+MAX_MISTYPED_IN_REPORT = 6
 """Largest number of pairs that are named."""
 
 
 @dataclass(frozen=True)
-class Mistyped:
+class MistypedName:
     """A name that may be a typing error."""
 
     name: str
@@ -72,8 +72,10 @@ def mistyped_at_start(network: Network, state: State) -> list[str]:
         state: start values of all its unknowns.
     """
     equations = compile_rows(network)
-    return listed(
-        mistyped_names(equations, state, _local_covariances(equations, state), times=ROUGH)
+    return listed_doubts(
+        mistyped_names(
+            equations, state, _local_covariances(equations, state), times=START_SIGMA_FACTOR
+        )
     )
 
 
@@ -93,7 +95,7 @@ class _Once:
 
 def mistyped_names(
     equations: Equations, state: State, covariances: Callable[[Index], Array], *, times: float = 1.0
-) -> list[Mistyped]:
+) -> list[MistypedName]:
     """Return the names that may be typing errors.
 
     Points of photos are left out: tie points have numbers, not names.
@@ -110,14 +112,16 @@ def mistyped_names(
     pairs = [(once[a], b) for a, b in _similar(table.names, sorted(once))]
     # Near enough to be one point, whatever the standard deviations are.
     near = [
-        (o, b) for o, b in pairs if np.linalg.norm(xyz[o.point] - xyz[b]) < SHARP * _reach(xyz, o)
+        (o, b)
+        for o, b in pairs
+        if np.linalg.norm(xyz[o.point] - xyz[b]) < MAX_REGION_SHARE * _reach(xyz, o)
     ]
     if not near:
         return []
     sighted = _sighted(equations)
     numbers = np.unique([(o.point, b) for o, b in near])
     of = dict(zip(numbers.tolist(), covariances(numbers), strict=True))
-    found: dict[frozenset[int], tuple[Mistyped, str]] = {}
+    found: dict[frozenset[int], tuple[MistypedName, str]] = {}
     in_a_row: set[frozenset[int]] = set()
     for o, b in near:
         free = table.free[o.point] & np.isfinite(xyz[o.point] + xyz[b])
@@ -133,23 +137,25 @@ def mistyped_names(
         sigma = times**2 * (of[o.point] + of[b])[np.ix_(free, free)]
         if not np.isfinite(sigma).all():
             continue
-        limit = float(chi2_upper_quantile(ALPHA, len(d)))
+        limit = float(chi2_upper_quantile(ALPHA_OF_SAME_PLACE, len(d)))
         extent = np.sqrt(limit * float(np.linalg.eigvalsh(sigma)[-1]))
         test = float(d @ np.linalg.pinv(sigma, hermitian=True) @ d)
-        if extent > SHARP * _reach(xyz, o) or test > limit:
+        if extent > MAX_REGION_SHARE * _reach(xyz, o) or test > limit:
             continue
         apart = float(np.linalg.norm(d))
         most = apart * np.sqrt(limit / test) if test > 0.0 else extent
         a, other = table.names[o.point], table.names[b]
         key = frozenset((o.point, b))
-        found.setdefault(key, (Mistyped(a, other, apart, float(most), o.label), _change(a, other)))
+        found.setdefault(
+            key, (MistypedName(a, other, apart, float(most), o.label), _change(a, other))
+        )
         if seen_beside and _plain(a) != _plain(other):
             in_a_row.add(key)
     rules = Counter(change for _, change in found.values())
     named = [
         m
         for key, (m, change) in found.items()
-        if rules[change] < CONVENTION and key not in in_a_row
+        if rules[change] < MIN_PAIRS_OF_CONVENTION and key not in in_a_row
     ]
     if not named:
         return []
@@ -173,7 +179,7 @@ def _coincident_with_other_names(
     for a in once:
         if np.isfinite(xyz[a]).all():
             for b in there[tree.query_ball_point(xyz[a], within)].tolist():
-                if b != a and not _alike(names[a], names[b]):
+                if b != a and not _names_alike(names[a], names[b]):
                     pairs.add(frozenset((a, b)))
     return len(pairs)
 
@@ -243,13 +249,13 @@ def _similar(names: Sequence[str], some: Sequence[int]) -> Iterator[tuple[int, i
     for a in some:
         others = {b for key in _keys(names[a]) for b in keys[key] if b != a}
         for b in sorted(others):
-            if _alike(names[a], names[b]):
+            if _names_alike(names[a], names[b]):
                 yield a, b
 
 
 def _plain(name: str) -> str:
     """Return a name as it looks at a glance."""
-    return name.translate(LOOK_ALIKE).casefold()
+    return name.translate(LOOKALIKE_CHARACTERS).casefold()
 
 
 def _keys(name: str) -> set[str]:
@@ -258,7 +264,7 @@ def _keys(name: str) -> set[str]:
     return {plain, *(plain[:i] + plain[i + 1 :] for i in range(len(plain)))}
 
 
-def _alike(a: str, b: str) -> bool:
+def _names_alike(a: str, b: str) -> bool:
     """Return whether two names look alike, or differ by one edit or two exchanged characters."""
     a, b = _plain(a), _plain(b)
     if a == b:
@@ -317,7 +323,7 @@ def _local_covariances(equations: Equations, state: State) -> Callable[[Index], 
         size = np.maximum(np.trace(normal[numbers] * both, axis1=1, axis2=2), 1e-300)
         own = normal[numbers] * both + np.where(free, 0.0, size[:, None])[:, :, None] * np.eye(3)
         values, vectors = np.linalg.eigh(own)
-        weak = np.any(values <= SINGULAR * size[:, None], axis=1)
+        weak = np.any(values <= SINGULAR_TRACE_SHARE * size[:, None], axis=1)
         inverse = 1.0 / np.where(weak[:, None], 1.0, values)
         found = np.einsum("nij,nj,nkj->nik", vectors, inverse, vectors) * both
         found[weak & free.any(axis=1)] = np.inf
@@ -326,9 +332,9 @@ def _local_covariances(equations: Equations, state: State) -> Callable[[Index], 
     return covariances
 
 
-def listed(found: Sequence[Mistyped]) -> list[str]:
+def listed_doubts(found: Sequence[MistypedName]) -> list[str]:
     """Return the doubts, the first few."""
-    out = [str(m) for m in found[:NAMED]]
-    if len(found) > NAMED:
-        out[-1] += f" (and {len(found) - NAMED} more such points)"
+    out = [str(m) for m in found[:MAX_MISTYPED_IN_REPORT]]
+    if len(found) > MAX_MISTYPED_IN_REPORT:
+        out[-1] += f" (and {len(found) - MAX_MISTYPED_IN_REPORT} more such points)"
     return out

@@ -1,1 +1,1 @@
-"""Tests of `factorgraph_adj.approximate`."""
+"""Tests of `factorgraph_adj.start.search`."""

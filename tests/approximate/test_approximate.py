@@ -10,14 +10,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from factorgraph_adj.approximate import approximate, rounds
+from factorgraph_adj.entities import FREE_ORIENTATION
 from factorgraph_adj.errors import ApproximationError
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.models.inverse import directions
+from factorgraph_adj.models.inverse_lens import directions
 from factorgraph_adj.models.lens import BrownForwardLens, BrownLens, HarmonicLens, Lens
-from factorgraph_adj.models.registry import LENSES
-from factorgraph_adj.network.entities import FREE_ORIENTATION
+from factorgraph_adj.models.lens_registry import LENSES
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     AstronomicLatitude,
@@ -35,8 +34,10 @@ from factorgraph_adj.observations import (
     VerticalAngle,
     ZenithAngle,
 )
-from factorgraph_adj.simulation.simulate import look_at, measure
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.simulation.measurement import look_at, measure
+from factorgraph_adj.solve.adjustment import adjust
+from factorgraph_adj.start import search as rounds
+from factorgraph_adj.start.search import approximate
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC, GON
 from tests.networks import aicon, dbat
@@ -647,8 +648,8 @@ def test_complete_values_are_not_looked_at(monkeypatch):
     def search(*_: object) -> None:
         raise AssertionError("nothing is missing")
 
-    monkeypatch.setattr(rounds, "_begin", search)
-    monkeypatch.setattr(rounds, "orient_by_model", search)
+    monkeypatch.setattr(rounds, "_search_input", search)
+    monkeypatch.setattr(rounds, "orient_sets_by_model", search)
     state = approximate(equations)
     for kind, values in equations.unknowns.start().items():
         np.testing.assert_array_equal(state[kind], values)

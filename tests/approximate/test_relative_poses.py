@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from factorgraph_adj import ApproximationError, LocalFrame, Network, adjust
-from factorgraph_adj.approximate import reach
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import ImagePoint, RelativePosition, RelativeRotation
 from factorgraph_adj.rotation import log_rotation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.start.search import partial_approximation
 from tests.networks.odometry import odometry
 from tests.networks.rigs import MOUNTS, PARTS, on_mount, rig
 
@@ -39,7 +39,7 @@ def cold(network: Network, *, mounts: bool = False) -> Network:
 
 def photos_off(network: Network, truth: Network) -> float:
     """Return by how much start values of photos are off at most, metres and radians."""
-    state, problems = reach(compile_network(network))
+    state, problems = partial_approximation(compile_network(network))
     assert not problems
     off = 0.0
     for (name, f), at in zip(truth.photos.items(), state["pose"], strict=True):
@@ -64,7 +64,7 @@ def test_members_without_points_follow_their_carriers_and_carriers_their_members
 def test_unknown_mounts_come_from_photos_that_were_resected_on_both_sides() -> None:
     true = rig(6, held_points=EVERY)
     network = cold(measure(true, seed=1), mounts=True)
-    state, problems = reach(compile_network(network))
+    state, problems = partial_approximation(compile_network(network))
     assert not problems
     given = UNKNOWNS["mount"].given(state["mount"])[1:]
     for name, found in zip(network.mounts, given, strict=True):
@@ -79,7 +79,7 @@ def test_one_photo_in_a_wrong_place_does_not_spoil_a_mount() -> None:
     wrong = network.photos["E3 left"]
     assert wrong.position is not None
     network.photos["E3 left"] = replace(wrong, position=(9.0, 9.0, 9.0), rotation=np.eye(3))
-    state, _ = reach(compile_network(network))
+    state, _ = partial_approximation(compile_network(network))
     found = UNKNOWNS["mount"].given(state["mount"])[1 + list(network.mounts).index("left")]
     assert np.abs(found - MOUNTS["left"]).max() < 0.01
 
@@ -89,7 +89,7 @@ def test_held_components_of_a_mount_are_kept() -> None:
     network = measure(true, seed=1)
     values = network.mounts["left"].values
     network.mounts["left"] = replace(network.mounts["left"], values=(*values[:3], 0.0, 0.0, 0.0))
-    state, _ = reach(compile_network(network))
+    state, _ = partial_approximation(compile_network(network))
     found = UNKNOWNS["mount"].given(state["mount"])[1 + list(network.mounts).index("left")]
     assert found[:3] == pytest.approx(values[:3], abs=1e-12)
     assert np.abs(found[3:] - values[3:]).max() < 0.01
@@ -107,7 +107,7 @@ def test_a_free_network_of_odometry_starts_anywhere() -> None:
         network.photos["F0"], fixed=(False,) * 6, position=None, rotation=None
     )
     network.datum = "free"
-    state, problems = reach(compile_network(network), datum="free")
+    state, problems = partial_approximation(compile_network(network), datum="free")
     assert not problems
     assert np.isfinite(state["pose"]).all()
     a, b = (np.linalg.norm(s[4] - s[0]) for s in (state["pose"][:, 9:], positions(true)))

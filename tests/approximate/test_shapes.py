@@ -10,7 +10,7 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.shapes import SHAPES
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.validate.check import check
+from factorgraph_adj.validate.network_structure import check
 from tests.networks.on_shapes import (
     ANGLE,
     FOCAL,

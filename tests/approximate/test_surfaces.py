@@ -7,7 +7,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
-from factorgraph_adj.validate.check import check
+from factorgraph_adj.validate.network_structure import check
 
 X = {
     "A": (0.0, 0.0),

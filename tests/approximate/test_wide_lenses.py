@@ -17,12 +17,12 @@ from factorgraph_adj.models.ray_lens import (
 )
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint
-from factorgraph_adj.report.plots.image_rows import image_rows
-from factorgraph_adj.report.plots.sights import photo_shapes
+from factorgraph_adj.report.plots.image_residuals import image_rows
+from factorgraph_adj.report.plots.observation_lines import photo_outlines
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
-from factorgraph_adj.validate.geometry import geometry_problems
+from factorgraph_adj.validate.network_structure import geometry_problems
 
 SIGMA = 0.5
 CASES: dict[str, tuple[Lens, dict[str, float], tuple[str, ...], float]] = {
@@ -137,4 +137,4 @@ def test_outline_of_a_wide_photo_follows_the_rays_to_its_corners(case: str) -> N
     v = camera.lens.seen(tuple(rays.T), np.zeros(4), np.zeros(4), k, jacobians=False).v
     np.testing.assert_allclose(np.abs(v[0]), 500.0, atol=1e-6)
     np.testing.assert_allclose(np.abs(v[1]), 300.0, atol=1e-6)
-    assert photo_shapes(solution, image_rows(solution), 1.0).shape == (10, 11, 3)
+    assert photo_outlines(solution, image_rows(solution), 1.0).shape == (10, 11, 3)

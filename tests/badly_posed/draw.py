@@ -29,7 +29,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.simulation.simulate import disturb, look_at, measure
+from factorgraph_adj.simulation.measurement import disturb, look_at, measure
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.types import Array
 from tests.networks.random_small import handed_over

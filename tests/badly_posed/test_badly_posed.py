@@ -10,12 +10,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.observations import (
-    GnssVector,
-    HeightDifference,
-    SlopeDistance,
-    VerticalAngle,
-)
+from factorgraph_adj.observations import GnssVector, HeightDifference, SlopeDistance, VerticalAngle
 from factorgraph_adj.stochastic import StandardDeviation
 
 from .campaign import campaign, judged

@@ -17,7 +17,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import Direction, Observation, PhotoPosition, SlopeDistance
-from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
+from factorgraph_adj.simulation.simulated_blocks import simulate_aerial_block
 from factorgraph_adj.units import ARCSEC
 
 from ..networks.dbat import read_roma

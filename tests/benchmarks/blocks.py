@@ -9,13 +9,13 @@ import numpy as np
 from factorgraph_adj.models.lens import BrownForwardLens, NormalisedLens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ControlPoint, Direction, SlopeDistance, ZenithAngle
-from factorgraph_adj.simulation.aerial_block import (
-    CALIBRATION,
-    CAMERA,
-    SIGMA_IMAGE,
+from factorgraph_adj.simulation.measurement import SimulatedNetwork, disturb, measure
+from factorgraph_adj.simulation.simulated_blocks import (
+    AERIAL_CALIBRATION,
+    AERIAL_CAMERA,
+    SIGMA_IMAGE_MM,
     simulate_aerial_block,
 )
-from factorgraph_adj.simulation.simulate import SimulatedNetwork, disturb, measure
 
 from .grids import SIGMA_ANGLE, SIGMA_DISTANCE
 
@@ -37,7 +37,7 @@ def simulate_photos_alone(seed: int, *, image_points: int, overlap: str = "80/60
     """
     made = simulate_aerial_block(seed, image_points=image_points, overlap=OVERLAPS[overlap])
     plan = Network(f"{len(made.truth.photos)} photos alone, {overlap}, simulated", datum="free")
-    plan.add_camera(CAMERA, NormalisedLens(), RADIAL, free=RADIAL)
+    plan.add_camera(AERIAL_CAMERA, NormalisedLens(), RADIAL, free=RADIAL)
     _add_photos(plan, made)
     return _measured(plan, seed)
 
@@ -52,7 +52,7 @@ def simulate_tied(seed: int, *, photos: int, stations: int, points_per_photo: in
     size = photos * points_per_photo
     made = simulate_aerial_block(seed, image_points=size, points_per_photo=points_per_photo)
     plan = Network(f"{photos} photos tied by {stations} total stations, simulated")
-    plan.add_camera(CAMERA, BrownForwardLens(), CALIBRATION, free=CALIBRATION)
+    plan.add_camera(AERIAL_CAMERA, BrownForwardLens(), AERIAL_CALIBRATION, free=AERIAL_CALIBRATION)
     _add_photos(plan, made)
     for observation in made.network.observations.values():
         if isinstance(observation, ControlPoint):
@@ -83,9 +83,9 @@ def _add_photos(plan: Network, made: SimulatedNetwork) -> None:
     plan.add_points(names, np.array(list(made.truth.points.values())))
     photo, point, _, _ = made.network.images.columns()
     for number, (name, true) in enumerate(made.truth.photos.items()):
-        plan.add_photo(name, CAMERA, position=true.position, rotation=true.rotation)
+        plan.add_photo(name, AERIAL_CAMERA, position=true.position, rotation=true.rotation)
         chosen = [names[k] for k in point[photo == number].tolist()]
-        plan.add_image_points(name, chosen, np.zeros((len(chosen), 2)), sigma=SIGMA_IMAGE)
+        plan.add_image_points(name, chosen, np.zeros((len(chosen), 2)), sigma=SIGMA_IMAGE_MM)
 
 
 def _measured(plan: Network, seed: int) -> Network:
@@ -93,7 +93,7 @@ def _measured(plan: Network, seed: int) -> Network:
     network = disturb(
         measure(plan, seed=seed), seed=seed, points=1.0, centres=1.0, attitudes=np.deg2rad(1.0)
     )
-    camera = network.cameras[CAMERA]
+    camera = network.cameras[AERIAL_CAMERA]
     values = tuple(35.0 if name == "c" else 0.0 for name in camera.lens.names)
-    network.cameras = {CAMERA: replace(camera, values=values)}
+    network.cameras = {AERIAL_CAMERA: replace(camera, values=values)}
     return network

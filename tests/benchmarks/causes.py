@@ -24,7 +24,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import Observation
-from factorgraph_adj.quality.causes.search import Causes, explanations
+from factorgraph_adj.quality.causes.search import Causes, sized_causes
 from factorgraph_adj.quality.reliability import noncentrality
 from tests.networks.building_site import site
 from tests.networks.photo_block import block
@@ -84,7 +84,7 @@ def detectable(cause: str, seed: int) -> float:
     """Return the smallest size that is detected at the place where a seed puts a cause."""
     probe = spoiled(cause, seed, 0.0)
     solution = fga.adjust(adjusted(probe.network, probe.readings))
-    for c in explanations(solution):
+    for c in sized_causes(solution):
         if c.cause == probe.cause and probe.where in c.where:
             return noncentrality(ALPHA, POWER) * float(np.max(c.sigma))
     return np.nan

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from factorgraph_adj.entities import Camera
 from factorgraph_adj.models.lens import NormalisedLens
-from factorgraph_adj.network.entities import Camera
 from factorgraph_adj.network.network import Network
 
 FUNCTION_TOLERANCE = 1e-6

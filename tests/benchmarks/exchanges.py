@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.quality.causes.matches import EXCHANGED
+from factorgraph_adj.quality.causes.mistaken_identity import EXCHANGED_TARGETS
 from factorgraph_adj.quality.causes.search import Causes
 from factorgraph_adj.quality.rejections import Snooping
-from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.doubts import doubts_about, of_network
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.doubtful_results import doubts_of_network, doubts_of_solution
 from factorgraph_adj.report.options import Provenance, ReportOptions
 from tests.networks.exchanged_day import MOST, Day, day
 from tests.networks.small import small
@@ -54,7 +54,11 @@ class Counts:
 def doubts(found: Snooping, network: fga.Network) -> list[str]:
     """Return what makes ``adjust --snoop`` end with exit code 1."""
     report = Report(found.solution, ReportOptions(), Provenance(found, network))
-    own = [*doubts_about(found.solution), *of_network(found.solution.network), *report.in_common]
+    own = [
+        *doubts_of_solution(found.solution),
+        *doubts_of_network(found.solution.network),
+        *report.shared_error_doubts,
+    ]
     return own + [u.label for u in found.unresolved]
 
 
@@ -82,7 +86,9 @@ def count(case: Day, counts: Counts) -> str:
     for e in case.exchanged:
         a, b = e.pair
         own = f"{a!r} and {b!r} seen from {e.station!r}"
-        named = [c for c in causes if c.cause == EXCHANGED and (c.where == own or own in c.same)]
+        named = [
+            c for c in causes if c.cause == EXCHANGED_TARGETS and (c.where == own or own in c.same)
+        ]
         if e.told:
             counts.told += 1
             right = any(not c.same for c in named)
@@ -91,7 +97,10 @@ def count(case: Day, counts: Counts) -> str:
             continue
         counts.untold += 1
         guessed = any(
-            c.cause == EXCHANGED and not c.same and c.where != own and f"{a!r} and {b!r}" in c.where
+            c.cause == EXCHANGED_TARGETS
+            and not c.same
+            and c.where != own
+            and f"{a!r} and {b!r}" in c.where
             for c in causes
         )
         counts.guessed += guessed

@@ -7,7 +7,13 @@ import numpy as np
 from factorgraph_adj.models.lens import BrownForwardLens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
-from factorgraph_adj.simulation.simulate import SimulatedNetwork, Truth, disturb, look_at, measure
+from factorgraph_adj.simulation.measurement import (
+    SimulatedNetwork,
+    Truth,
+    disturb,
+    look_at,
+    measure,
+)
 from factorgraph_adj.units import ARCSEC
 
 SPACING = 60.0

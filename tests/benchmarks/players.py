@@ -213,14 +213,14 @@ class Alone:
         self.isam.calculateEstimate()
 
     def _of_network(self, stream: Stream) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-        from factorgraph_adj.block_orientation.begin import start_of
-        from factorgraph_adj.factor_graph.build import build_graph, observation_parts
+        from factorgraph_adj.factor_graph.network_graph import build_graph, observation_parts
         from factorgraph_adj.graph.equations import compile_network
+        from factorgraph_adj.start.choice_of_start import choose_start
 
         whole = whole_network(stream)
         first = stream.start or fga.adjust(stream.begin, leave_out_undetermined=True)
         equations = compile_network(whole)
-        state = start_of(equations, whole.datum, None).state
+        state = choose_start(equations, whole.datum, None).state
         state = equations.unknowns.carried(state, first.equations.unknowns, first.state)
         built = build_graph(equations, state=state)
         names = [name for name, *_ in observation_parts(built.equations)]

@@ -17,15 +17,10 @@ from pathlib import Path
 import gtsam
 import numpy as np
 
+from factorgraph_adj.entities import Photo
 from factorgraph_adj.models.lens import NoDistortion
-from factorgraph_adj.network.entities import Photo
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import (
-    Observation,
-    PhotoRange,
-    RelativePosition,
-    RelativeRotation,
-)
+from factorgraph_adj.observations import Observation, PhotoRange, RelativePosition, RelativeRotation
 from factorgraph_adj.types import Array
 
 from .streams import Native, PlaceOf, Step, Stream

@@ -16,7 +16,7 @@ import numpy as np
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.planning.candidates import Candidate, identified, with_candidates
 from factorgraph_adj.planning.plan import plan
-from factorgraph_adj.planning.propose import propose
+from factorgraph_adj.planning.proposals import propose
 from factorgraph_adj.planning.search import CandidateSearch
 from factorgraph_adj.planning.targets import SemiAxis, UndetectedShift, lacking
 from factorgraph_adj.simulation.industry_block import industry_block_plan

@@ -26,12 +26,12 @@ from unittest.mock import patch
 import numpy as np
 
 from factorgraph_adj.blas_threads import with_one_thread
-from factorgraph_adj.io.bal import read_bal
+from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
-from factorgraph_adj.solve.batch import adjust
-from factorgraph_adj.solve.linear import LinearisedEquations
-from factorgraph_adj.solve.linear_rays import LinearRays
+from factorgraph_adj.simulation.simulated_blocks import simulate_aerial_block
+from factorgraph_adj.solve.adjustment import adjust
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
+from factorgraph_adj.solve.linearised_rays import LinearRays
 from factorgraph_adj.version import __version__
 
 from ..support.places import ROOT
@@ -160,7 +160,7 @@ class Row:
     work: str
     """Name of the work."""
     iterations: int
-    """See `Figures`, as the next four."""
+    """See `LeaveOneOutFigures`, as the next four."""
     calls: int
     largest_front: int
     fronts: int

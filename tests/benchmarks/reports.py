@@ -16,7 +16,7 @@ from time import perf_counter, process_time
 
 import factorgraph_adj as fga
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
+from factorgraph_adj.simulation.simulated_blocks import simulate_aerial_block
 
 from ..networks.dbat import read_roma
 from ..networks.reported import three_points

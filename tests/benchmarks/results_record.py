@@ -28,7 +28,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.incremental.arrival import Arrival
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.reliability import reliability
-from factorgraph_adj.simulation.simulate import disturb, measure
+from factorgraph_adj.simulation.measurement import disturb, measure
 from tests.networks import (
     arriving,
     building_site,

@@ -33,14 +33,14 @@ from typing import TypeAlias
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.block_orientation.begin import start_of
 from factorgraph_adj.errors import AdjustmentError
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.graph.variables import State
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.solve.minimum import LOWER_MINIMUM_POSSIBLE
+from factorgraph_adj.solve.minimum import LOWER_MINIMUM_NOTE
 from factorgraph_adj.solve.solution import Solution
-from factorgraph_adj.solve.start import approximate_start
+from factorgraph_adj.start.choice_of_start import choose_start
+from factorgraph_adj.start.start_values import approximate_start
 from tests.networks.poor_starts import SORTS, WRONG, poor_start, right_pixels
 from tests.support.other_solvers import by_gtsam, by_trf, cost
 
@@ -87,7 +87,7 @@ def compare(network: Network, number: int, found: Compared) -> State:
     """Adjust one block by all solvers and count; return its start."""
     equations = compile_network(network)
     given = approximate_start(equations, network.datum, None).state
-    judged = start_of(equations, network.datum, None)
+    judged = choose_start(equations, network.datum, None)
     costs: dict[str, float] = {}
     taken: dict[str, float] = {}
     said, silent_if_above = False, False
@@ -100,7 +100,7 @@ def compare(network: Network, number: int, found: Compared) -> State:
     else:
         costs["ours"] = cost(equations, solution.state)
         said = solution.converged
-        silent_if_above = said and LOWER_MINIMUM_POSSIBLE not in solution.reason
+        silent_if_above = said and LOWER_MINIMUM_NOTE not in solution.reason
         found.iterations.append(solution.iterations)
     taken["ours"] = process_time() - begin
     for name, (solve, most) in OTHERS.items():

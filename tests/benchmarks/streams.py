@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.network.entities import Photo, Point
+from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint, Observation
 from factorgraph_adj.types import Array, Mask

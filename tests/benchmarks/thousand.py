@@ -17,9 +17,9 @@ from time import process_time
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.network.entities import Photo, Point
+from factorgraph_adj.entities import Photo, Point
+from factorgraph_adj.graph.observation_selection import filtered
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.network.selection import filtered
 from factorgraph_adj.observations import (
     ControlPoint,
     HeightDifference,
@@ -28,7 +28,7 @@ from factorgraph_adj.observations import (
     PhotoPosition,
     SlopeDistance,
 )
-from factorgraph_adj.simulation.aerial_block import SIGMA_CONTROL, simulate_aerial_block
+from factorgraph_adj.simulation.simulated_blocks import SIGMA_CONTROL, simulate_aerial_block
 
 from .timing import Spread, peak
 

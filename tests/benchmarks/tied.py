@@ -14,7 +14,7 @@ from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from factorgraph_adj.quality.reliability import Reliability
-from factorgraph_adj.solve.linear import LinearisedEquations
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 from factorgraph_adj.types import Array, Index
 
 from .blocks import simulate_tied

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.frames import LocalFrame
 from factorgraph_adj.models.image import image
 from factorgraph_adj.models.lens import BrownForwardLens
-from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     Direction,
@@ -28,7 +28,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import look_at
+from factorgraph_adj.simulation.measurement import look_at
 from factorgraph_adj.types import Array
 
 SPEED = 5.0

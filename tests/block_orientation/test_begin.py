@@ -9,8 +9,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
-from factorgraph_adj.parts.cut import cut_network
-from factorgraph_adj.parts.folder import Folder
+from factorgraph_adj.parts.part_files import RunFolder
+from factorgraph_adj.parts.whole_network import cut_network
 from tests.networks.image_blocks import ImageBlock, aerial, ring
 
 LONG = pytest.mark.slow(
@@ -96,10 +96,10 @@ def test_what_fits_comes_back():
     names = [f"{i.photo}/{i.point}" for i in block.network.image_points()]
     good = [n for n in names if n not in block.mismatched][::150]
     doubting = replace(start, doubtful=(*start.doubtful, *good))
-    from factorgraph_adj.quality.image_start import clean_adjustment, search_beside
+    from factorgraph_adj.quality.snooping import clean_adjustment, clean_search
 
     clean = clean_adjustment(block.network, doubting, {})
-    search = search_beside(
+    search = clean_search(
         block.network,
         doubting,
         clean,
@@ -153,7 +153,7 @@ def test_snooping_begins_from_images_where_resections_led_nowhere():
 
 @LONG
 def test_parts_begin_from_images(held, tmp_path):
-    parts = cut_network(held.network, 2, Folder(tmp_path / "parts").made())
+    parts = cut_network(held.network, 2, RunFolder(tmp_path / "parts").made())
     found = fga.adjust_parts(parts, folder=tmp_path / "run", name="ring")
     assert found.vtpv == pytest.approx(fga.adjust(held.truth).vtpv, rel=SAME)
 

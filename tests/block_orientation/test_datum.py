@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.network.selection import filtered
+from factorgraph_adj.graph.observation_selection import filtered
 from factorgraph_adj.observations import (
     Azimuth,
     ControlPoint,

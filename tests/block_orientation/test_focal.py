@@ -8,35 +8,37 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.block_orientation.focal import FACTORS, Distances
-from factorgraph_adj.block_orientation.views import Views
 from factorgraph_adj.models.lens import BrownLens, NoDistortion
+from factorgraph_adj.start.block_input import Views
+from factorgraph_adj.start.unknown_calibration import TRIED_DISTANCE_FACTORS, PrincipalDistances
 from tests.networks.image_blocks import CAMERA, HALF, ImageBlock, aerial, ring
 
 
-def distances(block: ImageBlock, *, known: bool = False, stated=None) -> Distances:
+def distances(block: ImageBlock, *, known: bool = False, stated=None) -> PrincipalDistances:
     points = np.array(
         [p.coordinates for p in (block.truth if known else block.network).points.values()]
     )
-    return Distances(Views.of(block.network), stated or {}, points)
+    return PrincipalDistances(Views.of(block.network), stated or {}, points)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_pairs_of_convergent_photos_tell_the_principal_distance(seed):
     found = list(distances(ring(seed, guess=60.0)).others())
-    assert len(found) == 1 + len(FACTORS)
+    assert len(found) == 1 + len(TRIED_DISTANCE_FACTORS)
     assert found[0][0][0] == pytest.approx(28.0, rel=0.03)
 
 
 def test_known_points_tell_it_better_and_come_first():
     found = list(distances(ring(0, guess=60.0), known=True).others())
-    assert len(found) == 2 + len(FACTORS)
+    assert len(found) == 2 + len(TRIED_DISTANCE_FACTORS)
     assert found[0][0][0] == pytest.approx(28.0, rel=2e-3)
 
 
 def test_multiples_of_the_longer_side_are_tried_then():
     found = [c[0][0] for c in distances(aerial(0, guess=60.0)).others()]
-    assert found[-len(FACTORS) :] == pytest.approx([2 * HALF[0] * f for f in FACTORS])
+    assert found[-len(TRIED_DISTANCE_FACTORS) :] == pytest.approx(
+        [2 * HALF[0] * f for f in TRIED_DISTANCE_FACTORS]
+    )
 
 
 def test_without_a_format_the_image_points_tell_the_side():
@@ -45,7 +47,9 @@ def test_without_a_format_the_image_points_tell_the_side():
     block.network.cameras[CAMERA] = replace(camera, format=None)
     found = [c[0][0] for c in distances(block).others()]
     span = np.ptp(block.network.images.columns()[2], axis=0).max()
-    assert found[-len(FACTORS) :] == pytest.approx([span * f for f in FACTORS])
+    assert found[-len(TRIED_DISTANCE_FACTORS) :] == pytest.approx(
+        [span * f for f in TRIED_DISTANCE_FACTORS]
+    )
 
 
 def test_a_held_principal_distance_is_not_changed():

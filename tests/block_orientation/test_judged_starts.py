@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.block_orientation.begin import start_of
-from factorgraph_adj.block_orientation.start_misfit import GROSS
+from factorgraph_adj.entities import ImageTable
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.network.entities import ImageTable
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.solve.start import approximate_start
+from factorgraph_adj.start.choice_of_start import choose_start
+from factorgraph_adj.start.similarity_start import GROSS_START_MISFIT
+from factorgraph_adj.start.start_values import approximate_start
 from factorgraph_adj.types import Array
 from tests.networks.image_blocks import ImageBlock, aerial, ring
 
@@ -75,7 +75,7 @@ def test_fifteen_percent_of_wrong_control_do_not_move_the_start(flown):
     wrong = network.observations[control[0]]
     at = tuple(np.add(wrong.value, [300.0, -200.0, 50.0]).tolist())
     network.observations[control[0]] = replace(wrong, value=at)
-    start = start_of(
+    start = choose_start(
         compile_network(moved(network, *SIMILARITIES["tiny and turned"])), "given", None
     )
     centres = start.state["pose"][:, 9:]
@@ -113,9 +113,11 @@ def test_fifteen_percent_of_wrong_image_marks_do_not_move_the_start(flown, how):
     anywhere = rng.uniform(xy.min(axis=0), xy.max(axis=0), xy.shape)
     network.images = ImageTable()
     network.images.append(photo, point, np.where(wrong[:, None], anywhere, xy), sigma)
-    start = start_of(compile_network(moved(network, *SIMILARITIES[how])), "given", None)
+    start = choose_start(compile_network(moved(network, *SIMILARITIES[how])), "given", None)
     depth = float(np.median(flown.centres[:, 2]) - np.median(flown.points[:, 2]))
-    assert np.abs(start.state["pose"][:, 9:] - flown.centres).max() < 0.1 * GROSS * depth
+    assert (
+        np.abs(start.state["pose"][:, 9:] - flown.centres).max() < 0.1 * GROSS_START_MISFIT * depth
+    )
 
 
 def with_positions(block: ImageBlock) -> fga.Network:
@@ -171,11 +173,11 @@ def test_poses_that_fit_nothing_are_oriented_anew_from_images(flown):
 
 
 @pytest.mark.parametrize("add", [lambda b: b.truth, with_positions, with_distances])
-@pytest.mark.parametrize("wrong", [0.0, 0.3 * GROSS])
+@pytest.mark.parametrize("wrong", [0.0, 0.3 * GROSS_START_MISFIT])
 def test_a_start_that_is_not_grossly_wrong_is_not_touched(around, add, wrong):
     network = moved(add(around), 1.0 + wrong, (0.0, 0.0, wrong), (0.0, 0.0, 0.0))
     equations = compile_network(network)
-    found = start_of(equations, network.datum, None)
+    found = choose_start(equations, network.datum, None)
     given = approximate_start(equations, network.datum, None)
     assert not found.words
     for kind, values in given.state.items():

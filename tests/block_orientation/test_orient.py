@@ -86,7 +86,7 @@ def without(block: ImageBlock, found) -> fga.Network:
     truth = block.truth.copy()
     keep = [r not in gone and r.split("/")[1] not in lost for r in rays]
     truth.image_mask(np.array(keep))
-    from factorgraph_adj.network.selection import without as taken_out
+    from factorgraph_adj.graph.observation_selection import without as taken_out
 
     return taken_out(truth, (), points=sorted(lost))
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from factorgraph_adj.block_orientation.similarity import (
+from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.start.similarity import (
     Similarity,
-    from_components,
-    from_points,
     in_one_line,
     mean_rotation,
     robust_similarity,
-    with_rotation,
+    similarity_from_components,
+    similarity_from_points,
+    similarity_with_rotation,
 )
-from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array
 
 ROUNDING = 1e-9
@@ -38,7 +38,7 @@ def assert_same(found: Similarity | None, true: Similarity, tolerance: float = R
 @pytest.mark.parametrize("seed", range(5))
 def test_points_give_back_the_transformation(seed):
     true, x = some(seed)
-    assert_same(from_points(x, true.of(x)), true)
+    assert_same(similarity_from_points(x, true.of(x)), true)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -60,7 +60,10 @@ def test_points_in_one_line_give_no_rotation():
 
 
 def test_points_in_one_place_give_no_scale():
-    assert from_points(np.ones((4, 3)), np.random.default_rng(0).normal(size=(4, 3))) is None
+    assert (
+        similarity_from_points(np.ones((4, 3)), np.random.default_rng(0).normal(size=(4, 3)))
+        is None
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -71,7 +74,7 @@ def test_plan_of_two_and_heights_of_three_points_give_everything(seed):
     y = true.of(x)
     known[:2], known[2:5, 2] = y[:2], y[2:5, 2]
     known[3, 0] = y[3, 0]
-    found = from_components(x[:5], known[:5])
+    found = similarity_from_components(x[:5], known[:5])
     assert found is not None
     there = np.isfinite(known[:5])
     np.testing.assert_allclose(found.of(x[:5])[there], known[:5][there], atol=1e-5)
@@ -79,7 +82,7 @@ def test_plan_of_two_and_heights_of_three_points_give_everything(seed):
 
 def test_six_coordinates_are_not_enough():
     true, x = some(1, 2)
-    assert from_components(x, true.of(x)) is None
+    assert similarity_from_components(x, true.of(x)) is None
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -88,12 +91,12 @@ def test_a_known_rotation_leaves_scale_and_shift_to_any_components(seed):
     known = np.full((4, 3), np.nan)
     y = true.of(x)
     known[0], known[1, 0] = y[0], y[1, 0]
-    assert_same(with_rotation(x, known, true.rotation), true, 1e-8)
+    assert_same(similarity_with_rotation(x, known, true.rotation), true, 1e-8)
 
 
 def test_one_point_gives_no_scale_to_a_known_rotation():
     true, x = some(2, 1)
-    assert with_rotation(x, true.of(x), true.rotation) is None
+    assert similarity_with_rotation(x, true.of(x), true.rotation) is None
 
 
 def test_poses_move_with_their_points():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from factorgraph_adj.block_orientation.single_rays import from_rays
 from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.start.similarity import similarity_from_sights
 from factorgraph_adj.types import Array
 
 LONG = pytest.mark.slow(
@@ -37,6 +37,6 @@ def test_four_rays_or_more_find_any_similarity(n: int, wrong: int, scale: float,
     ray += rng.normal(0, 1e-6, ray.shape)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     r, t = exp_rotation(rng.normal(0, 2, 3)), rng.normal(0, 1000, 3)
-    found = from_rays((centre - t) @ r / scale, ray @ r, known)
+    found = similarity_from_sights((centre - t) @ r / scale, ray @ r, known)
     assert found is not None
     assert np.abs(found.of((centre - t) @ r / scale) - centre).max() < (0.01 if wrong else 0.003)

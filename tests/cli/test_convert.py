@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.input import settings
+from factorgraph_adj.cli.input import parsed_settings
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.models.lens import NormalisedLens
@@ -57,9 +57,13 @@ def test_an_option_that_the_reader_does_not_have_is_refused(tmp_path, capsys):
 
 
 def test_settings_are_values_of_toml_or_texts():
-    given = settings(["a=1", "b=true", "c=north east", 'd="x"', "e=[1, 2]", "f=1=2"], "--set")
+    given = parsed_settings(
+        ["a=1", "b=true", "c=north east", 'd="x"', "e=[1, 2]", "f=1=2"], "--set"
+    )
     assert given == {"a": 1, "b": True, "c": "north east", "d": "x", "e": [1, 2], "f": "1=2"}
-    given = settings(["a={b = 1, c = 2}", 'd={"b": 1}', 'e={"b: 1}', "f=null", "g={b: 1}"], "--set")
+    given = parsed_settings(
+        ["a={b = 1, c = 2}", 'd={"b": 1}', 'e={"b: 1}', "f=null", "g={b: 1}"], "--set"
+    )
     assert given == {
         "a": {"b": 1, "c": 2},
         "d": {"b": 1},
@@ -68,7 +72,7 @@ def test_settings_are_values_of_toml_or_texts():
         "g": "{b: 1}",
     }
     with pytest.raises(InputError) as caught:
-        settings(["a", "=1", "b=1", "b=2"], "--set")
+        parsed_settings(["a", "=1", "b=1", "b=2"], "--set")
     assert [str(p) for p in caught.value.problems] == [
         "--set: 'a' is not KEY=VALUE",
         "--set: '=1' is not KEY=VALUE",

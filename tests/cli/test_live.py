@@ -14,7 +14,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from factorgraph_adj.cli import main as cli
-from factorgraph_adj.cli.live import LATENCIES, REMEMBERED, LiveView, live_view
+from factorgraph_adj.cli.live_view import MAX_LATENCIES_KEPT, MAX_VERDICTS_KEPT, LiveView, live_view
 from tests.networks.projects import write
 from tests.networks.yard import ARRIVALS, WRONG, YARD
 from tests.support.processes import HANGS
@@ -99,9 +99,9 @@ def test_the_weakest_points_come_first_and_lost_ones_go():
 def test_memory_does_not_grow_with_the_stream():
     view = LiveView()
     answer = {"ok": True, "counts": {}, "verdict": "accepted", "label": "x", "seconds": 1.0}
-    for _ in range(3 * LATENCIES):
+    for _ in range(3 * MAX_LATENCIES_KEPT):
         view.take(answer)
-    assert (len(view._verdicts), len(view._seconds)) == (REMEMBERED, LATENCIES)
+    assert (len(view._verdicts), len(view._seconds)) == (MAX_VERDICTS_KEPT, MAX_LATENCIES_KEPT)
     assert "maximum 1000 ms" in picture(view, 80)[-1]
 
 

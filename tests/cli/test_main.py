@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from factorgraph_adj.cli import adjust as cli_adjust
+from factorgraph_adj.cli import adjustment as cli_adjust
 from factorgraph_adj.cli import main as cli
-from factorgraph_adj.io.write_project import write_project
+from factorgraph_adj.io.project_writer import write_project
 from tests.networks.projects import OBSERVATIONS, POINTS, PROJECT, write
 from tests.networks.small_block import small_block
 from tests.support.command import FILES, Terminal, contents
@@ -216,7 +216,7 @@ def test_writing_that_fails_half_way_keeps_the_old_files(
             raise error
         real(source, target)
 
-    monkeypatch.setattr("factorgraph_adj.io.atomic.os.replace", fail_on_the_fourth)
+    monkeypatch.setattr("factorgraph_adj.io.file_transaction.os.replace", fail_on_the_fourth)
     code = cli.main(["adjust", str(block), "--out", str(tmp_path), "--quiet"])
     assert code == (130 if error is KeyboardInterrupt else 2)
     assert contents(tmp_path) == before
@@ -227,7 +227,7 @@ def test_an_interrupted_first_run_leaves_no_folder(block, tmp_path, monkeypatch,
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("factorgraph_adj.io.atomic._move", interrupt)
+    monkeypatch.setattr("factorgraph_adj.io.file_transaction._move", interrupt)
     assert cli.main(["adjust", str(block), "--out", str(tmp_path / "out")]) == 130
     assert list(tmp_path.iterdir()) == []
     assert capsys.readouterr() == ("", "interrupted: nothing was written\n")

@@ -9,7 +9,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.observations import SlopeDistance
-from factorgraph_adj.simulation.spec_toml import read_spec
+from factorgraph_adj.simulation.spec import read_spec
 
 
 @pytest.mark.parametrize(

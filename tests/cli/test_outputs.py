@@ -20,9 +20,15 @@ import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.files import keeping_inputs, read_bytes
-from factorgraph_adj.io.atomic import one_transaction, write_files
+from factorgraph_adj.io.file_transaction import one_transaction, write_files
 from factorgraph_adj.io.journal import Journal
-from factorgraph_adj.io.unfinished import LIST, MARK, OLD, PREFIX, UnfinishedError
+from factorgraph_adj.io.transaction_folders import (
+    LIST,
+    MOVE_MARK,
+    OLD_FILES,
+    WRITING_PREFIX,
+    UnfinishedError,
+)
 from tests.networks.epochs import epoch
 
 LONG = pytest.mark.slow(
@@ -300,7 +306,7 @@ def test_a_process_killed_at_any_step_leaves_all_old_or_all_new_files_to_the_nex
         found.append(states[0] == new)
         for name in "abc":
             write_files(folder / name, {"next.txt": "next"})
-        assert not list(folder.rglob(f"{PREFIX}*")), step
+        assert not list(folder.rglob(f"{WRITING_PREFIX}*")), step
         step += 1
     assert step > 30
     assert found == sorted(found) if not fail else not found[-1]
@@ -310,7 +316,7 @@ def test_a_list_of_moves_from_elsewhere_moves_nothing_outside_its_folder(tmp_pat
     """A folder that somebody sent is no way to remove or replace other files."""
     write_files(tmp_path / "home", {"key.txt": "mine"})
     done = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], **OUTPUT)
-    sent = tmp_path / "sent" / f"{PREFIX}{socket.gethostname()}-{done.stdout.strip()}-x"
+    sent = tmp_path / "sent" / f"{WRITING_PREFIX}{socket.gethostname()}-{done.stdout.strip()}-x"
     for first, name in (
         (sent, "../../home/key.txt"),
         (sent, ".."),
@@ -319,9 +325,9 @@ def test_a_list_of_moves_from_elsewhere_moves_nothing_outside_its_folder(tmp_pat
     ):
         change = {"name": name, "new": None, "existed": True}
         sent.mkdir(parents=True, exist_ok=True)
-        (sent / MARK).touch()
-        (sent / OLD).mkdir(exist_ok=True)
-        (sent / OLD / "key.txt").write_text("theirs")
+        (sent / MOVE_MARK).touch()
+        (sent / OLD_FILES).mkdir(exist_ok=True)
+        (sent / OLD_FILES / "key.txt").write_text("theirs")
         listed = {"first": str(first), "all": [str(sent), str(tmp_path / "home")]}
         (sent / LIST).write_text(json.dumps(listed | {"changes": [change]}))
         with pytest.raises(UnfinishedError):

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from factorgraph_adj.cli import adjust as cli_adjust
+from factorgraph_adj.cli import adjustment as cli_adjust
 from factorgraph_adj.cli import main as cli
-from factorgraph_adj.io.write_project import write_project
+from factorgraph_adj.io.project_writer import write_project
 from factorgraph_adj.quality.rejections import Unresolved
 from tests.networks.small_block import blundered, small_block
 from tests.support.command import FILES, Terminal, contents

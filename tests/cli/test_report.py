@@ -44,6 +44,6 @@ def test_options_that_do_not_fit_are_refused_before_anything_is_read(options, wo
 
 
 def test_a_missing_extra_is_told_before_anything_is_read(monkeypatch, capsys):
-    monkeypatch.setattr("factorgraph_adj.report.html.libraries.find_spec", lambda name: None)
+    monkeypatch.setattr("factorgraph_adj.report.html.rendering.find_spec", lambda name: None)
     assert main(["adjust", "nowhere.toml", "--report", "r.html"]) == 2
     assert "pip install 'factorgraph_adj[report]'" in capsys.readouterr().err

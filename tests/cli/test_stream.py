@@ -17,8 +17,8 @@ import pytest
 from factorgraph_adj.cli import main as cli
 from factorgraph_adj.cli import stream as cli_stream
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
-from factorgraph_adj.io.write_project import network_files
-from factorgraph_adj.service.requests import LONGEST
+from factorgraph_adj.io.project_writer import network_files
+from factorgraph_adj.service.requests import MAX_LINE_BYTES
 from tests.networks.projects import FILES, write
 from tests.networks.projects import POINTS as MEASURED
 from tests.networks.yard import ARRIVALS, POINTS, WRONG, YARD
@@ -239,7 +239,7 @@ def test_nothing_after_stop_is_read(yard, here):
 def test_a_line_without_an_end_does_not_fill_the_memory(yard, here, monkeypatch):
     for module in (cli_stream, sys.modules["factorgraph_adj.service.requests"]):
         monkeypatch.setattr(module, "LONGEST", 1000)
-    assert LONGEST > 1000
+    assert MAX_LINE_BYTES > 1000
     good = json.dumps(ARRIVALS[0])
     fits = good + " " * (999 - len(good))  # and the end of the line
     long = "x" * 12_345

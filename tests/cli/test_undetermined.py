@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli import adjust as command
+from factorgraph_adj.cli import adjustment as command
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.planning.targets import PointPrecision

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.quality.unit_weight import global_test
+from factorgraph_adj.statistical_tests import global_test
 from tests.networks.grid_site import NAMES, UNDULATION, Site, geocentric, in_grid
 from tests.networks.grids import GRIDS
 

@@ -17,7 +17,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.errors import AdjustmentError, InputError
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.project import load_project
-from factorgraph_adj.report.tables import write_solution
+from factorgraph_adj.report.result_files import write_solution
 from tests.hostile.damage import damaged
 from tests.networks.geoids import write_gtx
 from tests.support.printed import row

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.crs.places import grid_places, wgs84_places
+from factorgraph_adj.crs.grid_places import grid_places, wgs84_places
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import LocalFrame

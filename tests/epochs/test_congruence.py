@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.epochs.differences import between
-from factorgraph_adj.epochs.hypotheses import Scale, moved, weight
-from factorgraph_adj.epochs.localise import robust_differences
+from factorgraph_adj.epochs.congruence_tests import (
+    UnitVariance,
+    displacement_of_rows,
+    robust_differences,
+    weight_of_differences,
+)
+from factorgraph_adj.epochs.differences import differences_between
 from factorgraph_adj.errors import DatumError, InputError
 from tests.networks.epochs import PLACES, detectable_shift, epoch, rates, solved
 from tests.support.places import data_dir
@@ -104,15 +108,15 @@ def _fields(o):
 
 def test_gauss_decomposition():
     """T of a set of points is Ω of all less Ω of the others."""
-    found = between(solved(5), solved(6, {"D": (0.01, 0.0)}), {n: n for n in PLACES})
+    found = differences_between(solved(5), solved(6, {"D": (0.01, 0.0)}), {n: n for n in PLACES})
     d, q, g = found.d, found.cofactor, found.motions
-    w = weight(q, g)
+    w = weight_of_differences(q, g)
     for some in (["D"], ["A", "P"], ["B", "C", "E"]):
         rows = found.rows(some)
         rest = np.setdiff1d(np.arange(len(d)), rows)
-        alone = weight(q[np.ix_(rest, rest)], np.linalg.qr(g[rest])[0])
+        alone = weight_of_differences(q[np.ix_(rest, rest)], np.linalg.qr(g[rest])[0])
         expected = d @ w @ d - d[rest] @ alone @ d[rest]
-        assert moved(w, d, rows)[2] == pytest.approx(expected, rel=1e-7)
+        assert displacement_of_rows(w, d, rows)[2] == pytest.approx(expected, rel=1e-7)
 
 
 @pytest.mark.parametrize("method", ["backward", "combinations", "robust"])
@@ -138,7 +142,7 @@ def test_points_that_move_together_do_not_smear():
 
 def test_the_robust_transformation_has_the_smallest_sum_of_lengths():
     together = dict.fromkeys(("A", "E"), (0.02, 0.015))
-    found = between(solved(11), solved(12, together), {n: n for n in PLACES})
+    found = differences_between(solved(11), solved(12, together), {n: n for n in PLACES})
     moves, q = robust_differences(found, tuple(PLACES))
 
     def total(d):
@@ -280,8 +284,8 @@ def test_datums_may_be_turned_against_each_other():
 
 
 def test_a_known_scale_has_the_test_of_chi_squared():
-    assert Scale(1.0, np.inf).test(3.0, 1, 0.05).critical == pytest.approx(3.8415, abs=1e-4)
-    assert Scale(1.0, 30.0).test(3.0, 2, 0.05).critical == pytest.approx(3.3158, abs=1e-4)
+    assert UnitVariance(1.0, np.inf).test(3.0, 1, 0.05).critical == pytest.approx(3.8415, abs=1e-4)
+    assert UnitVariance(1.0, 30.0).test(3.0, 2, 0.05).critical == pytest.approx(3.3158, abs=1e-4)
 
 
 # -- few reference points -------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report.epochs.text import render_congruence
+from factorgraph_adj.report.epochs_report import render_congruence
 from tests.networks.mistaken import yard
 
 MISTAKES: tuple[tuple[dict[str, Any], str], ...] = (

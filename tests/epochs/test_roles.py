@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report.epochs.context import EpochsReport
-from factorgraph_adj.report.epochs.results import epochs_summary
-from factorgraph_adj.report.epochs.text import render_congruence
-from factorgraph_adj.report.html.epochs_verdict import epochs_verdict
-from factorgraph_adj.report.html.language import Texts
+from factorgraph_adj.report.epochs_report import EpochsReport, render_congruence
+from factorgraph_adj.report.html.rendering import Texts
+from factorgraph_adj.report.html.verdict import epochs_verdict
+from factorgraph_adj.report.results_json import epochs_results_record
 
 PLACES = {
     "P1": (0, 0, 0),
@@ -105,4 +104,4 @@ def test_held_points_that_are_held_elsewhere_make_the_comparison_doubtful():
     assert not found.fine
     doubts = EpochsReport(found).doubts
     assert any("'P1' is held in both epochs, 100.00 mm apart" in d for d in doubts)
-    assert epochs_summary(EpochsReport(found))["held"] == ["P1", "P2", "P3"]
+    assert epochs_results_record(EpochsReport(found))["held"] == ["P1", "P2", "P3"]

@@ -23,10 +23,16 @@ from threadpoolctl import threadpool_limits
 
 from factorgraph_adj.blas_threads import numbers_of_threads
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment.cluster import on_cluster
-from factorgraph_adj.experiment.processes import AHEAD
-from factorgraph_adj.experiment.processes import _serve as serve
-from factorgraph_adj.experiment.repetition import DIED, Outcome, Repetition, Task, repeat
+from factorgraph_adj.experiment.repetitions import (
+    DIED,
+    REPETITIONS_IN_ADVANCE,
+    Outcome,
+    Repetition,
+    Task,
+    on_cluster,
+    repeat,
+)
+from factorgraph_adj.experiment.repetitions import _serve as serve
 from factorgraph_adj.experiment.results import Results
 from factorgraph_adj.experiment.runs import Experiment, run
 from tests.support import journals, trials
@@ -49,7 +55,7 @@ EVERY = Experiment(
     SEED,
 )
 SEVERAL = 4
-"""Repetitions of `EVERY`."""
+"""Repetitions of `STEPS_PER_TRIAL`."""
 PINNED = (110541168522967, 147240792056152)
 """Seeds of repetition 3 at size 4: common to all cells, and the cell's own."""
 PRINTED = """\
@@ -66,7 +72,7 @@ height
 
 @pytest.fixture(scope="module")
 def alone() -> Results:
-    """`EVERY`, computed in this process."""
+    """`STEPS_PER_TRIAL`, computed in this process."""
     return run(EVERY, SEVERAL)
 
 
@@ -110,11 +116,13 @@ def test_what_is_finished_first_is_written_first_and_stands_in_its_place(tmp_pat
     experiment = Experiment(
         "order", trials.waits_for_another, {"out": [str(out)], "first": [first]}, SEED
     )
-    results = run(experiment, 4 * AHEAD, out=out, processes=2)
+    results = run(experiment, 4 * REPETITIONS_IN_ADVANCE, out=out, processes=2)
     written = [r["repetition"] for r in lines(out)[1:]]
-    assert written[0] >= AHEAD  # the others of the first process wait behind the first repetition
-    assert sorted(written) == list(range(4 * AHEAD))
-    assert [r.repetition for r in results.rows] == list(range(4 * AHEAD))
+    assert (
+        written[0] >= REPETITIONS_IN_ADVANCE
+    )  # the others of the first process wait behind the first repetition
+    assert sorted(written) == list(range(4 * REPETITIONS_IN_ADVANCE))
+    assert [r.repetition for r in results.rows] == list(range(4 * REPETITIONS_IN_ADVANCE))
     assert not results.failed
 
 

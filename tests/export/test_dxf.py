@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.export.dxf import write_dxf
+from factorgraph_adj.export.dxf_ply import write_dxf
 from tests.networks.mapped import geocentric, in_plane, in_utm
 from tests.networks.small_block import blundered
 
@@ -106,7 +106,7 @@ def test_text_has_the_height_that_is_asked_for(tmp_path):
 
 
 def test_without_ezdxf_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("factorgraph_adj.export.dxf.find_spec", lambda _: None)
+    monkeypatch.setattr("factorgraph_adj.export.dxf_ply.find_spec", lambda _: None)
     with pytest.raises(fga.InputError, match=r"pip install 'factorgraph_adj\[dxf\]'"):
         write_dxf(in_plane(), tmp_path / "a.dxf")
 

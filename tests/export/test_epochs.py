@@ -12,7 +12,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.report.epochs.context import EpochsReport
+from factorgraph_adj.report.epochs_report import EpochsReport
 from tests.networks import moved
 from tests.support.geometries import area, decoded, rows_of
 

@@ -10,11 +10,11 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
-from factorgraph_adj.export.exports import EXPORTS, formats, target
-from factorgraph_adj.export.layers import Drawn, map_of
-from factorgraph_adj.export.placing import map_placing
+from factorgraph_adj.errors import SingularError
+from factorgraph_adj.export.formats import EXPORT_FORMATS, export_target, format_list
+from factorgraph_adj.export.map_coordinates import best_map_coordinates
+from factorgraph_adj.export.map_layers import MapScaling, solution_map
 from factorgraph_adj.io.writers import WRITERS
-from factorgraph_adj.solve.singular import SingularError
 from factorgraph_adj.solve.solution import Solution
 from tests.networks.mapped import geocentric, in_plane, in_utm
 from tests.networks.small_block import small_block
@@ -27,15 +27,15 @@ def project(folder, network):
 
 
 def test_suffixes_and_names_belong_to_one_format_each():
-    suffixes = [s for e in EXPORTS for s in e.suffixes] + [
+    suffixes = [s for e in EXPORT_FORMATS for s in e.suffixes] + [
         s for w in WRITERS.entries for s in w.suffixes
     ]
-    names = [e.name for e in EXPORTS] + [w.name for w in WRITERS.entries]
+    names = [e.name for e in EXPORT_FORMATS] + [w.name for w in WRITERS.entries]
     assert len(set(suffixes)) == len(suffixes) and len(set(names)) == len(names)
-    assert all(s in formats() for s in suffixes)
+    assert all(s in format_list() for s in suffixes)
 
 
-@pytest.mark.parametrize("export", EXPORTS, ids=lambda e: e.name)
+@pytest.mark.parametrize("export", EXPORT_FORMATS, ids=lambda e: e.name)
 def test_a_solution_is_written_by_its_suffix(tmp_path, export):
     pytest.importorskip("pyproj")
     pytest.importorskip("ezdxf")
@@ -80,7 +80,7 @@ def test_unknown_suffixes_names_and_options_are_refused(tmp_path):
 @pytest.mark.parametrize("value", ["10", -1.0, float("nan"), float("inf")])
 def test_a_factor_is_a_positive_number(value):
     with pytest.raises(fga.InputError, match="exaggeration must be a number greater than zero"):
-        Drawn(exaggeration=value)
+        MapScaling(exaggeration=value)
 
 
 def test_a_solution_without_covariances_has_its_points(tmp_path, monkeypatch):
@@ -91,7 +91,9 @@ def test_a_solution_without_covariances_has_its_points(tmp_path, monkeypatch):
 
     s = fga.adjust(small_block(), max_iterations=1)
     monkeypatch.setattr(Solution, "variable_covariance", singular)
-    found = {x.name: x for x in map_of(s, map_placing(s.network), Drawn()).layers}
+    found = {
+        x.name: x for x in solution_map(s, best_map_coordinates(s.network), MapScaling()).layers
+    }
     assert "ellipses" not in found and len(found["points"]) == len(s.network.points)
     assert "sigma_x_mm" not in found["points"].columns
     assert "w" not in found["observations"].columns
@@ -168,5 +170,5 @@ def test_a_network_in_parts_has_no_exports(tmp_path, capsys):
 
 
 def test_a_target_of_another_format_than_its_suffix(tmp_path):
-    assert target("a.xml", "kml").name == "kml"
-    assert target("A.GeoJSON").name == "geojson"
+    assert export_target("a.xml", "kml").name == "kml"
+    assert export_target("A.GeoJSON").name == "geojson"

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.export.antimeridian import parts_of_line, parts_of_ring
-from factorgraph_adj.export.geojson import write_geojson
+from factorgraph_adj.export.geojson_kml import parts_of_line, parts_of_ring, write_geojson
 from tests.networks.mapped import in_plane, in_utm, mapped
 from tests.support.geometries import area
 

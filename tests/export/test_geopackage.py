@@ -10,9 +10,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.export.geopackage import NO_DATE, write_geopackage
-from factorgraph_adj.export.points import VERTICES
+from factorgraph_adj.export.map_shapes import VERTICES_OF_RING
 from factorgraph_adj.models.lens import NoDistortion
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.options import Provenance, ReportOptions, Run
 from tests.networks.mapped import geocentric, in_plane, in_utm, mapped
 from tests.networks.small_block import blundered
@@ -101,10 +101,10 @@ def test_ellipses_are_the_ellipses(plane):
     for r in found:
         e = expected[r["name"]]
         _, kind, ring = decoded(r["geom"])
-        assert kind == "POLYGON" and len(ring) == VERTICES + 1
+        assert kind == "POLYGON" and len(ring) == VERTICES_OF_RING + 1
         assert np.array_equal(ring[0], ring[-1]), "rings are closed"
         a, b = e.semi_axes
-        part = VERTICES / 2 * np.sin(2 * np.pi / VERTICES)
+        part = VERTICES_OF_RING / 2 * np.sin(2 * np.pi / VERTICES_OF_RING)
         assert area(ring) == pytest.approx(part * a * b, rel=1e-6, abs=1e-15)
         away = np.linalg.norm(ring - s.point(r["name"]), axis=1)
         assert away.max() == pytest.approx(a, rel=1e-9)
@@ -247,7 +247,7 @@ def test_ellipses_in_the_grid_have_its_scale_and_convergence(tmp_path):
         i, e = number[r["name"]], fga.error_ellipse(s, r["name"])
         _, _, ring = decoded(r["geom"])
         centre = places.coordinates[i]
-        part = VERTICES / 2 * np.sin(2 * np.pi / VERTICES)
+        part = VERTICES_OF_RING / 2 * np.sin(2 * np.pi / VERTICES_OF_RING)
         true = part * e.semi_axes[0] * e.semi_axes[1] * 1e6
         assert area(ring) == pytest.approx(true * places.combined[i] ** 2, rel=1e-5, abs=1e-9)
         bearing = np.arctan2(*(ring[0] - centre)[:2])

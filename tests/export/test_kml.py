@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.export.kml import write_kml
+from factorgraph_adj.export.geojson_kml import write_kml
 from tests.networks.mapped import in_plane, in_utm, mapped
 
 pytest.importorskip("pyproj", reason="the extra crs is not installed")

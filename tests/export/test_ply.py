@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.export.ply import write_ply
+from factorgraph_adj.export.dxf_ply import write_ply
 from tests.networks.mapped import in_plane
 
 TYPES = {"double": "<f8", "float": "<f4", "uchar": "u1"}

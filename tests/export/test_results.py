@@ -10,9 +10,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import LeftOut
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.options import Provenance, ReportOptions, Run
-from factorgraph_adj.report.tables import write_solution
+from factorgraph_adj.report.result_files import write_solution
 from tests.networks.mapped import geocentric, in_plane, in_utm
 from tests.networks.small_block import blundered, images_only
 

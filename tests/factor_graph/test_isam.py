@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.graph.made import KeyOf, MakesFactor
-from factorgraph_adj.network.entities import Photo, Point
-from factorgraph_adj.network.selection import without
+from factorgraph_adj.graph.observation_selection import without
+from factorgraph_adj.graph.user_factors import KeyOf, MakesFactor
 from factorgraph_adj.observations import SlopeDistance
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.building_site import site
 from tests.networks.deformed_models import deformed_block
 from tests.networks.simulated import simulate_industry_block

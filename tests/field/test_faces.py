@@ -10,9 +10,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import Doubt
-from factorgraph_adj.field.faces import reduce_faces
-from factorgraph_adj.field.readings import FaceReading
-from factorgraph_adj.network.selection import without
+from factorgraph_adj.graph.observation_selection import without
+from factorgraph_adj.network.face_readings import FaceReading
+from factorgraph_adj.network.face_reduction import reduce_faces
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
 from tests.support.same import assert_same_network
 

@@ -7,7 +7,7 @@ import pytest
 
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.observations import Correlated, Direction, Observation, SlopeDistance
-from factorgraph_adj.solve.linear import LinearisedEquations
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 from tests.networks.small_block import small_block
 
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.errors import AdjustmentError, InputError
-from factorgraph_adj.factor_graph.build import Graph, build_graph
+from factorgraph_adj.factor_graph.network_graph import Graph, build_graph
 from factorgraph_adj.graph import factors
 from factorgraph_adj.graph.equations import Equations, compile_network
-from factorgraph_adj.graph.extra import linearise_extra, name_of
 from factorgraph_adj.graph.keys import KeyMap, from_gtsam, state_of, values_of
+from factorgraph_adj.graph.user_factors import linearise_extra, name_of
 from factorgraph_adj.models.lens import BrownLens, NoDistortion, NormalisedLens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
@@ -29,7 +29,7 @@ from factorgraph_adj.observations import (
     VerticalAngle,
 )
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.types import Array
 from tests.networks import every_kind
 from tests.networks.every_kind import FRAMES, GEOMETRIES, LENSES_USED, VIEWS

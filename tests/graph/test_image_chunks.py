@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.graph import image_chunks
+from factorgraph_adj.graph import image_blocks
 from factorgraph_adj.graph.blocks import Block
 from factorgraph_adj.graph.equations import Equations, compile_network
-from factorgraph_adj.graph.image_chunks import ImageChunks
+from factorgraph_adj.graph.image_blocks import ImageChunks
 from factorgraph_adj.models.image import depth
 from factorgraph_adj.models.lens import BrownLens, NormalisedLens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint
-from factorgraph_adj.solve.linear_rays import LinearRays
+from factorgraph_adj.solve.linearised_rays import LinearRays
 from tests.networks.small_block import plan, small_block
 
 
@@ -66,7 +66,7 @@ def test_residuals_and_partials_are_those_of_the_model(
     name: str, rays: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Chunks of 5 rays divide photos; those of 12 000 join them."""
-    monkeypatch.setattr(image_chunks, "RAYS", rays)
+    monkeypatch.setattr(image_blocks, "RAYS", rays)
     equations = compiled(name)
     state = equations.unknowns.start()
     for chunks, block in of_rays(equations):
@@ -120,7 +120,7 @@ def test_weights_of_any_form_are_applied(name: str) -> None:
 def test_products_are_those_of_the_partials(
     name: str, rays: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(image_chunks, "RAYS", rays)
+    monkeypatch.setattr(image_blocks, "RAYS", rays)
     equations = compiled(name)
     state = equations.unknowns.start()
     unknowns = equations.unknowns
@@ -176,7 +176,7 @@ def test_depths_are_those_of_the_model(name: str) -> None:
 
 def test_all_rays_in_a_focal_plane_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of every chunk, at once."""
-    monkeypatch.setattr(image_chunks, "RAYS", 2)
+    monkeypatch.setattr(image_blocks, "RAYS", 2)
     network = fga.Network("focal plane")
     network.add_camera("camera", BrownLens(), {"c": 50.0})
     for i in range(3):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from factorgraph_adj.graph.order import stable_order
+from factorgraph_adj.graph.image_blocks import stable_order
 
 
 @pytest.mark.parametrize("count", [1, 60, 65_536, 65_537, 2**33, 2**40])

@@ -21,14 +21,14 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.factor_graph.build import build_graph
+from factorgraph_adj.factor_graph.network_graph import build_graph
 from factorgraph_adj.frames import LocalFrame
 from factorgraph_adj.graph.equations import Equations, compile_network
-from factorgraph_adj.graph.made import KeyOf
+from factorgraph_adj.graph.user_factors import KeyOf
 from factorgraph_adj.graph.variables import State
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import KINDS, ControlPoint, UnitVector
-from factorgraph_adj.simulation.simulate import look_at, measure
+from factorgraph_adj.simulation.measurement import look_at, measure
 from factorgraph_adj.types import Array
 from tests.networks.every_kind import OBSERVED, TURNS_AND_ARM
 from tests.support.arrivals import bare, batch, chunks, difference

@@ -19,9 +19,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.files import FREE_GROWTH_BYTES
-from factorgraph_adj.io.photogrammetry.archive import Archive
-from factorgraph_adj.io.photogrammetry.colmap_tables import scales
-from factorgraph_adj.io.xml_tree import parse_xml
+from factorgraph_adj.io.photogrammetry.colmap_reference import keypoint_scales
+from factorgraph_adj.io.photogrammetry.metashape_files import ZipArchive
+from factorgraph_adj.io.xml_files import parse_xml
 from tests.hostile.formats import FORMATS
 from tests.hostile.judge import run
 
@@ -196,7 +196,7 @@ def test_files_of_one_archive_are_measured_together(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "p.psz", "w", zipfile.ZIP_DEFLATED) as archive:
         for name in names:
             archive.writestr(name, b" " * (FREE_GROWTH_BYTES // 2))
-    packed = Archive(tmp_path / "p.psz")
+    packed = ZipArchive(tmp_path / "p.psz")
     for name in (*names[:2], names[0]):  # the same file again takes no more
         assert len(packed.read(name)) == FREE_GROWTH_BYTES // 2
     with pytest.raises(fga.InputError, match=r"p\.psz: unpacks to \d+ bytes"):
@@ -212,7 +212,7 @@ def test_a_database_whose_rows_are_computed_without_end_is_refused(tmp_path: Pat
         )
         database.execute("CREATE TABLE keypoints (image_id, rows, cols, data)")
     with pytest.raises(fga.InputError, match="views or computed columns"):
-        scales(path, {"a": 1})
+        keypoint_scales(path, {"a": 1})
 
 
 def test_large_surveys_are_within_the_bounds(tmp_path: Path) -> None:

@@ -22,9 +22,9 @@ from factorgraph_adj import IncrementalAdjustment, Network, adjust
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.linear_system.innovations import innovation_tests
 from factorgraph_adj.observations import ImagePoint
-from factorgraph_adj.quality.leave_out import critical_t2
+from factorgraph_adj.quality.group_tests import critical_t2
 from factorgraph_adj.quality.rejections import Snooping
-from factorgraph_adj.solve.linear import LinearisedEquations
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 from tests.networks.aicon import SIGMA, read_aicon, rejected_image_points
 from tests.support.arrivals import bare
 from tests.support.places import data_dir

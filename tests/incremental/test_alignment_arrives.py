@@ -11,7 +11,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj import IncrementalAdjustment, Network, Observation
-from factorgraph_adj.io.records import observation, record
+from factorgraph_adj.io.observation_records import observation_from_record, observation_record
 from tests.networks.alignment import body, measured, offsets, tunnel
 
 PERCENT = 0.01
@@ -49,7 +49,7 @@ def test_readings_arrive_in_any_order(make: Callable[[], Network], which: int, t
     inc = IncrementalAdjustment(begun, journal=tmp_path / "day.jsonl")
     order = np.random.default_rng(which).permutation(len(later))
     for i in order.tolist():
-        inc.add(observation(json.loads(json.dumps(record(later[i])))))
+        inc.add(observation_from_record(json.loads(json.dumps(observation_record(later[i])))))
     assert_same(inc, fga.adjust(network))
     del inc
     assert_same(IncrementalAdjustment.resume(tmp_path / "day.jsonl"), fga.adjust(network))

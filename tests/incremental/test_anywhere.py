@@ -25,7 +25,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.small_block import small_block
 from tests.support.arrivals import batch, difference
 

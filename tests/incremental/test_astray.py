@@ -24,7 +24,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.site import plan
 from tests.networks.small_block import images_only
 from tests.support.arrivals import bare, batch, difference, items

@@ -13,7 +13,7 @@ from factorgraph_adj.graph.variables import State
 from factorgraph_adj.ledger.candidates import Candidates, NothingKnown
 from factorgraph_adj.ledger.ledger import Ledger
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.solve.normal import NormalEquations, Solver
+from factorgraph_adj.solve.normal_equations import NormalEquations, Solver
 from tests.benchmarks.beginning import (
     grid_of_directions,
     grid_of_single_distances,

@@ -11,7 +11,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.models.lens import BrownForwardLens
 from factorgraph_adj.observations import ImagePoint
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.support.arrivals import batch, difference
 
 BEHIND = "photo/behind"

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.entities import Photo
+from factorgraph_adj.graph.observation_selection import filtered
 from factorgraph_adj.models.lens import BrownForwardLens
-from factorgraph_adj.network.entities import Photo
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.network.selection import filtered
 from factorgraph_adj.observations import Direction, ImagePoint, PhotoPosition
 from tests.benchmarks.__main__ import with_arguments
 from tests.benchmarks.arrivals import Options, Played, aims, by_hundreds, play, table

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from factorgraph_adj import IncrementalAdjustment, Network, Observation, Solution, adjust
-from factorgraph_adj.io.records import observation, record
+from factorgraph_adj.io.observation_records import observation_from_record, observation_record
 from tests.networks.three_frames import three_frames
 
 PERCENT = 0.01
@@ -36,8 +36,8 @@ def test_frame_coordinates_arrive_and_end_where_the_batch_adjustment_does(tmp_pa
     network, later = begun()
     inc = IncrementalAdjustment(network, journal=tmp_path / "day.jsonl")
     for o in later:
-        line = json.loads(json.dumps(record(o)))
-        inc.add(observation(line))
+        line = json.loads(json.dumps(observation_record(o)))
+        inc.add(observation_from_record(line))
     assert_same(inc, adjust(three_frames()))
     inc.settle()
     before = inc.solution().unknown("frame", "model").values

@@ -11,8 +11,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
-from factorgraph_adj.io.records import observation, record
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.io.observation_records import observation_from_record, observation_record
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.aerial_heights import Aerial, plan_of, unknown_values
 
 LONG = pytest.mark.slow(
@@ -69,7 +69,7 @@ def test_what_arrives_ends_where_the_batch_adjustment_does(tmp_path) -> None:
     assert {x.kind for x in later} >= {"profile_height", "level_height", "gyro_azimuth"}
     inc = fga.IncrementalAdjustment(network, journal=tmp_path / "day.jsonl")
     for x in later:
-        inc.add(observation(json.loads(json.dumps(record(x)))))
+        inc.add(observation_from_record(json.loads(json.dumps(observation_record(x)))))
     assert_same(inc, fga.adjust(whole()))
     del inc
     assert_same(fga.IncrementalAdjustment.resume(tmp_path / "day.jsonl"), fga.adjust(whole()))

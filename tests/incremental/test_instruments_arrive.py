@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.records import observation, record
+from factorgraph_adj.io.observation_records import observation_from_record, observation_record
 from tests.networks.instruments import room_of
 
 PERCENT = 0.01
@@ -43,7 +43,7 @@ def test_sights_arrive_in_any_order_and_end_where_the_batch_adjustment_does(seed
     order = np.random.default_rng(seed).permutation(len(later))
     for i in order.tolist():
         o = replace(whole.observations[later[i]], id=f"late {later[i]}")
-        inc.add(observation(json.loads(json.dumps(record(o)))))
+        inc.add(observation_from_record(json.loads(json.dumps(observation_record(o)))))
     assert_same(inc, batch)
     first = f"late {later[0]}"
     inc.remove([first])

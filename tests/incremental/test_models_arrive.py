@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.triangulation.models import as_models
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.triangulation.independent_models import as_models
 from tests.networks.deformed_models import deformed_block
 from tests.networks.strip_of_photos import measured_strip, strip_plan
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import HorizontalDistance
-from factorgraph_adj.solve.second_start import describe_other_minimum
+from factorgraph_adj.solve.second_minimum import describe_other_minimum
 
 
 def placed(y: float) -> fga.Solution:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.graph.made import KeyOf
-from factorgraph_adj.network.entities import Point
+from factorgraph_adj.entities import Point
+from factorgraph_adj.graph.user_factors import KeyOf
 from factorgraph_adj.observations import Direction, HorizontalDistance, SlopeDistance
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
 

@@ -17,7 +17,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.incremental.entry import Entry
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import ImagePoint
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.support.arrivals import bare, batch, difference
 
 SHIFT = 0.006

@@ -10,7 +10,7 @@ from factorgraph_adj.factor_graph.linear_isam2 import IndeterminateError, Linear
 from factorgraph_adj.ledger.options import Engine
 from factorgraph_adj.linear_system.isam2_system import ISAM2System
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.odometry import odometry
 from tests.support.arrivals import bare, items
 

@@ -16,7 +16,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.ledger.options import ENGINES
 from factorgraph_adj.observations import HeightDifference, SlopeDistance
-from factorgraph_adj.solve import missed_step
+from factorgraph_adj.solve import marginalisation
 from tests.benchmarks.vehicle import Drive
 from tests.networks.moved_after_retirement import (
     MOVEMENTS,
@@ -458,7 +458,7 @@ def test_a_point_that_is_held_in_part_is_retired_after_one_that_it_was_observed_
 
 
 def test_what_rows_miss_that_join_too_much_is_not_known(monkeypatch, tmp_path):
-    monkeypatch.setattr(missed_step, "MAX_UNKNOWNS", 1)
+    monkeypatch.setattr(marginalisation, "MAX_SECOND_DERIVATIVE_UNKNOWNS", 1)
     inc = survey(journal=tmp_path / "journal")
     assert inc.missed_step == np.inf
     assert "it is not known what their linear rows miss" in inc.doubts[0]

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from factorgraph_adj import IncrementalAdjustment, Network, Observation, Solution, adjust
-from factorgraph_adj.io.records import observation, record
-from factorgraph_adj.network.selection import filtered
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.graph.observation_selection import filtered
+from factorgraph_adj.io.observation_records import observation_from_record, observation_record
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.odometry import odometry
 from tests.networks.rigs import MOUNTS, rig
 
@@ -49,7 +49,7 @@ def test_an_epoch_of_a_rig_arrives_and_ends_where_the_batch_adjustment_does(tmp_
     first, later = begun(network, "E4")
     inc = IncrementalAdjustment(first, journal=tmp_path / "day.jsonl")
     for o in later:
-        inc.add(observation(json.loads(json.dumps(record(o)))))
+        inc.add(observation_from_record(json.loads(json.dumps(observation_record(o)))))
     assert not inc.rejected
     whole = adjust(network)
     assert_same(inc, whole, "mount", list(MOUNTS))

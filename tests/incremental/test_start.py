@@ -27,7 +27,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import look_at
+from factorgraph_adj.simulation.measurement import look_at
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.support.arrivals import compare, difference, variables

@@ -33,9 +33,9 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.quality.groups import noncentrality_of_group
+from factorgraph_adj.quality.group_tests import noncentrality_of_group
 from factorgraph_adj.quality.reliability import noncentrality
-from factorgraph_adj.simulation.simulate import look_at, measure
+from factorgraph_adj.simulation.measurement import look_at, measure
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.networks.every_kind import GEOMETRIES, OBSERVED, sight_equations

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.network.entities import parameter_name
+from factorgraph_adj.entities import parameter_name
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import SlopeDistance, ZenithAngle
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.deformed_models import deformed_block
 from tests.networks.hall import hall
 from tests.networks.rigs import rig

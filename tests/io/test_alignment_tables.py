@@ -9,8 +9,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
+from factorgraph_adj.io.observation_records import observation_from_record, observation_record
 from factorgraph_adj.io.project import load_project
-from factorgraph_adj.io.records import observation, record
 from tests.networks.alignment import body, measured, offsets
 
 TABLES = {
@@ -139,8 +139,8 @@ def test_a_project_is_written_and_read_again(make, tmp_path) -> None:
     s, t = fga.adjust(network), fga.adjust(again)
     assert s.vtpv == pytest.approx(t.vtpv, rel=1e-6)
     for x in network.observations.values():
-        line = json.loads(json.dumps(record(x)))
-        assert observation(line).kind == x.kind
+        line = json.loads(json.dumps(observation_record(x)))
+        assert observation_from_record(line).kind == x.kind
 
 
 def test_a_table_that_is_missing_is_named(tmp_path) -> None:

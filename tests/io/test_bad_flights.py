@@ -12,7 +12,7 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.project import load_project
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import PhotoAttitude, PhotoBase, PhotoPosition
-from factorgraph_adj.validate.check import check
+from factorgraph_adj.validate.network_structure import check
 
 TEXTS = {
     "project.toml": 'name = "flight"\n[sigma.photo_position]\nsigma_mm = 50\n'

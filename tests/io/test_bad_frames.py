@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.io.observation_records import observation_from_record
 from factorgraph_adj.io.project import load_project
-from factorgraph_adj.io.records import observation
-from factorgraph_adj.validate.check import check
+from factorgraph_adj.validate.network_structure import check
 
 POINTS = "name,x,y,z,fixed\nA,0,0,0,xyz\nB,9,0,1,xyz\nC,0,7,2,xyz\nD,8,8,0,xyz\nT,4,4,1,\n"
 MEASURED = {"A": "0,0,0", "B": "9,0,1", "C": "0,7,2", "D": "8,8,0"}
@@ -174,6 +174,6 @@ def test_a_frame_that_is_wrong_does_not_make_its_origin_and_its_readings_wrong(t
 
 def test_a_record_without_a_frame_is_refused() -> None:
     with pytest.raises(InputError, match="frame is missing"):
-        observation(
+        observation_from_record(
             {"kind": "frame_coordinate", "point": "A", "x": 1, "y": 2, "z": 3, "sigma_mm": 1}
         )

@@ -13,8 +13,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.io.format_options import fitting
-from factorgraph_adj.io.readers import READERS, NetworkAlone
+from factorgraph_adj.io.format_options import fitting_options
+from factorgraph_adj.io.readers import READERS, NetworkReader
 from factorgraph_adj.io.writers import WRITERS
 
 
@@ -71,13 +71,13 @@ MISFITS = {
 
 @pytest.mark.parametrize(("name", "value"), [(n, v) for n, vs in FITTING.items() for v in vs])
 def test_values_of_the_stated_kind_are_taken_as_they_are(name: str, value: Any) -> None:
-    assert fitting(reader, {name: value}, doing="reading X", where="f")[name] is value
+    assert fitting_options(reader, {name: value}, doing="reading X", where="f")[name] is value
 
 
 @pytest.mark.parametrize(("name", "value"), [(n, v) for n, vs in MISFITS.items() for v in vs])
 def test_values_of_another_kind_are_refused(name: str, value: Any) -> None:
     with pytest.raises(InputError) as caught:
-        fitting(reader, {name: value}, doing="reading X", where="f")
+        fitting_options(reader, {name: value}, doing="reading X", where="f")
     (problem,) = caught.value.problems
     assert str(problem).startswith(f"f: reading X: option {name} must be ")
     assert str(problem).endswith(f", not {value!r}")
@@ -86,7 +86,7 @@ def test_values_of_another_kind_are_refused(name: str, value: Any) -> None:
 def test_all_misfits_are_named_at_once_with_what_would_be_valid() -> None:
     given = {"sigma": "0,5", "choice": "c", "names": "c", "pair": 1, "accuracy": "a", "held": 1}
     with pytest.raises(InputError) as caught:
-        fitting(reader, given, doing="reading X", where="f")
+        fitting_options(reader, given, doing="reading X", where="f")
     said = [str(p).removeprefix("f: reading X: option ") for p in caught.value.problems]
     assert said == [
         "sigma must be a number, not '0,5'",
@@ -100,24 +100,24 @@ def test_all_misfits_are_named_at_once_with_what_would_be_valid() -> None:
 
 def test_a_name_that_is_a_number_is_a_name() -> None:
     """The command reads station=101 as a number."""
-    assert fitting(reader, {"station": 101}, doing="", where="") == {"station": "101"}
-    assert fitting(reader, {"several": 7}, doing="", where="") == {"several": "7"}
+    assert fitting_options(reader, {"station": 101}, doing="", where="") == {"station": "101"}
+    assert fitting_options(reader, {"several": 7}, doing="", where="") == {"several": "7"}
 
 
 @pytest.mark.parametrize("entry", [*READERS.entries, *WRITERS.entries], ids=lambda e: e.name)
 def test_the_defaults_of_every_format_are_of_the_kinds_that_are_valid(entry: Any) -> None:
     """An annotation that cannot be resolved, or that its default contradicts, would refuse all."""
     function = getattr(entry, "write", None) or entry.load
-    function = function.read if isinstance(function, NetworkAlone) else function
+    function = function.read if isinstance(function, NetworkReader) else function
     given = dict(function.__kwdefaults__ or {})
     for group in [v for v in given.values() if is_dataclass(v)]:
         given |= {f.name: getattr(group, f.name) for f in fields(group)}
     given = {n: v for n, v in given.items() if n in entry.options}
     needed = {n: "a" for n in entry.options if n not in given}
-    assert fitting(function, given | needed, doing="", where="") == given | needed
+    assert fitting_options(function, given | needed, doing="", where="") == given | needed
     for name in needed:
         with pytest.raises(InputError, match=f"f: reading X needs the option {name}: "):
-            fitting(function, given, doing="reading X", where="f")
+            fitting_options(function, given, doing="reading X", where="f")
 
 
 @pytest.mark.parametrize("value", ["abc", [1, 2], {"a": 1}, ["zz"], -1, 0.5, True])

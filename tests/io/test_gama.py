@@ -10,7 +10,7 @@ import pytest
 
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import LocalFrame
-from factorgraph_adj.io.gama import read_gama
+from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     Azimuth,
@@ -24,7 +24,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.units import ARCSEC, CC, GON
 
 MM = 1e-3

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.records import observation, record
+from factorgraph_adj.io.observation_records import observation_from_record, observation_record
 from factorgraph_adj.observations import (
     FrameDirection,
     FrameDistance,
@@ -52,7 +52,12 @@ def test_a_project_of_instruments_comes_back(tmp_path: Path) -> None:
 
 def test_records_of_sights_come_back() -> None:
     for o in with_parts().observations.values():
-        assert replace(observation(json.loads(json.dumps(record(o)))), source=None) == o
+        assert (
+            replace(
+                observation_from_record(json.loads(json.dumps(observation_record(o)))), source=None
+            )
+            == o
+        )
 
 
 def test_centring_counts_by_the_length_in_the_frame() -> None:

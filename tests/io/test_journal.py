@@ -17,17 +17,16 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
+from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame
 from factorgraph_adj.io import journal as module
 from factorgraph_adj.io import json_records as j
-from factorgraph_adj.io.context import ImageAxes, RecordContext
-from factorgraph_adj.io.fields import vectors_of
-from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.io.journal import Journal
 from factorgraph_adj.io.numbers import Units
-from factorgraph_adj.io.write_project import write_project
-from factorgraph_adj.network.entities import Photo, Point
+from factorgraph_adj.io.observation_fields import ImageAxes, RecordContext, vector_fields
+from factorgraph_adj.io.project_writer import write_project
+from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
 from factorgraph_adj.observations.airborne import ABOUT, ANGLES
@@ -109,7 +108,7 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
         out |= {"deformation": next(free), "base": abs(number(rng))}
     if "length_km" in have:
         out["length_km"] = abs(number(rng))
-    for name in vectors_of(kind):
+    for name in vector_fields(kind):
         vector = np.array([number(rng) for _ in range(3)])
         unit = have[name].metadata.get("quantity") == "number"
         if name not in KINDS[kind].optional or (name == "lever_arm" and "photo" in out):
@@ -539,7 +538,7 @@ def entries_of(path) -> list[dict[str, object]]:
     """Return the entries of a journal in which nothing is torn."""
     journal, header, entries, torn = Journal.open(path, durable=False)
     journal.close()
-    assert header == {"journal": module.VERSION, **HEADER}
+    assert header == {"journal": module.JOURNAL_VERSION, **HEADER}
     assert torn == ""
     return entries
 
@@ -577,7 +576,7 @@ def test_a_journal_torn_at_any_byte_of_its_last_line_goes_on(path):
         path.write_bytes(whole[:cut])
         journal, header, entries, torn = Journal.open(path, durable=False)
         kept = ENTRIES if cut >= len(whole) - 1 else ENTRIES[:-1]
-        assert header == {"journal": module.VERSION, **HEADER}
+        assert header == {"journal": module.JOURNAL_VERSION, **HEADER}
         assert entries == kept, cut
         if begin < cut < len(whole) - 1:
             assert torn.startswith(f"{path}:4: the last line was torn and is left out: '{{"), cut

@@ -3,8 +3,8 @@
 import pytest
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.io.numbers import parse
-from factorgraph_adj.io.records import observation
+from factorgraph_adj.io.numbers import parse_quantity
+from factorgraph_adj.io.observation_records import observation_from_record
 
 
 @pytest.mark.parametrize(
@@ -25,15 +25,15 @@ from factorgraph_adj.io.records import observation
 )
 def test_what_a_text_may_be_is_told(text: str, said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        parse(text)
+        parse_quantity(text)
 
 
 @pytest.mark.parametrize("text", ["5o", "abc", "1.2.3.4", "--3", "P12", "10 m"])
 def test_of_other_texts_nothing_is_guessed(text: str) -> None:
     with pytest.raises(ValueError, match=r"is not a number$"):
-        parse(text)
+        parse_quantity(text)
 
 
 def test_a_header_that_is_there_again_is_called_so() -> None:
     with pytest.raises(InputError, match="this row is the header again"):
-        observation({"kind": "kind", "station": "station", "target": "target"})
+        observation_from_record({"kind": "kind", "station": "station", "target": "target"})

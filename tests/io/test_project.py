@@ -16,20 +16,19 @@ from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io import numbers
-from factorgraph_adj.io.context import ImageAxes, RecordContext
-from factorgraph_adj.io.fields import vectors_of
-from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.io.numbers import Units
+from factorgraph_adj.io.observation_fields import ImageAxes, RecordContext, vector_fields
+from factorgraph_adj.io.observation_records import observation_from_record, observation_record
 from factorgraph_adj.io.project import AdjustOptions, load_project, read_project
-from factorgraph_adj.io.records import observation, record
-from factorgraph_adj.io.write_project import exact_angles, write_project
+from factorgraph_adj.io.project_writer import exact_angles, write_project
+from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.models import lens
-from factorgraph_adj.models.registry import LENSES
+from factorgraph_adj.models.lens_registry import LENSES
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
 from factorgraph_adj.observations.airborne import ABOUT, ANGLES
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.units import ANGLE, ARCSEC, GON, LENGTH
 from tests.networks.everything import FRAMES, everything
@@ -128,27 +127,29 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_v
 def test_every_number_is_read_back_as_it_was_in_every_unit(value, unit):
     if unit == "dms" and abs(value) > 1e3:
         value = math.fmod(value, 1e3)
-    again = numbers.parse(numbers.write(value, unit), unit)
+    again = numbers.parse_quantity(numbers.write_quantity(value, unit), unit)
     assert again == value
     assert math.copysign(1, again) == math.copysign(1, value)
 
 
 @pytest.mark.parametrize("unit", [*LENGTH, *ANGLE])
 def test_exact_units_agree_with_the_table_of_units(unit):
-    assert float(numbers.factor(unit)) == pytest.approx((LENGTH | ANGLE)[unit], rel=1e-15)
+    assert float(numbers.unit_factor(unit)) == pytest.approx((LENGTH | ANGLE)[unit], rel=1e-15)
 
 
 def test_a_number_in_millimetres_is_the_float_that_metres_give():
-    assert numbers.parse("0.3", "mm") == float("0.0003")
-    assert numbers.write(0.0003, "mm") == "0.3"
-    assert numbers.write(numbers.parse("399.1234", "gon"), "gon") == "399.1234"
-    assert numbers.write(numbers.parse("41-28-15.8", "dms"), "dms") == "41-28-15.8"
+    assert numbers.parse_quantity("0.3", "mm") == float("0.0003")
+    assert numbers.write_quantity(0.0003, "mm") == "0.3"
+    assert numbers.write_quantity(numbers.parse_quantity("399.1234", "gon"), "gon") == "399.1234"
+    assert (
+        numbers.write_quantity(numbers.parse_quantity("41-28-15.8", "dms"), "dms") == "41-28-15.8"
+    )
 
 
 @pytest.mark.parametrize("text", ["1_000", "0x10", "١٢", "1 2", "--1", "1e", ""])
 def test_what_only_python_takes_for_a_number_is_none(text):
     with pytest.raises(ValueError, match="is not a number"):
-        numbers.parse(text)
+        numbers.parse_quantity(text)
 
 
 # -- records --------------------------------------------------------------------------------------
@@ -181,7 +182,7 @@ def any_observation(draw):
     drawn = draw(st.lists(NAME, min_size=len(of), max_size=len(of), unique=True))
     arguments |= dict(zip(of, drawn, strict=True))
     arguments |= {n: draw(SIGMA) for n in ("ux", "uy", "uz", "x", "y") if n in names}
-    needed = (n for n in vectors_of(kind) if n not in KINDS[kind].optional)
+    needed = (n for n in vector_fields(kind) if n not in KINDS[kind].optional)
     arguments |= {n: draw(st.sampled_from(UNIT_VECTORS)) for n in needed}
     numbers_needed = {"horizontal", "zenith", "bearing", "reference_x", "reference_y", "length"}
     arguments |= {n: draw(st.floats(0.01, 3.0)) for n in sorted(numbers_needed & names)}
@@ -232,7 +233,9 @@ def any_observation(draw):
 @settings(max_examples=200, deadline=None)
 @given(found=any_observation(), units=st.sampled_from(list(UNITS.values())))
 def test_record_and_observation_are_the_same_thing(found, units):
-    again = observation(record(found, units=units), context=RecordContext(units))
+    again = observation_from_record(
+        observation_record(found, units=units), context=RecordContext(units)
+    )
     assert_same(found, again)
 
 
@@ -240,7 +243,7 @@ def test_record_and_observation_are_the_same_thing(found, units):
 @given(found=any_observation())
 def test_a_record_survives_json_as_numbers(found):
     units = UNITS["SI"]
-    fields_of = record(found, units=units)
+    fields_of = observation_record(found, units=units)
     texts = {"kind", "id", "station", "target", "target2", "point", "photo", "axes", "set", "unit"}
     texts |= {
         "angle",
@@ -249,23 +252,26 @@ def test_a_record_survives_json_as_numbers(found):
     }
     as_numbers = {k: v if k in texts or not v else float(v) for k, v in fields_of.items()}
     line = json.loads(json.dumps(as_numbers))
-    assert_same(found, observation(line, context=RecordContext(units)))
+    assert_same(found, observation_from_record(line, context=RecordContext(units)))
 
 
 def test_a_record_may_state_its_own_unit():
     fields_of = {"kind": "azimuth", "station": "A", "target": "B", "value": 90, "sigma_arcsec": 1}
-    found = observation(fields_of | {"unit": "deg"})
+    found = observation_from_record(fields_of | {"unit": "deg"})
     assert found.value == math.pi / 2
-    assert observation(fields_of | {"unit": "dms", "value": "90-00-00"}).value == math.pi / 2
-    assert observation(fields_of).value == pytest.approx(90 * GON, rel=1e-15)
+    assert (
+        observation_from_record(fields_of | {"unit": "dms", "value": "90-00-00"}).value
+        == math.pi / 2
+    )
+    assert observation_from_record(fields_of).value == pytest.approx(90 * GON, rel=1e-15)
 
 
 def test_image_coordinates_may_be_pixels_from_the_upper_left_corner():
     axes = {"f": ImageAxes("px", y_down=True)}
     fields_of = {"kind": "image", "photo": "f", "point": "P", "x": 10, "y": 20.5, "sigma_px": 0.3}
-    found = observation(fields_of, context=RecordContext(images=axes))
+    found = observation_from_record(fields_of, context=RecordContext(images=axes))
     assert (found.x, found.y, found.sigma) == (10.0, -20.5, (0.3, 0.3))
-    assert record(found, axes=axes["f"])["y"] == "20.5"
+    assert observation_record(found, axes=axes["f"])["y"] == "20.5"
 
 
 # -- what a project may say -----------------------------------------------------------------------
@@ -339,8 +345,8 @@ def test_standard_deviations_come_from_the_row_or_else_from_the_project(tmp_path
     network = read_project(write(tmp_path))
     assert network.observations["1"].sigma == StandardDeviation(0.002, ppm=1.0)
     assert network.observations["3"].sigma == 0.0015
-    assert network.observations["7"].sigma == numbers.parse("1", "mgon")
-    assert network.observations["8"].sigma == numbers.parse("2", "mgon")
+    assert network.observations["7"].sigma == numbers.parse_quantity("1", "mgon")
+    assert network.observations["8"].sigma == numbers.parse_quantity("2", "mgon")
     assert set(network.images.columns()[3].ravel().tolist()) == {0.005}
 
 
@@ -455,7 +461,7 @@ def test_writing_that_fails_leaves_the_old_project(tmp_path, monkeypatch):
             raise KeyboardInterrupt
         real(source, target)
 
-    monkeypatch.setattr("factorgraph_adj.io.atomic.os.replace", fail_on_the_third)
+    monkeypatch.setattr("factorgraph_adj.io.file_transaction.os.replace", fail_on_the_third)
     with pytest.raises(KeyboardInterrupt):
         write_project(small_block(), tmp_path / "project.toml")
     assert {f.name: f.read_bytes() for f in tmp_path.iterdir()} == before
@@ -466,7 +472,7 @@ def test_a_new_folder_disappears_again_when_writing_fails(tmp_path, monkeypatch)
     def fail(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("factorgraph_adj.io.atomic._move", fail)
+    monkeypatch.setattr("factorgraph_adj.io.file_transaction._move", fail)
     with pytest.raises(KeyboardInterrupt):
         write_project(small_block(), tmp_path / "new" / "p.toml")
     assert list(tmp_path.iterdir()) == []

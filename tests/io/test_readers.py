@@ -13,11 +13,11 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.io.bal import read_bal
-from factorgraph_adj.io.gama import read_gama
+from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.io.project import AdjustOptions, read_project
-from factorgraph_adj.io.readers import READERS, NetworkAlone, Reader, Readers
-from factorgraph_adj.io.text import beginning
+from factorgraph_adj.io.readers import READERS, NetworkReader, Reader, Readers
+from factorgraph_adj.io.survey.gama import read_gama
+from factorgraph_adj.io.text_files import file_beginning
 from factorgraph_adj.network.network import Network
 from tests.networks.projects import OBSERVATIONS, write
 from tests.support.places import data_dir
@@ -118,7 +118,7 @@ def read_heights(path: Path) -> Network:
     return network
 
 
-HEIGHTS = Reader("heights", (".hgt", ".hgt.txt"), "list of heights", NetworkAlone(read_heights))
+HEIGHTS = Reader("heights", (".hgt", ".hgt.txt"), "list of heights", NetworkReader(read_heights))
 
 
 def test_a_new_format_is_one_line_of_the_table(tmp_path):
@@ -148,8 +148,8 @@ def recognised(word: bytes, name: str) -> Reader:
         name,
         (".hgt",),
         f"heights of {name}",
-        NetworkAlone(read_heights),
-        recognises=lambda path: beginning(path).startswith(word),
+        NetworkReader(read_heights),
+        recognises=lambda path: file_beginning(path).startswith(word),
     )
 
 
@@ -200,7 +200,7 @@ def test_options_of_a_reader_are_its_keyword_arguments(tmp_path):
             network.points[name] = replace(point, coordinates=scale * np.array(point.coordinates))
         return network
 
-    readers = Readers((Reader("scaled", (".hgt",), "heights", NetworkAlone(read_scaled)),))
+    readers = Readers((Reader("scaled", (".hgt",), "heights", NetworkReader(read_scaled)),))
     path = tmp_path / "x.hgt"
     path.write_text("A 2.5", encoding="utf-8")
     network = readers.load(path, options={"scale": 4.0}).network

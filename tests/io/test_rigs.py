@@ -17,9 +17,9 @@ from factorgraph_adj import (
     read_project,
     write_project,
 )
-from factorgraph_adj.io.json_observations import observation_fields, observation_of
-from factorgraph_adj.network.rigs import RIGID
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.io.json_records import observation_fields, observation_of
+from factorgraph_adj.network.composite_unknowns import RIGID
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.odometry import odometry
 from tests.networks.rigs import rig
 

@@ -20,8 +20,8 @@ import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.files import keeping_inputs
-from factorgraph_adj.io.atomic import one_transaction, write_files
-from factorgraph_adj.io.unfinished import PREFIX, UnfinishedError, recover
+from factorgraph_adj.io.file_transaction import one_transaction, write_files
+from factorgraph_adj.io.transaction_folders import WRITING_PREFIX, UnfinishedError, recover_folder
 from tests.networks.epochs import epoch
 from tests.support.failing import failing
 
@@ -109,7 +109,7 @@ def all_are(folders, state):
 
 
 def left(folders):
-    return [p for f in folders for p in f.glob(f"{PREFIX}*")]
+    return [p for f in folders for p in f.glob(f"{WRITING_PREFIX}*")]
 
 
 def check_named(folders, error):
@@ -142,7 +142,7 @@ def check_outcome(folders, raised, written):
         assert all_are(folders, new if written else old)
         assert written or raised is not None
     for folder in folders:
-        recover(folder)
+        recover_folder(folder)
     assert all_are(folders, new if written else old)
     assert not left(folders)
 
@@ -209,7 +209,7 @@ def test_recovery_that_fails_at_any_step_says_so_and_the_next_one_goes_on(place,
         said = None
         with failing(DISK_FULL, fails) as calls:
             try:
-                recover(place / "ab"[step % 2])
+                recover_folder(place / "ab"[step % 2])
             except UnfinishedError as error:
                 said = error
         if said is not None:
@@ -217,7 +217,7 @@ def test_recovery_that_fails_at_any_step_says_so_and_the_next_one_goes_on(place,
             if "it lists files" not in str(said):
                 check_named(folders, said)
         for folder in folders:
-            recover(folder)
+            recover_folder(folder)
         assert all_are(folders, old), step
         assert not left(folders), step
         if not calls.failed:
@@ -234,11 +234,11 @@ def test_a_file_that_somebody_changed_after_writing_had_stopped_is_not_replaced(
         with pytest.raises(UnfinishedError, match="changed by somebody else") as raised:
             write_files(place / "a", {"next.txt": "next"})
     assert changed.read_text() == "mine"
-    (copies,) = place.glob(f"a/{PREFIX}*/.old")
+    (copies,) = place.glob(f"a/{WRITING_PREFIX}*/.old")
     assert str(copies) in str(raised.value)
     assert (copies / "x.txt").read_text() == "old"
     changed.unlink()  # whoever wants the old files back removes the other one
-    recover(place / "b")
+    recover_folder(place / "b")
     assert all_are(folders, old)
     assert not left(folders)
 
@@ -247,7 +247,7 @@ def test_a_new_file_that_somebody_replaced_by_another_one_stays(place):
     folders = tree(place, {"a": {"more.txt": "new", "x.txt": "new", "y.txt": "new"}})
     stopped(folders, moves=2)
     (place / "a" / "more.txt").write_text("mine")
-    recover(place / "a")
+    recover_folder(place / "a")
     assert texts(place / "a") == {"x.txt": "old", "y.txt": "old", "more.txt": "mine"}
     assert not left(folders)
 
@@ -255,7 +255,7 @@ def test_a_new_file_that_somebody_replaced_by_another_one_stays(place):
 def test_a_folder_that_was_renamed_after_writing_had_stopped_recovers(place):
     stopped(tree(place, {"a": ALL}))
     (place / "a").rename(place / "elsewhere")
-    recover(place / "elsewhere")
+    recover_folder(place / "elsewhere")
     assert texts(place / "elsewhere") == old(ALL)
 
 
@@ -264,8 +264,8 @@ def test_a_folder_whose_transaction_has_gone_is_named(place):
     stopped(folders, moves=2)
     (place / "a").rename(place / "elsewhere")
     with pytest.raises(UnfinishedError, match="which have gone"):
-        recover(place / "b")
-    recover(place / "elsewhere")
+        recover_folder(place / "b")
+    recover_folder(place / "elsewhere")
     assert texts(place / "elsewhere") == old(TWO["a"])
 
 
@@ -279,7 +279,7 @@ def test_what_another_computer_has_begun_is_named_and_left(place, folder, other)
     with pytest.raises(UnfinishedError, match=process):
         write_files(place / folder, {"next.txt": "next"})
     with patch("socket.gethostname", lambda: other):
-        recover(place / folder)
+        recover_folder(place / folder)
     assert all_are(folders, old)
     write_files(place / folder, {"next.txt": "next"})
 
@@ -293,7 +293,7 @@ def test_reading_a_project_puts_back_what_writing_it_has_left_half_way(place, ca
     with full_after(moves=0):
         assert main(["check", str(place)]) == 2
     said = capsys.readouterr().err
-    (copies,) = place.glob(f"{PREFIX}*/.old")
+    (copies,) = place.glob(f"{WRITING_PREFIX}*/.old")
     assert f"{place}: points.csv: new, whose old copies are in {copies}; " in said
     assert "observations.csv, project.toml: as before" in said
     for read in (fga.read_project, fga.read):
@@ -344,7 +344,7 @@ def test_a_symbolic_link_that_is_replaced_comes_back_as_a_link(place):
     link.symlink_to("nowhere.txt")
     stopped(folders)
     assert not link.is_symlink()
-    recover(place / "a")
+    recover_folder(place / "a")
     assert os.readlink(link) == "nowhere.txt"
 
 

@@ -14,13 +14,9 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.gnss import write_gvx, write_sinex
+from factorgraph_adj.io.gnss import gvx, sinex
 from factorgraph_adj.io.writers import WRITERS
-from factorgraph_adj.observations import (
-    Correlated,
-    GnssPosition,
-    GnssVector,
-)
+from factorgraph_adj.observations import Correlated, GnssPosition, GnssVector
 from tests.networks.pixel_block import pixel_block
 from tests.networks.small_block import small_block
 from tests.networks.surveyed import surveyed
@@ -210,7 +206,7 @@ def test_what_is_read_is_written_as_the_same_files(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing that a writer writes is lost by the reader: the third copy is the second."""
-    for module in (write_gvx, write_sinex):
+    for module in (gvx, sinex):
         monkeypatch.setattr(module, "datetime", Noon)
     trip = TRIPS[name]
     first = there(trip.network(), tmp_path / "once", name, trip)

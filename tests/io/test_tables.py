@@ -12,14 +12,13 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.control_characters import escaped
-from factorgraph_adj.experiment.repetition import Repetition
+from factorgraph_adj.experiment.repetitions import Repetition
 from factorgraph_adj.experiment.results import Results
-from factorgraph_adj.io.tables import plain, read_table, write_columns
+from factorgraph_adj.io.csv_tables import read_table, unguarded_cell, write_columns
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import Direction, SlopeDistance
-from factorgraph_adj.report.epochs.context import EpochsReport
-from factorgraph_adj.report.epochs.tables import displacement_table
-from factorgraph_adj.report.tables import write_solution
+from factorgraph_adj.report.epochs_report import EpochsReport, displacement_table
+from factorgraph_adj.report.result_files import write_solution
 
 FORMULA = re.compile(r"[=@+\-\t\r＝＠＋－]")
 NAMES = (
@@ -60,7 +59,11 @@ def test_numbers_are_written_as_they_are():
     assert write_columns({"v": ["-5", "+1e-3", "-.5", "-inf", "nan"]}) == (
         "v\n-5\n+1e-3\n-.5\n-inf\nnan\n"
     )
-    assert plain("-5") == "-5" and plain("'5") == "'5" and plain("'=5") == "=5"
+    assert (
+        unguarded_cell("-5") == "-5"
+        and unguarded_cell("'5") == "'5"
+        and unguarded_cell("'=5") == "=5"
+    )
 
 
 def triangle(names):

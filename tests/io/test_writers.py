@@ -12,8 +12,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.tables import write_tables
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.result_files import write_tables
 from tests.networks.epochs import epoch
 
 PACKAGE = Path(fga.__file__).parent

@@ -10,7 +10,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import ImagePoint, SlopeDistance
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.small_block import plan
 from tests.support.arrivals import bare, items
 

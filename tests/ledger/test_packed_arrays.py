@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from factorgraph_adj.ledger.packed_arrays import (
+from factorgraph_adj.ledger.journal_entries import (
     packed,
     packed_symmetric,
     unpacked,

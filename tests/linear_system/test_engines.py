@@ -13,12 +13,7 @@ from factorgraph_adj.factor_graph.linear_rows import Arriving
 from factorgraph_adj.ledger.options import Engine, Options
 from factorgraph_adj.linear_system import isam2_system
 from factorgraph_adj.linear_system.front_system import FrontSystem
-from factorgraph_adj.observations import (
-    Azimuth,
-    HeightDifference,
-    SlopeDistance,
-    StandardDeviation,
-)
+from factorgraph_adj.observations import Azimuth, HeightDifference, SlopeDistance, StandardDeviation
 from factorgraph_adj.types import Index
 from tests.networks.small_block import images_only, small_block
 

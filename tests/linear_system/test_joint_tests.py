@@ -11,7 +11,7 @@ from factorgraph_adj.linear_system import joint_tests as module
 from factorgraph_adj.linear_system.joint_tests import RowsInBase
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint
-from factorgraph_adj.quality import leave_out
+from factorgraph_adj.quality import group_tests
 from factorgraph_adj.types import Array
 from tests.networks.eliminated import Eliminated, eliminated
 
@@ -62,7 +62,7 @@ def test_whole_matrix_and_columns_on_demand_are_those_of_the_dense_matrix(name, 
         error = np.abs(found.spread(i, every) - spread) / case.dense.sigma[:, None]
         assert error.max() < 10 * max(ROUNDING, case.rounding)
     # Units leave: then columns of M are asked for.
-    expected = leave_out.Tested(found.rows, v, lambda u: m[:, u])
+    expected = group_tests.LeaveOneOutTests(found.rows, v, lambda u: m[:, u])
     for i in (0, len(units) // 2, len(units) - 1):
         tested.leave_out(i)
         expected.leave_out(i)

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.entities import Point
 from factorgraph_adj.incremental import commands, entry, removal
 from factorgraph_adj.linear_system import linearisation_error, section_choice
 from factorgraph_adj.linear_system.front_system import FrontSystem
 from factorgraph_adj.linear_system.rebase import Draft, Failure, with_doubt
 from factorgraph_adj.linear_system.section import Attempts
 from factorgraph_adj.models.variables import UNKNOWNS
-from factorgraph_adj.network.entities import Point
 from factorgraph_adj.observations import (
     ControlPoint,
     Direction,
@@ -26,7 +26,7 @@ from factorgraph_adj.observations import (
     PhotoPosition,
     SlopeDistance,
 )
-from factorgraph_adj.solve.lifted import Lifted
+from factorgraph_adj.solve.linear_base import ReducedCofactors
 from factorgraph_adj.solve.solution import Solution
 from tests.benchmarks.vehicle import Drive, Event
 from tests.networks.arriving import CASES
@@ -402,13 +402,13 @@ def test_the_rest_is_solved_for_what_is_new_in_a_section(monkeypatch):
     driving = Driving()
     section_with(driving, 1)
     before, asked = driving.system.section, []
-    times = Lifted.times
+    times = ReducedCofactors.times
 
     def counted(self, at, b):
         asked.append(len(at))
         return times(self, at, b)
 
-    monkeypatch.setattr(Lifted, "times", counted)
+    monkeypatch.setattr(ReducedCofactors, "times", counted)
     assert before is not None
     _, after = section_choice.section_of(driving.inc._state.ledger, driving.system)
     assert np.array_equal(after.columns, before.columns) and not asked
@@ -417,7 +417,7 @@ def test_the_rest_is_solved_for_what_is_new_in_a_section(monkeypatch):
         driving.add([event])
     section = driving.system.section
     assert section is not None and section.lifted is before.lifted
-    monkeypatch.setattr(Lifted, "times", times)
+    monkeypatch.setattr(ReducedCofactors, "times", times)
     at = section.lifted.place[section.columns]
     found = section.lifted.times(at, np.eye(len(at)))
     assert np.abs(section.spread - found).max() <= 1e-12 * np.abs(found).max()

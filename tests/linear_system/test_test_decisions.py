@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.graph.dependence import Variable
-from factorgraph_adj.linear_system.test_decisions import decide
-from factorgraph_adj.quality import leave_out
+from factorgraph_adj.linear_system.arrival_decisions import decide
+from factorgraph_adj.quality import group_tests
 
 LOST: Variable = ("point", "P")
 
@@ -20,10 +20,12 @@ class Two:
     units = ()
     raw = (np.eye(2), np.eye(2))
 
-    def tested(self) -> leave_out.Tested:
+    def tested(self) -> group_tests.LeaveOneOutTests:
         m = np.diag([0.5, 0.5, 0.5, 1e-9])
         rows = [np.array([0, 1]), np.array([2, 3])]
-        return leave_out.Tested(rows, np.array([0.1, 0.1, 50.0, 0.0]), lambda u: m[:, u])
+        return group_tests.LeaveOneOutTests(
+            rows, np.array([0.1, 0.1, 50.0, 0.0]), lambda u: m[:, u]
+        )
 
     def held_by(self, i: int, combinations: object, new: Collection[Variable]) -> set[Variable]:
         return {LOST}
@@ -49,10 +51,12 @@ def test_of_units_that_control_each_other_alone_the_first_fails(rounding: float)
         units = ()
         raw = (np.eye(1), np.eye(1))
 
-        def tested(self) -> leave_out.Tested:
+        def tested(self) -> group_tests.LeaveOneOutTests:
             m = np.array([[0.5, -0.5], [-0.5, 0.5]])
             v = np.array([20.0, -20.0 * (1.0 + rounding)])
-            return leave_out.Tested([np.array([0]), np.array([1])], v, lambda u: m[:, u])
+            return group_tests.LeaveOneOutTests(
+                [np.array([0]), np.array([1])], v, lambda u: m[:, u]
+            )
 
     decision = decide(Alone(), 0.001, np.zeros(2, dtype=bool), (), lambda i, lost: False)  # type: ignore[arg-type]
     assert set(decision.out) == {0} and decision.stay == [1]

@@ -19,12 +19,7 @@ from typing import Any
 import numpy as np
 
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import (
-    FrameCoordinate,
-    FrameDirection,
-    FrameDistance,
-    FrameZenith,
-)
+from factorgraph_adj.observations import FrameCoordinate, FrameDirection, FrameDistance, FrameZenith
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 

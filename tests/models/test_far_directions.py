@@ -10,7 +10,7 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame, direction_of
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.models.far_directions import across
+from factorgraph_adj.models.directions import across
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.rotation import exp_rotation, world_R_camera
 

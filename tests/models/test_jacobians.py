@@ -7,7 +7,7 @@ import pytest
 
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.models.registry import LENSES
+from factorgraph_adj.models.lens_registry import LENSES
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
 from factorgraph_adj.rotation import world_R_camera

@@ -21,8 +21,8 @@ from factorgraph_adj.models.orthogonal_lens import (
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ControlPoint, PhotoPosition
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.simulation.simulate import disturb, measure
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.simulation.measurement import disturb, measure
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.types import Array
 
 MICROMETRE = 1e-3

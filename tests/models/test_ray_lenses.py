@@ -7,10 +7,10 @@ import pytest
 
 from factorgraph_adj.frames import LocalFrame
 from factorgraph_adj.models.base import DegenerateError
-from factorgraph_adj.models.image_lines import image_line
-from factorgraph_adj.models.inverse import directions, tangents
+from factorgraph_adj.models.image import image_line
+from factorgraph_adj.models.inverse_lens import directions, tangents
 from factorgraph_adj.models.lens import NoDistortion, NormalisedLens
-from factorgraph_adj.models.rational_lens import RationalLens
+from factorgraph_adj.models.normalised_lens import RationalLens
 from factorgraph_adj.models.ray_lens import EquirectangularLens, FovLens, RayLens, UnifiedLens
 from factorgraph_adj.types import Array
 from tests.networks.every_kind import LENSES_USED

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.frames import LocalFrame
-from factorgraph_adj.models.relative import (
+from factorgraph_adj.models.relative_poses import (
     moved_with,
     relative_position,
     relative_rotation,

@@ -9,9 +9,9 @@ import pytest
 
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.graph.observation_selection import weighted_unknowns, without
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.network.selection import weighted_unknowns, without
 from factorgraph_adj.observations import (
     ControlPoint,
     Correlated,
@@ -21,8 +21,8 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     VerticalAngle,
 )
-from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
+from factorgraph_adj.solve.adjustment import adjust
 from tests.networks.small_block import small_block
 from tests.networks.three_frames import room, three_frames
 from tests.support.same import contents

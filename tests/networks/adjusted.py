@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.bal import read_bal
-from factorgraph_adj.io.gama import read_gama
+from factorgraph_adj.io.photogrammetry.bundler import read_bal
+from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.io.survey.mmvii import read_mmvii
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.rotation import world_R_camera

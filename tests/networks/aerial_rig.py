@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from factorgraph_adj.models.lens import NoDistortion
+from factorgraph_adj.network.composite_unknowns import RIGID
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.network.rigs import RIGID
 from factorgraph_adj.observations import ControlPoint, PhotoPosition
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.types import Array

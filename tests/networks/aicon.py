@@ -16,7 +16,7 @@ from factorgraph_adj.types import Array
 
 MM = units.LENGTH["mm"]
 CAMERA = "1"
-FREE = aicon.CALIBRATED
+FREE = aicon.AICON_PARAMETERS
 """What the report lists as calibrated; A3, C1, C2 are held."""
 
 SIGMA = 0.0005

@@ -8,7 +8,7 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
 
 LENGTH = 60.0

@@ -13,7 +13,7 @@ from factorgraph_adj.observations import (
     PhotoAttitude,
     PhotoPosition,
 )
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
 from tests.loaders.borea import Block
 

@@ -13,10 +13,10 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import NoDistortion
-from factorgraph_adj.network.rigs import RIGID
+from factorgraph_adj.network.composite_unknowns import RIGID
 from factorgraph_adj.observations import ControlPoint, PhotoAttitude, PhotoPosition
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array, Mask
 from tests.loaders.borea import FORMAT, PRINCIPAL_DISTANCE, Block
 from tests.networks.borea_flight import SIGMA_ATTITUDE, SIGMA_CONTROL, SIGMA_GNSS, control_of

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.survey.comp3d_places import Comp3dOrigin
+from factorgraph_adj.io.survey.comp3d_grid import Comp3dOrigin
 from tests.support.places import data_dir
 
 LATITUDE, REFRACTION = 44.38, 0.12

@@ -6,7 +6,7 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.deformation import DEFORMATIONS
-from factorgraph_adj.triangulation.models import SEVEN
+from factorgraph_adj.triangulation.independent_models import FRAME_COMPONENTS
 
 BASE = 90.0
 """Base of the models at image scale, millimetres: the length of their deformation."""
@@ -51,8 +51,8 @@ def deformed_block(
     for k in range(MODELS):
         turn = rng.normal(0.0, 0.05, 3).tolist()
         x0 = np.array([k * step, 0.0, 75.0])
-        values = dict(zip(SEVEN, (*turn, 0.0, 0.0, 0.0, np.log(SCALE)), strict=True))
-        network.add_frame(f"M{k}", free=SEVEN, values=values, origin=x0.tolist())
+        values = dict(zip(FRAME_COMPONENTS, (*turn, 0.0, 0.0, 0.0, np.log(SCALE)), strict=True))
+        network.add_frame(f"M{k}", free=FRAME_COMPONENTS, values=values, origin=x0.tolist())
         for name in network.points:
             i = int(name[1:] if name[0] == "C" else name[0])
             if i not in (k, k + 1):

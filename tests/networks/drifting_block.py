@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import PhotoPosition
-from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
+from factorgraph_adj.simulation.simulated_blocks import simulate_aerial_block
 
 FREE = ("x", "y", "z", "x_t", "y_t", "z_t")
 ARM = ("x", "y")

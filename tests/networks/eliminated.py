@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve import elimination
-from factorgraph_adj.solve.factor import Factor
+from factorgraph_adj.solve import elimination_layers
+from factorgraph_adj.solve.factorisation import Factorisation
 from factorgraph_adj.types import Index
 from tests.networks.adjusted import held_photos
 from tests.networks.simulated import NETWORKS
@@ -55,7 +55,7 @@ class Eliminated:
     def __init__(self, network: fga.Network) -> None:
         """Adjust the network."""
         self.solution = fga.adjust(network)
-        self.factor: Factor = self.solution.factor
+        self.factor: Factorisation = self.solution.factor
         self.points: Index = self.factor.layers.point_columns
         """Columns of the points that only cameras see, (p, 3)."""
         self.dense = DenseNormal.of(self.solution)
@@ -72,9 +72,9 @@ class Eliminated:
 @cache
 def eliminated(name: str) -> Eliminated:
     """Return a case."""
-    before = elimination.LARGEST_TREE
+    before = elimination_layers.MAX_TREE_VARIABLES
     try:
-        elimination.LARGEST_TREE = 0 if name.endswith(FRONTS) else before
+        elimination_layers.MAX_TREE_VARIABLES = 0 if name.endswith(FRONTS) else before
         return Eliminated(CASES[name.removesuffix(FRONTS)]())
     finally:
-        elimination.LARGEST_TREE = before
+        elimination_layers.MAX_TREE_VARIABLES = before

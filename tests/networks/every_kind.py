@@ -17,12 +17,14 @@ from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.models import lens, ray_lens
-from factorgraph_adj.models.affine_normalised import AffineNormalisedLens, FraserNormalisedLens
-from factorgraph_adj.models.centred_lens import CentredBrownLens
-from factorgraph_adj.models.deformation import DEFORMATIONS
+from factorgraph_adj.models.deformation import DEFORMATIONS, HEIGHT_TERMS
+from factorgraph_adj.models.normalised_lens import (
+    AffineNormalisedLens,
+    CentredBrownLens,
+    FraserNormalisedLens,
+    RationalLens,
+)
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
-from factorgraph_adj.models.rational_lens import RationalLens
-from factorgraph_adj.models.strip import HEIGHT_TERMS
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations.airborne import ANGLES
 from factorgraph_adj.rotation import world_R_camera

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from factorgraph_adj import observations as o
+from factorgraph_adj.entities import ORIGINS
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.models import lens
+from factorgraph_adj.models.lens_registry import LENSES
 from factorgraph_adj.models.orthogonal_lens import OrthogonalLens
-from factorgraph_adj.models.registry import LENSES
-from factorgraph_adj.network.entities import ORIGINS
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.stochastic import StandardDeviation
 

@@ -16,7 +16,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.frames import Frame
 from factorgraph_adj.models.base import Linearised
-from factorgraph_adj.models.motions import Motions
+from factorgraph_adj.models.datum_motions import Motions
 from factorgraph_adj.models.variables import (
     UNKNOWNS,
     Component,
@@ -33,9 +33,9 @@ from factorgraph_adj.observations import (
     register_observation,
 )
 from factorgraph_adj.observations.base import Sigma, checked_covariance
-from factorgraph_adj.observations.weights import LENGTHS
+from factorgraph_adj.observations.variances import LENGTHS
 from factorgraph_adj.rotation import exp_rotation, log_rotation, skew
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array, Index
 
 # -- a similarity ---------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import disturb, look_at, measure
+from factorgraph_adj.simulation.measurement import disturb, look_at, measure
 
 FOCAL, SIGMA_MM = 20.0, 0.003
 """Principal distance and σ of image coordinates, mm."""

@@ -8,7 +8,7 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import FrameCoordinate
-from factorgraph_adj.simulation.simulate import disturb, measure
+from factorgraph_adj.simulation.measurement import disturb, measure
 from factorgraph_adj.types import Array
 from tests.networks.every_kind import COVARIANCE, FRAMES
 

@@ -8,7 +8,7 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation, world_R_camera
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 
 MM, ARCSEC = 1e-3, np.pi / 180 / 3600
 EVERY = ("rx", "ry", "rz", "x", "y", "z")

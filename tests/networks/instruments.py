@@ -10,7 +10,7 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import FrameDirection, FrameDistance, FrameZenith
-from factorgraph_adj.simulation.simulate import disturb, measure
+from factorgraph_adj.simulation.measurement import disturb, measure
 from factorgraph_adj.units import ARCSEC
 from tests.networks.every_kind import FRAMES
 from tests.networks.frames import without_values

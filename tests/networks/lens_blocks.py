@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from factorgraph_adj.graph.scales import calibration_scales
+from factorgraph_adj.graph.calibration_scales import calibration_scales
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import disturb, look_at, measure
+from factorgraph_adj.simulation.measurement import disturb, look_at, measure
 from tests.networks.every_kind import LENSES_USED
 
 PHOTOS, SIDE, CONTROL = 8, 3, 6

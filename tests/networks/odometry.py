@@ -13,7 +13,7 @@ from factorgraph_adj.observations import (
     RelativeRotation,
 )
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import look_at
+from factorgraph_adj.simulation.measurement import look_at
 from factorgraph_adj.types import Array
 
 ZERO = (0.0, 0.0, 0.0)

@@ -9,7 +9,7 @@ from factorgraph_adj import observations as o
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.models.shapes import SHAPES
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import look_at, measure
+from factorgraph_adj.simulation.measurement import look_at, measure
 from factorgraph_adj.types import Array
 
 MM = 1e-3

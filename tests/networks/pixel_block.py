@@ -6,8 +6,8 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.models.affine_normalised import AffineNormalisedLens
 from factorgraph_adj.models.lens import NormalisedLens
+from factorgraph_adj.models.normalised_lens import AffineNormalisedLens
 from factorgraph_adj.rotation import world_R_camera
 
 SIGMA = 0.5

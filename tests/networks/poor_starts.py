@@ -17,11 +17,11 @@ import gtsam
 import numpy as np
 
 from factorgraph_adj.graph.equations import Equations, compile_network
+from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.graph.variables import State
-from factorgraph_adj.io.bal import read_bal
+from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.models.lens import NoDistortion, NormalisedLens
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.network.selection import without
 from factorgraph_adj.observations import (
     ControlPoint,
     PhotoPosition,
@@ -30,7 +30,7 @@ from factorgraph_adj.observations import (
 )
 from factorgraph_adj.rotation import TURN_ABOUT_X as TURN
 from factorgraph_adj.rotation import exp_rotation, log_rotation
-from factorgraph_adj.solve.adjusted import with_values
+from factorgraph_adj.solve.estimates import network_with_values
 from factorgraph_adj.types import Array
 from tests.support.places import data_dir
 
@@ -107,7 +107,7 @@ def _moved(network: Network, change: Callable[[Equations, State], State]) -> Net
     """Return a network with changed start values."""
     equations = compile_network(network)
     state = change(equations, equations.unknowns.start())
-    return with_values(network, equations.unknowns, state)
+    return network_with_values(network, equations.unknowns, state)
 
 
 def _by_similarity(network: Network, scale: float, rotation: Array, shift: Array) -> Network:

@@ -48,7 +48,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.rotation import TURN_ABOUT_X
-from factorgraph_adj.simulation.simulate import disturb, look_at, measure
+from factorgraph_adj.simulation.measurement import disturb, look_at, measure
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.networks.every_kind import FRAMES

@@ -10,13 +10,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from factorgraph_adj.entities import Photo
 from factorgraph_adj.models.lens import NoDistortion
-from factorgraph_adj.network.entities import Photo
+from factorgraph_adj.network.composite_unknowns import RIGID
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.network.rigs import RIGID
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
-from factorgraph_adj.simulation.simulate import look_at
+from factorgraph_adj.simulation.measurement import look_at
 from factorgraph_adj.types import Array
 
 PARTS = ("rx", "ry", "rz", "x", "y", "z")

@@ -9,7 +9,7 @@ from factorgraph_adj.models.image import depth
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import Direction, ImagePoint, SlopeDistance, ZenithAngle
-from factorgraph_adj.simulation.simulate import look_at, measure
+from factorgraph_adj.simulation.measurement import look_at, measure
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import CC
 

@@ -17,9 +17,11 @@ from factorgraph_adj.observations import (
     HeightDifference,
     SlopeDistance,
 )
-from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
-from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
+from factorgraph_adj.simulation.simulated_blocks import (
+    simulate_aerial_block,
+    simulate_geocentric_block,
+)
 from tests.networks.small_block import small_block
 from tests.networks.total_station import total_station
 

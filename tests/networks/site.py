@@ -8,8 +8,8 @@ from itertools import permutations
 import numpy as np
 
 from factorgraph_adj import Network
+from factorgraph_adj.entities import Photo
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.network.entities import Photo
 from factorgraph_adj.observations import (
     ControlPoint,
     Correlated,
@@ -23,7 +23,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.simulation.simulate import look_at
+from factorgraph_adj.simulation.measurement import look_at
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.units import ARCSEC
 

@@ -21,7 +21,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import disturb, look_at, measure
+from factorgraph_adj.simulation.measurement import disturb, look_at, measure
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.types import Array

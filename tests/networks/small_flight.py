@@ -12,7 +12,7 @@ from factorgraph_adj import observations as o
 from factorgraph_adj.frames import Frame, LocalFrame, TopocentricFrame
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
 
 TURNS, OFFSETS = ("rx", "ry", "rz"), ("x", "y", "z")

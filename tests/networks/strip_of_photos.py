@@ -9,7 +9,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.simulation.simulate import Seed, disturb, measure
+from factorgraph_adj.simulation.measurement import Seed, disturb, measure
 from factorgraph_adj.types import Array
 
 FOCAL, HALF = 153.0, 105.0

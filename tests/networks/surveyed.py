@@ -7,12 +7,7 @@ import math
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.observations import (
-    Direction,
-    HeightDifference,
-    SlopeDistance,
-    ZenithAngle,
-)
+from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance, ZenithAngle
 
 
 def surveyed() -> fga.Network:

@@ -5,11 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.observations import (
-    Direction,
-    SlopeDistance,
-    ZenithAngle,
-)
+from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
 
 POINTS = {
     f"P{i}": np.array(x, dtype=float)

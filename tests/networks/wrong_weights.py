@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.simulation.industry_block import MICROMETRE, simulate_industry_block
-from factorgraph_adj.solve.observation_table import ObservationRecord
+from factorgraph_adj.solve.estimates import ObservationRecord
 
 WRONG = {"slope_distance": 0.5, "height_difference": 2.0}
 """What the industry block's tape and level claim of their σ, relative to the truth."""

@@ -7,7 +7,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import PhotoPosition, SlopeDistance, gauss_markov
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.every_kind import COVARIANCE
 from tests.networks.small_flight import Plan, plan_of
 

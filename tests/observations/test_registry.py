@@ -11,7 +11,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.base import Linearised
-from factorgraph_adj.models.outlines import LINE, SPHERE
+from factorgraph_adj.models.shape_outlines import LINE, SPHERE
 from factorgraph_adj.models.variables import unknown_kind
 from factorgraph_adj.observations import (
     KINDS,
@@ -22,7 +22,7 @@ from factorgraph_adj.observations import (
     observation_kind,
     register_observation,
 )
-from factorgraph_adj.observations.weights import LENGTHS
+from factorgraph_adj.observations.variances import LENGTHS
 from tests.networks.extension import (
     SAME_POINT,
     SamePoint,

@@ -9,7 +9,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import Problem, listed_once
-from factorgraph_adj.io.json_observations import observation_fields, observation_of
+from factorgraph_adj.io.json_records import observation_fields, observation_of
 from factorgraph_adj.observations import (
     Direction,
     HeightDifference,
@@ -18,7 +18,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.validate.preliminary.search import preliminary
+from factorgraph_adj.validate.preliminary_checks import preliminary
 
 A, B, CI, CT = 0.002, 3e-6, 0.0015, 0.0025
 D, TURN = 300.0, 2e-5

@@ -13,9 +13,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.parts import workers
-from factorgraph_adj.parts.cut import cut_network
-from factorgraph_adj.parts.folder import Folder
-from factorgraph_adj.parts.stored import read_part
+from factorgraph_adj.parts.part_files import RunFolder, read_part
+from factorgraph_adj.parts.whole_network import cut_network
 from tests.benchmarks.grids import simulate_grid
 from tests.support.cluster import local_client
 
@@ -44,7 +43,7 @@ class Deadly:
         if self.always or not self.died.exists():
             self.died.touch()
             os.kill(os.getpid(), signal.SIGKILL)
-        network, _ = read_part(Folder(self.path))
+        network, _ = read_part(RunFolder(self.path))
         return network
 
 
@@ -56,7 +55,7 @@ def test_a_network_on_a_cluster_has_the_result_of_its_parts_to_the_last_bit(clie
     found = fga.adjust(network, client=client, folder=tmp_path)
     assert len(found.jobs) == 4  # two for each worker
     assert found.name == network.name
-    parts = cut_network(network, 4, Folder(tmp_path / "here"))
+    parts = cut_network(network, 4, RunFolder(tmp_path / "here"))
     here = fga.adjust_parts(parts, folder=tmp_path / "here")
     assert found.vtpv == here.vtpv
     assert found.received == here.received
@@ -70,7 +69,7 @@ def test_a_network_on_a_cluster_has_the_result_of_its_parts_to_the_last_bit(clie
 )
 def test_a_killed_worker_changes_nothing(client, tmp_path):
     network = simulate_grid(1, points=144).network
-    stored = cut_network(network, 3, Folder(tmp_path))
+    stored = cut_network(network, 3, RunFolder(tmp_path))
     here = fga.adjust_parts(stored, folder=tmp_path / "here")
     parts = [
         *stored[:2],
@@ -88,14 +87,14 @@ def test_a_killed_worker_changes_nothing(client, tmp_path):
 )
 def test_a_part_that_kills_every_worker_is_named(client, tmp_path):
     network = simulate_grid(1, points=36).network
-    stored = cut_network(network, 2, Folder(tmp_path))
+    stored = cut_network(network, 2, RunFolder(tmp_path))
     deadly = Deadly(stored[1].load.path, tmp_path / "died", always=True)
     with pytest.raises(fga.AdjustmentError, match="part 'deadly': every worker that computed it"):
         fga.adjust_parts([stored[0], fga.Part("deadly", deadly)], client=client)
 
 
 def test_a_cluster_without_workers_is_refused(monkeypatch):
-    monkeypatch.setattr(workers, "CONNECTED", "0.3s")
+    monkeypatch.setattr(workers, "CONNECTION_TIMEOUT", "0.3s")
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster,
         distributed.Client(cluster) as client,

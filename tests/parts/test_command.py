@@ -9,8 +9,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
-from factorgraph_adj.parts.cut import cut_network
-from factorgraph_adj.parts.folder import Folder
+from factorgraph_adj.parts.part_files import RunFolder
+from factorgraph_adj.parts.whole_network import cut_network
 from tests.networks.small_block import small_block
 
 LONG = pytest.mark.slow(
@@ -22,7 +22,7 @@ LONG = pytest.mark.slow(
 def test_projects_are_parts_of_one_network(tmp_path, capsys):
     network = small_block()
     projects = []
-    for part in cut_network(network, 2, Folder(tmp_path)):
+    for part in cut_network(network, 2, RunFolder(tmp_path)):
         projects.append(str(tmp_path / f"p{part.name}"))
         fga.write_project(part.load(), tmp_path / f"p{part.name}" / "project.toml")
     out = tmp_path / "results"

@@ -13,10 +13,10 @@ import factorgraph_adj as fga
 from factorgraph_adj.models.variables import UNKNOWNS, VariableKind
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import FrameCoordinate, HeightDifference, SlopeDistance
-from factorgraph_adj.parts import loaded
-from factorgraph_adj.parts.cut import Regions, cut_network
-from factorgraph_adj.parts.folder import Folder
-from factorgraph_adj.report.parts import parts_protocol
+from factorgraph_adj.parts import loaded_part
+from factorgraph_adj.parts.part_files import RunFolder
+from factorgraph_adj.parts.whole_network import Regions, cut_network
+from factorgraph_adj.report.result_files import parts_protocol
 from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.types import Array
@@ -52,7 +52,7 @@ def equal_to_the_whole(
     """Adjust a network in parts and as a whole, and compare everything."""
     whole = fga.adjust(network, tolerance=tolerance)
     rel = fga.reliability(whole)
-    parts = cut_network(network, regions, Folder(folder))
+    parts = cut_network(network, regions, RunFolder(folder))
     found = fga.adjust_parts(parts, folder=folder, tolerance=tolerance)
     assert found.converged
     assert (found.n_observations, found.n_unknowns) == (whole.n_observations, whole.n_unknowns)
@@ -156,7 +156,7 @@ def test_regions_of_the_user(tmp_path):
     found = equal_to_the_whole(network, east, tmp_path)
     assert [job.part.name for job in found.jobs] == ["east", "west"]
     with pytest.raises(fga.InputError, match=r"point '\S+': it has no region; known: west"):
-        cut_network(network, dict.fromkeys(list(network.points)[1:], "west"), Folder(tmp_path))
+        cut_network(network, dict.fromkeys(list(network.points)[1:], "west"), RunFolder(tmp_path))
 
 
 # -- parts that the user has -----------------------------------------------------------------------
@@ -338,7 +338,7 @@ def test_junctions_that_no_part_determines_are_named():
 
 @LONG
 def test_junctions_of_a_large_root_that_no_part_determines(monkeypatch):
-    monkeypatch.setattr("factorgraph_adj.parts.root.SEARCHED", 1)
+    monkeypatch.setattr("factorgraph_adj.parts.iteration.MAX_SEARCHED_COLUMNS", 1)
     south = levelled("south", {"A": "", "B": "", "C": ""}, "AB BC CA")
     north = levelled("north", {"B": "", "C": "", "D": ""}, "BD DC")
     with pytest.raises(fga.DatumError, match="leave their junctions undetermined: give control"):
@@ -352,7 +352,7 @@ def test_undetermined_unknowns_are_named_without_an_iteration():
 
 
 def test_a_worker_that_does_not_reach_the_folder_is_told(tmp_path):
-    parts = cut_network(simulated.levelling(), 2, Folder(tmp_path))
+    parts = cut_network(simulated.levelling(), 2, RunFolder(tmp_path))
     (tmp_path / "part-0001" / "network.npz").unlink()
     with pytest.raises(fga.InputError, match=r"part '2', \S+: is missing: every worker must reach"):
         fga.adjust_parts(parts)
@@ -373,7 +373,7 @@ def stop(iteration: int, *_: float) -> None:
 @LONG
 def test_a_killed_run_resumes_with_the_same_result_to_the_last_bit(tmp_path):
     network = simulate_mixed(1, points=400, photos=30).network
-    folders = [Folder(tmp_path / name) for name in ("whole", "killed")]
+    folders = [RunFolder(tmp_path / name) for name in ("whole", "killed")]
     whole, killed = (cut_network(network, 3, folder) for folder in folders)
     straight = fga.adjust_parts(whole, folder=folders[0].path)
     with pytest.raises(Stopped):
@@ -393,7 +393,7 @@ def test_a_killed_run_resumes_with_the_same_result_to_the_last_bit(tmp_path):
 @LONG
 def test_a_run_that_has_ended_is_not_iterated_again(tmp_path):
     network = simulate_grid(1, points=64).network
-    parts = cut_network(network, 2, Folder(tmp_path))
+    parts = cut_network(network, 2, RunFolder(tmp_path))
     first = fga.adjust_parts(parts, folder=tmp_path)
     calls: list[int] = []
     again = fga.adjust_parts(
@@ -434,7 +434,7 @@ def test_a_solution_refuses_the_results_of_a_later_run(tmp_path):
 @LONG
 def test_the_state_of_the_weights_stays_however_often_a_run_goes_on(tmp_path, monkeypatch):
     """Here two states before the last are kept, and nobody is ever near enough."""
-    monkeypatch.setattr(loaded, "OLDEST", 2)
+    monkeypatch.setattr(loaded_part, "KEPT_STATES", 2)
     line = Network("line")
     line.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
     line.add_point("B", (70.0, 0.0, 0.0), fixed="y")
@@ -503,7 +503,7 @@ def test_a_point_of_one_part_leaves_the_plane_of_its_stations(tmp_path):
     network.add(HeightDifference("P0", "J", 0.0, sigma=10.0))
     network.add(HeightDifference("P1", "J", 0.0, sigma=10.0))
     regions = {n: "a" if n.startswith(("S0", "P0")) else "b" for n in network.points}
-    parts = cut_network(network, regions, Folder(tmp_path))
+    parts = cut_network(network, regions, RunFolder(tmp_path))
     found = fga.adjust_parts(parts, folder=tmp_path)
     assert found.converged
     assert found.vtpv < 10.0

@@ -11,14 +11,9 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import BrownForwardLens, Lens, NormalisedLens
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import (
-    ControlPoint,
-    HeightDifference,
-    SlopeDistance,
-    ZenithAngle,
-)
-from factorgraph_adj.parts.cut import cut_network
-from factorgraph_adj.parts.folder import Folder
+from factorgraph_adj.observations import ControlPoint, HeightDifference, SlopeDistance, ZenithAngle
+from factorgraph_adj.parts.part_files import RunFolder
+from factorgraph_adj.parts.whole_network import cut_network
 from factorgraph_adj.rotation import exp_rotation
 from tests.networks.small_block import small_block
 
@@ -177,7 +172,7 @@ def test_a_part_without_zenith_angles_says_nothing_of_their_refraction():
 
 def test_a_region_with_weighted_unknowns_but_without_observations_is_no_part(tmp_path):
     network = line(1.01, (0.01, 0.01, 0.01))
-    found = cut_network(network, {"A": "west", "B": "east"}, Folder(tmp_path))
+    found = cut_network(network, {"A": "west", "B": "east"}, RunFolder(tmp_path))
     assert [part.name for part in found] == ["west"]
     assert fga.adjust_parts(found).n_observations == fga.adjust(network).equations.n_rows
 
@@ -188,5 +183,5 @@ def test_observations_between_held_points_go_to_a_part_with_unknowns(tmp_path):
         network.add_point(name, (0.0, 9.0, 0.0), fixed="xyz")
     network.add(HeightDifference("C", "D", 0.01, sigma=0.01))
     regions = {"A": "west", "B": "west", "C": "east", "D": "east"}
-    found = fga.adjust_parts(cut_network(network, regions, Folder(tmp_path)))
+    found = fga.adjust_parts(cut_network(network, regions, RunFolder(tmp_path)))
     assert (found.n_observations, len(found.jobs)) == (3, 1)

@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli import plan as cli_plan
+from factorgraph_adj.cli import design as cli_plan
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import Problem
 from factorgraph_adj.experiment import runs
 from factorgraph_adj.io.project import load_project
-from factorgraph_adj.planning import files
-from factorgraph_adj.planning.files import Wishes, read_wishes
+from factorgraph_adj.planning import target_files
+from factorgraph_adj.planning.target_files import Wishes, read_wishes
 from factorgraph_adj.planning.targets import PointPrecision, SemiAxis, UndetectedShift
 from tests.support.places import EXAMPLES
 
@@ -138,7 +138,7 @@ def test_millimetres_are_refused_beside_metres_and_where_a_limit_is_no_length(wr
 
 def test_the_example_of_the_docstring_is_read(wishes: Callable[..., Wishes]) -> None:
     example = "\n".join(
-        line[4:] for line in str(files.__doc__).splitlines() if line.startswith("    ")
+        line[4:] for line in str(target_files.__doc__).splitlines() if line.startswith("    ")
     )
     table = SIGHTS.replace("set-up C", "set-up S3").replace(",C", ",S3")
     found = wishes(example.replace("candidates.csv", "more.csv"), table)

@@ -11,18 +11,15 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.observations import Correlated, LevelHeight
-from factorgraph_adj.planning.candidates import with_candidates
-from factorgraph_adj.planning.differences import difference
+from factorgraph_adj.planning.candidates import difference, with_candidates
 from factorgraph_adj.planning.targets import PointPrecision
-from factorgraph_adj.simulation.generate.additions import Distances
-from factorgraph_adj.simulation.generate.aerial import Aerial
+from factorgraph_adj.simulation.generate.aerial import Aerial, CrossStrips
 from factorgraph_adj.simulation.generate.control import Control
-from factorgraph_adj.simulation.generate.cross_strips import CrossStrips
-from factorgraph_adj.simulation.generate.gnss import Gnss
-from factorgraph_adj.simulation.generate.heights import Lake, Statoscope
-from factorgraph_adj.simulation.generate.part import Part
-from factorgraph_adj.simulation.generate.rig import Rig
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
+from factorgraph_adj.simulation.generate.rigs_and_models import Rig
+from factorgraph_adj.simulation.generate.scene import Part
+from factorgraph_adj.simulation.generate.terrestrial_additions import Distances
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.simulation.spec import Spec, design
 
 SPEC = Spec(

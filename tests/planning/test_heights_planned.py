@@ -7,7 +7,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.planning.targets import PointPrecision
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.aerial_heights import Aerial, plan_of
 
 AUXILIARY = Aerial(

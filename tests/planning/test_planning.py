@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import (
     ControlPoint,
     Correlated,
@@ -35,11 +35,11 @@ from factorgraph_adj.planning.targets import (
     lacking,
     point_figures,
 )
-from factorgraph_adj.quality.ellipses import confidence_factor
+from factorgraph_adj.quality.error_ellipses import confidence_factor
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.el_hakim_1986 import aerial_1986_plan, close_range_1986_plan
 from factorgraph_adj.simulation.industry_block import industry_block_plan
-from factorgraph_adj.simulation.simulate import look_at, measure
+from factorgraph_adj.simulation.measurement import look_at, measure
 from tests.networks.small_block import CENTRES, FOCAL, box
 
 TARGETS: tuple[Target, ...] = (

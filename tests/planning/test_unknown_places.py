@@ -21,7 +21,7 @@ from factorgraph_adj.observations import (
 )
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.given_values import with_given_values
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.units import CC
 
 ROTATION = {"rx": -0.15, "ry": 0.3, "rz": -2.1}

@@ -16,11 +16,11 @@ import pytest
 
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.io.bal import read_bal
+from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.solve.batch import adjust
-from factorgraph_adj.solve.sides import behind
+from factorgraph_adj.solve.adjustment import adjust
+from factorgraph_adj.solve.feasible_states import is_behind_camera
 from tests.support.places import data_dir
 
 pytestmark = pytest.mark.published
@@ -73,7 +73,7 @@ def test_points_that_begin_behind_their_cameras_are_pulled_back_and_named(folder
     begin = read_bal(folder / SHRUNK)
     network = read_bal(folder / SHRUNK, behind="keep")
     solution = adjust(network)
-    assert not behind(solution.equations, solution.state).any()
+    assert not is_behind_camera(solution.equations, solution.state).any()
     assert not solution.converged
     assert "nearly undetermined: point" in solution.reason
     named = {name for _, name in solution.drifting}

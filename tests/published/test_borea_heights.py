@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 import factorgraph_adj as fga
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.loaders.borea import Block, read_borea
 from tests.networks.aerial_heights import errors, unknown_values
 from tests.networks.borea_heights import plan_of

@@ -12,7 +12,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.variables import UNKNOWNS
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
 from tests.loaders.borea import read_borea
 from tests.networks.borea_rig import MOUNTS, carried, rig_plan, slipped

@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.survey.comp3d_places import Comp3dOrigin
-from factorgraph_adj.observations import (
-    CoordinateDifference,
-    OnCircle,
-)
+from factorgraph_adj.io.survey.comp3d_grid import Comp3dOrigin
+from factorgraph_adj.observations import CoordinateDifference, OnCircle
 from tests.loaders import comp3d
 from tests.support.places import data_dir
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.survey.comp3d_places import Comp3dOrigin
+from factorgraph_adj.io.survey.comp3d_grid import Comp3dOrigin
 from factorgraph_adj.observations import FrameCoordinate
 from tests.loaders import comp3d
 from tests.support.places import data_dir

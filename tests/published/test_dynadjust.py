@@ -20,7 +20,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import Equations
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 from tests.loaders.dynadjust import Measurement, Station, read_listing

@@ -30,7 +30,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.io.gama import read_gama
+from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.units import GON
 from tests.networks.gama import (
     FOLDER,

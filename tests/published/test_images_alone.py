@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.network.selection import filtered
+from factorgraph_adj.graph.observation_selection import filtered
 from factorgraph_adj.rotation import exp_rotation, omega_phi_kappa
 from tests.loaders.borea import Block, read_borea
 from tests.networks.aicon import CAMERA as AICON_CAMERA

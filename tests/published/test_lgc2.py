@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.survey.lgc2 import TINY
+from factorgraph_adj.io.survey.lgc2 import CONDITION_SIGMA_M
 from factorgraph_adj.observations import LineOffset
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.published
 
 TENTH_MICRON = 1e-7
 SIGMA_MM = 1e-4
-STAGES = (1.0, 1e-2, 1e-4, TINY)
+STAGES = (1.0, 1e-2, 1e-4, CONDITION_SIGMA_M)
 """Standard deviations of conditions, metres: a coarse start wants soft ones first."""
 
 
@@ -35,7 +35,7 @@ def text(name: str, case: str = "") -> str:
     return lgc2.texts(path)[case] if case else path.read_text(encoding="latin-1")
 
 
-def read(source: str, *, tiny: float = TINY) -> fga.Network:
+def read(source: str, *, tiny: float = CONDITION_SIGMA_M) -> fga.Network:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "input.lgc2"
         path.write_text(source, encoding="utf-8")

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.quality.unit_weight import global_test
+from factorgraph_adj.statistical_tests import global_test
 from factorgraph_adj.units import ARCSEC
 
 pytest.importorskip("pyproj", reason="the extra crs is not installed")

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 import factorgraph_adj as fga
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.alignment import (
     WIRES,
     body,

@@ -10,14 +10,17 @@ import pytest
 from scipy.sparse import csc_array
 
 import factorgraph_adj as fga
-from factorgraph_adj.quality.causes import photos
-from factorgraph_adj.quality.causes.columns import explain, whitening
-from factorgraph_adj.quality.causes.given import given_values
-from factorgraph_adj.quality.causes.hypotheses import SIGHTS
-from factorgraph_adj.quality.causes.photos import Oriented, told_apart
-from factorgraph_adj.quality.causes.search import evidence, explanations
+from factorgraph_adj.quality.causes import image_axes
+from factorgraph_adj.quality.causes.image_axes import OrientedPhoto, axes_by_attitude
+from factorgraph_adj.quality.causes.search import evidence, sized_causes
+from factorgraph_adj.quality.causes.shared_error_tests import (
+    given_values,
+    shared_error_tests,
+    whitening_matrix,
+)
+from factorgraph_adj.quality.causes.shared_errors import TOTAL_STATION_KINDS
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
+from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
 from tests.benchmarks.causes import adjusted, count, detectable, searched, spoiled
 from tests.networks.arriving import CASES
 from tests.networks.building_site import site
@@ -43,12 +46,12 @@ def test_columns_explain_what_dense_matrices_say(name: str) -> None:
     columns = solution.equations.unknowns.n_columns
     a = system.times(np.eye(columns))
     m = np.eye(n) - a @ solution.cofactor_times(a.T)
-    w = whitening(solution.equations).toarray()
+    w = whitening_matrix(solution.equations).toarray()
     rng = np.random.default_rng(5)
     c = rng.normal(size=(n, 5)) * (rng.random((n, 5)) < 0.3)
     c[0] += 1.0
     groups = [np.array([0]), np.array([1, 2]), np.array([3, 4])]
-    found = explain(solution, csc_array(w @ c), groups)
+    found = shared_error_tests(solution, csc_array(w @ c), groups)
     for group, what in zip(groups, found, strict=True):
         z = w @ c[:, group]
         s, u = z.T @ m @ z, z.T @ system.residual
@@ -63,7 +66,7 @@ def test_whitening_is_that_of_the_adjustment() -> None:
     for name in ("gnss", "mikhail-7.4-cov", "combined block"):
         solution = fga.adjust(CASES[name].make())
         raw = solution.equations.residuals(solution.state, whitened=False)
-        found = whitening(solution.equations) @ raw
+        found = whitening_matrix(solution.equations) @ raw
         assert found == pytest.approx(solution.normal().system.residual, abs=1e-9)
 
 
@@ -198,13 +201,13 @@ def test_a_mirrored_photo_is_left_out_with_its_position(monkeypatch: pytest.Monk
             weak = {"sigma": (1e3, 1e3, 1e3), "covariance": None}
             network.observations[ident] = replace(o, **weak)  # type: ignore[arg-type]
     found: list[fga.Solution] = []
-    unknowns_left_out = photos._without
+    unknowns_left_out = image_axes._without
 
     def seen(*args: Any) -> fga.Solution:
         found.append(unknowns_left_out(*args))
         return found[-1]
 
-    monkeypatch.setattr(photos, "_without", seen)
+    monkeypatch.setattr(image_axes, "_without", seen)
     best = fga.snoop(network).causes.found[0]  # type: ignore[union-attr]
     assert (best.cause, best.where) == ("the direction of y", "of photo 'photo 03'")
     (clean,) = found
@@ -215,12 +218,12 @@ def test_a_mirrored_photo_is_left_out_with_its_position(monkeypatch: pytest.Monk
 def test_mirrored_axes_are_told_apart_by_the_attitude_that_was_given() -> None:
     none, eye = np.zeros(3), np.eye(3)
     turned = exp_rotation(np.array([0.0, 0.0, 0.5 * np.pi]))
-    fits = [Oriented("x and y, exchanged,", turned, none, 1.0, 40.0)]
-    fits.append(Oriented("the direction of y", eye, none, 1.0, 41.0))
-    assert told_apart(fits, eye) == "the direction of y"
-    assert told_apart(fits, turned) == "x and y, exchanged,"
-    assert told_apart(fits, None).startswith("the axes, mirrored")
-    assert told_apart(fits[:1], None) == "x and y, exchanged,"
+    fits = [OrientedPhoto("x and y, exchanged,", turned, none, 1.0, 40.0)]
+    fits.append(OrientedPhoto("the direction of y", eye, none, 1.0, 41.0))
+    assert axes_by_attitude(fits, eye) == "the direction of y"
+    assert axes_by_attitude(fits, turned) == "x and y, exchanged,"
+    assert axes_by_attitude(fits, None).startswith("the axes, mirrored")
+    assert axes_by_attitude(fits[:1], None) == "x and y, exchanged,"
 
 
 def test_a_cause_is_one_sentence_in_any_units() -> None:
@@ -242,7 +245,7 @@ def test_every_hypothesis_has_the_numbers_of_good_readings() -> None:
     """T² of all hypotheses of good networks: their quantiles are those of χ²."""
     small, count_ = 0, 0
     for seed in range(6):
-        for c in explanations(fga.adjust(adjusted(*site(100 + seed)[:2]))):
+        for c in sized_causes(fga.adjust(adjusted(*site(100 + seed)[:2]))):
             if c.dof:
                 count_ += 1
                 small += evidence(c.t2, c.dof) < -np.log(0.5)
@@ -276,7 +279,7 @@ def test_the_height_of_a_target_is_named_beside_gnss_and_levelling(seed: int) ->
     seen = [t for t in seen if t.startswith("P")]
     target = seen[int(rng.integers(len(seen)))]
     for ident, o in network.observations.items():
-        if o.kind in SIGHTS and o.target == target:  # type: ignore[attr-defined]
+        if o.kind in TOTAL_STATION_KINDS and o.target == target:  # type: ignore[attr-defined]
             network.observations[ident] = replace(o, target_height=1.301)  # type: ignore[call-arg]
     found = fga.snoop(network).causes
     assert found is not None

@@ -11,7 +11,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import GnssPosition, HeightDifference
-from factorgraph_adj.quality.check_points import check_points
+from factorgraph_adj.quality.point_precision import check_points
 from factorgraph_adj.report.text import protocol
 from tests.networks.dbat import read_sxb
 from tests.networks.small_block import CHECKED, small_block

@@ -11,7 +11,7 @@ from scipy import stats
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.shapes import SHAPES
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks import on_shapes
 from tests.networks.on_shapes import MM
 from tests.support.scatter import RELATIONS

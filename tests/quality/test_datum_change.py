@@ -14,14 +14,11 @@ import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.graph.keys import KeyMap
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import (
-    ControlPoint,
-    HeightDifference,
-)
+from factorgraph_adj.observations import ControlPoint, HeightDifference
 from factorgraph_adj.quality.datum_change import s_transform
-from factorgraph_adj.quality.relative import distance_precision
+from factorgraph_adj.quality.point_precision import distance_precision
 from factorgraph_adj.quality.reliability import reliability
-from factorgraph_adj.solve.datum import minimal_datum
+from factorgraph_adj.solve.datum_defects import minimal_datum
 from factorgraph_adj.types import Array, Mask
 from tests.networks.aicon import MM, point_reference, read_aicon
 from tests.networks.free import (

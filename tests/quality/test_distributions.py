@@ -9,10 +9,10 @@ import pytest
 import scipy
 from scipy import stats
 
-from factorgraph_adj.quality.distributions import (
-    chi2_above,
-    chi2_below,
+from factorgraph_adj.statistical_tests import (
+    chi2_lower_probability,
     chi2_quantile,
+    chi2_upper_probability,
     chi2_upper_quantile,
     fisher_quantile,
     normal_quantile,
@@ -42,8 +42,8 @@ def test_quantiles_are_those_of_the_closed_forms(p):
 
 @pytest.mark.parametrize("x", [1e-3, 0.7, 5.0, 60.0])
 def test_probabilities_are_those_of_the_closed_forms(x):
-    assert chi2_above(x, 2) == pytest.approx(math.exp(-x / 2), rel=ROUNDING)
-    assert chi2_below(x, 2) == pytest.approx(-math.expm1(-x / 2), rel=ROUNDING)
+    assert chi2_upper_probability(x, 2) == pytest.approx(math.exp(-x / 2), rel=ROUNDING)
+    assert chi2_lower_probability(x, 2) == pytest.approx(-math.expm1(-x / 2), rel=ROUNDING)
 
 
 def test_every_figure_is_that_of_scipy_stats_to_the_last_bit():
@@ -53,8 +53,8 @@ def test_every_figure_is_that_of_scipy_stats_to_the_last_bit():
             assert student_quantile(p, f) == stats.t.ppf(p, f)
             assert -student_quantile(p, f) == stats.t.isf(p, f)
             assert chi2_quantile(p, f) == stats.chi2.ppf(p, f)
-            assert chi2_below(100 * p, f) == stats.chi2.cdf(100 * p, f)
-            assert chi2_above(100 * p, f) == stats.chi2.sf(100 * p, f)
+            assert chi2_lower_probability(100 * p, f) == stats.chi2.cdf(100 * p, f)
+            assert chi2_upper_probability(100 * p, f) == stats.chi2.sf(100 * p, f)
             for g in FREEDOMS:
                 assert fisher_quantile(p, f, g) == stats.f.ppf(p, f, g)
         upper = chi2_upper_quantile(p, np.array(FREEDOMS))

@@ -33,7 +33,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
 )
 from factorgraph_adj.quality.datum_change import s_transform
-from factorgraph_adj.quality.ellipses import (
+from factorgraph_adj.quality.error_ellipses import (
     confidence_factor,
     error_ellipse,
     error_ellipses,
@@ -42,8 +42,8 @@ from factorgraph_adj.quality.ellipses import (
     height_interval,
     height_intervals,
 )
-from factorgraph_adj.quality.relative import Place, distance_precision
-from factorgraph_adj.solve.factor import Factor
+from factorgraph_adj.quality.point_precision import Place, distance_precision
+from factorgraph_adj.solve.factorisation import Factorisation
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import GON
 from tests.loaders import comp3d
@@ -481,10 +481,10 @@ def test_many_ellipses_need_no_solution_of_the_normal_equations(monkeypatch):
     solution = fga.adjust(small_block())
     assert 0.0 < solution.factor.uncertainty < 1e-9  # its probes, once for all, are solutions
 
-    def refuse(self: Factor, y: Array) -> Array:
+    def refuse(self: Factorisation, y: Array) -> Array:
         raise AssertionError("solved")
 
-    monkeypatch.setattr(Factor, "solve", refuse)
+    monkeypatch.setattr(Factorisation, "solve", refuse)
     assert len(error_ellipses(solution)) == 14
     assert len(error_ellipsoids(solution, ["P1", ("pose", "F1")])) == 2
 

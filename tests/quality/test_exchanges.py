@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.quality.causes.matches import EXCHANGED
-from factorgraph_adj.quality.losses import lost_control
+from factorgraph_adj.quality.causes.mistaken_identity import EXCHANGED_TARGETS
+from factorgraph_adj.quality.rejections import lost_control
 from tests.benchmarks.exchanges import Counts, count, dense, doubts
 from tests.networks.exchanged_day import day
 from tests.networks.small import small
@@ -55,7 +55,7 @@ def test_an_exchange_is_named_first_where_sigma0_is_estimated(seed: int) -> None
     assert found is not None
     a, b = known.found[0], found.found[0]
     assert (a.cause, a.where, a.ids) == (b.cause, b.where, b.ids)
-    assert a.cause == EXCHANGED
+    assert a.cause == EXCHANGED_TARGETS
     assert 0.5 < b.t2 / a.t2 < 2.0
 
 
@@ -70,7 +70,7 @@ def test_an_exchange_that_two_set_ups_may_have_is_named_at_both() -> None:
     found = fga.snoop(case.network)
     assert found.causes is not None
     first = found.causes.found[0]
-    assert first.cause == EXCHANGED
+    assert first.cause == EXCHANGED_TARGETS
     both = [first.where, *first.same]
     a, b = e.pair
     assert f"{a!r} and {b!r} seen from {e.station!r}" in both

@@ -11,8 +11,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import SlopeDistance
-from factorgraph_adj.quality.factor_search import FactorSearch
-from factorgraph_adj.solve.extra import Extra
+from factorgraph_adj.quality.snooping_state import FactorSearch
+from factorgraph_adj.solve.added_factors import AddedFactors
 
 SIGMA = 0.002
 FIXED = {"A": (0.0, 0.0, 0.0), "B": (10.0, 0.0, 0.0), "C": (0.0, 10.0, 0.0)}
@@ -168,4 +168,4 @@ def test_factors_find_their_unknowns_by_name_in_a_smaller_network() -> None:
     np.testing.assert_allclose(moved.point("Q"), own.point("Q"), atol=1e-9)
     with pytest.raises(fga.InputError, match=r"factor 1 \(RangeFactor3\): unknown point 'Q'"):
         fga.adjust(fga.without(whole, [], points=["Q"]), extra_factors=extra)
-    assert isinstance(extra, Extra)
+    assert isinstance(extra, AddedFactors)

@@ -22,8 +22,8 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.quality.ellipses import error_ellipse, height_interval
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.quality.error_ellipses import error_ellipse, height_interval
+from factorgraph_adj.simulation.measurement import measure
 
 LATITUDE, LONGITUDE = np.radians(47.3), np.radians(11.2)
 N = 5

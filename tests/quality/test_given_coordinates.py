@@ -9,8 +9,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import GnssVector
-from factorgraph_adj.quality.losses import given_coordinates
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.quality.rejections import rejected_coordinates
+from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.options import Provenance
 
 OFF = np.array([0.08, 0.0, 0.0])
@@ -49,7 +49,7 @@ def test_wrong_given_coordinates_and_another_mark_raise_the_same_doubt() -> None
 
 def test_all_points_are_named() -> None:
     network = surveyed({"K1": 1, "K4": -1}, {})
-    found = given_coordinates(fga.snoop(network), network)
+    found = rejected_coordinates(fga.snoop(network), network)
     assert found is not None
     assert found.points == ("K1", "K4")
     assert "points 'K1', 'K4' were set aside" in str(found)
@@ -58,7 +58,7 @@ def test_all_points_are_named() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_good_given_coordinates_raise_no_doubt(seed: int) -> None:
     network = surveyed({}, {}, seed=seed)
-    assert given_coordinates(fga.snoop(network), network) is None
+    assert rejected_coordinates(fga.snoop(network), network) is None
     assert not doubts(network)
 
 
@@ -72,4 +72,4 @@ def test_a_reading_that_is_set_aside_is_no_given_coordinate() -> None:
     )
     found = fga.snoop(network)
     assert [r.id for r in found.rejected] == [ident]
-    assert given_coordinates(found, network) is None
+    assert rejected_coordinates(found, network) is None

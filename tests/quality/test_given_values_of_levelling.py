@@ -1,7 +1,7 @@
 """Held values on which no observation depends are not given values."""
 
 import factorgraph_adj as fga
-from factorgraph_adj.quality.causes.given import given_values
+from factorgraph_adj.quality.causes.shared_error_tests import given_values
 
 
 def test_x_and_y_of_a_levelling_network_are_no_given_values():

@@ -11,7 +11,7 @@ from scipy.stats import chi2, ncx2
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.observations import GnssVector, HeightDifference, SlopeDistance
-from factorgraph_adj.quality.groups import noncentrality_of_group
+from factorgraph_adj.quality.group_tests import noncentrality_of_group
 from factorgraph_adj.quality.reliability import critical_tau, noncentrality
 from tests.networks.simulated import gnss, levelling
 from tests.networks.small_block import small_block

@@ -8,9 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from factorgraph_adj.quality import leave_out
-from factorgraph_adj.quality.leave_out import Figures, critical_t2
-from factorgraph_adj.quality.reliability import UNCONTROLLED
+from factorgraph_adj.quality import group_tests
+from factorgraph_adj.quality.group_tests import (
+    MIN_CONTROLLED_SHARE,
+    LeaveOneOutFigures,
+    critical_t2,
+)
 from factorgraph_adj.types import Array, Index
 
 ROUNDING = 1e-8
@@ -59,12 +62,12 @@ class Adjusted:
         first = len(self.others)
         return (m @ v)[first:], m[first:, first:]
 
-    def tested(self) -> leave_out.Tested:
+    def tested(self) -> group_tests.LeaveOneOutTests:
         """Return the items with the whole of M."""
         v, m = self.whole()
-        return leave_out.Tested(self.rows, v, lambda u: m[:, u])
+        return group_tests.LeaveOneOutTests(self.rows, v, lambda u: m[:, u])
 
-    def asked(self) -> tuple[leave_out.Tested, list[Index]]:
+    def asked(self) -> tuple[group_tests.LeaveOneOutTests, list[Index]]:
         """Return the items with blocks and columns on demand, and the columns asked for."""
         v, m = self.whole()
         asked: list[Index] = []
@@ -78,7 +81,7 @@ class Adjusted:
         blocks = np.full((len(SIZES), most, most), np.nan)
         for i, own in enumerate(self.rows):
             blocks[i, : len(own), : len(own)] = m[np.ix_(own, own)]
-        return leave_out.Tested(self.rows, v, columns, blocks), asked
+        return group_tests.LeaveOneOutTests(self.rows, v, columns, blocks), asked
 
     def predicted(self, i: int, out: list[int]) -> tuple[Array, Array]:
         """Return d and D of an item, predicted without it and without those that are out."""
@@ -94,7 +97,9 @@ def _covariance(rng: np.random.Generator, d: int) -> Array:
     return 1e-4 * (root @ root.T + 0.3 * np.eye(d))
 
 
-def assert_predicted(figures: Figures, at: int, d: Array, covariance: Array, raw: Array) -> None:
+def assert_predicted(
+    figures: LeaveOneOutFigures, at: int, d: Array, covariance: Array, raw: Array
+) -> None:
     """Compare all figures of an item with those of its innovation d and its covariance D."""
     k = len(d)
     m = np.linalg.inv(covariance)
@@ -107,7 +112,7 @@ def assert_predicted(figures: Figures, at: int, d: Array, covariance: Array, raw
     assert figures.dof[at] == k
 
 
-def padding(figures: Figures, at: int, k: int) -> list[Array]:
+def padding(figures: LeaveOneOutFigures, at: int, k: int) -> list[Array]:
     rest = (figures.innovation, figures.sigma, figures.w, figures.redundancy_numbers)
     return [x[at, k:] for x in rest]
 
@@ -179,7 +184,7 @@ def test_the_residuals_that_were_given_stay_as_they_are():
     s = Adjusted(1)
     v, m = s.whole()
     before = v.copy(), m.copy()
-    tested = leave_out.Tested(s.rows, v, lambda u: m[:, u])
+    tested = group_tests.LeaveOneOutTests(s.rows, v, lambda u: m[:, u])
     tested.leave_out(2)
     assert np.array_equal(v, before[0]) and np.array_equal(m, before[1])
     assert not np.array_equal(tested.v, v)
@@ -303,8 +308,10 @@ def test_two_items_control_each_other_until_one_leaves():
 
 def test_control_below_the_bound_counts_as_none():
     """Single rows with M just below and above `UNCONTROLLED`."""
-    m = np.diag([0.9 * UNCONTROLLED, 1.1 * UNCONTROLLED])
-    tested = leave_out.Tested([np.array([0]), np.array([1])], np.full(2, 1e-6), lambda u: m[:, u])
+    m = np.diag([0.9 * MIN_CONTROLLED_SHARE, 1.1 * MIN_CONTROLLED_SHARE])
+    tested = group_tests.LeaveOneOutTests(
+        [np.array([0]), np.array([1])], np.full(2, 1e-6), lambda u: m[:, u]
+    )
     figures = tested.figures([np.eye(1)] * 2, np.arange(2))
     assert figures.dof.tolist() == [0, 1]
     assert np.isnan(figures.w[0, 0]) and np.isfinite(figures.w[1, 0])
@@ -326,10 +333,10 @@ def test_without_degrees_of_freedom_there_is_no_critical_value():
 @pytest.mark.parametrize("v", [(1e200, 1.0), (np.inf, 1.0)])
 def test_a_value_too_far_off_for_its_square_is_beyond_every_critical_value(v):
     m = np.diag([0.5, 0.6])
-    tested = leave_out.Tested([np.arange(2)], np.array(v), lambda u: m[:, u])
+    tested = group_tests.LeaveOneOutTests([np.arange(2)], np.array(v), lambda u: m[:, u])
     assert tested.ratios(0.01)[0] == np.inf
 
 
 def test_no_items_have_no_ratios():
-    tested = leave_out.Tested([], np.zeros(0), lambda u: np.zeros((0, len(u))))
+    tested = group_tests.LeaveOneOutTests([], np.zeros(0), lambda u: np.zeros((0, len(u))))
     assert tested.ratios(0.01).shape == (0,)

@@ -11,8 +11,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.variables import UNKNOWNS
-from factorgraph_adj.quality.posed import place_of_frame
-from factorgraph_adj.report.tables import write_solution
+from factorgraph_adj.quality.derived_quantities import place_of_frame
+from factorgraph_adj.report.result_files import write_solution
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array
 from tests.networks.three_frames import FRAMES, MIDDLE, three_frames

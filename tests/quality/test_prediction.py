@@ -9,8 +9,8 @@ import pytest
 
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.network.selection import without
 from factorgraph_adj.observations import (
     ControlPoint,
     Direction,
@@ -20,8 +20,8 @@ from factorgraph_adj.observations import (
 )
 from factorgraph_adj.quality.prediction import Predictor, predict
 from factorgraph_adj.quality.reliability import reliability
-from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from tests.networks.small_block import small_block
 from tests.support.dense import Dense
@@ -190,7 +190,7 @@ def test_many_observations_are_predicted_piece_by_piece(monkeypatch):
     ids = [f"F{i}/P{j}" for i in (1, 2, 3, 4) for j in (1, 2, 4, 7, 8)]
     solution = adjust(without(network, ids))
     whole = predict(solution, network, ids=ids)
-    monkeypatch.setattr("factorgraph_adj.quality.prediction.CHUNK", 300)
+    monkeypatch.setattr("factorgraph_adj.quality.prediction.MAX_RIGHT_SIDE_ELEMENTS", 300)
     parts = predict(solution, network, ids=ids)
     for name in ("sigma", "w", "redundancy_numbers", "t2"):
         np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-12)

@@ -25,11 +25,11 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 import factorgraph_adj as fga
-from factorgraph_adj.factor_graph.build import build_graph
-from factorgraph_adj.io.bal import read_bal
+from factorgraph_adj.factor_graph.network_graph import build_graph
+from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.observations import AnyObservation, Correlated
-from factorgraph_adj.solve.datum import Defect, minimal_datum
-from factorgraph_adj.solve.linear import LinearisedEquations
+from factorgraph_adj.solve.datum_defects import Defect, minimal_datum
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 from factorgraph_adj.types import Array, Index, Mask
 from tests.networks.adjusted import ADJUSTED, camcal_free, held_photos
 from tests.networks.gama import FOLDER, solved

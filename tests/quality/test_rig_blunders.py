@@ -9,7 +9,7 @@ import pytest
 
 from factorgraph_adj import Network, adjust, reliability, snoop
 from factorgraph_adj.observations import RelativePosition
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.aerial_rig import aerial_rig
 from tests.networks.odometry import odometry
 from tests.networks.rigs import rig

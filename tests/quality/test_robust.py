@@ -12,15 +12,15 @@ from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import HeightDifference
 from factorgraph_adj.quality.reliability import reliability
-from factorgraph_adj.quality.robust import (
+from factorgraph_adj.quality.robust_estimation import (
     ESTIMATORS,
-    LEAST_WEIGHT,
+    MIN_ROBUST_WEIGHT,
     equivalent_weights,
     robust_adjust,
 )
 from factorgraph_adj.quality.snooping import snoop
-from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
+from factorgraph_adj.solve.adjustment import adjust
 from tests.networks.small_block import small_block
 from tests.networks.trilateration import SIGMA, trilateration
 from tests.support.dense import Dense
@@ -151,7 +151,7 @@ def test_gross_errors_lose_all_their_influence_on_the_others(estimator):
     ]
     a, b = (f.solution.point("B")[2] for f in found)
     assert abs(a - b) < 0.01 * 0.001
-    assert all(np.all(f.weights[-2:] <= 2 * LEAST_WEIGHT) for f in found)
+    assert all(np.all(f.weights[-2:] <= 2 * MIN_ROBUST_WEIGHT) for f in found)
 
 
 @LONG
@@ -162,7 +162,7 @@ def test_the_weights_at_rest_are_those_of_the_residuals():
         assert found.converged, found.reason
         s = found.solution
         expected = np.maximum(
-            equivalent_weights(estimator, found.test_values / found.scale), LEAST_WEIGHT
+            equivalent_weights(estimator, found.test_values / found.scale), MIN_ROBUST_WEIGHT
         )
         assert found.weights == pytest.approx(expected, abs=1e-3)
         r = reliability(adjust(network)).redundancy_numbers

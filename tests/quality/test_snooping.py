@@ -9,20 +9,22 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.network.selection import without
 from factorgraph_adj.observations import HeightDifference, ImagePoint
-from factorgraph_adj.quality.candidates import Units, choose
-from factorgraph_adj.quality.present import MOST_LEFT_OUT
 from factorgraph_adj.quality.rejections import Round, Snooping
 from factorgraph_adj.quality.reliability import critical_tau, reliability
 from factorgraph_adj.quality.snooping import snoop
+from factorgraph_adj.quality.snooping_candidates import RowGroups, choose_outliers
 from factorgraph_adj.quality.snooping_search import CannotSettle, SnoopingSearch
-from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
-from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
+from factorgraph_adj.quality.snooping_state import MAX_NEGLECTED_RESIDUAL
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.simulation.simulated_blocks import (
+    simulate_aerial_block,
+    simulate_geocentric_block,
+)
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from tests.benchmarks.grids import simulate_grid
 from tests.networks.trilateration import SIGMA, trilateration
@@ -171,11 +173,11 @@ def with_parallax(network: Network, ident: str, size: float) -> Network:
 
     That is where the redundancy of two rays is: along the eigenvector of their Q_vv P.
     """
-    from factorgraph_adj.quality.effects import response
+    from factorgraph_adj.quality.error_effects import residual_response
 
     s = adjust(network)
     rows = s.equations.find([ident])[0]
-    _, vectors = np.linalg.eigh(response(s, rows)[rows])
+    _, vectors = np.linalg.eigh(residual_response(s, rows)[rows])
     wrong = network.copy()
     shift_image(wrong, ident, *(size * vectors[:, 1]))
     return wrong
@@ -308,7 +310,7 @@ def test_a_round_takes_the_worst_and_leaves_what_they_may_explain():
     network, _ = trilateration(2, share=0.25)
     s = adjust(network)
     rel = reliability(s)
-    choice = choose(rel, rel.w, scale=1.0, critical=rel.critical_w, share=0.4)
+    choice = choose_outliers(rel, rel.w, scale=1.0, critical=rel.critical_w, share=0.4)
     rows = [c.row for c in choice.chosen]
     w = np.abs(rel.w)
     assert len(rows) > 1
@@ -317,19 +319,19 @@ def test_a_round_takes_the_worst_and_leaves_what_they_may_explain():
     assert w[rows].min() >= 0.4 * w.max()
     rho = np.abs(rel.correlation(rows)) - np.eye(len(rows))
     assert rho.max() <= 0.5
-    only = choose(rel, rel.w, scale=1.0, critical=rel.critical_w, share=1.0)
+    only = choose_outliers(rel, rel.w, scale=1.0, critical=rel.critical_w, share=1.0)
     assert [c.row for c in only.chosen] == rows[:1]
 
 
 def test_test_values_without_those_that_go_are_those_of_the_next_adjustment():
     """The linear model of a round, against the adjustment without what it took."""
-    from factorgraph_adj.quality.candidates import _OutlierSearch
+    from factorgraph_adj.quality.snooping_candidates import _OutlierSearch
 
     network, _ = trilateration(3, share=0.1)
     s = adjust(network)
     rel = reliability(s)
     every = np.arange(len(rel.w))
-    search = _OutlierSearch(rel, Units.of(s.equations), every, rel.w, 1.0)
+    search = _OutlierSearch(rel, RowGroups.of(s.equations), every, rel.w, 1.0)
     gone = np.argsort(-np.abs(rel.w))[:3].tolist()
     for unit in gone:
         search.consider(unit)
@@ -567,8 +569,8 @@ def test_rounds_decide_as_adjustments_anew_do(name: str, monkeypatch: pytest.Mon
     # The two rays of a point without others have equal test values, in any order.
     assert {u.id for u in found.unresolved} == {u.id for u in expected.unresolved}
     for a, b in zip(found.rejected, expected.rejected, strict=True):
-        assert a.test == pytest.approx(b.test, abs=MOST_LEFT_OUT)
-        assert a.estimated_error == pytest.approx(b.estimated_error, rel=MOST_LEFT_OUT)
+        assert a.test == pytest.approx(b.test, abs=MAX_NEGLECTED_RESIDUAL)
+        assert a.estimated_error == pytest.approx(b.estimated_error, rel=MAX_NEGLECTED_RESIDUAL)
         assert a.final_test == pytest.approx(b.final_test, rel=1e-6, nan_ok=True)
     for one, other in zip(found.rounds, expected.rounds, strict=True):
         assert (one.suspects, one.set_aside, one.readmitted) == (
@@ -577,7 +579,7 @@ def test_rounds_decide_as_adjustments_anew_do(name: str, monkeypatch: pytest.Mon
             other.readmitted,
         )
         assert one.sigma0 == pytest.approx(other.sigma0, rel=1e-5)
-        assert one.largest == pytest.approx(other.largest, abs=MOST_LEFT_OUT)
+        assert one.largest == pytest.approx(other.largest, abs=MAX_NEGLECTED_RESIDUAL)
     np.testing.assert_allclose(found.reliability.w, expected.reliability.w, atol=1e-4)
 
 

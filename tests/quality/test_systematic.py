@@ -13,18 +13,17 @@ import pytest
 from scipy.stats import binom, norm
 from scipy.stats import t as student
 
-from factorgraph_adj.errors import AdjustmentError, InputError
+from factorgraph_adj.errors import AdjustmentError, InputError, SingularError
 from factorgraph_adj.models.lens import BrownLens, HarmonicLens, Lens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import SlopeDistance, ZenithAngle
 from factorgraph_adj.quality.datum_change import s_transform
-from factorgraph_adj.quality.exclusion import exclude_insignificant
-from factorgraph_adj.quality.systematic import Significance, significance
+from factorgraph_adj.quality.parameter_exclusion import exclude_insignificant
+from factorgraph_adj.quality.parameter_significance import Significance, significance
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import look_at, measure
-from factorgraph_adj.solve.batch import adjust
-from factorgraph_adj.solve.normal import NormalEquations
-from factorgraph_adj.solve.singular import SingularError
+from factorgraph_adj.simulation.measurement import look_at, measure
+from factorgraph_adj.solve.adjustment import adjust
+from factorgraph_adj.solve.normal_equations import NormalEquations
 from factorgraph_adj.solve.solution import Solution
 from tests.networks.aicon import CAMERA as AICON_CAMERA
 from tests.networks.aicon import FREE as AICON_FREE

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.network.rigs import RIGID
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve import elimination
+from factorgraph_adj.network.composite_unknowns import RIGID
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.solve import elimination_layers
 from factorgraph_adj.types import Array
 from tests.networks.rigs import PARTS, rig
 from tests.support.dense import Dense
@@ -70,7 +70,7 @@ def extended(solution: fga.Solution) -> tuple[Array, Array]:
 def test_r_and_e1_are_those_of_extended_precision(play, free, in_fronts, seed, monkeypatch):
     if in_fronts:
         for limit in ("LARGEST_TREE", "LARGEST_TREE_BESIDE_CAMERAS", "FEW_PLACED"):
-            monkeypatch.setattr(elimination, limit, 0)
+            monkeypatch.setattr(elimination_layers, limit, 0)
     solution = fga.adjust(measure(rig(4, free=free, play=play), seed=seed), tolerance=1e-8)
     assert solution.solver.layers.in_fronts == in_fronts
     r, e1 = extended(solution)

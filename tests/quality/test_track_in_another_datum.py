@@ -8,7 +8,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.observations import FrameCoordinate
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.small_flight import Plan, plan_of
 
 SEVEN = ("rx", "ry", "rz", "x", "y", "z", "ln_scale")

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.network.selection import without
-from factorgraph_adj.quality.candidates import Units, choose
 from factorgraph_adj.quality.reliability import Reliability, reliability
-from factorgraph_adj.quality.updated_tests import UpdatedTests
-from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.quality.snooping_candidates import RowGroups, choose_outliers
+from factorgraph_adj.quality.snooping_state import UpdatedTests
+from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.types import Index
 from tests.benchmarks.grids import simulate_grid
 from tests.networks.small_block import small_block
@@ -44,7 +44,7 @@ AT_REST = 1e-5
 
 def some(rel: Reliability, n: int) -> list[int]:
     """Return observations that all others control well, none in a cluster."""
-    units = Units.of(rel.solution.equations)
+    units = RowGroups.of(rel.solution.equations)
     joint = [r for c in rel.solution.equations.clusters for r in c.rows.tolist()]
     fine = rel.redundancy_numbers > 0.4
     fine[joint] = False
@@ -53,7 +53,7 @@ def some(rel: Reliability, n: int) -> list[int]:
 
 
 def rows_of(rel: Reliability, units: list[int]) -> Index:
-    every = Units.of(rel.solution.equations)
+    every = RowGroups.of(rel.solution.equations)
     return np.concatenate([every.rows(u) for u in units])
 
 
@@ -110,7 +110,7 @@ def test_a_choice_knows_how_near_it_was() -> None:
     rel = reliability(adjust(network))
 
     def chosen(critical: float) -> tuple[set[int], float]:
-        choice = choose(rel, rel.w, scale=1.0, critical=critical, share=0.1)
+        choice = choose_outliers(rel, rel.w, scale=1.0, critical=critical, share=0.1)
         return {c.unit for c in choice.chosen}, choice.margin
 
     critical = rel.critical_w
@@ -120,7 +120,7 @@ def test_a_choice_knows_how_near_it_was() -> None:
     for factor in (1 - 0.5 * margin, 1 + 0.5 * margin):
         assert chosen(factor * critical)[0] == before
     # At the test value of an observation there is no margin.
-    size = Units.of(rel.solution.equations).largest(rel.w)
+    size = RowGroups.of(rel.solution.equations).largest(rel.w)
     assert chosen(float(np.sort(size)[-20]))[1] < 1e-12
     for unit in before:
         assert size[unit] > critical

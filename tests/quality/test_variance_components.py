@@ -19,31 +19,30 @@ import pytest
 from scipy import linalg, optimize, stats
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.factor_graph.build import build_graph
+from factorgraph_adj.factor_graph.network_graph import build_graph
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.io.gama import read_gama
+from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import (
-    Correlated,
-    GnssVector,
-    HeightDifference,
-    SlopeDistance,
+from factorgraph_adj.observations import Correlated, GnssVector, HeightDifference, SlopeDistance
+from factorgraph_adj.quality.component_iteration import conjugate_gradients
+from factorgraph_adj.quality.observation_groups import (
+    GroupChoice,
+    group_redundancy,
+    observation_groups,
+    sharpened_redundancy,
 )
-from factorgraph_adj.quality.conjugate_gradients import conjugate_gradients
-from factorgraph_adj.quality.group_redundancy import group_redundancy, sharpened
-from factorgraph_adj.quality.observation_groups import Groups, observation_groups
-from factorgraph_adj.quality.unit_weight import global_test
 from factorgraph_adj.quality.variance_components import (
     VarianceComponent,
     VarianceComponents,
     estimate_variance_components,
 )
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.solve.adjustment import adjust
+from factorgraph_adj.solve.estimates import ObservationRecord
 from factorgraph_adj.solve.minimum import readjust
-from factorgraph_adj.solve.observation_table import ObservationRecord
 from factorgraph_adj.solve.solution import Solution
+from factorgraph_adj.statistical_tests import global_test
 from factorgraph_adj.types import Array
 from tests.networks.small_block import SIGMA_MM, plan, small_block
 from tests.networks.wrong_weights import TRUE, WRONG, industry_block, measured_kinds, rescaled
@@ -564,7 +563,7 @@ def test_a_blunder_is_not_taken_for_a_variance_component() -> None:
 # -- groups ---------------------------------------------------------------------------------------
 
 
-def refusal(network: Network, groups: Groups) -> str:
+def refusal(network: Network, groups: GroupChoice) -> str:
     with pytest.raises(InputError) as error:
         estimate_variance_components(network, groups=groups)
     return str(error.value)
@@ -619,7 +618,7 @@ def test_components_without_correlation_may_be_split() -> None:
         (lambda _: 3, "a group must be text"),
     ],
 )
-def test_groups_that_make_no_sense_are_refused_by_name(groups: Groups, said: str) -> None:
+def test_groups_that_make_no_sense_are_refused_by_name(groups: GroupChoice, said: str) -> None:
     assert said in refusal(levelling(loops({"a": 1.0, "b": 1.0}), seed=1), groups)
 
 
@@ -670,8 +669,8 @@ def test_stochastic_traces_agree_with_the_exact_ones() -> None:
     assert exact.redundancy.sum() == pytest.approx(solution.redundancy, rel=1e-6)
     np.testing.assert_allclose(probed.redundancy, exact.redundancy, rtol=1e-6)
     np.testing.assert_allclose(probed.average, exact.average, rtol=1e-6, atol=1e-6)
-    good = sharpened(probed, solution, groups, seed=2)
-    assert sharpened(exact, solution, groups) is exact
+    good = sharpened_redundancy(probed, solution, groups, seed=2)
+    assert sharpened_redundancy(exact, solution, groups) is exact
     np.testing.assert_allclose(good.information, exact.information, rtol=0.15, atol=0.05)
     of_exact, of_probes = (np.sqrt(np.diag(np.linalg.inv(at.information))) for at in (exact, good))
     np.testing.assert_allclose(of_probes, of_exact, rtol=0.05)
@@ -696,7 +695,7 @@ def test_large_networks_need_no_dense_matrix_for_what_decides(make: Callable[[],
 def test_large_networks_get_the_same_components(monkeypatch: pytest.MonkeyPatch) -> None:
     network = industry_block(2)
     exact = estimate_variance_components(network, groups=measured_kinds, tolerance=1e-6)
-    monkeypatch.setattr("factorgraph_adj.quality.group_redundancy.EXACT_ROWS", 0)
+    monkeypatch.setattr("factorgraph_adj.quality.observation_groups.EXACT_ROWS", 0)
     probed = estimate_variance_components(network, groups=measured_kinds, tolerance=1e-6)
     assert exact.exact
     assert not probed.exact
@@ -749,7 +748,7 @@ def test_the_last_adjustment_is_a_plain_one_and_those_on_the_way_are_steps(
 ) -> None:
     """Four sets of weights and more need two adjustments to the end after the first."""
     if large:
-        monkeypatch.setattr("factorgraph_adj.quality.group_redundancy.EXACT_ROWS", 0)
+        monkeypatch.setattr("factorgraph_adj.quality.observation_groups.EXACT_ROWS", 0)
     whole = []
 
     def counted(*args: Any, **options: Any) -> Solution:
@@ -787,7 +786,7 @@ def test_weights_that_move_the_estimates_far_are_adjusted_to_the_end(
         return whole[-1]
 
     monkeypatch.setattr("factorgraph_adj.quality.variance_components.readjust", counted)
-    monkeypatch.setattr("factorgraph_adj.quality.variance_components.UNPREDICTED", -1.0)
+    monkeypatch.setattr("factorgraph_adj.quality.variance_components.MAX_UNPREDICTED_SHARE", -1.0)
     found = estimate_variance_components(network, groups=measured_kinds, tolerance=1e-6)
     assert len(whole) == found.iterations - 1
     for a, b in zip(found.components, expected.components, strict=True):
@@ -801,7 +800,7 @@ def test_many_groups_of_a_large_network_have_the_components_of_a_small_one(
     """Every photo a group: S comes from probes, B from its products, R from no matrix."""
     network = industry_block(3)
     exact = estimate_variance_components(network, groups="photo", tolerance=1e-6)
-    monkeypatch.setattr("factorgraph_adj.quality.group_redundancy.EXACT_ROWS", 0)
+    monkeypatch.setattr("factorgraph_adj.quality.observation_groups.EXACT_ROWS", 0)
     probed = estimate_variance_components(network, groups="photo", tolerance=1e-6)
     assert probed.converged
     assert probed.reason == exact.reason
@@ -815,23 +814,23 @@ def test_many_groups_of_a_large_network_have_the_components_of_a_small_one(
 def test_probes_serve_for_standard_deviations_as_long_as_the_weights_are_similar(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("factorgraph_adj.quality.group_redundancy.EXACT_ROWS", 0)
-    monkeypatch.setattr("factorgraph_adj.quality.group_redundancy.MANY", 2)
+    monkeypatch.setattr("factorgraph_adj.quality.observation_groups.EXACT_ROWS", 0)
+    monkeypatch.setattr("factorgraph_adj.quality.observation_groups.PROBES_OF_RESULT", 2)
     solution = adjust(industry_block(1))
     groups = observation_groups(solution, "kind")
     at = group_redundancy(solution, groups, probe=True)
-    assert sharpened(at, solution, groups) is at
+    assert sharpened_redundancy(at, solution, groups) is at
     for change, same in ((0.05, True), (0.2, False)):
         other = readjust(solution, np.full(solution.equations.n_rows, np.exp(change)))
         then = group_redundancy(other, groups, earlier=at)
         assert then.probed is at.probed
-        assert (sharpened(then, other, groups) is then) == same
+        assert (sharpened_redundancy(then, other, groups) is then) == same
 
 
 def test_one_group_of_everything_needs_no_probes(monkeypatch: pytest.MonkeyPatch) -> None:
     network = levelling(loops({"a": 2.0}), seed=5)
     expected = estimate_variance_components(network)["height_difference"]
-    monkeypatch.setattr("factorgraph_adj.quality.group_redundancy.EXACT_ROWS", 0)
+    monkeypatch.setattr("factorgraph_adj.quality.observation_groups.EXACT_ROWS", 0)
     found = estimate_variance_components(network)
     assert found.exact
     assert found["height_difference"].sigma == pytest.approx(expected.sigma, rel=ROUNDING)

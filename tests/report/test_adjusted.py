@@ -14,14 +14,14 @@ from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ControlPoint, Direction, HeightDifference, SlopeDistance
-from factorgraph_adj.quality.ellipses import error_ellipse, height_interval
-from factorgraph_adj.quality.lines import adjusted_lines, observed_pairs
-from factorgraph_adj.quality.relative import distance_precision
+from factorgraph_adj.quality.derived_quantities import adjusted_lines, observed_pairs
+from factorgraph_adj.quality.error_ellipses import error_ellipse, height_interval
+from factorgraph_adj.quality.point_precision import distance_precision
 from factorgraph_adj.report.options import Provenance, ReportOptions, Run
-from factorgraph_adj.report.tables import write_solution
+from factorgraph_adj.report.result_files import write_solution
 from factorgraph_adj.report.text import protocol
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.units import CC, TURN
 from tests.networks.small_block import small_block

@@ -12,15 +12,15 @@ from functools import cache
 import pytest
 
 from factorgraph_adj.io.project import read_project
-from factorgraph_adj.io.write_project import network_files, write_project
+from factorgraph_adj.io.project_writer import network_files, write_project
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.snooping import snoop
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.options import Provenance
 from factorgraph_adj.report.plots import plot_photo_residuals
-from factorgraph_adj.report.tables import write_tables
+from factorgraph_adj.report.result_files import write_tables
 from factorgraph_adj.report.text import protocol
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.adjustment import adjust
 from tests.networks.small_block import blundered, small_block
 from tests.support.printed import row
 from tests.support.shifted import shift_image

@@ -7,9 +7,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.report.epochs.context import EpochsReport
+from factorgraph_adj.report.epochs_report import EpochsReport
 from factorgraph_adj.report.plots import plot_displacements
-from factorgraph_adj.report.plots.displaced import EpochsDrawing
+from factorgraph_adj.report.plots.displacements import EpochsDrawing
 from tests.networks import moved
 
 pytest.importorskip("matplotlib")

@@ -5,10 +5,10 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import GnssPosition
-from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.doubts import above_critical, by_chance
-from factorgraph_adj.report.html.language import Texts
-from factorgraph_adj.report.html.verdict import verdict
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.doubtful_results import exceedance_doubts, exceeded_by_chance
+from factorgraph_adj.report.html.rendering import Texts
+from factorgraph_adj.report.html.verdict import adjustment_verdict
 
 CRITICAL, ALPHA = 3.2905, 0.001
 FOOT = 0.3048
@@ -21,7 +21,7 @@ def test_good_test_values_seldom_raise_a_doubt():
     for _ in range(1000):
         values = rng.normal(size=4000)
         above += bool(np.any(np.abs(values) > CRITICAL))
-        doubted += bool(above_critical(values, CRITICAL, "w", ALPHA))
+        doubted += bool(exceedance_doubts(values, CRITICAL, "w", ALPHA))
     assert above > 950
     assert 3 <= doubted <= 30
 
@@ -30,7 +30,7 @@ def test_good_test_values_seldom_raise_a_doubt():
 def test_one_gross_error_and_many_small_ones_raise_a_doubt(wrong):
     values = np.random.default_rng(1).uniform(-2.0, 2.0, 4000)
     values[: len(wrong)] = wrong
-    (text,) = above_critical(values, CRITICAL, "w", ALPHA)
+    (text,) = exceedance_doubts(values, CRITICAL, "w", ALPHA)
     assert text.startswith(f"{len(wrong)} test value")
     assert text.endswith("above the critical |w| 3.29 (chance makes about 4)")
 
@@ -40,22 +40,22 @@ def test_a_good_small_network_seldom_raises_a_doubt():
     rng = np.random.default_rng(8)
     for tested in (10, 60, 150, 900):
         values = rng.normal(size=(2000, tested))
-        doubted = sum(bool(above_critical(row, CRITICAL, "w", ALPHA)) for row in values)
+        doubted = sum(bool(exceedance_doubts(row, CRITICAL, "w", ALPHA)) for row in values)
         assert 10 <= doubted <= 45, tested
 
 
 def test_what_chance_does_not_make_is_a_doubt_in_a_small_network_too():
     values = np.linspace(0.1, 1.9, 150)
     values[3] = 3.4
-    assert by_chance(values, CRITICAL, ALPHA)
-    assert not above_critical(values, CRITICAL, "w", ALPHA)
+    assert exceeded_by_chance(values, CRITICAL, ALPHA)
+    assert not exceedance_doubts(values, CRITICAL, "w", ALPHA)
     values[3] = 4.2
-    assert above_critical(values, CRITICAL, "w", ALPHA)
+    assert exceedance_doubts(values, CRITICAL, "w", ALPHA)
     values[:5] = np.linspace(3.3, 3.4, 5)
-    assert above_critical(values, CRITICAL, "w", ALPHA)
+    assert exceedance_doubts(values, CRITICAL, "w", ALPHA)
     values[:] = np.nan
-    assert not by_chance(values, CRITICAL, ALPHA)
-    assert not above_critical(values, CRITICAL, "w", ALPHA)
+    assert not exceeded_by_chance(values, CRITICAL, ALPHA)
+    assert not exceedance_doubts(values, CRITICAL, "w", ALPHA)
 
 
 def test_a_gross_error_is_a_doubt_where_sigma0_is_estimated():
@@ -63,18 +63,18 @@ def test_a_gross_error_is_a_doubt_where_sigma0_is_estimated():
     values = np.linspace(0.1, 1.5, 16)
     for tau, doubted in ((2.62, False), (2.99, True), (3.0, True)):
         values[3] = tau
-        assert bool(above_critical(values, 2.61, "τ", ALPHA, 9)) is doubted
+        assert bool(exceedance_doubts(values, 2.61, "τ", ALPHA, 9)) is doubted
 
 
 def test_readings_that_nothing_tells_apart_count_once():
     """Each of 50 sections has three lines, whose test values are equal."""
     rng = np.random.default_rng(9)
     values = np.repeat(rng.normal(size=(2000, 50)), 3, axis=1)
-    doubted = sum(bool(above_critical(row, CRITICAL, "w", ALPHA)) for row in values)
+    doubted = sum(bool(exceedance_doubts(row, CRITICAL, "w", ALPHA)) for row in values)
     assert 10 <= doubted <= 45
     wrong = np.linspace(0.1, 1.9, 150)
     wrong[:3] = 4.2
-    assert above_critical(wrong, CRITICAL, "w", ALPHA)
+    assert exceedance_doubts(wrong, CRITICAL, "w", ALPHA)
 
 
 def test_a_report_with_chance_values_is_not_doubtful():
@@ -89,7 +89,9 @@ def test_a_report_with_chance_values_is_not_doubtful():
     above = int(np.sum(np.abs(report.tests[0]) > report.tests[1]))
     assert above
     assert not report.doubts
-    light = next(x for x in verdict(report, Texts("en")).lights if x.title == "Test values")
+    light = next(
+        x for x in adjustment_verdict(report, Texts("en")).lights if x.title == "Test values"
+    )
     assert light.colour == "green"
     assert light.text.startswith(f"{above} observation")
     assert light.text.endswith("Chance makes about 1." if 1500 * ALPHA < 1.5 else "about 2.")
@@ -111,7 +113,7 @@ def test_a_check_point_far_off_is_a_doubt():
     assert report.doubts == [
         "1 check point lies more than 10 standard deviations off: C by 0.900 m in z, σ 0.005 m"
     ]
-    found = verdict(report, Texts("en"))
+    found = adjustment_verdict(report, Texts("en"))
     light = next(x for x in found.lights if x.title == "Check points")
     assert (light.colour, light.told, found.colour) == ("red", report.doubts[0], "red")
     # No second light says the same.

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.html.language import Texts
-from factorgraph_adj.report.html.verdict import verdict
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.html.rendering import Texts
+from factorgraph_adj.report.html.verdict import adjustment_verdict
 
 FOOT = 0.3048
 PLACES = {"A": (0, 0), "B": (120, 10), "C": (60, 110), "D": (-70, 95), "P": (45, 50)}
@@ -48,20 +48,20 @@ def test_a_unit_and_exchanged_axes_are_told_by_protocol_and_report(
     network: fga.Network, said: str
 ) -> None:
     report = Report(fga.adjust(network))
-    (doubt,) = report.in_common
+    (doubt,) = report.shared_error_doubts
     assert doubt.startswith("found before the adjustment: ") and said in doubt
     text = " ".join(fga.protocol(report.solution).split())
     assert said in text[: text.index("program")]
-    lights = verdict(report, Texts("en")).lights
+    lights = adjustment_verdict(report, Texts("en")).lights
     assert any(said in f"{light.text} {light.told}" for light in lights)
 
 
 def test_a_result_that_fits_and_one_gross_error_have_nothing_in_common() -> None:
-    assert Report(fga.adjust(surveyed())).in_common == []
+    assert Report(fga.adjust(surveyed())).shared_error_doubts == []
     network = surveyed()
     wrong = next(o for o in network.observations.values() if o.kind == "horizontal_distance")
     network.observations[wrong.id] = fga.HorizontalDistance(
         wrong.station, wrong.target, wrong.value + 0.1, sigma=1e-3, id=wrong.id
     )
     report = Report(fga.adjust(network))
-    assert report.doubts and report.in_common == []
+    assert report.doubts and report.shared_error_doubts == []

@@ -13,7 +13,7 @@ from factorgraph_adj import adjust, protocol, read_project, write_project
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.report.options import ReportOptions
-from factorgraph_adj.report.tables import write_solution
+from factorgraph_adj.report.result_files import write_solution
 from factorgraph_adj.rotation import exp_rotation, log_rotation
 from tests.networks.three_frames import FRAMES, MIDDLE, three_frames
 

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
-from factorgraph_adj.io.numbers import Units, parse
+from factorgraph_adj.io.numbers import Units, parse_quantity
 from factorgraph_adj.io.project import read_project
-from factorgraph_adj.io.write_project import write_project
+from factorgraph_adj.io.project_writer import write_project
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import GnssVector
 from factorgraph_adj.report.options import ReportOptions
-from factorgraph_adj.report.tables import write_solution
+from factorgraph_adj.report.result_files import write_solution
 from factorgraph_adj.report.text import protocol
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve.batch import adjust
-from factorgraph_adj.solve.geographic import geographic
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.solve.adjustment import adjust
+from factorgraph_adj.solve.estimates import geodetic_coordinates
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.units import ANGLE, parse_angle
 from tests.support.printed import row, section
@@ -76,7 +76,7 @@ def test_latitude_longitude_and_height_lead_back_to_the_coordinates(frame):
 def test_sigma_in_east_north_up_is_that_of_the_topocentric_axes_at_their_origin():
     """At the origin the axes of the frame are east, north and up; elsewhere they are tilted."""
     covariance = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, -2.0], [0.5, -2.0, 25.0]]) * MM**2
-    found = geographic(TOPOCENTRIC, np.zeros((1, 3)), covariance[None])
+    found = geodetic_coordinates(TOPOCENTRIC, np.zeros((1, 3)), covariance[None])
     assert found.sigma[0] / MM == pytest.approx([2.0, 3.0, 5.0], abs=1e-9)
 
 
@@ -85,7 +85,7 @@ def test_sigma_in_east_north_up_is_the_same_in_geocentric_axes():
     rows = GeocentricFrame().basis(TOPOCENTRIC.to_geocentric(np.zeros((1, 3))), np.zeros((1, 2)))
     turned = rows.enu[0].T @ covariance @ rows.enu[0]
     at = TOPOCENTRIC.to_geocentric(np.zeros((1, 3)))
-    found = geographic(GeocentricFrame(), at, turned[None])
+    found = geodetic_coordinates(GeocentricFrame(), at, turned[None])
     assert found.sigma[0] / MM == pytest.approx([2.0, 3.0, 5.0], abs=1e-6)
 
 
@@ -161,7 +161,7 @@ def test_tables_have_given_geographic_coordinates_without_the_noise_of_x_y_z(
     frame, unit, latitude, longitude, tmp_path
 ):
     network = Network("as given", frame=frame)
-    at = [parse(text, unit) for text in (latitude, longitude)]
+    at = [parse_quantity(text, unit) for text in (latitude, longitude)]
     for name, height in (("A", 600.0), ("B", 600.5)):
         xyz = GeocentricFrame().ellipsoid.to_cartesian(*(np.array([v]) for v in (*at, height)))
         if isinstance(frame, TopocentricFrame):

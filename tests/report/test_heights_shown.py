@@ -8,7 +8,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.report import plots
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.aerial_heights import Aerial, plan_of, unknown_values
 
 BLOCK = Aerial(

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from factorgraph_adj.report.json_text import finite, json_text
+from factorgraph_adj.report.layout import finite_json, json_text
 
 SIMPLE = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text()
 VALUES = st.recursive(
@@ -39,4 +39,4 @@ def test_what_is_not_finite_is_null_at_any_depth_and_minus_zero_is_zero() -> Non
     nan, inf = float("nan"), float("inf")
     given = {"a": [1.0, nan, -inf], "b": {"c": [nan, "x", [-0.0, (nan, 1)]]}, "d": np.float64(nan)}
     expected = '{"a":[1.0,null,null],"b":{"c":[null,"x",[0.0,[null,1]]]},"d":null}'
-    assert json.dumps(finite(given), separators=(",", ":")) == expected
+    assert json.dumps(finite_json(given), separators=(",", ":")) == expected

@@ -16,12 +16,12 @@ from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.models.base import within
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import Direction, SlopeDistance
+from factorgraph_adj.report.observation_rows import all_digits, observation_scale
 from factorgraph_adj.report.options import ReportOptions
-from factorgraph_adj.report.rows import exact, scale_of
-from factorgraph_adj.report.tables import write_solution
+from factorgraph_adj.report.result_files import write_solution
 from factorgraph_adj.report.text import protocol
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.units import CC, TURN
 from tests.networks import site
@@ -129,6 +129,6 @@ def test_the_search_for_signed_zeros_finds_them():
 
 def test_observed_values_are_in_the_unit_that_stands_beside_them():
     """A distance in a project of millimetres was written in metres, with mm beside it."""
-    millimetres = scale_of("m", Units(length="mm"))
+    millimetres = observation_scale("m", Units(length="mm"))
     assert (millimetres.exact(9.4948), millimetres.value(9.4948, 1)) == ("9494.8", "9494.8")
-    assert exact(-0.0, "m") == "0"
+    assert all_digits(-0.0, "m") == "0"

@@ -11,8 +11,8 @@ from scipy.spatial import ConvexHull
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.shapes import SHAPES
-from factorgraph_adj.quality.ellipses import factor_of
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.quality.error_ellipses import solution_confidence_factor
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.solve.solution import Solution
 from tests.networks import on_shapes
 from tests.networks.alignment import LENGTH, SENSORS, WIRES, measured, tunnel
@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from factorgraph_adj.report.plots import plot_network, set_aside
-from factorgraph_adj.report.plots.in_frames import FramePlaces
+from factorgraph_adj.report.plots.drawing_plane import FramePlaces
 
 LONG = pytest.mark.slow(
     "pictures of instruments above and below their points; short tests draw every figure once"
@@ -275,7 +275,7 @@ def test_the_centre_of_a_sphere_has_the_ellipse_of_its_frame():
     (drawn,) = labelled(figure, "error ellipse of the centre of a sphere", EllipseCollection)
     # The rotations of a sphere are held at zero: the offset is in the axes of the network.
     plan = solution.variable_covariance(("frame", "S"))[3:5, 3:5]
-    semi = np.sqrt(np.linalg.eigvalsh(plan)[::-1]) * factor_of(solution, 2, 0.95)
+    semi = np.sqrt(np.linalg.eigvalsh(plan)[::-1]) * solution_confidence_factor(solution, 2, 0.95)
     np.testing.assert_allclose(drawn.get_widths(), [200 * semi[0]], rtol=1e-6)
     np.testing.assert_allclose(drawn.get_heights(), [200 * semi[1]], rtol=1e-6)
 
@@ -311,7 +311,7 @@ def test_the_ends_of_a_wire_have_the_precision_of_its_frame(wires):
     """Across, an end at y is at x + z ry − y rz, as the wire leans little: a hand computation."""
     figure = plot_network(wires, factor=1000.0)
     (drawn,) = labelled(figure, "error ellipse of the end of a wire", EllipseCollection)
-    k = factor_of(wires, 2, 0.95)  # y moves a little too, with z: the wire slopes
+    k = solution_confidence_factor(wires, 2, 0.95)  # y moves a little too, with z: the wire slopes
     expected = []
     for name in WIRES:
         sigma = wires.variable_covariance(("frame", name))

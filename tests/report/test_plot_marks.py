@@ -36,9 +36,9 @@ from factorgraph_adj.report.plots import (
     save_plots,
     set_aside,
 )
-from factorgraph_adj.report.plots.aside import images_aside, places_of
-from factorgraph_adj.report.plots.histogram import histogram_edges
-from factorgraph_adj.report.plots.sensor import coverage
+from factorgraph_adj.report.plots.observation_lines import observation_places, rejected_image_points
+from factorgraph_adj.report.plots.photo_residuals import sensor_coverage
+from factorgraph_adj.report.plots.test_statistics import histogram_edges
 
 LONG = pytest.mark.slow(
     "pictures that are drawn for one question each; short tests draw every figure once"
@@ -122,7 +122,7 @@ def test_figures_say_what_faces_do_not_agree_and_the_likeliest_cause(clean, tmp_
     assert title.startswith("DOUBTFUL RESULT: 1 doubt about the two faces of targets, the first: ")
     drawn = []
     monkeypatch.setattr(
-        "factorgraph_adj.report.plots.save._bytes",
+        "factorgraph_adj.report.plots.figure_files._bytes",
         lambda figure, format: drawn.append(figure) or b"",
     )
     save_plots(solution, tmp_path, cause="likeliest cause: it")
@@ -170,10 +170,10 @@ def test_figures_instead_of_missing_test_values_are_doubtful_too(doubtful, tmp_p
     def weak(solution):
         raise fga.AdjustmentError("too weak")
 
-    monkeypatch.setattr("factorgraph_adj.report.plots.save.compute_reliability", weak)
+    monkeypatch.setattr("factorgraph_adj.report.plots.figure_files.compute_reliability", weak)
     drawn = {}
     monkeypatch.setattr(
-        "factorgraph_adj.report.plots.save._bytes",
+        "factorgraph_adj.report.plots.figure_files._bytes",
         lambda figure, format: drawn.setdefault(len(drawn), figure) and b"",
     )
     save_plots(doubtful[0], tmp_path)
@@ -242,7 +242,7 @@ def test_what_has_no_place_in_the_plan_is_counted_in_its_legend(clean):
     table = found.solution.equations.unknowns["point"]
     drawn["point"][table.number["P5"]] = np.nan
     drawn["pose"] = found.solution.state["pose"][:, 9:11]
-    places = places_of(equations, aside.numbers, found.solution, drawn)
+    places = observation_places(equations, aside.numbers, found.solution, drawn)
     assert (len(places.lines), places.lost) == (2, 1)
 
 
@@ -258,7 +258,7 @@ def test_suspects_are_marked_in_the_plan_if_test_values_are_given(doubtful):
 
 def test_photos_cross_image_points_that_were_set_aside(clean):
     found, aside = clean
-    images = images_aside(aside)
+    images = rejected_image_points(aside)
     assert {f"{f}/{p}" for f, own in images.items() for p in own.points} == {*GROSS}
     row = aside.rows.equations.find(["F2/P5"])[0]
     v = aside.innovation[np.isin(aside.numbers, row)]
@@ -325,14 +325,16 @@ def test_suspects_of_the_qq_plot_are_named_with_their_ids(doubtful):
 def test_coverage_is_the_share_of_the_hull_and_counts_points_outside():
     corners = np.array([0.0, 0.0]), np.array([4.0, 2.0])
     square = np.array([[1.0, 0.5], [2.0, 0.5], [2.0, 1.5], [1.0, 1.5], [1.5, 1.0]])
-    assert coverage(square, corners).share == pytest.approx(1 / 8)
-    assert coverage(square + 5.0, corners).outside == 5
-    assert coverage(square + 5.0, corners).share == 0.0
+    assert sensor_coverage(square, corners).share == pytest.approx(1 / 8)
+    assert sensor_coverage(square + 5.0, corners).outside == 5
+    assert sensor_coverage(square + 5.0, corners).share == 0.0
     line = np.array([[0.0, 0.0], [1.0, 0.5], [2.0, 1.0]])
-    assert coverage(line, corners).share == 0.0
-    assert coverage(np.concatenate([square, [[9.0, 9.0]]]), corners).share == pytest.approx(1 / 8)
+    assert sensor_coverage(line, corners).share == 0.0
+    assert sensor_coverage(np.concatenate([square, [[9.0, 9.0]]]), corners).share == pytest.approx(
+        1 / 8
+    )
     whole = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]])
-    assert "100 % of the format" in str(coverage(whole, corners))
+    assert "100 % of the format" in str(sensor_coverage(whole, corners))
 
 
 def test_photos_show_the_format_of_the_sensor_and_how_much_of_it_is_covered():

@@ -14,12 +14,10 @@ import pytest
 from scipy.stats import norm
 
 import factorgraph_adj as fga
+from factorgraph_adj.errors import SingularError
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.observations import (
-    ControlPoint,
-    SlopeDistance,
-)
-from factorgraph_adj.quality.ellipses import error_ellipses, height_intervals
+from factorgraph_adj.observations import ControlPoint, SlopeDistance
+from factorgraph_adj.quality.error_ellipses import error_ellipses, height_intervals
 from factorgraph_adj.report.plots import (
     plot_mean_photo,
     plot_network,
@@ -30,16 +28,17 @@ from factorgraph_adj.report.plots import (
     plot_w,
     save_plots,
 )
-from factorgraph_adj.report.plots.heights import place_in_order
-from factorgraph_adj.report.plots.image_rows import image_rows
-from factorgraph_adj.report.plots.marks import window
-from factorgraph_adj.report.plots.sights import lines_by_kinds
-from factorgraph_adj.report.plots.statistics import spread
-from factorgraph_adj.report.plots.style import exaggeration, length, readable
-from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
-from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
+from factorgraph_adj.report.plots.image_residuals import image_rows
+from factorgraph_adj.report.plots.network_plan import order_along_lines
+from factorgraph_adj.report.plots.observation_lines import lines_by_kinds
+from factorgraph_adj.report.plots.point_symbols import plan_window
+from factorgraph_adj.report.plots.style import exaggeration_text, length_text, readable_number
+from factorgraph_adj.report.plots.test_statistics import spread_places
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
-from factorgraph_adj.solve.singular import SingularError
+from factorgraph_adj.simulation.simulated_blocks import (
+    simulate_aerial_block,
+    simulate_geocentric_block,
+)
 from factorgraph_adj.solve.solution import Solution
 from tests.networks.simulated import NETWORKS, gnss, levelling
 from tests.networks.small_block import CHECKED, SIGHTED, small_block
@@ -277,7 +276,7 @@ def test_the_scale_key_is_its_length_times_the_factor(name):
     semi = {e.a: e.semi_axes[0] for e in error_ellipses(solution)}
     largest = max(semi.values())
     assert ellipses(figure)[0].get_widths().max() == pytest.approx(2 * times * largest, rel=TILT)
-    assert times == readable(times)
+    assert times == readable_number(times)
 
 
 @LONG
@@ -416,8 +415,8 @@ def test_a_network_of_heights_without_plan_shows_heights_and_their_intervals():
     half = 500.0 * np.array([i.half_width for i in intervals])
     np.testing.assert_allclose(np.ptp(segments[:, :, 1], axis=1) / 2, half, rtol=1e-6)
     (low, high), label = scale_key(figure)
-    assert label == f"{length((high[1] - low[1]) / 500.0)}, exaggerated × 500"
-    places = place_in_order(solution)
+    assert label == f"{length_text((high[1] - low[1]) / 500.0)}, exaggerated × 500"
+    places = order_along_lines(solution)
     assert sorted(places.tolist()) == list(range(5))
 
 
@@ -468,10 +467,10 @@ def test_a_network_of_thousands_of_points_names_its_control_only():
 def test_points_far_away_from_all_others_are_left_outside_and_counted():
     rng = np.random.default_rng(1)
     at = rng.uniform(0, 10, (300, 2))
-    low, high, outside = window(at)
+    low, high, outside = plan_window(at)
     assert outside == 0 and np.all(low < at.min(axis=0)) and np.all(high > at.max(axis=0))
     at[7] = 1e6, -1e6
-    low, high, outside = window(at)
+    low, high, outside = plan_window(at)
     assert outside == 1 and np.all(high - low < 12)
 
 
@@ -598,9 +597,13 @@ def test_a_network_that_nothing_controls_says_so():
 
 
 def test_names_are_spread_upwards_and_not_beyond_the_end():
-    np.testing.assert_array_equal(spread(np.array([1.0, 2.0, 9.0]), 3.0, 20.0), [1.0, 4.0, 9.0])
-    np.testing.assert_array_equal(spread(np.array([8.0, 8.0, 9.0]), 3.0, 10.0), [4.0, 7.0, 10.0])
-    assert len(spread(np.zeros(0), 3.0, 10.0)) == 0
+    np.testing.assert_array_equal(
+        spread_places(np.array([1.0, 2.0, 9.0]), 3.0, 20.0), [1.0, 4.0, 9.0]
+    )
+    np.testing.assert_array_equal(
+        spread_places(np.array([8.0, 8.0, 9.0]), 3.0, 10.0), [4.0, 7.0, 10.0]
+    )
+    assert len(spread_places(np.zeros(0), 3.0, 10.0)) == 0
 
 
 # -- images -------------------------------------------------------------------------------------
@@ -791,7 +794,7 @@ def test_if_one_figure_cannot_be_written_all_files_stay_as_they_were(
         original(source, target)
 
     original = os.replace
-    monkeypatch.setattr("factorgraph_adj.io.atomic.os.replace", fail)
+    monkeypatch.setattr("factorgraph_adj.io.file_transaction.os.replace", fail)
     with pytest.raises(fga.InputError, match="no space left"):
         save_plots(solution, tmp_path, reliability=rel)
     assert {f.name for f in tmp_path.iterdir()} == {"network.png", "mine.txt"}
@@ -802,7 +805,7 @@ def test_without_reliability_its_figures_say_why(solution, tmp_path, monkeypatch
     def weak(solution: Solution) -> None:
         raise fga.AdjustmentError("no reliability: the network is too weak to compute it")
 
-    monkeypatch.setattr("factorgraph_adj.report.plots.save.compute_reliability", weak)
+    monkeypatch.setattr("factorgraph_adj.report.plots.figure_files.compute_reliability", weak)
     files = save_plots(solution, tmp_path, format="svg")
     assert [f.stem for f in files][1:4] == ["w", "qq", "redundancy"]
     sizes = [f.stat().st_size for f in files]
@@ -815,11 +818,11 @@ def test_without_reliability_its_figures_say_why(solution, tmp_path, monkeypatch
 def test_factors_and_lengths_are_readable():
     values = {999.0: 500.0, 1000.0: 1000.0, 0.3: 0.2, 0.049: 0.02, 7e-7: 5e-7, 1e-3: 1e-3}
     for value, expected in values.items():
-        assert readable(value) == pytest.approx(expected, rel=1e-12)
-    assert exaggeration(2000.0) == "exaggerated × 2\u202f000"
-    assert exaggeration(1.0) == "in true size"
-    assert exaggeration(0.2) == "reduced ÷ 5"
-    assert [length(x) for x in (2e-9, 5e-6, 2e-3, 0.5, 1.0, 20e3)] == [
+        assert readable_number(value) == pytest.approx(expected, rel=1e-12)
+    assert exaggeration_text(2000.0) == "exaggerated × 2\u202f000"
+    assert exaggeration_text(1.0) == "in true size"
+    assert exaggeration_text(0.2) == "reduced ÷ 5"
+    assert [length_text(x) for x in (2e-9, 5e-6, 2e-3, 0.5, 1.0, 20e3)] == [
         "2 nm",
         "5 µm",
         "2 mm",

@@ -18,11 +18,10 @@ from factorgraph_adj.frames import GeocentricFrame, TopocentricFrame
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.reliability import reliability
-from factorgraph_adj.quality.unit_weight import global_test
 from factorgraph_adj.report import layout
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.options import ReportOptions
-from factorgraph_adj.report.tables import write_solution
+from factorgraph_adj.report.result_files import write_solution
 from factorgraph_adj.report.text import protocol
 from factorgraph_adj.rotation import (
     angles_by_rotation,
@@ -30,7 +29,8 @@ from factorgraph_adj.rotation import (
     omega_phi_kappa,
     world_R_camera,
 )
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.adjustment import adjust
+from factorgraph_adj.statistical_tests import global_test
 from factorgraph_adj.units import ANGLE
 from tests.networks.small_block import CHECKED, box, plan, small_block
 from tests.support.printed import assert_printed, row, section
@@ -207,7 +207,7 @@ def test_refraction_verticals_and_meters_stand_together():
     for ident, found in list(network.observations.items()):
         if isinstance(found, o.SlopeDistance):
             network.observations[ident] = replace(found, instrument="EDM")
-    from factorgraph_adj.simulation.simulate import measure
+    from factorgraph_adj.simulation.measurement import measure
 
     s = adjust(measure(network, seed=3))
     rows = section(protocol(s), "Refraction, verticals, distance meters")
@@ -246,7 +246,7 @@ def test_an_adjustment_that_stops_early_says_so():
 
 
 def test_a_solution_without_a_covariance_is_reported_without_precision(tmp_path, monkeypatch):
-    from factorgraph_adj.solve.singular import SingularError
+    from factorgraph_adj.errors import SingularError
     from factorgraph_adj.solve.solution import Solution
 
     def singular(*_):
@@ -418,7 +418,7 @@ def test_few_cameras_are_groups_of_their_own_and_many_are_one(monkeypatch):
 
     found = adjust(network)
     assert images() == [f"image, D{i}" for i in range(4)]
-    monkeypatch.setattr("factorgraph_adj.report.rows.MOST_CAMERAS", 3)
+    monkeypatch.setattr("factorgraph_adj.report.observation_rows.MAX_CAMERAS_GROUPED_APART", 3)
     assert images() == ["image, mm"]
 
 

@@ -15,22 +15,22 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.errors import AdjustmentError, InputError
-from factorgraph_adj.io.atomic import write_files
+from factorgraph_adj.io.csv_tables import write_columns
+from factorgraph_adj.io.file_transaction import write_files
 from factorgraph_adj.io.numbers import Units
-from factorgraph_adj.io.tables import write_columns
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.quality.ellipses import error_ellipse, error_ellipsoid, height_interval
-from factorgraph_adj.quality.rejections import PointSetAside, Round, Unresolved
+from factorgraph_adj.quality.error_ellipses import error_ellipse, error_ellipsoid, height_interval
+from factorgraph_adj.quality.parameter_significance import significance
+from factorgraph_adj.quality.rejections import RejectedPoint, Round, Unresolved
 from factorgraph_adj.quality.snooping import snoop
-from factorgraph_adj.quality.systematic import significance
 from factorgraph_adj.quality.variance_components import estimate_variance_components
 from factorgraph_adj.report import layout
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.options import Provenance, ReportOptions
-from factorgraph_adj.report.tables import write_solution, write_tables
-from factorgraph_adj.report.text import protocol, render
-from factorgraph_adj.report.weakest import point_redundancy, weakest_points
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.report.reliability import point_redundancy, weakest_points
+from factorgraph_adj.report.result_files import write_solution, write_tables
+from factorgraph_adj.report.text import protocol, render_text
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.units import ANGLE
 from tests.networks.exchanged_day import day
 from tests.networks.simulated import NETWORKS, gnss, levelling
@@ -309,7 +309,7 @@ def test_the_number_of_suspects_that_are_left_out_is_said():
     above = int(np.sum(np.abs(rel.w) > rel.critical_w))
     assert above > 20
     assert f"… {above - 15} more above the critical value" in protocol(s)
-    assert f"… {above - 4} more above the critical value" in render(
+    assert f"… {above - 4} more above the critical value" in render_text(
         Report(s, ReportOptions(n_suspects=4))
     )
 
@@ -367,7 +367,7 @@ def test_why_there_is_no_reliability_is_said(monkeypatch, tmp_path):
     def weak(*_, **__):
         raise AdjustmentError("no reliability: the network is too weak to compute them")
 
-    monkeypatch.setattr("factorgraph_adj.report.context.reliability", weak)
+    monkeypatch.setattr("factorgraph_adj.report.adjustment_report.reliability", weak)
     text = protocol(solution())
     assert words_of(text, "Reliability") == (
         "no reliability: the network is too weak to compute them"
@@ -614,7 +614,7 @@ def test_every_outcome_of_snooping_is_told():
     k = replace(
         k,
         readmitted=("F1/P3", k.rejected[0].id),
-        points_set_aside=(PointSetAside("P9", ("F1/P9",), "image F1 P9 x", 7.5, 2, "no way"),),
+        points_set_aside=(RejectedPoint("P9", ("F1/P9",), "image F1 P9 x", 7.5, 2, "no way"),),
         unresolved=(
             Unresolved(left.id, left.kind, "?", left.component, 5.5, 0.003, "needed by all"),
         ),
@@ -669,7 +669,7 @@ def test_all_states_of_snooping_stand_in_its_table(tmp_path):
     k = replace(
         k,
         readmitted=("F1/P3", k.rejected[0].id),
-        points_set_aside=(PointSetAside("P9", ("F1/P9",), "image F1 P9 x", 7.5, 2, "no way"),),
+        points_set_aside=(RejectedPoint("P9", ("F1/P9",), "image F1 P9 x", 7.5, 2, "no way"),),
         unresolved=(unresolved,),
     )
     report = Report(k.solution, provenance=Provenance(snooping=k, original=blundered()))
@@ -781,7 +781,7 @@ def test_files_that_are_not_to_be_there_come_back_if_writing_fails(tmp_path, mon
                 raise KeyboardInterrupt
             real(source, target)
 
-        patch.setattr("factorgraph_adj.io.atomic.os.replace", replace_once)
+        patch.setattr("factorgraph_adj.io.file_transaction.os.replace", replace_once)
         write_files(tmp_path, {"a.csv": None, "b.csv": "new"})
     assert {f.name: f.read_text(encoding="utf-8") for f in tmp_path.iterdir()} == {
         "a.csv": "old a.csv",

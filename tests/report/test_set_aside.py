@@ -7,8 +7,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
-from factorgraph_adj.report.set_aside import set_aside
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.report.rejected_observations import set_aside
+from factorgraph_adj.simulation.measurement import measure
 
 GON = np.pi / 200
 

@@ -12,9 +12,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.io.numbers import Units
-from factorgraph_adj.quality.shapes import adjusted_shapes
+from factorgraph_adj.quality.derived_quantities import adjusted_shapes
 from factorgraph_adj.report.options import ReportOptions
-from factorgraph_adj.report.tables import write_solution
+from factorgraph_adj.report.result_files import write_solution
 from tests.networks.hall import hall
 from tests.networks.on_shapes import MM, measured, on_shape
 

@@ -9,11 +9,11 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.attitude import from_omega_phi_kappa, to_omega_phi_kappa
 from factorgraph_adj.models.lens import NoDistortion
-from factorgraph_adj.quality.stiff import STIFF, stiff_ties
-from factorgraph_adj.report.adjusted import short_r
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.quality.reliability import MAX_STIFF_REDUNDANCY, stiff_ties
+from factorgraph_adj.report.adjusted_observations import redundancy_text
+from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.rigs import rig
 from tests.networks.small_flight import Plan, observed, plan_of
 from tests.networks.three_frames import three_frames
@@ -58,7 +58,7 @@ def test_stiff_ties_are_those_that_were_stated(rigid) -> None:
     )
     assert set(kinds[ties]) == {"relative_rotation", "relative_position"}
     assert ties.sum() == 72
-    assert np.abs(rel.redundancy_numbers[ties]).max() < STIFF
+    assert np.abs(rel.redundancy_numbers[ties]).max() < MAX_STIFF_REDUNDANCY
     network = fga.Network("odometry")
     network.add_camera("camera", NoDistortion(), {"c": 10.0})
     network.add_photo("A", "camera", position=(0, 0, 0), rotation=np.eye(3), fixed=True)
@@ -98,8 +98,8 @@ def test_components_that_a_power_of_time_multiplies_say_so() -> None:
 
 
 def test_rounding_below_zero_is_zero() -> None:
-    assert short_r(-1e-14) == "0.00"
-    assert short_r(-1e-3) == "0.00"
+    assert redundancy_text(-1e-14) == "0.00"
+    assert redundancy_text(-1e-3) == "0.00"
 
 
 def test_shares_of_what_is_not_determined_lie_between_0_and_1() -> None:

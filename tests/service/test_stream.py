@@ -11,15 +11,15 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
-from factorgraph_adj.io.context import RecordContext
 from factorgraph_adj.io.numbers import Units
+from factorgraph_adj.io.observation_fields import RecordContext
+from factorgraph_adj.io.observation_records import observation_record
 from factorgraph_adj.io.project import load_project
-from factorgraph_adj.io.records import record
-from factorgraph_adj.io.write_project import network_files
+from factorgraph_adj.io.project_writer import network_files
 from factorgraph_adj.observations import ZenithAngle
 from factorgraph_adj.service import stream
-from factorgraph_adj.service.requests import LONGEST
-from factorgraph_adj.service.stream import COMMANDS, Stream
+from factorgraph_adj.service.requests import MAX_LINE_BYTES
+from factorgraph_adj.service.stream import STREAM_COMMANDS, Stream
 from factorgraph_adj.units import ANGLE
 from tests.networks.projects import FILES, write
 from tests.networks.small_block import SIGMA_MM, small_block
@@ -166,7 +166,7 @@ def test_policies_accept_and_reject_are_those_of_the_library(tmp_path):
 
 
 def test_every_command_is_documented_in_the_protocol():
-    for name, command in COMMANDS.items():
+    for name, command in STREAM_COMMANDS.items():
         assert f"``{name}``" in stream.__doc__
         for field in command.fields:
             assert f"``{field}``" in stream.__doc__
@@ -417,7 +417,7 @@ def test_a_photo_arrives_with_its_image_points(tmp_path):
     photo = network.photos.pop(last)
     del network.photo_number[last]
     told = Told(Stream(IncrementalAdjustment(network)))
-    rays = [{**record(i), "id": ""} for i in images if i.photo == last]
+    rays = [{**observation_record(i), "id": ""} for i in images if i.photo == last]
     first = told(do="add", photos=[{"name": last, "camera": photo.camera}])
     assert first["verdicts"] == []
     answer = told(do="add", observations=rays[:2])
@@ -518,7 +518,7 @@ def test_a_line_that_is_no_object_is_refused(yard, line):
 
 
 def test_a_line_that_is_too_long_is_refused(empty):
-    (problem,) = empty.refused(b" " * (LONGEST + 1))
+    (problem,) = empty.refused(b" " * (MAX_LINE_BYTES + 1))
     assert problem["what"] == "the line is longer than 64 MB"
 
 

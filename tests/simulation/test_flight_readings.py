@@ -9,7 +9,7 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
 from tests.networks.every_kind import FRAMES, flight_equations
 

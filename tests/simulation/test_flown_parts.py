@@ -15,21 +15,17 @@ from scipy import stats
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.models.height import heights
+from factorgraph_adj.models.heights import heights
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import PhotoPosition, ProfileHeight
 from factorgraph_adj.simulation.disturbances import DropOut, Errors
-from factorgraph_adj.simulation.generate.aerial import Aerial
+from factorgraph_adj.simulation.generate.aerial import Aerial, CrossStrips
 from factorgraph_adj.simulation.generate.control import Control
-from factorgraph_adj.simulation.generate.cross_strips import CrossStrips
-from factorgraph_adj.simulation.generate.gnss import Gnss
-from factorgraph_adj.simulation.generate.heights import Lake, Statoscope
-from factorgraph_adj.simulation.generate.models import IndependentModels
-from factorgraph_adj.simulation.generate.rig import Rig
-from factorgraph_adj.simulation.generate.shapes import Shapes
-from factorgraph_adj.simulation.simulate import SimulatedNetwork
-from factorgraph_adj.simulation.spec import Earth, Spec, design, simulate
-from factorgraph_adj.simulation.spec_toml import read_spec
+from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
+from factorgraph_adj.simulation.generate.metrology import Shapes
+from factorgraph_adj.simulation.generate.rigs_and_models import IndependentModels, Rig
+from factorgraph_adj.simulation.measurement import SimulatedNetwork
+from factorgraph_adj.simulation.spec import Earth, Spec, design, read_spec, simulate
 
 SEEDS, WITHIN, SHARE = range(1, 5), 2.5, 0.95
 BLOCK = """

@@ -13,7 +13,6 @@ import factorgraph_adj as fga
 from factorgraph_adj.frames import LocalFrame, TopocentricFrame
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import KINDS, ControlPoint, Direction, HeightDifference
-from factorgraph_adj.simulation.determined import undetermined_points
 from factorgraph_adj.simulation.disturbances import (
     DROPPED,
     GROSS,
@@ -23,52 +22,56 @@ from factorgraph_adj.simulation.disturbances import (
     add_gross_errors,
     readings_of,
 )
-from factorgraph_adj.simulation.generate.additions import (
-    Additions,
-    Astronomic,
-    Azimuths,
-    Directions,
-    Distances,
-    HeightDifferences,
-    VerticalAngles,
-)
-from factorgraph_adj.simulation.generate.aerial import Aerial
+from factorgraph_adj.simulation.generate.aerial import Aerial, CrossStrips
 from factorgraph_adj.simulation.generate.close_range import CloseRange
 from factorgraph_adj.simulation.generate.control import Control
-from factorgraph_adj.simulation.generate.cross_strips import CrossStrips
-from factorgraph_adj.simulation.generate.gnss import Gnss
-from factorgraph_adj.simulation.generate.heights import Lake, Statoscope
-from factorgraph_adj.simulation.generate.instruments import DistanceMeter, TotalStation
-from factorgraph_adj.simulation.generate.models import IndependentModels
-from factorgraph_adj.simulation.generate.part import Part, Scene
-from factorgraph_adj.simulation.generate.patterns import (
-    corners,
-    nearest_lines,
-    perimeter,
-    round_lines,
-    spread,
-)
-from factorgraph_adj.simulation.generate.photos import Camera
+from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
+from factorgraph_adj.simulation.generate.metrology import Shapes, Trackers
 from factorgraph_adj.simulation.generate.published import (
     Aerial1986,
     CloseRange1986,
     IndustryBlock,
     IspBlock,
 )
-from factorgraph_adj.simulation.generate.rig import Rig
-from factorgraph_adj.simulation.generate.shapes import Shapes
+from factorgraph_adj.simulation.generate.rigs_and_models import IndependentModels, Rig
+from factorgraph_adj.simulation.generate.scene import (
+    Camera,
+    Part,
+    Scene,
+    corners,
+    nearest_lines,
+    perimeter,
+    round_lines,
+    spread,
+)
 from factorgraph_adj.simulation.generate.terrestrial import (
     LevellingLoops,
     Monitoring,
     Traverse,
     TriangulationGrid,
 )
-from factorgraph_adj.simulation.generate.trackers import Trackers
+from factorgraph_adj.simulation.generate.terrestrial_additions import (
+    Additions,
+    Astronomic,
+    Azimuths,
+    Directions,
+    DistanceMeter,
+    Distances,
+    HeightDifferences,
+    TotalStation,
+    VerticalAngles,
+)
+from factorgraph_adj.simulation.given_values import undetermined_points
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
+from factorgraph_adj.simulation.measurement import SimulatedNetwork
 from factorgraph_adj.simulation.parameters import kinds_of
-from factorgraph_adj.simulation.simulate import SimulatedNetwork
 from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, simulate
-from factorgraph_adj.simulation.systematic import AffineFilm, LensDistortion, Refraction, Tape
+from factorgraph_adj.simulation.systematic_errors import (
+    AffineFilm,
+    LensDistortion,
+    Refraction,
+    Tape,
+)
 
 CONFIDENCE = 0.999
 NEARLY = Approximate(points=0.1, centres=0.1, attitudes_deg=0.2)

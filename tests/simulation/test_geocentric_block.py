@@ -19,17 +19,17 @@ from factorgraph_adj.observations import (
     Observation,
     PhotoPosition,
 )
-from factorgraph_adj.simulation.geocentric_block import (
-    CALIBRATION,
-    CAMERA,
+from factorgraph_adj.simulation.measurement import SimulatedNetwork, Truth
+from factorgraph_adj.simulation.simulated_blocks import (
     DISTANCE_METER,
+    DRONE_CALIBRATION,
+    DRONE_CAMERA,
     PILLARS,
     QUARRY,
     REFRACTION,
     simulate_geocentric_block,
 )
-from factorgraph_adj.simulation.simulate import SimulatedNetwork, Truth
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 from tests.support.arrivals import bare, chunks
@@ -121,9 +121,9 @@ def unknowns(solution: Solution, truth: Truth) -> Iterator[tuple[VariableKind, s
     meter = solution.distance_meter(DISTANCE_METER).values
     error = meter - truth.distance_meters[DISTANCE_METER].values
     yield "edm", DISTANCE_METER, error, np.ones(2, dtype=bool)
-    camera = truth.cameras[CAMERA]
-    error = solution.calibration(CAMERA).values - camera.values
-    yield "calibration", CAMERA, error, np.isin(camera.lens.names, list(CALIBRATION))
+    camera = truth.cameras[DRONE_CAMERA]
+    error = solution.calibration(DRONE_CAMERA).values - camera.values
+    yield "calibration", DRONE_CAMERA, error, np.isin(camera.lens.names, list(DRONE_CALIBRATION))
 
 
 def test_every_kind_of_observation_and_unknown_takes_part(simulated: SimulatedNetwork) -> None:
@@ -225,7 +225,7 @@ def rebuilt(network: Network, *, topocentric: bool = False, seed: int | None = N
     for point in order(network.points.values()):
         out.add_point(point.name, at(point.coordinates))
     for name, camera in network.cameras.items():
-        out.add_camera(name, camera.lens, camera.values, free=CALIBRATION)
+        out.add_camera(name, camera.lens, camera.values, free=DRONE_CALIBRATION)
     for photo in order(network.photos.values()):
         turned = rotation @ photo.rotation
         out.add_photo(photo.name, photo.camera, position=at(photo.position), rotation=turned)
@@ -250,7 +250,7 @@ def east_north_up() -> Array:
 
 def assert_other_unknowns_agree(a: Solution, b: Solution) -> None:
     """Assert that what has no frame is the same to `PART_OF_SIGMA`, precision included."""
-    pairs = [(a.calibration(CAMERA), b.calibration(CAMERA))]
+    pairs = [(a.calibration(DRONE_CAMERA), b.calibration(DRONE_CAMERA))]
     pairs += [(a.vertical(p), b.vertical(p)) for p in PILLARS]
     pairs += [(a.refraction(g), b.refraction(g)) for g in REFRACTION]
     pairs.append((a.distance_meter(DISTANCE_METER), b.distance_meter(DISTANCE_METER)))

@@ -31,7 +31,7 @@ from factorgraph_adj.simulation.industry_block import (
     SIDE,
     simulate_industry_block,
 )
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 
@@ -74,7 +74,7 @@ class Repetitions:
     calibration: Array
     """Errors of the estimated parameters / σ, (repetitions, parameters)."""
     joint: Array
-    """eᵀ Σ⁻¹ e of all coordinates of `SPREAD` at once, (repetitions,)."""
+    """eᵀ Σ⁻¹ e of all coordinates of `OF_THE_MEDIAN` at once, (repetitions,)."""
     diagonal: Array
     """Error of the distance between two opposite corners / σ, (repetitions,)."""
     vtpv: Array
@@ -96,7 +96,7 @@ def normalised_distance_error(solution: Solution, truth: dict[str, Array], a: st
 
 
 def joint_chi2(solution: Solution, truth: dict[str, Array]) -> float:
-    """Return eᵀ Σ⁻¹ e of all coordinates of `SPREAD`."""
+    """Return eᵀ Σ⁻¹ e of all coordinates of `OF_THE_MEDIAN`."""
     error = np.concatenate([solution.point(a) - truth[a] for a in SPREAD])
     cofactor = np.zeros((3 * len(SPREAD), 3 * len(SPREAD)))
     for i, a in enumerate(SPREAD):

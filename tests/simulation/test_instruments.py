@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.frames import without_values
 from tests.networks.instruments import room_of
 

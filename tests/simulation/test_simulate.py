@@ -10,11 +10,13 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import GnssVector, SlopeDistance
-from factorgraph_adj.simulation import aerial_block
-from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
-from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
-from factorgraph_adj.simulation.simulate import SimulatedNetwork, disturb, look_at, measure
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.simulation import simulated_blocks
+from factorgraph_adj.simulation.measurement import SimulatedNetwork, disturb, look_at, measure
+from factorgraph_adj.simulation.simulated_blocks import (
+    simulate_aerial_block,
+    simulate_geocentric_block,
+)
+from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.types import Array
 
@@ -147,14 +149,14 @@ def test_an_aerial_block_has_the_size_asked_for_and_its_truth_is_found() -> None
     assert len(network.photos) == 20
     _, point, xy, _ = network.images.columns()
     assert np.bincount(point).min() >= 2
-    assert np.all(np.abs(xy) < 0.55 * np.array(aerial_block.SENSOR))
+    assert np.all(np.abs(xy) < 0.55 * np.array(simulated_blocks.AERIAL_SENSOR_MM))
     solution = adjust(network)
     assert solution.converged
     tail = (1 - CONFIDENCE) / 2
     r = solution.redundancy
     assert stats.chi2.ppf(tail, r) < solution.vtpv < stats.chi2.isf(tail, r)
-    estimate = solution.calibration(aerial_block.CAMERA)
-    for name, true in aerial_block.CALIBRATION.items():
+    estimate = solution.calibration(simulated_blocks.AERIAL_CAMERA)
+    for name, true in simulated_blocks.AERIAL_CALIBRATION.items():
         assert abs(estimate[name] - true) < 4 * estimate.sigma(name)
     for name in list(simulated.truth.points)[::500]:
         error = solution.point(name) - simulated.truth.points[name]

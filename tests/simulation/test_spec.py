@@ -8,44 +8,40 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.entities import ImageTable
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.network.entities import ImageTable
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.simulation.disturbances import DropOut, Errors, GrossError
-from factorgraph_adj.simulation.generate.additions import (
-    Astronomic,
-    Azimuths,
-    Directions,
-    Distances,
-    HeightDifferences,
-    VerticalAngles,
-)
-from factorgraph_adj.simulation.generate.aerial import Aerial
+from factorgraph_adj.simulation.generate.aerial import Aerial, CrossStrips
 from factorgraph_adj.simulation.generate.close_range import CloseRange
 from factorgraph_adj.simulation.generate.control import Control
-from factorgraph_adj.simulation.generate.cross_strips import CrossStrips
-from factorgraph_adj.simulation.generate.gnss import Gnss
-from factorgraph_adj.simulation.generate.heights import Lake, Statoscope
-from factorgraph_adj.simulation.generate.instruments import DistanceMeter
-from factorgraph_adj.simulation.generate.photos import Camera
+from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
+from factorgraph_adj.simulation.generate.metrology import Shapes, Trackers
 from factorgraph_adj.simulation.generate.published import (
     Aerial1986,
     CloseRange1986,
     IndustryBlock,
     IspBlock,
 )
-from factorgraph_adj.simulation.generate.rig import Rig
-from factorgraph_adj.simulation.generate.shapes import Shapes
+from factorgraph_adj.simulation.generate.rigs_and_models import Rig
+from factorgraph_adj.simulation.generate.scene import Camera
 from factorgraph_adj.simulation.generate.terrestrial import (
     LevellingLoops,
     Monitoring,
     Traverse,
     TriangulationGrid,
 )
-from factorgraph_adj.simulation.generate.trackers import Trackers
-from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, simulate
-from factorgraph_adj.simulation.spec_toml import read_spec
-from factorgraph_adj.simulation.systematic import (
+from factorgraph_adj.simulation.generate.terrestrial_additions import (
+    Astronomic,
+    Azimuths,
+    Directions,
+    DistanceMeter,
+    Distances,
+    HeightDifferences,
+    VerticalAngles,
+)
+from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, read_spec, simulate
+from factorgraph_adj.simulation.systematic_errors import (
     AffineFilm,
     LensDistortion,
     Refraction,

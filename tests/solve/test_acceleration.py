@@ -11,13 +11,12 @@ import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.models.ray_lens import EquirectangularLens
-from factorgraph_adj.solve.acceleration import accelerated
-from factorgraph_adj.solve.iterate import step_from
-from factorgraph_adj.solve.points_behind import pulled_ahead
-from factorgraph_adj.solve.run import Run
-from factorgraph_adj.solve.sides import behind
-from factorgraph_adj.solve.step import Step
-from factorgraph_adj.solve.stopping import not_at_rest
+from factorgraph_adj.solve.adjustment_run import AdjustmentRun
+from factorgraph_adj.solve.convergence import iteration_limit_reason
+from factorgraph_adj.solve.feasible_states import is_behind_camera, with_points_pulled_ahead
+from factorgraph_adj.solve.gauss_newton import step_from
+from factorgraph_adj.solve.gauss_newton_steps import Step
+from factorgraph_adj.solve.step_refinements import accelerated_movement
 from factorgraph_adj.types import Array
 from tests.networks.poor_starts import SORTS, poor_start
 from tests.networks.small_block import small_block
@@ -27,11 +26,11 @@ LONG = pytest.mark.slow("repeated adjustments from poor starts; short tests take
 WEAK = "weak control, 40° and half as large"
 
 
-def run_at_start(network: fga.Network) -> Run:
+def run_at_start(network: fga.Network) -> AdjustmentRun:
     """Return a run at the start values."""
     equations = compile_network(network)
     state = equations.unknowns.start()
-    return Run.at(equations, state, state, free=False)
+    return AdjustmentRun.at(equations, state, state, free=False)
 
 
 def test_an_accelerated_step_removes_the_second_order_part_of_the_residuals() -> None:
@@ -44,7 +43,7 @@ def test_an_accelerated_step_removes_the_second_order_part_of_the_residuals() ->
     left = []
     for t in (0.02, 0.01):
         step = replace(full, movement=t * full.movement)
-        movement = accelerated(run, normal, factor, step)
+        movement = accelerated_movement(run, normal, factor, step)
         assert movement is not None
         amounts = []
         for m in (step.movement, movement):
@@ -69,7 +68,7 @@ def test_a_linear_network_has_nothing_to_accelerate() -> None:
     normal = run.normal_at(run.state)
     step = step_from(run, normal)
     assert step is not None
-    movement = accelerated(run, normal, normal.factorise(run.constraint), step)
+    movement = accelerated_movement(run, normal, normal.factorise(run.constraint), step)
     assert movement == pytest.approx(step.movement)
 
 
@@ -91,13 +90,13 @@ def test_points_behind_their_cameras_at_the_start_are_pulled_back() -> None:
     points = state["point"].copy()
     points[moved] += [0.0, 0.0, 40.0]
     wrong = {**state, "point": points}
-    assert behind(equations, wrong).any()
-    back = pulled_ahead(equations, wrong, reduced)
-    assert not behind(equations, back).any()
+    assert is_behind_camera(equations, wrong).any()
+    back = with_points_pulled_ahead(equations, wrong, reduced)
+    assert not is_behind_camera(equations, back).any()
     others = np.setdiff1d(np.arange(len(points)), moved)
     assert np.array_equal(back["point"][others], state["point"][others])
     assert np.abs(back["point"][moved] - state["point"][moved]).max() < 1.0
-    assert pulled_ahead(equations, state, reduced) is state
+    assert with_points_pulled_ahead(equations, state, reduced) is state
 
 
 def seen_by_two(point: tuple[float, float, float], images: Array) -> fga.Network:
@@ -120,7 +119,7 @@ def test_a_place_behind_the_plane_of_a_panorama_is_ahead_of_it() -> None:
     at_true = compile_network(seen_by_two(true, np.zeros((2, 2))))
     images = at_true.residuals(at_true.unknowns.start(), whitened=False).reshape(2, 2)
     equations = compile_network(seen_by_two((1.0, 2.0, -30.0), images))
-    back = pulled_ahead(equations, equations.unknowns.start(), np.array([True]))
+    back = with_points_pulled_ahead(equations, equations.unknowns.start(), np.array([True]))
     assert back["point"][0] == pytest.approx(true, abs=1e-6)
 
 
@@ -133,13 +132,13 @@ def test_nothing_undetermined_is_reported_far_from_the_minimum() -> None:
 
 def test_the_reason_says_how_steps_shrink_and_how_many_more_are_needed() -> None:
     bounds = [0.5 * 0.8**k for k in range(30)]
-    reason = not_at_rest(30, bounds, 1e-5)
+    reason = iteration_limit_reason(30, bounds, 1e-5)
     needed = next(k for k in range(1000) if bounds[-1] * 0.8**k <= 1e-5)
     assert "0.8 times as long" in reason
     assert f"about {needed} more iterations are needed (max_iterations)" in reason
-    assert "hardly shrank" in not_at_rest(30, [0.3] * 30, 1e-5)
-    assert "hardly shrank" in not_at_rest(30, [0.3 * 1.01**k for k in range(30)], 1e-5)
-    few = not_at_rest(3, [1.0, 0.5, 0.25], 1e-5)
+    assert "hardly shrank" in iteration_limit_reason(30, [0.3] * 30, 1e-5)
+    assert "hardly shrank" in iteration_limit_reason(30, [0.3 * 1.01**k for k in range(30)], 1e-5)
+    few = iteration_limit_reason(3, [1.0, 0.5, 0.25], 1e-5)
     assert few == "not at rest after 3 iterations: the last step was 0.25 σ"
 
 

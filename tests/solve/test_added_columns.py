@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from factorgraph_adj.solve.added_columns import ROOM, Columns
+from factorgraph_adj.solve.cofactors import INITIAL_COLUMNS, GrowingMatrix
 
 
 def test_columns_are_added_to_a_value_that_stays_what_it_was():
     rng = np.random.default_rng(1)
-    parts = [rng.normal(size=(4, k)) for k in (3, 0, ROOM, 5, 1)]
-    found, every = Columns(4), []
+    parts = [rng.normal(size=(4, k)) for k in (3, 0, INITIAL_COLUMNS, 5, 1)]
+    found, every = GrowingMatrix(4), []
     for part in parts:
         every.append(found)
         found = found.with_columns(part)
@@ -20,7 +20,7 @@ def test_columns_are_added_to_a_value_that_stays_what_it_was():
 
 
 def test_values_that_go_different_ways_do_not_share_their_columns():
-    begun = Columns(2).with_columns(np.ones((2, 1)))
+    begun = GrowingMatrix(2).with_columns(np.ones((2, 1)))
     one, other = (begun.with_columns(np.full((2, 2), x)) for x in (2.0, 3.0))
     assert (one.array == [[1, 2, 2]] * 2).all()
     assert (other.array == [[1, 3, 3]] * 2).all()

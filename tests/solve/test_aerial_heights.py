@@ -12,7 +12,7 @@ from scipy import stats
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.rotation import TURN_ABOUT_X, log_rotation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.aerial_heights import SIGMA_TILT, Aerial, errors, plan_of, unknown_values
 
 SHIFT_AND_SLOPE = ("height", "height_t")

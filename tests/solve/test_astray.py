@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.quality.robust import robust_adjust
+from factorgraph_adj.quality.robust_estimation import robust_adjust
 from tests.field_mistakes.mistakes import MISTAKES
 from tests.field_mistakes.projects import yard
 

@@ -18,7 +18,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import Correlated, FrameDirection, FrameZenith
 from factorgraph_adj.rotation import log_rotation
-from factorgraph_adj.simulation.simulate import look_at, measure
+from factorgraph_adj.simulation.measurement import look_at, measure
 from factorgraph_adj.types import Array
 
 FOCAL = 50.0

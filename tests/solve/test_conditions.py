@@ -11,11 +11,11 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
-from factorgraph_adj.io.records import observation, record
+from factorgraph_adj.io.observation_records import observation_from_record, observation_record
 from factorgraph_adj.models.shapes import SHAPES
-from factorgraph_adj.report.plots.save import save_plots
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve.similarity import transform
+from factorgraph_adj.report.plots.figure_files import save_plots
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.solve.inner_constraints import moved_by_similarity
 from tests.networks import on_shapes
 from tests.networks.on_shapes import MM, ON, places, posed
 
@@ -95,7 +95,7 @@ def test_parallel_axes_move_with_a_free_network(seed):
 def test_a_finite_motion_leaves_the_residuals_of_shapes(shape):
     free = fga.adjust(braced(shape))
     (defect,) = free.defects
-    moved = transform(
+    moved = moved_by_similarity(
         free.equations, free.state, defect, np.array([3.0, -2.0, 1.0, 4.0, 2.0, -3.0])
     )
     block = next(b for b in free.equations.blocks if b.kind == f"on_{shape}")
@@ -120,7 +120,7 @@ def test_points_on_shapes_arrive_and_leave_as_in_the_batch_adjustment(shape, tmp
     begun.observations = {i: x for i, x in network.observations.items() if i not in late}
     inc = fga.IncrementalAdjustment(begun, journal=tmp_path / "day.jsonl")
     for ident, x in late.items():
-        inc.add(observation(json.loads(json.dumps(record(x, id=ident)))))
+        inc.add(observation_from_record(json.loads(json.dumps(observation_record(x, id=ident)))))
     assert_same(inc.solution(), fga.adjust(network))
     inc.remove("on 3")
     assert_same(inc.solution(), fga.adjust(fga.without(network, ["on 3"])))

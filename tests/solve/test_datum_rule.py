@@ -15,7 +15,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.simulation.simulate import disturb, measure
+from factorgraph_adj.simulation.measurement import disturb, measure
 
 FRAMES: dict[str, tuple[Frame, tuple[float, float, float]]] = {
     "flat": (LocalFrame(), (0.0, 0.0, 0.0)),

@@ -10,7 +10,7 @@ from factorgraph_adj.cli.main import main
 from factorgraph_adj.io.project import read_project
 from factorgraph_adj.io.solution_file import load_solution, save_solution
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.solve import batch
+from factorgraph_adj.solve import adjustment
 from tests.field_mistakes.site import site
 from tests.networks.well_determined import PLACES, distance, rise, seen_once, well_determined
 
@@ -179,15 +179,15 @@ def test_what_is_determined_is_adjusted_once(lost, tmp_path, monkeypatch) -> Non
     if lost:
         network.add_point("Z")
     iterations = []
-    original = batch.adjust_from
+    original = adjustment.adjust_from_start
 
     def counted(*given, **named):
         found = original(*given, **named)
         iterations.append(found.iterations)
         return found
 
-    monkeypatch.setattr(batch, "adjust_from", counted)
-    solution = batch.adjust(network, leave_out_undetermined=True, variance="a-posteriori")
+    monkeypatch.setattr(adjustment, "adjust_from_start", counted)
+    solution = adjustment.adjust(network, leave_out_undetermined=True, variance="a-posteriori")
     assert iterations == [solution.iterations]
     assert solution.variance == "a-posteriori"
     assert [(u.name, u.why) for u in solution.network.unknowns_left_out] == (

@@ -20,7 +20,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.simulation.simulate import look_at, measure
+from factorgraph_adj.simulation.measurement import look_at, measure
 from factorgraph_adj.types import Array
 
 STATIONS = {"A": (0.0, 0.0, 0.1), "B": (60.0, 5.0, 0.4), "C": (10.0, 70.0, -0.3)}

@@ -15,8 +15,14 @@ import numpy as np
 import pytest
 from scipy.linalg import eigvalsh
 
-from factorgraph_adj.solve.drift import FARTHER, GAINED, Drift, missed, turned
-from factorgraph_adj.solve.linear import LinearisedEquations
+from factorgraph_adj.solve.linear_base import (
+    MAX_GAIN_GROWTH,
+    REACH_FACTOR,
+    LinearisationDrift,
+    largest_variance_error,
+    missed_gradient,
+)
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 from factorgraph_adj.types import Array
 from tests.networks.eliminated import CASES, Eliminated, eliminated
 from tests.support.differences import whitened_system
@@ -97,7 +103,7 @@ held = pytest.mark.parametrize("name", [n for n in CASES if not n.endswith("free
 @pytest.mark.parametrize("sigmas", [0.1, 3.0])
 def test_the_gradient_that_linear_forms_miss(name, sigmas):
     m = moved(name, sigmas)
-    found = missed(m.here, m.there, m.movement)
+    found = missed_gradient(m.here, m.there, m.movement)
     scale = np.abs(m.a).sum(axis=0) * (1.0 + np.abs(m.there.residual).max())
     assert np.all(np.abs(found - m.gap) <= 1e-13 * scale)
     assert np.abs(m.gap * m.case.dense.sigma).max() > 0
@@ -106,11 +112,11 @@ def test_the_gradient_that_linear_forms_miss(name, sigmas):
 @every_case
 def test_linear_forms_miss_nothing_where_they_were_made(name):
     m = moved(name, 0.1)
-    zero = missed(m.here, m.here, np.zeros_like(m.movement))
+    zero = missed_gradient(m.here, m.here, np.zeros_like(m.movement))
     assert not zero.any()
-    assert turned(m.here, m.here, m.case.factor, m.movement)[0] < 1e-12
+    assert largest_variance_error(m.here, m.here, m.case.factor, m.movement)[0] < 1e-12
     still = np.zeros_like(m.movement)
-    size, direction = turned(m.here, m.there, m.case.factor, still)
+    size, direction = largest_variance_error(m.here, m.there, m.case.factor, still)
     assert size == 0.0 and direction is still
 
 
@@ -121,7 +127,7 @@ def test_a_look_is_a_step_of_the_power_iteration(name):
     dense = m.case.dense
     noise = np.random.default_rng(2).normal(size=len(dense.a))
     start = dense.q @ (dense.a.T @ noise)
-    size, direction = turned(m.here, m.there, m.case.factor, start)
+    size, direction = largest_variance_error(m.here, m.there, m.case.factor, start)
     y = dense.q @ (m.change @ start) / np.linalg.norm(dense.a @ start)
     scale = np.abs(y / dense.sigma).max()
     assert np.abs((direction - y) / dense.sigma).max() < max(ROUNDING, m.case.rounding) * scale
@@ -133,11 +139,11 @@ def test_a_look_is_a_step_of_the_power_iteration(name):
 @pytest.mark.parametrize("sigmas", [0.1, 3.0])
 def test_the_power_iteration_finds_most_of_the_largest_eigenvalue(name, sigmas):
     m = moved(name, sigmas)
-    size, direction = turned(m.here, m.there, m.case.factor, None)
+    size, direction = largest_variance_error(m.here, m.there, m.case.factor, None)
     most = FREE_DATUM if m.case.solution.datum is not None else 1.0 + ROUNDING
     assert FIRST_LOOK * m.t < size < most * m.t
     for _ in range(11):
-        size, direction = turned(m.here, m.there, m.case.factor, direction)
+        size, direction = largest_variance_error(m.here, m.there, m.case.factor, direction)
     assert TWELVE * m.t < size < most * m.t
 
 
@@ -148,7 +154,7 @@ def test_predictions_bound_what_further_movement_in_the_same_direction_makes(nam
     look, later = moved(name, near), moved(name, far)
     nothing = np.zeros(0)
     curvature = look.left / look.length**2
-    drift = Drift(
+    drift = LinearisationDrift(
         nothing,
         look.left,
         look.t,
@@ -168,7 +174,7 @@ def test_predictions_bound_what_further_movement_in_the_same_direction_makes(nam
 def test_predictions_begin_at_the_look_and_grow_with_the_movement():
     """left + c ((l + a)² − l²) and t + r a after a movement a since the look at length l."""
     nothing = np.zeros(0)
-    drift = Drift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 3.0, nothing)
+    drift = LinearisationDrift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 3.0, nothing)
     assert drift.predicted(0.0, 3.0) == (0.01, 0.02)
     assert drift.predicted(1.0, 3.0) == pytest.approx((0.01 + 0.5 * (9.0 - 4.0), 0.02 * 1.5))
     anew = drift.anew()
@@ -179,7 +185,7 @@ def test_predictions_begin_at_the_look_and_grow_with_the_movement():
 def test_predictions_of_t_follow_the_angle_between_the_movements():
     """At a right angle t adds in squares, as lengths do; back over the way it does not shrink."""
     nothing = np.zeros(0)
-    drift = Drift(nothing, 0.0, 0.03, 2.0, 0.0, 0.02, 2.0, 1.0, nothing)
+    drift = LinearisationDrift(nothing, 0.0, 0.03, 2.0, 0.0, 0.02, 2.0, 1.0, nothing)
     for cosine, t in ((1.0, 0.07), (0.5, np.sqrt(9 + 12 + 16) / 100), (0.0, 0.05), (-1.0, 0.05)):
         assert drift.predicted(2.0, 1.0, cosine * 4.0)[1] == pytest.approx(t)
     assert drift.anew().predicted(2.0, 1.0, 0.0)[1] == pytest.approx(0.04)
@@ -188,7 +194,7 @@ def test_predictions_of_t_follow_the_angle_between_the_movements():
 def test_predicted_steps_are_at_least_half_of_those_of_one_direction():
     """Also where the state has followed its gradient, so that hardly anything was left."""
     nothing = np.zeros(0)
-    drift = Drift(nothing, 5e-4, 0.0, 10.0, 1e-4, 0.0, 10.0, 1.0, nothing)
+    drift = LinearisationDrift(nothing, 5e-4, 0.0, 10.0, 1e-4, 0.0, 10.0, 1.0, nothing)
     whole = 5e-4 + 1e-4 * (12.0**2 - 10.0**2)
     assert drift.predicted(2.0, 1.0)[0] == pytest.approx(whole)
     assert drift.predicted(2.0, 1.0, 0.0)[0] == pytest.approx(0.5 * whole)
@@ -196,22 +202,22 @@ def test_predicted_steps_are_at_least_half_of_those_of_one_direction():
 
 def test_nothing_is_predicted_where_a_row_has_determined_far_more():
     nothing = np.zeros(0)
-    drift = Drift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 3.0, nothing)
-    assert np.isfinite(drift.predicted(0.0, 3.0 * GAINED)).all()
-    assert drift.predicted(0.0, 3.0 * GAINED * 1.001) == (np.inf, np.inf)
+    drift = LinearisationDrift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 3.0, nothing)
+    assert np.isfinite(drift.predicted(0.0, 3.0 * MAX_GAIN_GROWTH)).all()
+    assert drift.predicted(0.0, 3.0 * MAX_GAIN_GROWTH * 1.001) == (np.inf, np.inf)
 
 
 def test_predictions_far_beyond_what_was_seen_are_enlarged():
     """They grow with two more powers of the length; without any movement nothing was seen."""
     nothing = np.zeros(0)
-    drift = Drift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 1.0, nothing)
-    there = FARTHER * 2.0
+    drift = LinearisationDrift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 1.0, nothing)
+    there = REACH_FACTOR * 2.0
     for by in (1.0, 1.5, 4.0):
         length = by * there
         plain = np.array((0.01 + 0.5 * (length**2 - 4.0), 0.02 + 0.01 * (length - 2.0)))
         assert drift.predicted(length - 2.0, 1.0) == pytest.approx(plain * by**2)
         plain = np.array((0.5 * length**2, 0.01 * length))
         assert drift.anew().predicted(length, 1.0) == pytest.approx(plain * by**2)
-    unseen = Drift(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, nothing)
+    unseen = LinearisationDrift(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, nothing)
     assert unseen.predicted(0.0, 1.0) == (0.0, 0.0)
     assert unseen.predicted(0.1, 1.0) == (np.inf, np.inf)

@@ -11,13 +11,13 @@ import factorgraph_adj as fga
 from factorgraph_adj.graph.variables import State
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import HorizontalDistance, ImagePoint
-from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.summary import summary
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.results_json import results_record
 from factorgraph_adj.report.text import protocol
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve.extrapolation import NONE_TAKEN, Extrapolation
-from factorgraph_adj.solve.run import Run
-from factorgraph_adj.solve.stopping import STOPPING, Stop
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.solve.adjustment_run import AdjustmentRun
+from factorgraph_adj.solve.convergence import STOPPING, StepRecord
+from factorgraph_adj.solve.gauss_newton_steps import NO_EXTRAPOLATIONS, Extrapolation
 
 
 def test_a_linear_iteration_with_few_slow_directions_ends_at_once() -> None:
@@ -80,7 +80,7 @@ def test_a_short_base_comes_to_rest(seed: int, monkeypatch: pytest.MonkeyPatch) 
     assert found.vtpv == pytest.approx(plain.vtpv, rel=1e-12)
     sigma = np.sqrt(np.diag(found.covariance("P0")))
     assert np.max(np.abs(found.point("P0") - plain.point("P0")) / sigma) < 1e-5
-    assert plain.extrapolated == NONE_TAKEN and not str(plain.extrapolated)
+    assert plain.extrapolated == NO_EXTRAPOLATIONS and not str(plain.extrapolated)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -88,11 +88,11 @@ def test_the_solution_says_what_extrapolations_gained(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The gain is that over the step alone, which is evaluated right before the extrapolation."""
-    plain = Run.vtpv
+    plain = AdjustmentRun.vtpv
     evaluated: list[float] = []
     taken: list[float] = []
 
-    def vtpv(run: Run, state: State) -> float:
+    def vtpv(run: AdjustmentRun, state: State) -> float:
         evaluated.append(plain(run, state))
         return evaluated[-1]
 
@@ -102,18 +102,18 @@ def test_the_solution_says_what_extrapolations_gained(
             taken.append(evaluated[0] - after)
         evaluated.clear()
 
-    monkeypatch.setattr(Run, "vtpv", vtpv)
+    monkeypatch.setattr(AdjustmentRun, "vtpv", vtpv)
     solution = fga.adjust(short_base(seed), progress=progress)
     found = solution.extrapolated
     assert found.count == len(taken) > 0
     assert found.gained == pytest.approx(sum(taken)) and found.gained > 0.0
     assert found.count < solution.iterations
     assert f"  extrapolations        {found}\n" in protocol(solution)
-    assert summary(Report(solution))["extrapolated"]["count"] == found.count
+    assert results_record(Report(solution))["extrapolated"]["count"] == found.count
 
 
 def test_what_was_gained_is_one_sentence() -> None:
-    once = NONE_TAKEN.with_one(2.5)
+    once = NO_EXTRAPOLATIONS.with_one(2.5)
     assert str(once) == "1 extrapolation of steps lowered vᵀPv by 2.5 more than the steps alone"
     twice = once.with_one(-1e-9)
     assert str(twice) == "2 extrapolations of steps lowered vᵀPv by 2.5 more than the steps alone"
@@ -123,12 +123,12 @@ def test_a_solution_without_extrapolations_does_not_mention_them() -> None:
     solution = fga.adjust(blundered_distances(1, 1e-3, (0.01,)))
     assert not solution.extrapolated.count
     assert "extrapolation" not in protocol(solution)
-    assert "extrapolated" not in summary(Report(solution))
+    assert "extrapolated" not in results_record(Report(solution))
 
 
 def test_extrapolations_without_progress_end_after_half_the_patience() -> None:
     """Steps of the same size below 1 σ that leave vᵀPv where it is."""
-    stop = Stop(1e-5).moved(0.5, 100.0, 100.0, plain=True)
+    stop = StepRecord(1e-5).moved(0.5, 100.0, 100.0, plain=True)
     taken = 0
     while not stop.in_vain:
         stop = stop.moved(0.5, 100.0, 100.0, plain=False)

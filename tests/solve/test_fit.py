@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from factorgraph_adj.solve.fit import fits_badly
+from factorgraph_adj.solve.minimum import fits_badly
 
 N, U = 400, 100
 """Numbers of observations and of unknowns."""

@@ -11,8 +11,8 @@ import factorgraph_adj as fga
 from factorgraph_adj.frames import LocalFrame
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.observations import NavigationAttitude, PhotoAttitude
-from factorgraph_adj.solve.datum import generators
-from factorgraph_adj.solve.linear import LinearisedEquations
+from factorgraph_adj.solve.datum_defects import generators
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 from tests.networks.small_flight import OFFSETS, SHIFT, TURNS, Plan, observed, plan_of
 
 

@@ -7,10 +7,14 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.graph.variables import State
-from factorgraph_adj.solve.datum import FreeDatum, find_defects, middle
-from factorgraph_adj.solve.free_network import datum_columns, moved_from, onto_constraints
-from factorgraph_adj.solve.linear import LinearisedEquations
-from factorgraph_adj.solve.similarity import transform
+from factorgraph_adj.solve.datum_defects import FreeDatum, extent_of, find_defects
+from factorgraph_adj.solve.inner_constraints import (
+    datum_columns,
+    displacement_from_start,
+    moved_by_similarity,
+    state_on_constraints,
+)
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 from factorgraph_adj.types import Array
 from tests.networks.free import FREE, adjusted
 from tests.networks.trilateration import trilateration
@@ -26,7 +30,7 @@ def bent(solution: fga.Solution, share: float, seed: int) -> State:
     state = dict(solution.state)
     free = solution.equations.unknowns["point"].free
     points = state["point"].copy()
-    _, extent = middle(state)
+    _, extent = extent_of(state)
     points += np.where(free, share * extent * rng.normal(size=points.shape), 0.0)
     state["point"] = points
     return state
@@ -46,12 +50,12 @@ def carried(
 
     first = defect_at(solution.state)
     columns = datum_columns(equations, first.motions, names)
-    _, extent = middle(solution.state)
+    _, extent = extent_of(solution.state)
     amounts = away * extent * rng.normal(size=first.size)
-    there = transform(equations, solution.state, first, amounts)
-    state = onto_constraints(equations, there, start, defect_at(there), columns)
+    there = moved_by_similarity(equations, solution.state, first, amounts)
+    state = state_on_constraints(equations, there, start, defect_at(there), columns)
     datum = FreeDatum(defect_at(state).motions, columns)
-    left = datum.project(moved_from(equations, state, start))
+    left = datum.project(displacement_from_start(equations, state, start))
     return state, datum.motions @ left, there
 
 
@@ -63,7 +67,7 @@ def test_inner_constraints_are_met_whatever_the_shape_of_the_approximate_coordin
     solution = adjusted(name, 0)
     start = bent(solution, share, 1)
     state, left, _ = carried(solution, 0.3, start, FREE[name][3], 2)
-    _, extent = middle(state)
+    _, extent = extent_of(state)
     rounding = 1e-15 * float(np.abs(state["point"]).max())
     assert np.abs(left).max() < EXACT * extent + rounding
 
@@ -81,7 +85,7 @@ def test_it_is_the_least_squares_similarity_of_all_points(seed):
     sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     scale = float(d @ sign) / float(np.sum(q * q))
     expected = wanted.mean(axis=0) + scale * q @ ((u * sign) @ vt).T
-    _, extent = middle(solution.state)
+    _, extent = extent_of(solution.state)
     assert np.abs(state["point"] - expected).max() < EXACT * extent
 
 

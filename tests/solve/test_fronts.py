@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from factorgraph_adj.solve.dissection import LEAF, Front, Pattern, dissect, dissect_parts
+from factorgraph_adj.errors import SingularError
 from factorgraph_adj.solve.fronts import BlockMatrix, Fronts
-from factorgraph_adj.solve.singular import SingularError
+from factorgraph_adj.solve.nested_dissection import (
+    MAX_LEAF_NODES,
+    BlockPattern,
+    Front,
+    dissect,
+    dissect_parts,
+)
 from factorgraph_adj.types import Array, Index
 
 
@@ -62,7 +68,7 @@ def alone() -> tuple[Array, float]:
 SHAPES = (strips, corridor, ring, everything_sees_everything, two_parts, alone)
 
 
-def random_matrix(pattern: Pattern, seed: int = 0) -> BlockMatrix:
+def random_matrix(pattern: BlockPattern, seed: int = 0) -> BlockMatrix:
     """Return a positive definite matrix of a pattern: its diagonal dominates."""
     rng = np.random.default_rng(seed)
     n, w, k = pattern.n, pattern.width, pattern.side
@@ -101,7 +107,7 @@ def dense(m: BlockMatrix) -> Array:
 def test_solution_and_selected_inverse_are_those_of_dense_matrices(shape, width, side) -> None:
     positions, reach = shape()
     pairs = near(positions, reach)
-    pattern = Pattern(len(positions), width, side, pairs[:, 0], pairs[:, 1])
+    pattern = BlockPattern(len(positions), width, side, pairs[:, 0], pairs[:, 1])
     m = random_matrix(pattern)
     whole = dense(m)
     inverse = np.linalg.inv(whole)
@@ -132,7 +138,7 @@ def test_parts_are_separated_by_the_nodes_that_both_halves_have() -> None:
         a, b = np.triu_indices(len(p), 1)
         codes.append(p[a] * len(at) + p[b])
     first, second = np.divmod(np.unique(np.concatenate(codes)), len(at))
-    pattern = Pattern(len(at), 2, 3, first, second)
+    pattern = BlockPattern(len(at), 2, 3, first, second)
     positions = np.column_stack([at, np.zeros(len(at))]).astype(float)
     fronts = dissect_parts(pattern, positions, parts)
     assert len(fronts[-1].own) == k * side + 1
@@ -150,7 +156,7 @@ def test_parts_are_separated_by_the_nodes_that_both_halves_have() -> None:
 def test_kept_columns_are_left_as_the_schur_complement(shape, width, side) -> None:
     positions, reach = shape()
     pairs = near(positions, reach)
-    pattern = Pattern(len(positions), width, side, pairs[:, 0], pairs[:, 1])
+    pattern = BlockPattern(len(positions), width, side, pairs[:, 0], pairs[:, 1])
     m = random_matrix(pattern)
     whole = dense(m)
     rng = np.random.default_rng(2)
@@ -191,7 +197,7 @@ def blocks(m: BlockMatrix) -> tuple[Array, ...]:
 def test_every_node_is_eliminated_once_and_children_before_their_parents(shape) -> None:
     positions, reach = shape()
     pairs = near(positions, reach)
-    fronts = dissect(Pattern(len(positions), 6, 0, pairs[:, 0], pairs[:, 1]), positions)
+    fronts = dissect(BlockPattern(len(positions), 6, 0, pairs[:, 0], pairs[:, 1]), positions)
     order = np.concatenate([f.own for f in fronts])
     np.testing.assert_array_equal(np.sort(order), np.arange(len(positions)))
     place = {id(f): i for i, f in enumerate(fronts)}
@@ -211,24 +217,24 @@ def test_fronts_stay_small_where_photos_see_their_neighbours_only() -> None:
     for shape in (strips, corridor, ring):
         positions, reach = shape()
         pairs = near(positions, reach)
-        fronts = dissect(Pattern(len(positions), 6, 0, pairs[:, 0], pairs[:, 1]), positions)
+        fronts = dissect(BlockPattern(len(positions), 6, 0, pairs[:, 0], pairs[:, 1]), positions)
         sizes[shape.__name__] = largest(fronts)
     assert sizes["strips"] <= 100
-    assert sizes["corridor"] <= LEAF + 8
+    assert sizes["corridor"] <= MAX_LEAF_NODES + 8
     assert sizes["ring"] <= 60
 
 
 def test_where_everything_sees_everything_there_is_one_front() -> None:
     positions, reach = everything_sees_everything()
     pairs = near(positions, reach)
-    assert len(dissect(Pattern(90, 6, 0, pairs[:, 0], pairs[:, 1]), positions)) == 1
+    assert len(dissect(BlockPattern(90, 6, 0, pairs[:, 0], pairs[:, 1]), positions)) == 1
 
 
 def test_without_positions_the_graph_tells_where_to_cut() -> None:
     positions, reach = corridor()
     pairs = near(positions, reach)
-    pattern = Pattern(len(positions), 6, 0, pairs[:, 0], pairs[:, 1])
-    assert largest(dissect(pattern, np.zeros_like(positions))) <= LEAF + 8
+    pattern = BlockPattern(len(positions), 6, 0, pairs[:, 0], pairs[:, 1])
+    assert largest(dissect(pattern, np.zeros_like(positions))) <= MAX_LEAF_NODES + 8
 
 
 def test_a_long_tie_lets_separators_grow() -> None:
@@ -238,10 +244,10 @@ def test_a_long_tie_lets_separators_grow() -> None:
     ties = np.array([[0, 219], [1, 218], [3, 210]])
     every = np.concatenate([pairs, ties])
     every = every[np.lexsort((every[:, 1], every[:, 0]))]
-    pattern = Pattern(220, 3, 1, every[:, 0], every[:, 1])
+    pattern = BlockPattern(220, 3, 1, every[:, 0], every[:, 1])
     m = random_matrix(pattern)
     fronts = dissect(pattern, positions)
-    assert largest(fronts) <= LEAF + 20
+    assert largest(fronts) <= MAX_LEAF_NODES + 20
     found = Fronts(fronts, m).inverse()
     np.testing.assert_allclose(found.diagonals, np.diag(np.linalg.inv(dense(m))), rtol=1e-11)
 
@@ -249,7 +255,7 @@ def test_a_long_tie_lets_separators_grow() -> None:
 def test_what_is_not_positive_definite_is_refused() -> None:
     positions, reach = corridor()
     pairs = near(positions, reach)
-    pattern = Pattern(220, 2, 1, pairs[:, 0], pairs[:, 1])
+    pattern = BlockPattern(220, 2, 1, pairs[:, 0], pairs[:, 1])
     for place in (0, 100, 219):
         m = random_matrix(pattern)
         m.diagonal[place] -= 2.0 * np.diag(np.diag(m.diagonal[place]))
@@ -264,7 +270,7 @@ def test_what_is_not_positive_definite_is_refused() -> None:
 def test_a_block_that_is_not_stored_is_not_zero_but_an_error() -> None:
     positions, reach = corridor()
     pairs = near(positions, reach)
-    pattern = Pattern(220, 2, 0, pairs[:, 0], pairs[:, 1])
+    pattern = BlockPattern(220, 2, 0, pairs[:, 0], pairs[:, 1])
     found = Fronts(dissect(pattern, positions), random_matrix(pattern)).inverse()
     with pytest.raises(IndexError, match="no block"):
         found.at(np.array([0]), np.array([2 * 150]))
@@ -273,7 +279,7 @@ def test_a_block_that_is_not_stored_is_not_zero_but_an_error() -> None:
 def test_pivots_are_those_of_the_order_of_elimination() -> None:
     positions, reach = ring()
     pairs = near(positions, reach)
-    pattern = Pattern(len(positions), 2, 2, pairs[:, 0], pairs[:, 1])
+    pattern = BlockPattern(len(positions), 2, 2, pairs[:, 0], pairs[:, 1])
     m = random_matrix(pattern)
     fronts = dissect(pattern, positions)
     found = Fronts(fronts, m)

@@ -7,8 +7,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.simulation import aerial_block
-from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
+from factorgraph_adj.simulation import simulated_blocks
+from factorgraph_adj.simulation.simulated_blocks import simulate_aerial_block
 from tests.benchmarks import colmap
 from tests.benchmarks.blocks import OVERLAPS, simulate_photos_alone
 from tests.benchmarks.grids import simulate_grid
@@ -42,8 +42,8 @@ def test_an_overlap_of_80_and_60_doubles_the_rays_of_a_point() -> None:
         made = simulate_aerial_block(1, image_points=60_000, overlap=overlap)
         point = made.network.images.columns()[1]
         centres = np.array([photo.position for photo in made.truth.photos.values()])
-        c = aerial_block.CALIBRATION["c"]
-        margin = aerial_block.HEIGHT / c * np.array(aerial_block.SENSOR) / 2
+        c = simulated_blocks.AERIAL_CALIBRATION["c"]
+        margin = simulated_blocks.HEIGHT / c * np.array(simulated_blocks.AERIAL_SENSOR_MM) / 2
         low, high = centres[:, :2].min(axis=0) + margin, centres[:, :2].max(axis=0) - margin
         ground = np.array(list(made.truth.points.values()))[:, :2]
         inner = np.all((ground > low) & (ground < high), axis=1)

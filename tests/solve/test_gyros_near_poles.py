@@ -12,7 +12,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.frames import TopocentricFrame
-from factorgraph_adj.simulation.simulate import disturb, measure
+from factorgraph_adj.simulation.measurement import disturb, measure
 from tests.support.dense import Dense
 from tests.support.inner import assert_sigmas, bordered, least_noticed
 

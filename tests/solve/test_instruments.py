@@ -14,9 +14,9 @@ import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import ControlPoint, FrameDirection, FrameZenith
-from factorgraph_adj.simulation.simulate import disturb, look_at, measure
-from factorgraph_adj.solve import elimination
-from factorgraph_adj.solve.inner import follow
+from factorgraph_adj.simulation.measurement import disturb, look_at, measure
+from factorgraph_adj.solve import elimination_layers
+from factorgraph_adj.solve.step_refinements import state_after_inner_iterations
 from factorgraph_adj.types import Array
 from tests.benchmarks.scans import hall, network_of
 from tests.networks.every_kind import FRAMES
@@ -101,8 +101,8 @@ def test_points_that_only_instruments_see_are_eliminated_first(
     network = NETWORKS[name]()
     by_qr = fga.adjust(network, tolerance=1e-8)
     expected, covariances = fga.reliability(by_qr), by_qr.point_covariances
-    monkeypatch.setattr(elimination, "LARGEST_TREE", 0)
-    monkeypatch.setattr(elimination, "FEW_PLACED", 0)
+    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
+    monkeypatch.setattr(elimination_layers, "MAX_PLACED_IN_BORDER", 0)
     solution = fga.adjust(network, tolerance=1e-8)
     assert solution.converged and solution.solver.layers.in_fronts
     assert not solution.solver.qr_everywhere
@@ -149,7 +149,7 @@ def test_points_follow_their_instruments() -> None:
     network = room_of(9, ["scanner"] * 10, points=12, held=3)
     solution = fga.adjust(network)
     equations = compile_network(network)
-    layers = elimination.layers_of(
+    layers = elimination_layers.layers_of(
         equations,
         reduce_points=True,
         touched=np.zeros(equations.unknowns.n_columns, dtype=bool),
@@ -159,7 +159,7 @@ def test_points_follow_their_instruments() -> None:
     wrong = {**solution.state, "point": solution.state["point"].copy()}
     rng = np.random.default_rng(1)
     wrong["point"][layers.reduced] += 0.02 * rng.normal(size=(9, 3))
-    found = follow(equations, layers, wrong, wrong)
+    found = state_after_inner_iterations(equations, layers, wrong, wrong)
     before, after = (_distance(s["point"], solution) for s in (wrong, found))
     assert after < 1e-3 * before
 

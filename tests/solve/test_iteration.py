@@ -15,28 +15,31 @@ from factorgraph_adj.graph.variables import State
 from factorgraph_adj.models.base import Linearised
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import HeightDifference, ImagePoint
-from factorgraph_adj.solve.damping import DAMPING, Damping
-from factorgraph_adj.solve.determine import drifting, name_overflow, refuse_unnoticed
-from factorgraph_adj.solve.iterate import iterate, step_from
-from factorgraph_adj.solve.run import Run
-from factorgraph_adj.solve.sides import (
-    before_the_cameras,
-    behind,
-    ended_behind,
-    refuse_points_behind,
+from factorgraph_adj.solve.adjustment_run import (
+    AdjustmentRun,
+    drift_reason,
+    raise_overflow,
+    refuse_undetermined,
 )
-from factorgraph_adj.solve.start import approximate_start
-from factorgraph_adj.solve.step import Attempt, Step
-from factorgraph_adj.solve.stopping import (
+from factorgraph_adj.solve.convergence import (
     STOPPING,
     Judgement,
-    Rest,
-    Stop,
-    at_rest,
-    cannot_tell,
+    SmallestStep,
+    StepRecord,
+    convergence_reason,
+    is_hidden_by_rounding,
     no_higher,
     no_worse,
 )
+from factorgraph_adj.solve.feasible_states import (
+    describe_points_behind,
+    is_behind_camera,
+    refuse_points_behind,
+    with_points_held_in_front,
+)
+from factorgraph_adj.solve.gauss_newton import iterate, step_from
+from factorgraph_adj.solve.gauss_newton_steps import DAMPING, Attempt, Damping, Step
+from factorgraph_adj.start.start_values import approximate_start
 from factorgraph_adj.types import Array
 from tests.benchmarks.grids import simulate_grid
 from tests.networks.small_block import small_block
@@ -138,20 +141,20 @@ def attempt(bound: float, before: float, after: float, *, decrease: float | None
 
 
 def test_a_step_that_brings_what_it_promises_is_taken() -> None:
-    judged = Stop(1e-5).judge(attempt(3.0, 100.0, 91.0), 100.0, damped=False)
+    judged = StepRecord(1e-5).judge(attempt(3.0, 100.0, 91.0), 100.0, damped=False)
     assert judged == Judgement(1.0, 3.0, small=False, accepted=True, done=False)
 
 
 @pytest.mark.parametrize("after", [100.0, 99.992, np.inf])
 def test_a_step_that_brings_next_to_nothing_is_not(after: float) -> None:
-    judged = Stop(1e-5).judge(attempt(3.0, 100.0, after), 100.0, damped=False)
+    judged = StepRecord(1e-5).judge(attempt(3.0, 100.0, after), 100.0, damped=False)
     assert judged.gain < STOPPING.worthwhile
     assert not judged.accepted
     assert not judged.small
 
 
 def test_a_small_undamped_step_is_the_last() -> None:
-    stop = Stop(1e-5)
+    stop = StepRecord(1e-5)
     judged = stop.judge(attempt(0.9e-5, 100.0, 100.0), 100.0, damped=False)
     assert (judged.small, judged.accepted, judged.done) == (True, True, True)
     assert judged.left == 0.9e-5
@@ -161,7 +164,7 @@ def test_a_small_undamped_step_is_the_last() -> None:
 
 def test_fast_convergence_says_what_is_left_after_a_step() -> None:
     """0.1 and then 0.001: what is left is 1e-5, but not after an extrapolation, nor from far."""
-    stop = Stop(1.1e-5, last=0.1)
+    stop = StepRecord(1.1e-5, last=0.1)
     last = attempt(1e-3, 100.0, 100.0 - 1e-6)
     judged = stop.judge(last, 100.0, damped=False)
     assert judged.left == pytest.approx(1e-5)
@@ -172,13 +175,15 @@ def test_fast_convergence_says_what_is_left_after_a_step() -> None:
     for rate in (0.2, 0.5, 0.8):  # a geometric series
         judged = replace(stop, last=1e-3 / rate).judge(last, 100.0, damped=False)
         assert judged.left == pytest.approx(1e-3 * sum(rate**k for k in range(1, 200)))
-    far = Stop(10.0, last=1e3).judge(attempt(STOPPING.close, 100.0, 99.0), 100.0, damped=False)
+    far = StepRecord(10.0, last=1e3).judge(
+        attempt(STOPPING.close, 100.0, 99.0), 100.0, damped=False
+    )
     assert far.left == STOPPING.close
 
 
 def test_what_is_expected_to_be_at_rest_is_looked_at() -> None:
     """The step from there is not taken where it confirms it, and counts where it does not."""
-    stop = replace(Stop(1e-5, last=0.01), expecting=True)
+    stop = replace(StepRecord(1e-5, last=0.01), expecting=True)
     confirmed = stop.judge(attempt(5e-6, 100.0, 100.0), 100.0, damped=False)
     assert (confirmed.arrived, confirmed.done) == (True, True)
     assert confirmed.left == pytest.approx(5e-6, rel=1e-3)
@@ -189,7 +194,7 @@ def test_what_is_expected_to_be_at_rest_is_looked_at() -> None:
 
 def test_below_the_resolution_of_the_coordinates_steps_are_rounding() -> None:
     """A state that is at rest stays: the next one may be further away. Few steps are in vain."""
-    stop = replace(Stop(1e-5, last=1.0), resolution=1e-3)
+    stop = replace(StepRecord(1e-5, last=1.0), resolution=1e-3)
     assert stop.judge(attempt(5e-6, 100.0, 100.0), 100.0, damped=False).arrived
     for _ in range(1 + STOPPING.in_vain // STOPPING.rounded):
         assert not stop.rest.exhausted
@@ -203,22 +208,24 @@ def test_below_the_resolution_of_the_coordinates_steps_are_rounding() -> None:
 
 
 def test_a_step_that_makes_it_worse_is_not_the_last() -> None:
-    judged = Stop(1e-5).judge(attempt(0.9e-5, 100.0, 100.1), 100.0, damped=False)
+    judged = StepRecord(1e-5).judge(attempt(0.9e-5, 100.0, 100.1), 100.0, damped=False)
     assert not judged.small
     assert not judged.accepted
 
 
 def test_where_vtpv_cannot_tell_steps_are_taken_and_not_the_last() -> None:
     """A step of 10⁻⁴ σ predicts 10⁻⁸ of vᵀPv = 10⁵."""
-    judged = Stop(1e-5).judge(attempt(1e-4, 1e5, 1e5 * (1 + 1e-10)), 1e5, damped=False)
+    judged = StepRecord(1e-5).judge(attempt(1e-4, 1e5, 1e5 * (1 + 1e-10)), 1e5, damped=False)
     assert (judged.small, judged.accepted, judged.done) == (True, True, False)
-    assert not Stop(1e-5).judge(attempt(1e-4, 1e5, 1e5 * (1 + 1e-8)), 1e5, damped=False).accepted
+    assert (
+        not StepRecord(1e-5).judge(attempt(1e-4, 1e5, 1e5 * (1 + 1e-8)), 1e5, damped=False).accepted
+    )
 
 
 def test_what_vtpv_can_tell() -> None:
-    assert cannot_tell(1e-4, 1e-8, 1e5)
-    assert not cannot_tell(1e-4, 1e-8, 1e3)
-    assert not cannot_tell(STOPPING.still, 1e-8, 1e5)
+    assert is_hidden_by_rounding(1e-4, 1e-8, 1e5)
+    assert not is_hidden_by_rounding(1e-4, 1e-8, 1e3)
+    assert not is_hidden_by_rounding(STOPPING.still, 1e-8, 1e5)
     assert no_worse(100.0 + 1e-5, 100.0)
     assert not no_worse(100.0 + 1e-3, 100.0)
     assert not no_worse(np.nan, 100.0)
@@ -232,7 +239,7 @@ def test_what_vtpv_can_tell() -> None:
 
 def test_the_smallest_step_counts_once_steps_do_not_shrink_any_more() -> None:
     states: list[State] = [{"point": np.full((1, 3), float(i))} for i in range(20)]
-    rest = Rest()
+    rest = SmallestStep()
     bounds = [1e-3, 1e-4, 2e-5, 1.9e-5, *(3e-5 for _ in range(9))]
     for bound, state in zip(bounds, states, strict=False):
         assert not rest.exhausted
@@ -244,14 +251,14 @@ def test_the_smallest_step_counts_once_steps_do_not_shrink_any_more() -> None:
 
 
 def test_steps_that_shrink_again_are_not_in_vain() -> None:
-    rest = Rest()
+    rest = SmallestStep()
     for bound in (1e-3, *([1e-3] * 9), 0.7e-3):
         rest = rest.with_step(bound, SOMEWHERE, 0.0)
     assert (rest.in_vain, rest.bound) == (0, 0.7e-3)
 
 
 def test_a_decrease_that_vtpv_can_tell_begins_anew() -> None:
-    stop = Stop(1e-5, rest=Rest(1e-4, SOMEWHERE, 9))
+    stop = StepRecord(1e-5, rest=SmallestStep(1e-4, SOMEWHERE, 9))
     hidden = attempt(1e-4, 1e5, 1e5)
     judged = stop.judge(hidden, 1e5, damped=False)
     assert stop.noted(hidden, judged, 1e5, SOMEWHERE).rest.exhausted
@@ -265,7 +272,7 @@ def test_a_decrease_that_vtpv_can_tell_begins_anew() -> None:
 
 
 def test_steps_without_progress_are_counted_in_a_row() -> None:
-    stop = Stop(1e-5, last=2.0)
+    stop = StepRecord(1e-5, last=2.0)
     for _ in range(STOPPING.patience):
         assert not stop.in_vain
         stop = stop.moved(2.0, 100.0, 100.0 - 1e-5, plain=True)
@@ -275,13 +282,13 @@ def test_steps_without_progress_are_counted_in_a_row() -> None:
 
 
 def test_an_extrapolation_pays_where_steps_shrink_slowly() -> None:
-    assert Stop(1e-5, last=1.0).slows_down(0.5)
-    assert not Stop(1e-5, last=1.0).slows_down(0.05)
-    assert not Stop(1e-5).slows_down(1e9), "of a first step nothing is known"
+    assert StepRecord(1e-5, last=1.0).slows_down(0.5)
+    assert not StepRecord(1e-5, last=1.0).slows_down(0.05)
+    assert not StepRecord(1e-5).slows_down(1e9), "of a first step nothing is known"
 
 
 def test_an_undamped_step_is_near_enough_by_either_criterion() -> None:
-    stop = Stop(1e-5)
+    stop = StepRecord(1e-5)
     assert stop.near_enough(0.9e-5, 1.0)
     assert stop.near_enough(1e-4, 1e5)
     assert not stop.near_enough(1e-4, 1.0)
@@ -289,14 +296,14 @@ def test_an_undamped_step_is_near_enough_by_either_criterion() -> None:
 
 
 def test_reasons_say_which_criterion_it_was() -> None:
-    assert at_rest(1e-6, 1e-5) == (
+    assert convergence_reason(1e-6, 1e-5) == (
         "at rest: no unknown is further than 1e-05 of its σ from the minimum"
     )
-    assert at_rest(2e-4, 1e-5) == (
+    assert convergence_reason(2e-4, 1e-5) == (
         "at rest: vᵀPv cannot tell any more; no unknown is further than 0.0002 of its σ from the "
         "minimum"
     )
-    assert at_rest(2e-4, 1e-5, 1e-3) == (
+    assert convergence_reason(2e-4, 1e-5, 1e-3) == (
         "at rest: the coordinates have no more digits; no unknown is further than 0.0002 of its σ "
         "from the minimum"
     )
@@ -320,15 +327,15 @@ def one_photo() -> tuple[fga.Network, State]:
 def test_points_that_a_step_takes_past_a_camera_stay_where_they_were() -> None:
     network, state = one_photo()
     equations = compile_network(network)
-    assert behind(equations, state).tolist() == [False, True]
+    assert is_behind_camera(equations, state).tolist() == [False, True]
     points = state["point"] + [[0.5, 0.0, 21.0], [0.5, 0.0, 1.0]]
-    kept = before_the_cameras(equations, state, {**state, "point": points})
+    kept = with_points_held_in_front(equations, state, {**state, "point": points})
     assert kept is not None
     np.testing.assert_array_equal(kept["point"][0], state["point"][0])
     # The other one was behind already.
     np.testing.assert_array_equal(kept["point"][1], points[1])
     fine = {**state, "point": state["point"] + 0.1}
-    assert before_the_cameras(equations, state, fine) is fine
+    assert with_points_held_in_front(equations, state, fine) is fine
 
 
 def test_a_camera_that_passes_its_points_has_no_state() -> None:
@@ -336,14 +343,14 @@ def test_a_camera_that_passes_its_points_has_no_state() -> None:
     equations = compile_network(network)
     pose = state["pose"].copy()
     pose[0, 11] = -1.0
-    assert before_the_cameras(equations, state, {**state, "pose": pose}) is None
+    assert with_points_held_in_front(equations, state, {**state, "pose": pose}) is None
 
 
 @pytest.mark.parametrize(("part", "kept"), [(0.6, True), (0.4, False), (-1.0, False), (9.0, True)])
 def test_a_step_leaves_half_of_a_principal_distance(part: float, kept: bool) -> None:
     network, state = one_photo()
     moved = {**state, "calibration": state["calibration"] * [part, 1.0, 1.0]}
-    found = before_the_cameras(compile_network(network), state, moved)
+    found = with_points_held_in_front(compile_network(network), state, moved)
     assert (found is moved) is kept
     assert kept or found is None
 
@@ -351,12 +358,12 @@ def test_a_step_leaves_half_of_a_principal_distance(part: float, kept: bool) -> 
 def test_an_iteration_says_which_points_it_has_taken_behind_cameras() -> None:
     network, state = one_photo()
     equations = compile_network(network)
-    assert ended_behind(equations, state, state) == ""
+    assert describe_points_behind(equations, state, state) == ""
     far = {**state, "point": state["point"] + [0.0, 0.0, 30.0]}
-    assert ended_behind(equations, state, far) == (
+    assert describe_points_behind(equations, state, far) == (
         "the point of image f P ended behind the camera, which saw it at the start"
     )
-    assert ended_behind(equations, far, state) == ""
+    assert describe_points_behind(equations, far, state) == ""
 
 
 def test_points_behind_their_camera_are_refused_by_name() -> None:
@@ -373,11 +380,11 @@ def test_points_behind_their_camera_are_refused_by_name() -> None:
 # -- the loop --------------------------------------------------------------------------------------
 
 
-def begun(network: fga.Network) -> Run:
+def begun(network: fga.Network) -> AdjustmentRun:
     equations = compile_network(network)
     start = approximate_start(equations, network.datum, None)
     weighted = equations.weighted_at(start.state)
-    return Run.at(weighted, start.state, start.origin, free=network.datum == "free")
+    return AdjustmentRun.at(weighted, start.state, start.origin, free=network.datum == "free")
 
 
 def test_a_linear_network_is_at_rest_after_one_step_and_another_to_know_it() -> None:
@@ -392,7 +399,7 @@ def test_a_linear_network_is_at_rest_after_one_step_and_another_to_know_it() -> 
         run, tolerance=1e-5, max_iterations=9, progress=lambda *figures: told.append(figures)
     )
     assert (ended.iterations, ended.converged) == (2, True)
-    assert ended.reason == at_rest(0.0, 1e-5)
+    assert ended.reason == convergence_reason(0.0, 1e-5)
     assert ended.vtpv == pytest.approx(2.0)
     assert run.state["point"][1, 2] == pytest.approx(1.001)
     assert [i for i, _, _ in told] == [1, 2]
@@ -415,23 +422,23 @@ def test_residuals_that_are_not_finite_are_named_with_their_observations() -> No
         "point": run.state["point"] + [[0.0] * 3, [0.0, 0.0, np.inf], [0] * 3],
     }
     with pytest.raises(fga.InputError) as caught:
-        name_overflow(run)
+        raise_overflow(run)
     assert str(caught.value) == "height_difference A B: its residual is not a finite number"
 
 
 def test_unknowns_that_drift_are_named() -> None:
     run = begun(small_block())
-    assert drifting(run, 2.0).endswith("(by up to 2 σ): some of them are nearly undetermined")
+    assert drift_reason(run, 2.0).endswith("(by up to 2 σ): some of them are nearly undetermined")
     run.drifting = (("point", "P9"), ("pose", "F1"))
-    assert drifting(run, 0.5).endswith("are nearly undetermined: point 'P9', photo 'F1'")
+    assert drift_reason(run, 0.5).endswith("are nearly undetermined: point 'P9', photo 'F1'")
     run.drifting = tuple(("point", f"P{i}") for i in range(1, 13))
-    assert " more" in drifting(run, 0.5)
+    assert " more" in drift_reason(run, 0.5)
 
 
 def test_a_pivot_that_is_poor_without_reason_is_let_pass() -> None:
     """A small pivot is only the occasion to look: this network has no motion of its own."""
     run = begun(small_block())
-    refuse_unnoticed(run, run.normal_at(run.state))
+    refuse_undetermined(run, run.normal_at(run.state))
 
 
 def test_a_system_that_cannot_be_factorised_names_what_is_undetermined() -> None:
@@ -443,7 +450,7 @@ def test_a_system_that_cannot_be_factorised_names_what_is_undetermined() -> None
     run = begun(network)
     # Both heights lie in one plumb line, so that rotations and scale could stand for the shift.
     with pytest.raises(fga.DatumError, match="datum defect 1: missing shift in z\n"):
-        refuse_unnoticed(run, run.normal_at(run.state))
+        refuse_undetermined(run, run.normal_at(run.state))
 
 
 def test_an_iteration_that_may_take_no_steps_has_gone_nowhere() -> None:

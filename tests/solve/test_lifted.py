@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from factorgraph_adj.solve.lifted import SAMPLES, Lifted
+from factorgraph_adj.solve.linear_base import SIGMA_SAMPLES, ReducedCofactors
 from factorgraph_adj.types import Array, Index
 from tests.networks.eliminated import ELIMINATED, FIRST_LAYER, FRONTS, eliminated
 
@@ -20,7 +20,7 @@ class Coordinates:
         self.dense, self.points, self.rounding = case.dense, case.points, case.rounding
         self.n = len(case.dense.free)
         self.others = case.others
-        self.lifted = Lifted(case.solution)
+        self.lifted = ReducedCofactors(case.solution)
         chosen = np.random.default_rng(3).permutation(len(self.points))
         chosen = chosen[: (len(self.points) + 1) // 2]
         self.slots = {int(point): slot for slot, point in enumerate(chosen)}
@@ -164,6 +164,6 @@ def test_standard_deviations_are_estimated_to_about_a_fifth(name):
     expected = np.sqrt(np.einsum("ij,ij->i", x, x))
     moves = expected > 1e-4 * c.dense.sigma
     ratio = c.lifted.sigma[moves] / expected[moves]
-    assert np.sqrt(np.mean((ratio - 1.0) ** 2)) < 1.5 / np.sqrt(2 * SAMPLES)
+    assert np.sqrt(np.mean((ratio - 1.0) ** 2)) < 1.5 / np.sqrt(2 * SIGMA_SAMPLES)
     assert ratio.min() > 0.3 and ratio.max() < 2.0
     assert np.all(c.lifted.sigma[~moves] < 2e-4 * c.dense.sigma[~moves])

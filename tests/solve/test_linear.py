@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.graph import image_chunks
+from factorgraph_adj.graph import image_blocks
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.observations import (
     Correlated,
@@ -19,7 +19,7 @@ from factorgraph_adj.observations import (
     HeightDifference,
     SlopeDistance,
 )
-from factorgraph_adj.solve.linear import LinearisedEquations
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 from factorgraph_adj.types import Array, Index
 from tests.networks.simulated import NETWORKS
 from tests.networks.small_block import small_block
@@ -124,7 +124,7 @@ def test_kinds_that_are_held_have_no_partials(name, kinds):
 
 
 def test_rows_of_photos_in_several_chunks(monkeypatch):
-    monkeypatch.setattr(image_chunks, "RAYS", 25)
+    monkeypatch.setattr(image_blocks, "RAYS", 25)
     system, a = linearised("aerial block")
     assert any(len(chunks.chunks) > 1 for chunks in system.equations.rays.values())
     for seed in range(3):

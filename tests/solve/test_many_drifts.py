@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve import elimination
+from factorgraph_adj.solve import elimination_layers
 from tests.networks.drifting_block import drifting_block
 
 DRIFTS = 12
@@ -18,7 +18,7 @@ def block() -> fga.Network:
 
 @pytest.fixture
 def always_in_fronts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(elimination, "LARGEST_TREE_BESIDE_CAMERAS", 0)
+    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES_BESIDE_CAMERAS", 0)
 
 
 def test_drifts_and_what_all_photos_share_have_the_same_adjustment(
@@ -26,12 +26,12 @@ def test_drifts_and_what_all_photos_share_have_the_same_adjustment(
 ) -> None:
     """Estimates to 1e-6 σ, covariances to 1e-6, redundancy numbers to 1e-8."""
     network = block()
-    monkeypatch.setattr(elimination, "MOST_JOINED", 1000)
+    monkeypatch.setattr(elimination_layers, "MAX_PHOTOS_JOINED", 1000)
     by_qr = fga.adjust(network)
     assert not by_qr.solver.layers.in_fronts
     expected = fga.reliability(by_qr)
-    monkeypatch.setattr(elimination, "LARGEST_TREE_BESIDE_CAMERAS", 0)
-    monkeypatch.setattr(elimination, "MOST_JOINED", 30)
+    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES_BESIDE_CAMERAS", 0)
+    monkeypatch.setattr(elimination_layers, "MAX_PHOTOS_JOINED", 30)
     solution = fga.adjust(network)
     layers = solution.solver.layers
     assert layers.in_fronts
@@ -63,19 +63,19 @@ def test_drifts_do_not_fill_the_border(always_in_fronts: None) -> None:
     nodes = solution.factor.nodes
     assert nodes is not None
     assert nodes.side < 20
-    assert nodes.width <= elimination.WIDEST_OF_PHOTOS
+    assert nodes.width <= elimination_layers.MAX_PHOTO_NODE_COMPONENTS
 
 
 def test_more_drifts_than_full_columns_may_be_are_in_fronts(
     monkeypatch: pytest.MonkeyPatch, always_in_fronts: None
 ) -> None:
     """With the arm GTSAM would leave a dense matrix over all photos."""
-    monkeypatch.setattr(elimination, "MOST_SPREAD", 1)
+    monkeypatch.setattr(elimination_layers, "MAX_SPREAD_VARIABLES", 1)
     assert fga.adjust(block()).solver.layers.in_fronts
 
 
 def test_a_few_drifts_make_no_node_wider(always_in_fronts: None) -> None:
-    few = elimination.FEW_PLACED - 3
+    few = elimination_layers.MAX_PLACED_IN_BORDER - 3
     solution = fga.adjust(drifting_block(few, photos_each=5, points_per_photo=40))
     assert not solution.solver.layers.alone
 

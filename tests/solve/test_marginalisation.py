@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve.linear import LinearisedEquations
-from factorgraph_adj.solve.marginalisation import marginalised
-from factorgraph_adj.solve.normal import NormalEquations, Solver
-from factorgraph_adj.solve.singular import SingularError
+from factorgraph_adj.errors import SingularError
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
+from factorgraph_adj.solve.marginalisation import marginalise
+from factorgraph_adj.solve.normal_equations import NormalEquations, Solver
 from tests.networks.small_block import columns_of, rows_of, small_block
 
 
@@ -41,7 +41,7 @@ def test_rows_have_the_normal_matrix_gradient_and_sum_of_squares_of_what_they_st
     normal = NormalEquations(Solver.of(solution.equations), state)
     first, second = ("P3", "P5", "P8"), ("P1", "P6")
     rows, gone = rows_of(solution, *first), columns_of(solution, *first)
-    found = marginalised(normal, rows, gone)
+    found = marginalise(normal, rows, gone)
     a, v = dense(normal.system)
     n, g, vtpv = schur(a[rows], v[rows], np.concatenate(gone))
     extra = found.prior.at(solution.equations, state).rows
@@ -60,7 +60,7 @@ def test_rows_have_the_normal_matrix_gradient_and_sum_of_squares_of_what_they_st
     # A second time, with these rows in the place of the others.
     again = NormalEquations(Solver.of(solution.equations, extra), state, extra)
     more = np.setdiff1d(rows_of(solution, *second), rows)
-    later = marginalised(again, more, columns_of(solution, *second), *found)
+    later = marginalise(again, more, columns_of(solution, *second), *found)
     both = np.union1d(rows, more)
     n, g, vtpv = schur(a[both], v[both], np.concatenate(columns_of(solution, *first, *second)))
     scale = np.outer(lengths(a[both]), lengths(a[both]))
@@ -76,4 +76,4 @@ def test_an_unknown_that_its_rows_do_not_determine_is_refused():
     solution = fga.adjust(small_block())
     normal = solution.normal()
     with pytest.raises(SingularError):
-        marginalised(normal, rows_of(solution, "P3")[:2], columns_of(solution, "P3"))
+        marginalise(normal, rows_of(solution, "P3")[:2], columns_of(solution, "P3"))

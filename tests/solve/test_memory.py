@@ -7,8 +7,8 @@ import tracemalloc
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
-from factorgraph_adj.solve import memory
+from factorgraph_adj.simulation.simulated_blocks import simulate_aerial_block
+from factorgraph_adj.solve import machine_limits
 from tests.benchmarks.grids import simulate_grid
 from tests.networks.small_block import small_block
 
@@ -45,26 +45,26 @@ def test_the_estimate_grows_with_what_is_measured() -> None:
         fga.memory_needed(simulate_aerial_block(1, image_points=n).network)
         for n in (10_000, 20_000)
     )
-    once = memory.CHUNK  # the temporaries of one chunk
+    once = machine_limits.CHUNK_BYTES  # the temporaries of one chunk
     assert 1.8 < (large.partials - once) / (small.partials - once) < 2.2
     assert large.points > small.points and large.fronts > small.fronts
 
 
 def test_what_does_not_fit_is_refused_with_both_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     network = NETWORKS["photos"]()
-    monkeypatch.setattr(memory, "WORTH_SAYING", 0.0)
-    monkeypatch.setattr(memory, "available", lambda: 1e6)
+    monkeypatch.setattr(machine_limits, "MIN_BYTES_CHECKED", 0.0)
+    monkeypatch.setattr(machine_limits, "free_memory_bytes", lambda: 1e6)
     with pytest.raises(fga.InputError, match=r"takes about 0\.\d\d GB, .* and 0\.00 GB of memory"):
         fga.adjust(network)
-    monkeypatch.setattr(memory, "available", lambda: 1e12)
+    monkeypatch.setattr(machine_limits, "free_memory_bytes", lambda: 1e12)
     assert fga.adjust(network).converged
 
 
 def test_free_memory_is_known_or_infinite(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert memory.available() > 1e6
+    assert machine_limits.free_memory_bytes() > 1e6
 
     def nothing(*_: object, **__: object) -> None:
         raise OSError
 
     monkeypatch.setattr("builtins.open", nothing)
-    assert memory.available() == float("inf")
+    assert machine_limits.free_memory_bytes() == float("inf")

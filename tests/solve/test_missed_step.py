@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve.marginalisation import marginalised
-from factorgraph_adj.solve.missed_step import MissedStep
+from factorgraph_adj.solve.marginalisation import MissedStep, marginalise
 from tests.networks.moved_after_retirement import two_points_by_distances
 from tests.networks.small_block import columns_of, rows_of, small_block
 
@@ -30,7 +29,7 @@ def example():
     """Return a block, its rows that touch two points, and what linear rows miss of them."""
     solution = fga.adjust(small_block())
     rows = rows_of(solution, *GONE)
-    found = marginalised(solution.normal(), rows, columns_of(solution, *GONE))
+    found = marginalise(solution.normal(), rows, columns_of(solution, *GONE))
     columns = found.prior.at(solution.equations, solution.state).rows[0].columns
     return solution, rows, found, columns
 
@@ -96,7 +95,7 @@ def test_what_linear_rows_miss_grows_with_their_curvature():
     for by in (1.0, 0.1):
         solution = fga.adjust(two_points_by_distances(0.2 * by))
         rows = rows_of(solution, "Q")
-        found = marginalised(solution.normal(), rows, columns_of(solution, "Q"))
+        found = marginalise(solution.normal(), rows, columns_of(solution, "Q"))
         sizes.append(float(np.linalg.norm(found.missed.quadratic)))
     assert sizes[0] > 1e-3
     assert sizes[1] == pytest.approx(0.1 * sizes[0], rel=0.01)

@@ -8,8 +8,8 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.observations import HeightDifference
-from factorgraph_adj.solve import rank
-from factorgraph_adj.solve.linear import LinearisedEquations
+from factorgraph_adj.solve import undetermined_unknowns
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 
 PAIRS = 10
 """Number of pairs of heights that hang on one weak reading: more than are searched first."""
@@ -32,11 +32,11 @@ def heights(open_pairs: int) -> fga.Network:
 def test_weak_combinations_hide_no_null_vector_of_a_large_network(
     open_pairs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert min(rank.FEW) < PAIRS
-    monkeypatch.setattr(rank, "LARGE", 2)
+    assert min(undetermined_unknowns.FIRST_NULL_VECTORS) < PAIRS
+    monkeypatch.setattr(undetermined_unknowns, "MIN_LARGE_NETWORK_COLUMNS", 2)
     equations = compile_network(heights(open_pairs))
     system = LinearisedEquations(equations, equations.unknowns.start())
-    z = rank.null_space(system, system.diagonal())
+    z = undetermined_unknowns.null_space(system, system.diagonal())
     assert z.shape[1] == open_pairs
     share = np.sum(z**2, axis=1)
     unknowns = equations.unknowns

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from factorgraph_adj.solve.prior import Marginal, marginal
+from factorgraph_adj.solve.added_factors import MarginalPrior, marginal_prior
 from factorgraph_adj.types import Array, Index
 from tests.networks.eliminated import ELIMINATED, FIRST_LAYER, eliminated
 
@@ -44,10 +44,10 @@ class Divided:
         self.free = unknowns.free[self.columns]
 
     @property
-    def known(self) -> Marginal:
+    def known(self) -> MarginalPrior:
         t = self.columns
         q = self.case.dense.q[np.ix_(t, t)]
-        out = marginal(self.case.solution.normal(), t, q, self.points, self.rows)
+        out = marginal_prior(self.case.solution.normal(), t, q, self.points, self.rows)
         assert out is not None
         return out
 
@@ -148,4 +148,4 @@ def test_rows_that_touch_something_else_are_refused():
     d = divided("mixed", 1)
     t = d.columns[6:] if d.system.unknowns.owners(d.columns[:1])[0][0] == "pose" else d.columns[3:]
     q = d.case.dense.q[np.ix_(t, t)]
-    assert marginal(d.case.solution.normal(), t, q, d.points, d.rows) is None
+    assert marginal_prior(d.case.solution.normal(), t, q, d.points, d.rows) is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from factorgraph_adj.graph import image_chunks
+from factorgraph_adj.graph import image_blocks
 from factorgraph_adj.network.network import Network
 from tests.networks.eliminated import CASES, ELIMINATED, FIRST_LAYER, Eliminated, eliminated
 from tests.support.dense import inverse
@@ -72,7 +72,7 @@ def test_a_point_follows_the_unknowns_of_its_photos(name):
 
 @pytest.mark.parametrize("name", ["photos", "mixed, own cameras"])
 def test_chunks_that_cut_photos_change_nothing(name, monkeypatch):
-    monkeypatch.setattr(image_chunks, "RAYS", FEW_RAYS)
+    monkeypatch.setattr(image_blocks, "RAYS", FEW_RAYS)
     network: Network = CASES[name]()
     case = Eliminated(network)
     assert case.factor.points is not None

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.factor_graph.build import build_graph
-from factorgraph_adj.solve import elimination
-from factorgraph_adj.solve.batch import adjust
-from factorgraph_adj.solve.factor import Plan
+from factorgraph_adj.factor_graph.network_graph import build_graph
+from factorgraph_adj.solve import elimination_layers
+from factorgraph_adj.solve.adjustment import adjust
+from factorgraph_adj.solve.factorisation import EliminationPlan
+from factorgraph_adj.solve.gauss_newton_steps import Step
+from factorgraph_adj.solve.given_state import solution_after_step
 from factorgraph_adj.solve.minimum import readjust
-from factorgraph_adj.solve.reweigh import stepped
-from factorgraph_adj.solve.step import Step
 from factorgraph_adj.types import Array
 from tests.networks.adjusted import ADJUSTED
 from tests.networks.small_block import small_block
@@ -49,14 +49,14 @@ def test_adjusting_again_with_other_weights_is_adjusting(
     )
     expected = adjust(solution.network, start=solution, weights=weights)
     made = 0
-    of = Plan.of.__func__  # type: ignore[attr-defined]
+    of = EliminationPlan.of.__func__  # type: ignore[attr-defined]
 
-    def counted(cls: type[Plan], *args: object) -> Plan:
+    def counted(cls: type[EliminationPlan], *args: object) -> EliminationPlan:
         nonlocal made
         made += 1
         return of(cls, *args)
 
-    monkeypatch.setattr(Plan, "of", classmethod(counted))
+    monkeypatch.setattr(EliminationPlan, "of", classmethod(counted))
     once = readjust(solution, weights)
     twice = readjust(readjust(solution, 1.0 / weights), weights)
     assert made == 0
@@ -76,17 +76,17 @@ def test_adjusting_again_with_other_weights_is_adjusting(
 def test_a_step_with_other_weights_leads_to_their_minimum(
     largest_tree: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(elimination, "LARGEST_TREE_BESIDE_CAMERAS", largest_tree)
+    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES_BESIDE_CAMERAS", largest_tree)
     solution = adjust(small_block(seed=2))
     weights = weights_of(solution.equations.n_rows)
-    here = stepped(solution, np.zeros(solution.equations.unknowns.n_columns), weights)
+    here = solution_after_step(solution, np.zeros(solution.equations.unknowns.n_columns), weights)
     assert not here.converged
     assert here.solver.plan is solution.solver.plan
     far = Step.of(here.factor, here.normal().gradient)
-    there = stepped(here, far.movement, weights)
+    there = solution_after_step(here, far.movement, weights)
     near = Step.of(there.factor, there.normal().gradient)
     assert near.bound < 0.05 * far.bound
-    again = stepped(there, near.movement, weights)
+    again = solution_after_step(there, near.movement, weights)
     expected = adjust(solution.network, start=solution, weights=weights)
     # Lengths of sights, on which some weights depend, have moved by 1e-7.
     assert again.vtpv == pytest.approx(expected.vtpv, rel=1e-6)

@@ -11,10 +11,10 @@ import pytest
 from factorgraph_adj import DatumError, InputError, Network, adjust, reliability
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.models.variables import UNKNOWNS
-from factorgraph_adj.network.rigs import RIGID
+from factorgraph_adj.network.composite_unknowns import RIGID
 from factorgraph_adj.observations import PhotoPosition, RelativePosition, RelativeRotation
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.aerial_rig import aerial_rig
 from tests.networks.exact_rig import adjust_exactly
 from tests.networks.odometry import ZERO, odometry

@@ -13,10 +13,10 @@ import factorgraph_adj as fga
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import FrameCoordinate
-from factorgraph_adj.quality.systematic import significance
-from factorgraph_adj.report.tables import write_solution
+from factorgraph_adj.quality.parameter_significance import significance
+from factorgraph_adj.report.result_files import write_solution
 from factorgraph_adj.rotation import exp_rotation, log_rotation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
 from tests.networks.rigs import rig
 from tests.networks.three_frames import three_frames

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve.dissection import LEAF
-from factorgraph_adj.solve.normal import NormalEquations, Solver
+from factorgraph_adj.solve.nested_dissection import MAX_LEAF_NODES
+from factorgraph_adj.solve.normal_equations import NormalEquations, Solver
 from factorgraph_adj.types import Array
 from tests.networks.shapes import SHAPES
 
@@ -77,7 +77,7 @@ def test_the_order_is_that_of_the_shape(name: str) -> None:
     if name == "unordered":
         assert sizes == [n]
     else:
-        assert len(sizes) > 1 and max(sizes) <= 2 * LEAF
+        assert len(sizes) > 1 and max(sizes) <= 2 * MAX_LEAF_NODES
 
 
 @pytest.mark.parametrize("damping", [1e-6, 1e-2])

@@ -7,7 +7,7 @@ import pytest
 
 from factorgraph_adj import IncrementalAdjustment, Network, adjust
 from factorgraph_adj.observations import GnssVector, OnPlane, PlaneDistance
-from factorgraph_adj.solve.shapes_anew import turned_round
+from factorgraph_adj.solve.shape_minimum import with_shape_reversed
 from factorgraph_adj.types import Array
 
 MM = 1e-3
@@ -71,8 +71,8 @@ def test_the_sense_does_not_depend_on_when_the_distance_arrives(first: str) -> N
 
 def test_turned_twice_a_frame_is_as_it_was_and_once_a_plane_fits_as_well() -> None:
     solution = adjust(room(HIGH))
-    once = turned_round(solution.state, 0)
-    assert np.allclose(turned_round(once, 0)["frame"], solution.state["frame"], atol=1e-15)
+    once = with_shape_reversed(solution.state, 0)
+    assert np.allclose(with_shape_reversed(once, 0)["frame"], solution.state["frame"], atol=1e-15)
     assert not np.allclose(once["frame"], solution.state["frame"])
     v = solution.equations.residuals(once)
     assert np.isclose(v @ v, solution.vtpv, rtol=1e-9)

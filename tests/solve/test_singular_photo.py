@@ -13,11 +13,11 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli import main as cli
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.io.write_project import write_project
+from factorgraph_adj.io.project_writer import write_project
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import HorizontalDistance, ImagePoint, SlopeDistance
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import disturb, look_at, measure
+from factorgraph_adj.simulation.measurement import disturb, look_at, measure
 from factorgraph_adj.types import Array
 from tests.support.dense import Dense
 

@@ -16,8 +16,8 @@ from factorgraph_adj.observations import (
     HeightDifference,
     SlopeDistance,
 )
-from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
-from factorgraph_adj.solve.normal import NormalEquations, Solver
+from factorgraph_adj.simulation.simulated_blocks import simulate_aerial_block
+from factorgraph_adj.solve.normal_equations import NormalEquations, Solver
 from tests.networks.exchanged_day import day
 from tests.networks.total_station import MILLIMETRE, POINTS, total_station
 

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.factor_graph.build import build_graph
+from factorgraph_adj.factor_graph.network_graph import build_graph
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.observations import HeightDifference, SlopeDistance
-from factorgraph_adj.solve.extra import Extra
-from factorgraph_adj.solve.linear import ExtraRows
-from factorgraph_adj.solve.normal import NormalEquations, Solver
+from factorgraph_adj.solve.added_factors import AddedFactors
+from factorgraph_adj.solve.linearised_equations import ExtraRows
+from factorgraph_adj.solve.normal_equations import NormalEquations, Solver
 from factorgraph_adj.solve.solution import Solution
-from factorgraph_adj.solve.start import Start
+from factorgraph_adj.start.start_values import Start
 from tests.networks.simulated import free_block, gnss, own_cameras, weighted_photos
 from tests.networks.small_block import small_block
 from tests.networks.total_station import total_station
@@ -191,17 +191,17 @@ def test_rows_of_factors_belong_to_one_state() -> None:
     network, factors = with_factor(small_block())
     equations = compile_network(network)
     state = fga.adjust(network).state
-    extra = Extra(tuple(factors)).at(equations, state)
+    extra = AddedFactors(tuple(factors)).at(equations, state)
     length = np.linalg.norm(np.subtract(*(state["point"][[7 + 2, 2]])))
     assert extra.rows[0].residual == pytest.approx([(length - 6.5) / 0.01])
     moved = {**state, "point": 1.1 * state["point"]}
     assert extra.at(equations, moved).rows[0].residual == pytest.approx(
         [(1.1 * length - 6.5) / 0.01]
     )
-    assert Extra().at(equations, state).rows == ()
-    assert Extra().n_rows == 0
+    assert AddedFactors().at(equations, state).rows == ()
+    assert AddedFactors().n_rows == 0
     nothing = ExtraRows(np.zeros(0, dtype=np.intp), np.zeros((2, 0)), np.zeros(2))
-    assert Extra(rows=(nothing, nothing)).n_rows == 4
+    assert AddedFactors(rows=(nothing, nothing)).n_rows == 4
 
 
 # -- starts ---------------------------------------------------------------------------------------
@@ -227,7 +227,7 @@ def test_values_of_another_network_are_found_by_name() -> None:
     again = fga.adjust(fewer, start=Start.of(solution))
     assert again.converged
     unknowns = compile_network(fewer).unknowns
-    carried = Start.of(solution).carried_to(unknowns)
+    carried = Start.of(solution).for_unknowns(unknowns)
     assert carried is not None
     assert carried.unknowns is unknowns
     numbers = [unknowns["point"].number[n] for n in network.points]
@@ -241,7 +241,7 @@ def test_a_start_that_lacks_values_is_none() -> None:
     more = network.copy()
     more.add_point("new")
     more.add(SlopeDistance("S1", "new", 10.0, sigma=0.01))
-    assert start.carried_to(compile_network(more).unknowns) is None
+    assert start.for_unknowns(compile_network(more).unknowns) is None
 
 
 def test_x0_is_that_of_the_start() -> None:

@@ -12,8 +12,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.solve.minimum import LOWER_MINIMUM_POSSIBLE, adjust_from
-from factorgraph_adj.solve.start import Start, approximate_start
+from factorgraph_adj.solve.minimum import LOWER_MINIMUM_NOTE, adjust_from_start
+from factorgraph_adj.start.start_values import Start, approximate_start
 from tests.benchmarks.starts import Compared, centres_off, compare
 from tests.networks.poor_starts import WRONG, poor_start, right_pixels
 from tests.support.other_solvers import cost, native
@@ -68,12 +68,12 @@ def test_a_bad_fit_that_was_reached_from_afar_says_that_a_lower_minimum_may_exis
     solution = fga.adjust(bad)
     assert solution.converged
     assert solution.vtpv > 10.0 * solution.redundancy
-    assert LOWER_MINIMUM_POSSIBLE in solution.reason
+    assert LOWER_MINIMUM_NOTE in solution.reason
     solution = fga.adjust(good)
     assert solution.converged
-    assert LOWER_MINIMUM_POSSIBLE not in solution.reason
+    assert LOWER_MINIMUM_NOTE not in solution.reason
     near = fga.adjust(bad, start=fga.adjust(bad))
-    assert near.converged and LOWER_MINIMUM_POSSIBLE not in near.reason
+    assert near.converged and LOWER_MINIMUM_NOTE not in near.reason
 
 
 @LONG
@@ -107,15 +107,15 @@ def test_the_given_values_are_tried_where_the_start_that_replaced_them_fails() -
     network = poor_start("principal distance off by half", 1)
     equations = compile_network(network)
     good = approximate_start(equations, network.datum, None)
-    expected = adjust_from(equations, good, free=False)
+    expected = adjust_from_start(equations, good, free=False)
     most = expected.iterations
     bad = replace(spoiled(good), words=("Elsewhere.",), instead_of=good.state)
-    found = adjust_from(equations, bad, free=False, max_iterations=most)
+    found = adjust_from_start(equations, bad, free=False, max_iterations=most)
     assert found.converged and found.vtpv == expected.vtpv
     assert found.begun[0] == "Elsewhere."
     assert "repeated from the given poses and coordinates" in found.begun[1]
     fine = replace(good, words=("Elsewhere.",), instead_of=bad.state)
-    assert adjust_from(equations, fine, free=False).begun == ("Elsewhere.",)
-    neither = adjust_from(equations, fine, free=False, max_iterations=1)
+    assert adjust_from_start(equations, fine, free=False).begun == ("Elsewhere.",)
+    neither = adjust_from_start(equations, fine, free=False, max_iterations=1)
     assert not neither.converged
     assert "did not converge either" in neither.begun[1]

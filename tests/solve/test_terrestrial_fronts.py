@@ -10,15 +10,10 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.observations import (
-    Direction,
-    HeightDifference,
-    PhotoPosition,
-    SlopeDistance,
-)
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve import elimination
-from factorgraph_adj.solve.nodes import WIDEST
+from factorgraph_adj.observations import Direction, HeightDifference, PhotoPosition, SlopeDistance
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.solve import elimination_layers
+from factorgraph_adj.solve.reduced_system import MAX_POINT_NODE_COLUMNS
 from tests.benchmarks.grids import simulate_grid, simulate_mixed
 from tests.networks.adjusted import ADJUSTED
 from tests.networks.small_block import small_block
@@ -32,7 +27,7 @@ TREE_OF_PHOTOS = {"images, free", "aerial block", "camcal, free", "held photos"}
 
 @pytest.fixture
 def in_fronts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(elimination, "LARGEST_TREE", 0)
+    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
 
 
 @pytest.mark.slow(
@@ -46,7 +41,7 @@ def test_every_network_has_the_same_adjustment(name: str, monkeypatch: pytest.Mo
     by_qr = fga.adjust(network)
     expected = fga.reliability(by_qr)
     covariances = by_qr.point_covariances
-    monkeypatch.setattr(elimination, "LARGEST_TREE", 0)
+    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
     solution = fga.adjust(network)
     assert solution.converged == by_qr.converged
     assert not solution.solver.qr_everywhere
@@ -172,10 +167,10 @@ def test_many_sets_make_many_nodes_and_none_of_them_wide(
     network = stations(held=held, sets=sets)
     by_qr = fga.adjust(network)
     expected = fga.reliability(by_qr).redundancy_numbers
-    monkeypatch.setattr(elimination, "LARGEST_TREE", 0)
+    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
     solution = fga.adjust(network)
     nodes = solution.factor.nodes
-    assert nodes is not None and nodes.width <= WIDEST and nodes.side == 0
+    assert nodes is not None and nodes.width <= MAX_POINT_NODE_COLUMNS and nodes.side == 0
     found = fga.reliability(solution).redundancy_numbers
     np.testing.assert_allclose(found, expected, atol=1e-9)
     for name in ("S0", "S5"):
@@ -185,7 +180,7 @@ def test_many_sets_make_many_nodes_and_none_of_them_wide(
 
 def test_what_stands_nowhere_keeps_gtsam(monkeypatch: pytest.MonkeyPatch) -> None:
     """Very many distance meters would be very many full columns."""
-    monkeypatch.setattr(elimination, "LARGEST_TREE", 0)
-    monkeypatch.setattr(elimination, "MOST_SPREAD", -1)
+    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
+    monkeypatch.setattr(elimination_layers, "MAX_SPREAD_VARIABLES", -1)
     solution = fga.adjust(simulate_grid(1, points=25).network)
     assert solution.converged and not solution.solver.layers.in_fronts

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve import elimination
+from factorgraph_adj.solve import elimination_layers
 from tests.benchmarks.blocks import SIGHTS, simulate_tied
 from tests.benchmarks.tied import differences, sparse_rows
 
@@ -20,7 +20,9 @@ def solution(request: pytest.FixtureRequest) -> Iterator[fga.Solution]:
     """Return 80 photos and 10 stations, whose terrestrial side is eliminated in either way."""
     network = simulate_tied(2, photos=80, stations=STATIONS, points_per_photo=30)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(elimination, "LARGEST_TREE_BESIDE_CAMERAS", 0 if request.param else 1000)
+        patch.setattr(
+            elimination_layers, "MAX_TREE_VARIABLES_BESIDE_CAMERAS", 0 if request.param else 1000
+        )
         found = fga.adjust(network)
         assert found.converged and not found.solver.qr_everywhere
         assert found.solver.layers.in_fronts == request.param

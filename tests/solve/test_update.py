@@ -8,9 +8,15 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import factorgraph_adj as fga
-from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
-from factorgraph_adj.solve.linear import LinearisedEquations
-from factorgraph_adj.solve.update import LIMITS, Solved, Update, statistics, whitener
+from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
+from factorgraph_adj.solve.low_rank_update import (
+    UPDATE_LIMITS,
+    SolvedCofactors,
+    Update,
+    covariance_whitener,
+    innovation_statistics,
+)
 
 ROUNDING = 1e-9
 """Relative difference that rounding makes in systems of these sizes and conditions."""
@@ -145,7 +151,7 @@ def test_rows_that_hold_are_met_without_error(seed):
     mixed = update.with_rows(s.at, s.b[2:]).with_rows(s.at, s.a[:1], sign=-1)
     normal[:6, :6] += s.b[2:].T @ s.b[2:] - s.a[:1].T @ s.a[:1]
     q = np.linalg.inv(normal)[:6, :6]
-    assert mixed.condition > LIMITS.least_left
+    assert mixed.condition > UPDATE_LIMITS.least_left
     assert mixed.solve(np.eye(6)) == pytest.approx(q, abs=ROUNDING * np.abs(q).max())
 
 
@@ -163,7 +169,7 @@ def test_rows_that_joined_are_tested_against_everything_else(seed, u):
     dx, q, _ = s.minimum(a, v)
     d = s.new[u] + s.b[u] @ dx
     covariance = np.eye(len(u)) + s.b[u] @ q @ s.b[u].T
-    expected = statistics(d, covariance, np.eye(len(u)))
+    expected = innovation_statistics(d, covariance, np.eye(len(u)))
     assert dof == len(u)
     assert found.t2 == pytest.approx(expected.t2, rel=ROUNDING)
     assert found.t2 == pytest.approx(d @ np.linalg.solve(covariance, d), rel=ROUNDING)
@@ -188,7 +194,7 @@ def test_rows_that_left_are_tested_as_they_were_and_as_they_would_be_predicted(s
     stay = np.delete(np.arange(14), out)
     dx, q, _ = s.minimum(s.a[stay], s.v[stay])
     covariance = np.eye(3) + s.a[out] @ q @ s.a[out].T
-    expected = statistics(s.v[out] + s.a[out] @ dx, covariance, np.eye(3))
+    expected = innovation_statistics(s.v[out] + s.a[out] @ dx, covariance, np.eye(3))
     assert found.t2 == pytest.approx(expected.t2, rel=ROUNDING)
 
 
@@ -199,14 +205,15 @@ def test_correlated_observations_are_tested_by_their_joint_covariance():
     a, q = rng.normal(size=(2, 3, 6)), System(4).q
     d = rng.normal(size=(2, 3))
     covariance = own + a @ q @ a.transpose(0, 2, 1)
-    found = statistics(d, covariance, own)
+    found = innovation_statistics(d, covariance, own)
     for i in range(2):
         # Whitened, an observation with its covariance is a row of an update.
-        w = whitener(own[i])
+        w = covariance_whitener(own[i])
         same, _ = Update.of(q).with_rows(np.arange(6), w @ a[i], w @ d[i]).test()
         assert found.t2[i] == pytest.approx(float(same.t2), rel=ROUNDING)
         each = [
-            statistics(d[i, [j]], covariance[i][[j]][:, [j]], own[i][[j]][:, [j]]) for j in (0, 1)
+            innovation_statistics(d[i, [j]], covariance[i][[j]][:, [j]], own[i][[j]][:, [j]])
+            for j in (0, 1)
         ]
         inverse = np.linalg.inv(covariance[i])
         assert found.w[i] == pytest.approx((inverse @ d[i]) / np.sqrt(np.diag(inverse)))
@@ -246,7 +253,7 @@ def test_the_condition_tells_whether_anything_is_undetermined_without_rows(seed,
     scale = max(1.0, float(np.linalg.eigvalsh(s.a[out] @ s.q @ s.a[out].T)[-1]))
     assert scale == pytest.approx(1.0)
     assert update.condition == pytest.approx(left, abs=ROUNDING)
-    assert update.trusted == (update.condition > LIMITS.least_left)
+    assert update.trusted == (update.condition > UPDATE_LIMITS.least_left)
 
 
 def test_a_row_that_alone_determines_something_cannot_leave():
@@ -298,7 +305,7 @@ def test_rows_that_say_far_more_than_all_before_are_not_trusted_to_a_difference(
     assert Update.of(q).with_rows(np.arange(2), 1e-3 * row).trusted
     # As it joined it must not leave: nothing would be left of the digits.
     both = Update.of(q).with_rows(np.arange(2), row).with_rows(np.arange(2), row, sign=-1)
-    assert both.condition < LIMITS.least_left
+    assert both.condition < UPDATE_LIMITS.least_left
 
 
 def test_a_constraint_that_is_already_held_adds_nothing():
@@ -324,7 +331,7 @@ def test_observations_leave_a_factorised_network():
     size = system.unknowns.n_columns
     a = system.times(np.eye(size))[rows]
     at = np.flatnonzero(np.any(a != 0, axis=0))
-    update = Update.of(Solved(solution.factor, size))
+    update = Update.of(SolvedCofactors(solution.factor, size))
     update = update.with_rows(at, a[:, at], system.residual[rows], sign=-1)
     assert update.trusted
     fewer = fga.adjust(fga.without(network, ids), start=solution, max_iterations=0)

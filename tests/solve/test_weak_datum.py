@@ -16,22 +16,23 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.errors import SingularError
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import HeightDifference, ImagePoint
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import look_at, measure
-from factorgraph_adj.solve.datum import minimal_datum
-from factorgraph_adj.solve.factor import Factor
-from factorgraph_adj.solve.normal import ENLARGED, NormalEquations
-from factorgraph_adj.solve.singular import SingularError
-from factorgraph_adj.solve.trust import (
-    CLEAN,
-    FEW,
-    SAMPLES,
-    TRUSTED,
-    held_well,
-    sample,
-    uncertainty,
+from factorgraph_adj.simulation.measurement import look_at, measure
+from factorgraph_adj.solve.datum_defects import minimal_datum
+from factorgraph_adj.solve.factorisation import Factorisation
+from factorgraph_adj.solve.normal_equations import (
+    FIRST_PROBES,
+    MAX_CLEAN_PROBE_ERROR,
+    MAX_PROBE_ERROR,
+    MAX_SIGMA_ENLARGEMENT,
+    NOISE_SAMPLES,
+    NormalEquations,
+    choose_minimal_datum,
+    estimates_from_noise,
+    probed_variance_error,
 )
 from factorgraph_adj.types import Array
 from tests.networks.small_block import small_block
@@ -231,14 +232,14 @@ def test_a_well_chosen_minimal_datum_enlarges_no_standard_deviation_much(seed):
     assert datum is not None
 
     def enlarged(constraint: Array) -> float:
-        steps = sample(normal.system, normal.factorise(constraint), SAMPLES)
-        return held_well(datum, steps, normal.diagonal)[1]
+        steps = estimates_from_noise(normal.system, normal.factorise(constraint), NOISE_SAMPLES)
+        return choose_minimal_datum(datum, steps, normal.diagonal)[1]
 
-    better = normal.held_better(poor, datum)
+    better = normal.better_minimal_datum(poor, datum)
     assert np.count_nonzero(better) == solution.datum_defect
     assert enlarged(better) < 0.3 * enlarged(poor)
-    assert enlarged(poor) > 10.0 * ENLARGED
-    again = normal.held_better(better, datum)
+    assert enlarged(poor) > 10.0 * MAX_SIGMA_ENLARGEMENT
+    again = normal.better_minimal_datum(better, datum)
     assert enlarged(again) < 2.0 * enlarged(better)
 
 
@@ -246,7 +247,7 @@ def test_a_minimal_datum_that_holds_well_is_kept():
     solution = fga.adjust(held_levels())
     normal, datum = solution.normal(), solution.datum
     assert datum is not None
-    assert normal.held_better(solution.constraint, datum) is solution.constraint
+    assert normal.better_minimal_datum(solution.constraint, datum) is solution.constraint
 
 
 def held_levels() -> fga.Network:
@@ -296,20 +297,20 @@ def test_poor_pivots_of_a_badly_held_datum_turn_to_qr():
         constraint[held] = weight * normal.diagonal[held]
         poor = normal.factorise(constraint, exact=True)
         assert not normal.solver.qr_everywhere
-        shown.append((uncertainty(normal.system, poor), weight))
+        shown.append((probed_variance_error(normal.system, poor), weight))
     worst_shown, weight = max(shown)
-    assert worst_shown > 2.0 * TRUSTED
+    assert worst_shown > 2.0 * MAX_PROBE_ERROR
     constraint[held] = weight * normal.diagonal[held]
     better = normal.for_covariances(constraint)  # without a word on inner constraints
     assert normal.solver.qr_everywhere
-    assert better.uncertainty < 1e-2 * TRUSTED
+    assert better.uncertainty < 1e-2 * MAX_PROBE_ERROR
 
 
 def damaged(monkeypatch: pytest.MonkeyPatch, by: float) -> None:
     """Let every factorisation be wrong by a factor on one column of the cameras' root."""
-    whole = Factor.__init__
+    whole = Factorisation.__init__
 
-    def wrong(self: Factor, *args: Any, **kwargs: Any) -> None:
+    def wrong(self: Factorisation, *args: Any, **kwargs: Any) -> None:
         whole(self, *args, **kwargs)
         if self.fronts is not None:
             first = [*self.fronts.own[:1], *self.fronts.across[:1]]
@@ -318,7 +319,7 @@ def damaged(monkeypatch: pytest.MonkeyPatch, by: float) -> None:
         for clique in self.cliques[:1]:
             clique.r[0] *= 1.0 + by
 
-    monkeypatch.setattr(Factor, "__init__", wrong)
+    monkeypatch.setattr(Factorisation, "__init__", wrong)
 
 
 ASKED = {
@@ -353,25 +354,25 @@ def test_the_refusal_is_a_singular_system_to_its_callers(monkeypatch):
 def test_probes_show_an_error_of_the_size_that_it_has(monkeypatch, by):
     solution = fga.adjust(small_block())
     normal = solution.normal()
-    assert uncertainty(normal.system, solution.factor) < CLEAN
+    assert probed_variance_error(normal.system, solution.factor) < MAX_CLEAN_PROBE_ERROR
     damaged(monkeypatch, by)
     again = NormalEquations(normal.solver, solution.state)
-    found = uncertainty(again.system, again.factorise(solution.constraint))
+    found = probed_variance_error(again.system, again.factorise(solution.constraint))
     assert 0.1 * by < found < 20.0 * by
 
 
 def test_probes_are_two_solutions_for_all_covariances():
     solution = fga.adjust(small_block())
     sides: list[int] = []
-    whole = Factor.solve
+    whole = Factorisation.solve
 
-    def counted(self: Factor, y: Array) -> Array:
+    def counted(self: Factorisation, y: Array) -> Array:
         sides.append(y.shape[1])
         return whole(self, y)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Factor, "solve", counted)
+        patch.setattr(Factorisation, "solve", counted)
         for name in solution.network.points:
             solution.standard_deviations(name)
-    assert sides == [FEW, FEW]
+    assert sides == [FIRST_PROBES, FIRST_PROBES]
     assert 0.0 < solution.factor.uncertainty < 1e-9

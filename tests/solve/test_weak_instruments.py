@@ -9,7 +9,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import FrameDirection, FrameDistance, FrameZenith, Observation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.instruments import room_of
 
 TARGETS = {"A": (10.0, 0, 1), "B": (-5.0, 8, 2), "C": (3.0, -9, 0), "D": (7.0, 7, 4)}

@@ -27,8 +27,8 @@ from factorgraph_adj.incremental.arrival import Arrival
 from factorgraph_adj.ledger.options import Engine
 from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint
-from factorgraph_adj.solve.minimum import OFF_DATUM
-from factorgraph_adj.solve.start import Start
+from factorgraph_adj.solve.minimum import NOT_ON_INNER_CONSTRAINTS
+from factorgraph_adj.start.start_values import Start
 from tests.networks.random_small import random_network
 from tests.networks.site import STATIONS
 from tests.support.arrivals import bare, batch, between, deviations, ids_of, variables
@@ -321,7 +321,9 @@ def _apart_from(start: Start, theirs: Solution) -> float:
     """Return how far a batch adjustment from another start is from one at the same minimum."""
     with suppress(AdjustmentError):
         again = adjust(theirs.equations.network, start=start, tolerance=1e-9)
-        rests = again.converged or again.reason == OFF_DATUM  # which rounding may hide, too
+        rests = (
+            again.converged or again.reason == NOT_ON_INNER_CONSTRAINTS
+        )  # which rounding may hide, too
         # The same minimum, whose vᵀPv has rounding too.
         if rests and abs(again.vtpv - theirs.vtpv) <= LOWER * (1.0 + theirs.vtpv):
             return max(apart(again, theirs))

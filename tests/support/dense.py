@@ -169,7 +169,7 @@ class DenseNormal:
         a = np.where(free, whitened_system(solution.equations, solution.state)[0], 0.0)
         terms = solution.constraint
         if solution.datum is not None:
-            terms = solution.normal().held_better(terms, solution.datum, exact=True)
+            terms = solution.normal().better_minimal_datum(terms, solution.datum, exact=True)
         n = a.T @ a + np.diag(np.where(free, terms, 0.0))
         return cls(a, n, inverse(n, free), free)
 

@@ -12,7 +12,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from factorgraph_adj.network.entities import Photo, Point
+from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.observations import (
     AnyObservation,
     ControlPoint,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from factorgraph_adj.factor_graph.build import Graph
+from factorgraph_adj.factor_graph.network_graph import Graph
 from factorgraph_adj.graph.keys import from_gtsam, state_of
 from factorgraph_adj.types import Array
 

@@ -8,7 +8,7 @@ from typing import Any
 import gtsam
 import numpy as np
 
-from factorgraph_adj.factor_graph.build import Graph
+from factorgraph_adj.factor_graph.network_graph import Graph
 from factorgraph_adj.graph.keys import state_of
 from factorgraph_adj.graph.variables import Unknowns
 from factorgraph_adj.models.variables import UNKNOWNS, VariableKind

@@ -16,8 +16,8 @@ from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import ControlPoint
 from factorgraph_adj.rotation import TURN_ABOUT_X as TURN
 from factorgraph_adj.rotation import exp_rotation, right_jacobian_inverse
-from factorgraph_adj.solve.linear import LinearisedEquations
-from factorgraph_adj.solve.sides import behind
+from factorgraph_adj.solve.feasible_states import is_behind_camera
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 from factorgraph_adj.types import Array
 
 MOST_DENSE = 320
@@ -29,7 +29,7 @@ def cost(equations: Equations, state: State) -> float:
     """Return vᵀPv; infinite where a point lies behind a camera or a value is not finite."""
     if not all(np.isfinite(values).all() for values in state.values()):
         return np.inf
-    if behind(equations, state).any():
+    if is_behind_camera(equations, state).any():
         return np.inf
     v = equations.residuals(state)
     value = float(v @ v)

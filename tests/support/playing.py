@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from factorgraph_adj import IncrementalAdjustment, Network
+from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.ledger.options import Engine
-from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import AnyObservation, Correlated, HeightDifference, Observation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.site import CONTROL, UNKNOWN, plan
 from tests.support.arrivals import ids_of, items
 

@@ -22,7 +22,7 @@ from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.models.shapes import SHAPES
 from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
-from factorgraph_adj.simulation.simulate import look_at, measure
+from factorgraph_adj.simulation.measurement import look_at, measure
 from factorgraph_adj.types import Array, Mask
 from tests.networks import alignment, on_shapes
 from tests.networks.bent_strips import bent_strips

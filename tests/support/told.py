@@ -7,7 +7,7 @@ from pathlib import Path
 
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
 from factorgraph_adj.io.project import load_project
-from factorgraph_adj.io.write_project import network_files
+from factorgraph_adj.io.project_writer import network_files
 from factorgraph_adj.service.stream import Stream
 from tests.networks.projects import write
 from tests.networks.yard import YARD

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from factorgraph_adj import AdjustmentError, IncrementalAdjustment, Network
+from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.ledger.verdicts import Policy
-from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import AnyObservation
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
 from tests.networks.site import LATER, empty_site, plan
 from tests.support.arrivals import batch, difference, ids_of, items

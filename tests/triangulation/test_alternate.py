@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.triangulation.alternate import an_block, plan_height
-from factorgraph_adj.triangulation.models import SEVEN
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.triangulation.independent_models import FRAME_COMPONENTS
+from factorgraph_adj.triangulation.plan_blocks import an_block, plan_height
 from tests.loaders.tsaiyoung import read_strip
 from tests.networks.strip import block_of_models, relatively_oriented
 from tests.support.places import data_dir
@@ -38,8 +38,10 @@ def models(
             network.add_point(f"C{i}", (1000.0 * i, 600.0, 1500.0 + float(rng.normal(0, 20))))
     for k in range(4):
         turn = [*rng.normal(0.0, tilt, 2), float(rng.normal(0.0, 0.1))]
-        values = dict(zip(SEVEN, (*turn, 0.0, 0.0, 0.0, 0.1 * k), strict=True))
-        network.add_frame(f"M{k}", free=SEVEN, values=values, origin=(1000.0 * k + 500, 600.0, 0.0))
+        values = dict(zip(FRAME_COMPONENTS, (*turn, 0.0, 0.0, 0.0, 0.1 * k), strict=True))
+        network.add_frame(
+            f"M{k}", free=FRAME_COMPONENTS, values=values, origin=(1000.0 * k + 500, 600.0, 0.0)
+        )
         for i in range(2 * k, 2 * k + 3):
             for j in range(4):
                 sigma = (0.05, 0.05, 0.08)

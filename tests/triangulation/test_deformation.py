@@ -9,7 +9,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.deformation import DEFORMATIONS, deformed
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
 from tests.networks.deformed_models import BASE, CENTRES, TRUE, deformed_block
 from tests.support.same import assert_same_network

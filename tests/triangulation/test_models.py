@@ -9,9 +9,12 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import PhotoPosition
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.triangulation.models import as_models, pairs_of_strips
-from factorgraph_adj.triangulation.relative import relative_model
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.triangulation.independent_models import (
+    as_models,
+    pairs_of_strips,
+    relative_model,
+)
 from factorgraph_adj.types import Array
 from tests.loaders.tsaiyoung import Strip, read_strip
 from tests.networks.deformed_models import deformed_block

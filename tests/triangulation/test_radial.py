@@ -9,8 +9,12 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.triangulation.radial import directions_of, radial_observations, station_of
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.triangulation.plan_blocks import (
+    plan_station,
+    radial_directions,
+    radial_observations,
+)
 from factorgraph_adj.types import Array
 from tests.networks.strip_of_photos import measured_strip, strip_plan
 
@@ -35,7 +39,7 @@ def seen(tilt: float, relief: float) -> tuple[Array, Array, Array]:
 def off(centre: str, tilt: float, relief: float) -> Array:
     """Return errors of directions from the place that the radial centre shows on flat ground."""
     p, rotation, azimuth = seen(tilt, relief)
-    angle, *_ = directions_of(p, rotation, centre)  # type: ignore[arg-type]
+    angle, *_ = radial_directions(p, rotation, centre)  # type: ignore[arg-type]
     # Turned about x the camera looks along y; it is t/2 to the isocentre, t to the principal point.
     y = np.tan({"isocentre": 0.5 * tilt, "principal": tilt}.get(centre, 0.0))
     azimuth = np.arctan2(0.6 * np.sin(azimuth), 0.6 * np.cos(azimuth) - y)
@@ -76,11 +80,11 @@ def test_relief_turns_directions_from_the_principal_point() -> None:
 def test_the_partials_give_the_weights() -> None:
     p, rotation, _ = seen(THREE_DEGREES, 0.05)
     for centre in ("horizon", "nadir", "isocentre", "principal"):
-        _, _, across = directions_of(p, rotation, centre)  # type: ignore[arg-type]
+        _, _, across = radial_directions(p, rotation, centre)  # type: ignore[arg-type]
         for axis in (0, 1):
             step = np.zeros(3)
             step[axis] = 1e-6
-            plus, minus = (directions_of(p + s * step, rotation, centre)[0] for s in (1, -1))  # type: ignore[arg-type]
+            plus, minus = (radial_directions(p + s * step, rotation, centre)[0] for s in (1, -1))  # type: ignore[arg-type]
             slope = ((plus - minus + np.pi) % (2 * np.pi) - np.pi) / 2e-6
             np.testing.assert_allclose(slope, across[:, axis], atol=1e-7)
 
@@ -93,7 +97,7 @@ def test_without_errors_the_plan_is_that_of_the_ground() -> None:
     for name, p in plan.points.items():
         if name in network.points:
             np.testing.assert_allclose(solution.point(name)[:2], p.coordinates[:2], atol=1e-4)
-    at = solution.point(station_of("2"))[:2]
+    at = solution.point(plan_station("2"))[:2]
     np.testing.assert_allclose(at, plan.photos["2"].position[:2], atol=1e-4)
 
 

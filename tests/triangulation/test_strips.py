@@ -9,17 +9,20 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.records import observation, record
-from factorgraph_adj.models.strip import COEFFICIENTS, HEIGHT_TERMS, monomials
-from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.triangulation.models import pairs_of_strips
-from factorgraph_adj.triangulation.relative import RelativeModel, relative_model
+from factorgraph_adj.io.observation_records import observation_from_record, observation_record
+from factorgraph_adj.models.deformation import COEFFICIENTS, HEIGHT_TERMS, monomials
+from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.triangulation.independent_models import (
+    RelativeModel,
+    pairs_of_strips,
+    relative_model,
+)
 from factorgraph_adj.triangulation.strips import (
     as_strips,
-    control_of,
+    control_coordinates,
     fitted_similarity,
     join_models,
-    needed_control,
+    min_control_points,
 )
 from tests.loaders.tsaiyoung import read_strip
 from tests.networks.bent_strips import CONTROL, TRUE, bent_strips
@@ -44,7 +47,7 @@ def real() -> tuple[fga.Network, list[RelativeModel]]:
 def test_a_real_strip_of_joined_models(real: tuple[fga.Network, list[RelativeModel]]) -> None:
     """RMS at check points .084 .062 .366 with seven parameters (FRAMES 6.2)."""
     network, models = real
-    strip = join_models(models).to_ground(control_of(network))
+    strip = join_models(models).to_ground(control_coordinates(network))
     errors = [strip.points[n] - p.check for n, p in network.points.items() if p.check]
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
     np.testing.assert_allclose(rms, [0.084, 0.062, 0.366], rtol=0, atol=0.0006)
@@ -105,7 +108,7 @@ def test_polynomials_take_what_a_chain_of_models_adds_up_to() -> None:
     for name, p in network.points.items():
         if not any(p.fixed):
             network.points[name] = replace(p, check=plan.points[name].coordinates)
-    strip = join_models(models).to_ground(control_of(network))
+    strip = join_models(models).to_ground(control_coordinates(network))
     errors = [strip.points[n] - p.check for n, p in network.points.items() if p.check]
     stiff = np.sqrt(np.mean(np.square(errors), axis=0))
     bent = fga.check_points(fga.adjust(as_strips(network, {"s": models}, sigma=(1, 1, 1)))).rms
@@ -119,7 +122,7 @@ def test_two_control_points_do_not_hold_degree_two() -> None:
     few = bent_strips(control=("0-0", "8-4"))
     with pytest.raises(fga.DatumError, match=r"strip polynomial '(north|south)' is not determined"):
         fga.adjust(measure(few, seed=1))
-    assert needed_control(COEFFICIENTS[:12]) == (3, 6)
+    assert min_control_points(COEFFICIENTS[:12]) == (3, 6)
 
 
 def test_without_control_the_strip_that_is_not_held_is_named() -> None:
@@ -191,7 +194,7 @@ def test_strip_coordinates_arrive_and_leave(tmp_path) -> None:
     order = np.random.default_rng(1).permutation(list(network.observations))
     for ident in order.tolist():
         o = replace(network.observations[ident], id=ident)
-        inc.add(observation(json.loads(json.dumps(record(o)))))
+        inc.add(observation_from_record(json.loads(json.dumps(observation_record(o)))))
     inc.settle()
     for strip in TRUE:
         a, b = (s.unknown("polynomial", strip) for s in (batch, inc.solution()))

@@ -11,7 +11,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.observations import Correlated, FrameDirection, FrameZenith
 from factorgraph_adj.rotation import log_rotation
-from factorgraph_adj.triangulation.models import as_models
+from factorgraph_adj.triangulation.independent_models import as_models
 from tests.networks.strip_of_photos import FOCAL, SIGMA_IMAGE, measured_strip, strip_plan, units
 
 TO_CAMERA = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])

@@ -9,13 +9,13 @@ import pytest
 
 from factorgraph_adj.errors import InputError, known
 from factorgraph_adj.frames import GeocentricFrame
+from factorgraph_adj.io.observation_records import observation_from_record
 from factorgraph_adj.io.project import load_project, read_project
-from factorgraph_adj.io.records import observation
-from factorgraph_adj.models.registry import LENSES
+from factorgraph_adj.models.lens_registry import LENSES
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS as REGISTERED
 from factorgraph_adj.observations import Direction, GnssVector, SlopeDistance
-from factorgraph_adj.validate.check import check
+from factorgraph_adj.validate.network_structure import check
 from tests.networks.projects import IMAGES, OBSERVATIONS, PHOTOS, POINTS, PROJECT, write
 
 TEXTS = {
@@ -437,7 +437,7 @@ def test_the_covariance_of_one_vector_must_be_positive_definite():
     fields = {"kind": "gnss_vector", "station": "A", "target": "C", "x": 1, "y": 2, "z": 3}
     fields |= {f"covariance_{a}{a}_mm2": 1 for a in "xyz"}
     with pytest.raises(InputError) as caught:
-        observation(fields | {"covariance_xy_mm2": 2}, source="stream:7")
+        observation_from_record(fields | {"covariance_xy_mm2": 2}, source="stream:7")
     assert str(caught.value) == (
         "stream:7: gnss_vector A C: the covariance matrix is not positive definite "
         "(smallest eigenvalue of the correlations -1.00e+00)"
@@ -486,7 +486,7 @@ def test_vectors_of_the_wrong_type_or_shape_are_named(wrong, expected):
 def test_an_unknown_kind_is_told_with_what_the_record_says_of_itself():
     record = {"kind": "slope_distnce", "station": "A", "target": "C", "id": "x5"}
     with pytest.raises(InputError, match=r"A C \(id x5\): unknown kind 'slope_distnce'"):
-        observation(record, source="stream:5")
+        observation_from_record(record, source="stream:5")
 
 
 def test_a_vector_with_a_covariance_cannot_join_a_point_to_itself_either():

@@ -7,8 +7,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_rows
-from factorgraph_adj.validate.preliminary.between_given import between_given
-from factorgraph_adj.validate.preliminary.closures import lines_between_given
+from factorgraph_adj.validate.contradicting_readings import contradicting_readings
+from factorgraph_adj.validate.loop_misclosures import lines_between_given
 from tests.field_mistakes.projects import yard, yard_on_earth
 from tests.field_mistakes.site import site
 
@@ -16,7 +16,7 @@ from tests.field_mistakes.site import site
 def told(network: fga.Network) -> list[str]:
     """Return what contradicts given coordinates."""
     equations = compile_rows(network)
-    return [str(f) for f in (*between_given(equations), *lines_between_given(equations))]
+    return [str(f) for f in (*contradicting_readings(equations), *lines_between_given(equations))]
 
 
 @pytest.mark.parametrize("make", [site, yard])

@@ -9,9 +9,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
-from factorgraph_adj.report.doubts import of_network
+from factorgraph_adj.report.doubtful_results import doubts_of_network
 from factorgraph_adj.service.stream import Stream
-from factorgraph_adj.validate.preliminary.copied_blocks import copied_blocks
+from factorgraph_adj.validate.repeated_readings import copied_blocks
 
 LINES = 7
 
@@ -37,7 +37,7 @@ def test_a_block_that_repeats_an_earlier_one_is_doubted_once_with_its_lines():
     (told,) = copied_blocks(network_with([*first, *second, *first]))
     assert told.startswith("7 readings in a row, slope_distance A0 B0 (id 15) to slope_distance A6")
     assert "repeat slope_distance A0 B0 (id 1) to slope_distance A6 B6 (id 7) in all digits" in told
-    assert told in of_network(network_with([*first, *second, *first]))
+    assert told in doubts_of_network(network_with([*first, *second, *first]))
 
 
 @pytest.mark.parametrize("change", ["order", "four", "digit"])

@@ -6,7 +6,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.observations.relations import CoordinateDifference
-from factorgraph_adj.validate.preliminary.repeated import repeated
+from factorgraph_adj.validate.repeated_readings import differing_repetitions
 
 
 def network_of(readings, *, sigma=0.002, kind=fga.SlopeDistance):
@@ -21,7 +21,7 @@ def network_of(readings, *, sigma=0.002, kind=fga.SlopeDistance):
 
 
 def doubts(network):
-    return [f for f in repeated(network) if "has the same names" in str(f)]
+    return [f for f in differing_repetitions(network) if "has the same names" in str(f)]
 
 
 def lines(rng, scatter, *, n=100, times=2, step=1e-4):

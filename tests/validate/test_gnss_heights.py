@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.adjustment_report import Report
 
 pytest.importorskip("pyproj", reason="the extra crs is not installed")
 
@@ -52,7 +52,11 @@ def test_ellipsoidal_heights_of_control_are_told_with_the_undulation(weighted: b
     network.add_point("new")
     at = network.observations[finding.ids[0]].value
     network.add(fga.GnssPosition("new", at, sigma=(0.01,) * 3))
-    said = [d for d in Report(fga.adjust(network)).in_common if "3 GNSS positions are below" in d]
+    said = [
+        d
+        for d in Report(fga.adjust(network)).shared_error_doubts
+        if "3 GNSS positions are below" in d
+    ]
     assert len(said) == 1
 
 

@@ -11,8 +11,8 @@ import factorgraph_adj as fga
 from factorgraph_adj import FrameCoordinate, LocalFrame, Network, preliminary
 from factorgraph_adj.graph.equations import compile_rows
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.validate.check import check
-from factorgraph_adj.validate.preliminary.similar import System, common
+from factorgraph_adj.validate.common_places import PlaceSystem, common_places
+from factorgraph_adj.validate.network_structure import check
 from tests.networks.every_kind import FRAMES
 from tests.networks.frames import network_of_frames
 from tests.networks.instruments import room_of
@@ -120,9 +120,11 @@ def test_the_test_of_a_place_has_the_size_that_its_distribution_says() -> None:
     turn = exp_rotation(np.array([[0.3, -1.0, 2.0]]))[0]
     keys, values = np.arange(7), []
     for _ in range(400):
-        a = System("a", keys, x + 0.003 * rng.normal(size=(7, 3)), np.full(7, 0.003), False, np.nan)
+        a = PlaceSystem(
+            "a", keys, x + 0.003 * rng.normal(size=(7, 3)), np.full(7, 0.003), False, np.nan
+        )
         b = (5.0 * x @ turn.T) + 1.0 + 0.01 * rng.normal(size=(7, 3))
-        pair = common(a, System("b", keys, b, np.full(7, 0.01), False, 0.0))
+        pair = common_places(a, PlaceSystem("b", keys, b, np.full(7, 0.01), False, 0.0))
         assert pair is not None
         values.append(pair.fitted().tests()[1])
     # 2800 values with the variance 6, of which those of one network are correlated.
@@ -136,8 +138,8 @@ def test_the_error_of_a_place_is_what_was_made() -> None:
     off[2] += (0.1, -0.2, 0.05)
     keys = np.arange(6)
     sigma = np.full(6, 0.01)
-    pair = common(
-        System("a", keys, x, sigma, False, 0.0), System("b", keys, off, sigma, False, 0.0)
+    pair = common_places(
+        PlaceSystem("a", keys, x, sigma, False, 0.0), PlaceSystem("b", keys, off, sigma, False, 0.0)
     )
     assert pair is not None
     error, _, freedom = pair.fitted().tests()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.block_orientation.begin import tried_start
 from factorgraph_adj.cli.main import main
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.start.choice_of_start import start_or_problems
 from factorgraph_adj.validate.mistyped_names import mistyped_at_start
 from tests.field_mistakes.projects import Project
 from tests.field_mistakes.site import SETTINGS, book_as, site, star_net
@@ -16,7 +16,7 @@ from tests.field_mistakes.site import SETTINGS, book_as, site, star_net
 
 def before(network: fga.Network) -> list[str]:
     """Return what the start values tell."""
-    start, problems = tried_start(network)
+    start, problems = start_or_problems(network)
     assert start is not None, problems
     return mistyped_at_start(network, start.state)
 

@@ -8,11 +8,14 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_rows
-from factorgraph_adj.validate.line_lengths import wrong_line_lengths
-from factorgraph_adj.validate.preliminary.closures import closures, lines_between_given
-from factorgraph_adj.validate.preliminary.heights import exchanged_heights, heights
-from factorgraph_adj.validate.preliminary.returned import copied_returns
-from factorgraph_adj.validate.preliminary.search import mistaken
+from factorgraph_adj.validate.loop_misclosures import lines_between_given, open_loops
+from factorgraph_adj.validate.preliminary_checks import named_mistakes
+from factorgraph_adj.validate.repeated_readings import copied_returns
+from factorgraph_adj.validate.stated_values import (
+    differing_heights,
+    exchanged_heights,
+    wrong_line_lengths,
+)
 
 HEIGHTS = {"A": 231.45, "B": 244.812, "P": 228.93, "Q": 235.71, "R": 240.02, "S": 238.335}
 LINES = [*("AP", "PQ", "QB", "BR", "RS", "SA", "QS", "SP")]
@@ -42,7 +45,7 @@ def turned(network, ident, change):
 
 def found(network):
     equations = compile_rows(network)
-    return [*closures(equations), *lines_between_given(equations)]
+    return [*open_loops(equations), *lines_between_given(equations)]
 
 
 def test_a_levelled_line_with_the_wrong_sign_is_named_once():
@@ -50,7 +53,7 @@ def test_a_levelled_line_with_the_wrong_sign_is_named_once():
     label = network.observations["7"].label()
     causes = {f.cause for f in found(network)}
     assert causes == {f"{label} with the other sign explains"}
-    assert len(mistaken(network)) == 1
+    assert len(named_mistakes(network)) == 1
 
 
 @pytest.mark.parametrize(
@@ -58,7 +61,7 @@ def test_a_levelled_line_with_the_wrong_sign_is_named_once():
     [(-244.812, "-244.812 m of point 'B' with the other sign"), (244.182, "as 244.812 m")],
 )
 def test_a_mistyped_height_is_named(given, told):
-    (first,) = mistaken(levelling(given={"B": given}))
+    (first,) = named_mistakes(levelling(given={"B": given}))
     assert told in str(first) and "2 more misclosures" in str(first)
 
 
@@ -173,7 +176,7 @@ def set_ups(heights_of_instruments, heights_of_targets):
 
 def test_exchanged_columns_of_heights_are_named_instead_of_every_set_up():
     right = set_ups((1.5, 1.61, 1.55), (1.3, 1.3, 2.0, 1.3))
-    assert not list(exchanged_heights(right)) and not list(heights(right))
+    assert not list(exchanged_heights(right)) and not list(differing_heights(right))
     wrong = fga.Network("set-ups")
     wrong.points = right.points
     for o in right.observations.values():

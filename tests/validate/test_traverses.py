@@ -18,9 +18,8 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.validate.preliminary.finding import Finding
-from factorgraph_adj.validate.preliminary.legs import Survey
-from factorgraph_adj.validate.preliminary.traverses import Traverse, traverses
+from factorgraph_adj.validate.findings import Finding
+from factorgraph_adj.validate.traverse_misclosures import Traverse, TraverseReadings, open_traverses
 
 SIGMA_ANGLE, SIGMA_DISTANCE = 1.5e-5, 0.003
 """Standard deviations: radians (1 mgon), metres."""
@@ -85,7 +84,7 @@ def found(network: fga.Network, readings: Sequence[Any]) -> list[Finding]:
     """Return what the traverses of a network tell."""
     out = network.copy()
     out.add(*readings)
-    return list(traverses(out))
+    return list(open_traverses(out))
 
 
 def changed(readings: Sequence[Any], kind: Any, station: str, target: str, by: float) -> list[Any]:
@@ -143,14 +142,14 @@ def test_the_misclosure_has_the_standard_deviation_that_it_says() -> None:
     for seed in range(400):
         network, readings = between(seed)
         network.add(*readings)
-        t = Traverse(Survey.of(network), OPEN)
+        t = Traverse(TraverseReadings.of(network), OPEN)
         closure, linear = t.angular(), t.linear()
         assert closure is not None and linear is not None and linear[2]
         angular.append((closure[0] / closure[1]) ** 2)
         directed.append(float(linear[0] @ np.linalg.solve(linear[1], linear[0])) / 2)
         network, readings = between(seed, backsights=())
         network.add(*readings)
-        linear = Traverse(Survey.of(network), OPEN).linear()
+        linear = Traverse(TraverseReadings.of(network), OPEN).linear()
         assert linear is not None and not linear[2]
         w, covariance, _ = linear
         length.append(float(w @ w) ** 2 / float(w @ covariance @ w))

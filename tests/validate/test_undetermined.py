@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.observations import (
-    Direction,
-    HorizontalDistance,
-    SlopeDistance,
-    ZenithAngle,
-)
+from factorgraph_adj.observations import Direction, HorizontalDistance, SlopeDistance, ZenithAngle
 from tests.networks.building_site import site
 from tests.networks.three_frames import STATION, room, three_frames
 

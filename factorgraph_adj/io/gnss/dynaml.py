@@ -1,29 +1,48 @@
-"""Reader of DynaML, the XML files of DynAdjust: stations and measurements.
+"""Reader and writer of DynaML, the XML files of DynAdjust: stations and measurements.
 
 Format: ICSM, DynAdjust User's Guide, DynaML.xsd 1.0.2 (2020).
+
+Stations and measurements may be in two files or in one; written files have both.
 """
 
 from __future__ import annotations
 
 import math
+import re
+from decimal import Decimal
 from pathlib import Path
 from typing import Literal
+from xml.sax.saxutils import escape
 
 import numpy as np
 
+from ...crs.terrestrial_frames import TERRESTRIAL_FRAMES
 from ...errors import known
 from ...frames import GeocentricFrame
 from ...network.network import Network
-from ...observations import ControlPoint
+from ...observations import (
+    AstronomicLatitude,
+    AstronomicLongitude,
+    Azimuth,
+    ControlPoint,
+    Direction,
+    GnssVector,
+    HeightDifference,
+    HorizontalAngle,
+    Observation,
+    SlopeDistance,
+    VerticalAngle,
+    ZenithAngle,
+)
 from ...types import Array
-from ..collected import raise_all
-from ..left_out import all_left_out
-from ..xml_source import XmlSource
-from ..xml_tree import Element
-from .dynaml_measurements import DynamlMeasurements, degrees_of
-from .reference_frames import FRAMES
+from ...units import ARCSEC
+from ..file_problems import left_out_records, raise_all
+from ..file_transaction import write_files
+from ..format_limits import SurveyRefusals
+from ..xml_files import Element, XmlSource
+from .dynaml_measurements import DynamlMeasurements, packed_degrees
 
-CHILDREN: dict[str, tuple[str, ...]] = {
+DYNAML_CHILDREN: dict[str, tuple[str, ...]] = {
     "DnaXmlFormat": ("DnaStation", "DnaMeasurement"),
     "DnaStation": ("Name", "Constraints", "Type", "StationCoord", "Description"),
     "StationCoord": ("Name", "XAxis", "YAxis", "Height", "HemisphereZone"),
@@ -45,10 +64,10 @@ CHILDREN: dict[str, tuple[str, ...]] = {
 }
 """Children of the elements of the format."""
 STATION_TYPES = ("LLH", "LLh", "XYZ")
-CONSTRAINED = 1e-6
+CONSTRAINED_SIGMA_M = 1e-6
 """Standard deviation of constrained components of a station that is free in others, metres:
 DynAdjust's own default."""
-NO_STATIONS = (
+NO_STATIONS_MESSAGE = (
     "has no <DnaStation>: read the file of the stations (…stn.xml), which takes the measurements "
     "(…msr.xml) beside it or as a second argument"
 )
@@ -85,7 +104,7 @@ def read_dynaml(
     Covariances are multiplied by ``Vscale``, and by ``Pscale``, ``Lscale``, ``Hscale`` in north,
     east and up at the (first) station. Measurements with ``Ignore`` set leave the network, as in
     DynAdjust; C, E and M (chords and arcs along the ellipsoid and sea level) are refused.
-    ``Description``, ``Source``, ``MeasurementID`` and ``ClusterID`` have no effect.
+    ``Description``, ``PartSource``, ``MeasurementID`` and ``ClusterID`` have no effect.
 
     Args:
         stations: station file, or a combined file with both.
@@ -104,14 +123,14 @@ def read_dynaml(
     """
     first = Path(stations)
     files = [XmlSource(first, "DnaXmlFormat")]
-    second = _beside(first, files[0]) if measurements is None else Path(measurements)
+    second = _measurement_file(first, files[0]) if measurements is None else Path(measurements)
     if second is not None:
         files.append(XmlSource(second, "DnaXmlFormat"))
     network = Network(first.stem, frame=GeocentricFrame(ellipsoid))
     frame = files[0].root.attributes.get("referenceframe", "GDA2020").upper()
     transform = reference_frames != "as is"
-    if transform and frame not in FRAMES:
-        other = f"reference frame {frame!r} is not known; known: {known(FRAMES)}"
+    if transform and frame not in TERRESTRIAL_FRAMES:
+        other = f"reference frame {frame!r} is not known; known: {known(TERRESTRIAL_FRAMES)}"
         used = {e.text.strip().upper() for f in files for e in f.root.walk()
                 if e.tag == "ReferenceFrame" and e.text.strip()}  # fmt: skip
         if used - {frame}:
@@ -122,21 +141,21 @@ def read_dynaml(
         network, frame if transform else "", heights, by_gda94=reference_frames == "by GDA94"
     )
     for file in files:
-        file.refuse_children(file.root, CHILDREN)
+        file.refuse_children(file.root, DYNAML_CHILDREN)
         for element in file.root.all("DnaStation"):
             _station(file, network, element)
     if not any(True for file in files for _ in file.root.all("DnaStation")):
-        files[0].add(0, NO_STATIONS)
+        files[0].add(0, NO_STATIONS_MESSAGE)
     else:  # without stations every measurement would name an unknown one
         for file in files:
             for element in file.root.all("DnaMeasurement"):
                 reader.read(file, element)
     raise_all(files)
-    network.left_out += all_left_out(file.left for file in files)
+    network.left_out += left_out_records(file.left for file in files)
     return network
 
 
-def _beside(path: Path, file: XmlSource) -> Path | None:
+def _measurement_file(path: Path, file: XmlSource) -> Path | None:
     """Return the measurement file of a station file; None for a combined file."""
     if next(file.root.all("DnaMeasurement"), None) is not None:
         return None
@@ -164,7 +183,7 @@ def _station(file: XmlSource, network: Network, element: Element) -> None:
         file.add(at.line, f"coordinates of {own[:40]!r} in the station {name[:40]!r}")
     if at is None or len(file.problems) > before:
         return
-    xyz = place_of(file, at, kind, network)
+    xyz = station_position(file, at, kind, network)
     if len(file.problems) > before:
         return
     held = "xyz" if constraints == "CCC" else ""
@@ -178,18 +197,18 @@ def _station(file: XmlSource, network: Network, element: Element) -> None:
         name,
         tuple(xyz.tolist()),
         axes=axes,
-        sigma=(CONSTRAINED,) * len(axes),
+        sigma=(CONSTRAINED_SIGMA_M,) * len(axes),
         source=file.place(element.line),
     )
     if made is not None:
         file.attempt(element.line, network.add, made)
 
 
-def place_of(file: XmlSource, at: Element, kind: str, network: Network) -> Array:
+def station_position(file: XmlSource, at: Element, kind: str, network: Network) -> Array:
     """Return geocentric coordinates (3,) of a station."""
     if kind == "XYZ":
         return np.array([file.value(at, t) for t in ("XAxis", "YAxis", "Height")])
-    latitude, longitude = (degrees_of(file, at, tag) for tag in ("XAxis", "YAxis"))
+    latitude, longitude = (packed_degrees(file, at, tag) for tag in ("XAxis", "YAxis"))
     height = file.value(at, "Height")
     if not abs(latitude) <= math.pi / 2:
         file.add(at.line, "the latitude must be from -90 to 90 degrees")
@@ -197,3 +216,263 @@ def place_of(file: XmlSource, at: Element, kind: str, network: Network) -> Array
     assert isinstance(frame, GeocentricFrame)
     angles = (np.array([latitude]), np.array([longitude]), np.array([height]))
     return np.asarray(frame.ellipsoid.to_cartesian(*angles)[0])
+
+
+MEASUREMENT_TYPES: dict[type[Observation], str] = {
+    SlopeDistance: "S",
+    ZenithAngle: "V",
+    VerticalAngle: "Z",
+    Azimuth: "B",
+    HeightDifference: "L",
+    HorizontalAngle: "A",
+    AstronomicLatitude: "I",
+    AstronomicLongitude: "J",
+}
+"""Types of single measurements."""
+MAX_STATION_NAME_CHARACTERS = 30
+"""Largest number of characters of the name of a station in DynAdjust."""
+ARCSEC_RESOLUTION = Decimal("1e-9")
+"""Last digit of written seconds of arc: 5·10⁻¹⁵ rad."""
+_DATE = re.compile(r"\d{2}\.\d{2}\.\d{4}", re.ASCII)
+
+
+def write_dynaml(
+    network: Network,
+    path: str | Path,
+    *,
+    reference_frame: str = "GDA2020",
+    epoch: str = "01.01.2020",
+    heights: Literal["refuse", "ellipsoidal"] = "refuse",
+) -> None:
+    """Write a network as DynaML of DynAdjust, stations and measurements in one file.
+
+    Stations are written as geocentric X, Y, Z with the constraints ``CCC`` (held) or ``FFF``. The
+    inverse of `read_dynaml`, whose table lists the kinds that are written; lengths have 15
+    significant digits, angles 10⁻⁹ seconds.
+
+    Args:
+        network: network in a geocentric frame.
+        path: the file.
+        reference_frame: name of the reference frame of stations and measurements.
+        epoch: epoch of the reference frame, dd.mm.yyyy.
+        heights: "ellipsoidal": height differences are written as type L, whose heights DynAdjust
+            takes as orthometric unless it has no geoid.
+
+    Raises:
+        InputError: everything that DynaML cannot express. No file has changed.
+    """
+    refused = SurveyRefusals("DynaML")
+    if not isinstance(network.frame, GeocentricFrame):
+        refused.add("DynaML needs a network in a geocentric frame")
+    if not _DATE.fullmatch(epoch):
+        refused.add(f"epoch must be dd.mm.yyyy, not {epoch!r}")
+    refused.parts(network)
+    lines = [
+        '<?xml version="1.0"?>',
+        f'<DnaXmlFormat type="Combined File" referenceframe="{escape(reference_frame)}" '
+        f'epoch="{escape(epoch)}">',
+        *_stations(network, refused),
+    ]
+    clustered = {i for members, _ in network.clusters for i in members}
+    of_sets: dict[tuple[str, str], list[Direction]] = {}
+    for ident, o in network.observations.items():
+        if ident in clustered:
+            continue
+        if isinstance(o, Direction):
+            refused.nothing_of(o, "instrument_height", "target_height", "collimation_error", "face")
+            of_sets.setdefault((o.station, o.set), []).append(o)
+            continue
+        if isinstance(o, ControlPoint) and o.local:
+            lines += _components(o, network, refused)
+            continue
+        lines += _single(o, refused, heights, reference_frame, epoch)
+    for (station, _), directions in of_sets.items():
+        lines += _set(station, directions, refused)
+    for members, covariance in network.clusters:
+        group = [network.observations[m] for m in members]
+        lines += _cluster(group, covariance, refused, reference_frame, epoch)
+    refused.raise_all()
+    target = Path(path)
+    text = "\n".join([*lines, "</DnaXmlFormat>"]) + "\n"
+    write_files(target.parent, {target.name: text})
+
+
+def _stations(network: Network, refused: SurveyRefusals) -> list[str]:
+    lines = []
+    for name, p in network.points.items():
+        where = f"point {name!r}"
+        if name != name.strip() or len(name) > MAX_STATION_NAME_CHARACTERS:
+            refused.add(
+                f"a name has up to {MAX_STATION_NAME_CHARACTERS} characters, no blanks at ends",
+                where,
+            )
+        if p.sigma is not None:
+            refused.add("DynaML has no weighted stations: observe their position (Y)", where)
+        if any(p.fixed) and not all(p.fixed):
+            refused.add(f"DynaML cannot hold {p.held} of X, Y, Z alone", where)
+        if not np.isfinite(p.coordinates).all():
+            refused.add("DynaML needs approximate coordinates: write the adjusted network", where)
+        x, y, z = (repr(float(v)) for v in p.coordinates)
+        lines += [
+            "  <DnaStation>",
+            f"    <Name>{escape(name)}</Name>",
+            f"    <Constraints>{'CCC' if all(p.fixed) else 'FFF'}</Constraints>",
+            "    <Type>XYZ</Type>",
+            f"    <StationCoord><Name>{escape(name)}</Name><XAxis>{x}</XAxis>"
+            f"<YAxis>{y}</YAxis><Height>{z}</Height></StationCoord>",
+            "  </DnaStation>",
+        ]
+    return lines
+
+
+def packed_angle(angle: float) -> str:
+    """Return an angle, radians, as degrees, minutes and seconds in ddd.mmssss.
+
+    >>> import math
+    >>> packed(-math.radians(36 + 33 / 60 + 48.25 / 3600))
+    '-36.334825'
+    """
+    total = Decimal(repr(abs(float(np.degrees(angle)) * 3600.0))).quantize(ARCSEC_RESOLUTION)
+    degrees, rest = divmod(total, 3600)
+    minutes, seconds = divmod(rest, 60)
+    digits = f"{seconds:012.9f}".replace(".", "").rstrip("0").ljust(2, "0")
+    return f"{'-' if angle < 0 else ''}{int(degrees)}.{int(minutes):02d}{digits}"
+
+
+def _measurement(kind: str, inside: list[str]) -> list[str]:
+    return [
+        "  <DnaMeasurement>",
+        f"    <Type>{kind}</Type>",
+        "    <Ignore/>",
+        *(f"    {line}" for line in inside),
+        "  </DnaMeasurement>",
+    ]
+
+
+def _single(
+    o: Observation, refused: SurveyRefusals, heights: str, frame: str, epoch: str
+) -> list[str]:
+    if isinstance(o, GnssVector) or (isinstance(o, ControlPoint) and o.axes == "xyz"):
+        own = np.diag(np.array(o.sigma) ** 2) if o.covariance is None else o.covariance
+        return _cluster([o], own, refused, frame, epoch)
+    kind = MEASUREMENT_TYPES.get(type(o))
+    if kind is None:
+        what = f"DynaML has no {o.kind.replace('_', ' ')}"
+        refused.add(what + (f" of {o.axes}" if isinstance(o, ControlPoint) else ""), o.label())
+        return []
+    if kind == "L" and heights == "refuse":
+        refused.add("type L is orthometric; heights='ellipsoidal' writes it", o.label())
+    refused.nothing_of(
+        o, "instrument", "refraction", "index_error", "target2_height", "face", "length_km"
+    )
+    if kind in "AIJ":
+        refused.nothing_of(o, "instrument_height", "target_height")
+    lengths = kind in "SL"
+    value, sigma = float(o.value), refused.sigma(o)  # type: ignore[attr-defined]
+    tags = ("First", "Second", "Third")
+    inside = [f"<{t}>{escape(n)}</{t}>" for t, n in zip(tags, o.points(), strict=False)]
+    inside += [
+        f"<Value>{value!r}</Value>" if lengths else f"<Value>{packed_angle(value)}</Value>",
+        f"<StdDev>{sigma if lengths else sigma / ARCSEC!r}</StdDev>",
+    ]
+    if kind in "SVZLB":
+        hi, ht = (float(getattr(o, f"{end}_height")) for end in ("instrument", "target"))
+        inside += [f"<InstHeight>{hi!r}</InstHeight>", f"<TargHeight>{ht!r}</TargHeight>"]
+    return _measurement(kind, inside)
+
+
+def _components(o: ControlPoint, network: Network, refused: SurveyRefusals) -> list[str]:
+    """Return P, Q and R: latitude, longitude and ellipsoidal height of a position."""
+    covariance = None if o.covariance is None else np.asarray(o.covariance)
+    if covariance is not None and np.any(covariance - np.diag(np.diag(covariance))):
+        refused.add("DynaML has no correlations of latitude, longitude and height", o.label())
+        return []
+    frame = network.frame
+    if not isinstance(frame, GeocentricFrame):
+        return []
+    sigmas = o.sigma if covariance is None else np.sqrt(np.diag(covariance)).tolist()
+    latitude, longitude, height = (
+        float(v) for v in frame.ellipsoid.to_geodetic(np.array(o.value, dtype=float))
+    )
+    m, n = (float(v) for v in frame.ellipsoid.radii(np.array(latitude)))
+    written = {
+        "n": ("P", packed_angle(latitude), ARCSEC * (m + height)),
+        "e": ("Q", packed_angle(longitude), ARCSEC * (n + height) * np.cos(latitude)),
+        "u": ("R", repr(height), 1.0),
+    }
+    lines = []
+    for axis, sigma in zip(o.axes, sigmas or (), strict=True):
+        kind, value, unit = written[axis]
+        inside = [
+            f"<First>{escape(o.point)}</First>",
+            f"<Value>{value}</Value>",
+            f"<StdDev>{float(sigma / unit)!r}</StdDev>",
+        ]
+        lines += _measurement(kind, inside)
+    return lines
+
+
+def _set(station: str, directions: list[Direction], refused: SurveyRefusals) -> list[str]:
+    first, *others = directions
+    inside = [
+        f"<First>{escape(station)}</First>",
+        f"<Second>{escape(first.target)}</Second>",
+        f"<Value>{packed_angle(first.value % (2 * np.pi))}</Value>",
+        f"<StdDev>{refused.sigma(first) / ARCSEC!r}</StdDev>",
+        f"<Total>{len(others)}</Total>",
+    ]
+    inside += [
+        f"<Directions><Ignore/><Target>{escape(o.target)}</Target>"
+        f"<Value>{packed_angle(o.value % (2 * np.pi))}</Value>"
+        f"<StdDev>{refused.sigma(o) / ARCSEC!r}</StdDev></Directions>"
+        for o in others
+    ]
+    return _measurement("D", inside)
+
+
+def _cluster(
+    group: list[Observation], covariance: Array, refused: SurveyRefusals, frame: str, epoch: str
+) -> list[str]:
+    """Return G, X or Y of vectors or positions with a joint covariance."""
+    vectors = [o for o in group if isinstance(o, GnssVector)]
+    positions = [o for o in group if isinstance(o, ControlPoint) and o.axes == "xyz"]
+    if len(group) not in (len(vectors), len(positions)):
+        what = "DynaML has joint covariances of GNSS vectors, or of positions x, y, z, only"
+        refused.add(what, group[0].label())
+        return []
+    for o in vectors:
+        refused.nothing_of(o, "instrument_height", "target_height")
+    kind = "Y" if positions else "G" if len(group) == 1 else "X"
+    tag, cross = ("Clusterpoint", "PointCovariance") if positions else (
+        "GPSBaseline", "GPSCovariance")  # fmt: skip
+    inside = [
+        f"<ReferenceFrame>{escape(frame)}</ReferenceFrame>",
+        f"<Epoch>{escape(epoch)}</Epoch>",
+        "<Vscale>1</Vscale><Pscale>1</Pscale><Lscale>1</Lscale><Hscale>1</Hscale>",
+    ]
+    if positions:
+        inside.append("<Coords>XYZ</Coords>")
+    if kind != "G":
+        inside.append(f"<Total>{len(group)}</Total>")
+    members: list[GnssVector | ControlPoint] = [*vectors, *positions]
+    for i, member in enumerate(members):
+        inside += [
+            f"<{t}>{escape(n)}</{t}>"
+            for t, n in zip(("First", "Second"), member.points(), strict=False)
+        ]
+        x, y, z = (float(v) for v in member.value)
+        inside += [f"<{tag}>", f"  <X>{x!r}</X><Y>{y!r}</Y><Z>{z!r}</Z>"]
+        inside.append("  " + "".join(
+            f"<Sigma{a}{b}>{float(covariance[3 * i + j, 3 * i + k])!r}</Sigma{a}{b}>"
+            for j, a in enumerate("XYZ") for k, b in enumerate("XYZ") if k >= j
+        ))  # fmt: skip
+        for other in range(i + 1, len(group)):
+            block = covariance[3 * i : 3 * i + 3, 3 * other : 3 * other + 3]
+            cells = "".join(
+                f"<m{j + 1}{k + 1}>{float(block[j, k])!r}</m{j + 1}{k + 1}>"
+                for j in range(3)
+                for k in range(3)
+            )
+            inside.append(f"  <{cross}>{cells}</{cross}>")
+        inside.append(f"</{tag}>")
+    return _measurement(kind, inside)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...crs.terrestrial_frames import TERRESTRIAL_FRAMES, frame_transformation
 from ...errors import known
 from ...frames import GeocentricFrame
 from ...network.network import Network
@@ -32,12 +33,10 @@ from ...observations import (
 )
 from ...types import Array
 from ...units import ARCSEC
-from ..left_out import ROWS_SWITCHED_OFF
-from ..xml_source import XmlSource
-from ..xml_tree import Element
-from .reference_frames import FRAMES, between
+from ..file_problems import ROWS_SWITCHED_OFF
+from ..xml_files import Element, XmlSource
 
-SIGHTS = {
+SIGHT_KINDS = {
     "S": SlopeDistance,
     "V": ZenithAngle,
     "Z": VerticalAngle,
@@ -46,8 +45,8 @@ SIGHTS = {
     "L": HeightDifference,
 }
 """Types of measurements between two stations with one value."""
-OF_A_STATION = "HRIJPQ"
-REFUSED = {
+STATION_MEASUREMENTS = "HRIJPQ"
+REFUSED_TYPES = {
     "C": "a chord between points on the ellipsoid",
     "E": "an arc along the ellipsoid",
     "M": "an arc at sea level",
@@ -56,7 +55,7 @@ REFUSED = {
 _PACKED = re.compile(r"([+-]?)(\d{1,3})(?:\.(\d*))?", re.ASCII)
 
 
-def degrees_of(file: XmlSource, element: Element, tag: str) -> float:
+def packed_degrees(file: XmlSource, element: Element, tag: str) -> float:
     """Return radians of a child that is ddd.mmssss (degrees, minutes, seconds without points)."""
     text = file.text(element, tag)
     if not text:
@@ -74,7 +73,7 @@ def degrees_of(file: XmlSource, element: Element, tag: str) -> float:
     return -angle if found[1] == "-" else angle
 
 
-def _named(file: XmlSource, element: Element, kind: str) -> str:
+def _type_and_points(file: XmlSource, element: Element, kind: str) -> str:
     """Return the type of a measurement and its points."""
     ends = (file.text(element, tag, "") for tag in ("First", "Second", "Third"))
     return " ".join((kind, *filter(None, ends)))
@@ -102,10 +101,10 @@ class DynamlMeasurements:
         """Add one ``<DnaMeasurement>``; problems are noted in the file."""
         kind = file.text(element, "Type")
         if file.text(element, "Ignore", "") == "*":
-            file.leave_out(element.line, ROWS_SWITCHED_OFF, _named(file, element, kind))
+            file.leave_out(element.line, ROWS_SWITCHED_OFF, _type_and_points(file, element, kind))
             return
-        if kind in REFUSED:
-            what = f"type {kind} is {REFUSED[kind]}, which has no counterpart here: give S"
+        if kind in REFUSED_TYPES:
+            what = f"type {kind} is {REFUSED_TYPES[kind]}, which has no counterpart here: give S"
             file.add(element.line, what)
         elif kind in ("L", "H") and self.heights == "refuse":
             what = f"type {kind} is an orthometric height, and the file has no geoid"
@@ -114,12 +113,12 @@ class DynamlMeasurements:
             self._gnss(file, element, kind)
         elif kind == "D":
             self._directions(file, element)
-        elif kind == "A" or kind in SIGHTS:
+        elif kind == "A" or kind in SIGHT_KINDS:
             self._sight(file, element, kind)
-        elif kind and kind in OF_A_STATION:
+        elif kind and kind in STATION_MEASUREMENTS:
             self._of_a_station(file, element, kind)
         elif kind:
-            valid = (*"GXYAD", *SIGHTS, *OF_A_STATION)
+            valid = (*"GXYAD", *SIGHT_KINDS, *STATION_MEASUREMENTS)
             file.add(element.line, f"unknown type {kind[:20]!r}; valid: {', '.join(valid)}")
 
     def _add(
@@ -193,7 +192,7 @@ class DynamlMeasurements:
         if coordinates == "LLH" and self.heights == "refuse":
             what = "points in LLH have orthometric heights, and the file has no geoid"
             file.add(element.line, f"{what}; heights='ellipsoidal' takes undulations as zero")
-        angles = np.array([[degrees_of(file, n, a) for a in "XY"] for n in nodes])
+        angles = np.array([[packed_degrees(file, n, a) for a in "XY"] for n in nodes])
         height = np.array([file.value(n, "Z") for n in nodes])
         frame = self.network.frame
         assert isinstance(frame, GeocentricFrame)
@@ -244,16 +243,16 @@ class DynamlMeasurements:
         name = file.text(element, "ReferenceFrame", "").upper()
         if not self.frame or not name or name == self.frame:
             return values, covariance
-        if name not in FRAMES:
-            what = f"reference frame {name[:20]!r} is not known; known: {known(FRAMES)}"
+        if name not in TERRESTRIAL_FRAMES:
+            what = f"reference frame {name[:20]!r} is not known; known: {known(TERRESTRIAL_FRAMES)}"
             file.add(
                 element.line, f"{what}; reference_frames='as is' takes the numbers as they are"
             )
             return values, covariance
         epoch = _year(file, element)
-        if math.isnan(epoch) or self.frame not in FRAMES:
+        if math.isnan(epoch) or self.frame not in TERRESTRIAL_FRAMES:
             return values, covariance
-        matrix, shift = between(name, self.frame, epoch, by_gda94=self.by_gda94)
+        matrix, shift = frame_transformation(name, self.frame, epoch, by_gda94=self.by_gda94)
         every = np.kron(np.eye(len(values)), matrix)
         moved = values @ matrix.T + (shift if kind == "Y" else 0.0)
         return moved, every @ covariance @ every.T
@@ -276,7 +275,7 @@ class DynamlMeasurements:
             "target_height": file.value(element, "TargHeight", default=0.0),
         }
         metric = kind in ("S", "L")
-        value = file.value(element, "Value") if metric else degrees_of(file, element, "Value")
+        value = file.value(element, "Value") if metric else packed_degrees(file, element, "Value")
         unit = 1.0 if metric else ARCSEC
         sigma = unit * file.value(element, "StdDev", positive=True)
         third = file.text(element, "Third") if kind == "A" else ""
@@ -286,7 +285,7 @@ class DynamlMeasurements:
         if kind == "A":
             self._add(file, element.line, HorizontalAngle, *names, third, value, **more)
         else:
-            self._add(file, element.line, SIGHTS[kind], *names, value, **more, **heights)
+            self._add(file, element.line, SIGHT_KINDS[kind], *names, value, **more, **heights)
 
     def _directions(self, file: XmlSource, element: Element) -> None:
         before = len(file.problems)
@@ -305,7 +304,7 @@ class DynamlMeasurements:
                 file.leave_out(row.line, ROWS_SWITCHED_OFF, name)
                 continue
             target = file.text(row, tag)
-            value = degrees_of(file, row, "Value")
+            value = packed_degrees(file, row, "Value")
             sigma = file.value(row, "StdDev", positive=True) * ARCSEC
             if len(file.problems) > before:
                 continue
@@ -330,7 +329,7 @@ class DynamlMeasurements:
         name = file.text(element, "First")
         at = self._at(file, element.line, name)
         metric = kind in "HR"
-        value = file.value(element, "Value") if metric else degrees_of(file, element, "Value")
+        value = file.value(element, "Value") if metric else packed_degrees(file, element, "Value")
         sigma = file.value(element, "StdDev", positive=True) * (1.0 if metric else ARCSEC)
         if at is None or len(file.problems) > before:
             return

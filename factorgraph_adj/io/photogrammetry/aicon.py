@@ -22,17 +22,23 @@ from ...models.lens import BalancedLens
 from ...network.network import Network
 from ...observations import ControlPoint, SlopeDistance
 from ...units import LENGTH
-from ..text import read_text
-from .reading import SWITCHED_OFF, ImagePoints, Reading, lines_of, whole
+from ..text_files import read_text
+from .block_source import (
+    PHOTOS_SWITCHED_OFF,
+    BlockProblems,
+    ImagePoints,
+    filled_lines,
+    whole_number,
+)
 
 MM = LENGTH["mm"]
-SUFFIXES = (".phc", ".eor", ".obc", ".ior")
+BLOCK_SUFFIXES = (".phc", ".eor", ".obc", ".ior")
 """Files that a block needs; .scale may be absent."""
-CALIBRATED = ("c", "x0", "y0", "A1", "A2", "B1", "B2")
+AICON_PARAMETERS = ("c", "x0", "y0", "A1", "A2", "B1", "B2")
 """Parameters that AICON estimates; A3, C1 and C2 are held."""
-IOR = (8, 1, 2, 2, 4)
+CAMERA_LINE_COUNTS = (8, 1, 2, 2, 4)
 """Numbers in each line of a camera."""
-NOT_ORIENTED = "1"
+UNORIENTED_STATE = "1"
 """State of a photo in .eor without a pose."""
 
 
@@ -40,7 +46,7 @@ def read_aicon(
     path: str | Path,
     *,
     sigma_mm: float = 0.0005,
-    calibration: Sequence[str] = CALIBRATED,
+    calibration: Sequence[str] = AICON_PARAMETERS,
     rejected: Literal["leave out", "keep"] = "leave out",
     datum: Literal["all", "marked"] = "all",
 ) -> Network:
@@ -69,7 +75,7 @@ def read_aicon(
     if not sigma_mm > 0:
         raise InputError(f"sigma_mm must be greater than zero, not {sigma_mm}")
     stem = _stem(Path(path))
-    reading = Reading()
+    reading = BlockProblems()
     network = Network(stem.name, datum="free")
     cameras = _cameras(stem.with_name(stem.name + ".ior"), network, reading, calibration)
     inactive = _points(stem.with_name(stem.name + ".obc"), network, reading, datum == "marked")
@@ -103,14 +109,14 @@ def _stem(path: Path) -> Path:
         stem = path / names[0]
     else:
         stem = path.with_suffix("")
-    absent = [s for s in SUFFIXES if not stem.with_name(stem.name + s).is_file()]
+    absent = [s for s in BLOCK_SUFFIXES if not stem.with_name(stem.name + s).is_file()]
     if absent:
         raise InputError(Problem(f"the block lacks {', '.join(absent)}", str(stem)))
     return stem
 
 
 def _rows(
-    path: Path, sizes: range, reading: Reading, what: str, flags: Sequence[int] = ()
+    path: Path, sizes: range, reading: BlockProblems, what: str, flags: Sequence[int] = ()
 ) -> Iterator[tuple[str, list[str]]]:
     """Yield file:line and the fields of each row that has a valid number of them.
 
@@ -121,7 +127,7 @@ def _rows(
         what: names of the fields, for messages.
         flags: indices of fields that are 0 or 1.
     """
-    for number, line in lines_of(read_text(path)):
+    for number, line in filled_lines(read_text(path)):
         if line.lstrip().startswith("#"):
             continue
         where = f"{path.name}:{number}"
@@ -141,24 +147,28 @@ def _rows(
 
 
 def _cameras(
-    path: Path, network: Network, reading: Reading, calibration: Sequence[str]
+    path: Path, network: Network, reading: BlockProblems, calibration: Sequence[str]
 ) -> set[str]:
     """Add the cameras, of five lines each; return their names, also of those with problems."""
     rows = list(_rows(path, range(1, 9), reading, "a camera"))
     names: set[str] = set()
-    for begin in range(0, len(rows), len(IOR)):
-        part = rows[begin : begin + len(IOR)]
+    for begin in range(0, len(rows), len(CAMERA_LINE_COUNTS)):
+        part = rows[begin : begin + len(CAMERA_LINE_COUNTS)]
         where = part[0][0]
-        if len(part) < len(IOR) - 1:
-            reading.wrong(f"a camera has {len(IOR)} lines, not {len(part)}", where)
+        if len(part) < len(CAMERA_LINE_COUNTS) - 1:
+            reading.wrong(f"a camera has {len(CAMERA_LINE_COUNTS)} lines, not {len(part)}", where)
             break
-        short = [(w, n, len(f)) for (w, f), n in zip(part, IOR, strict=False) if len(f) != n]
+        short = [
+            (w, n, len(f))
+            for (w, f), n in zip(part, CAMERA_LINE_COUNTS, strict=False)
+            if len(f) != n
+        ]
         if short:
             where, n, found_size = short[0]
             reading.wrong(f"this line of a camera has {n} numbers, not {found_size}", where)
             break
         name = part[0][1][0]
-        texts = [t for (_, f), n in zip(part, IOR, strict=False) for t in f[:n]]
+        texts = [t for (_, f), n in zip(part, CAMERA_LINE_COUNTS, strict=False) for t in f[:n]]
         texts[:2] = []
         found = reading.numbers(texts, len(texts), f"camera {name!r}", where)
         names.add(name)
@@ -181,7 +191,7 @@ def _cameras(
     return names
 
 
-def _points(path: Path, network: Network, reading: Reading, marked: bool) -> set[str]:
+def _points(path: Path, network: Network, reading: BlockProblems, marked: bool) -> set[str]:
     """Add the active points; return the keys of the inactive ones."""
     off: set[str] = set()
     seen: set[str] = set()
@@ -192,12 +202,12 @@ def _points(path: Path, network: Network, reading: Reading, marked: bool) -> set
             reading.wrong(f"point {name!r} is defined twice", where)
             continue
         seen.add(name)
-        if whole(fields[7]) is None:
+        if whole_number(fields[7]) is None:
             reading.wrong(f"the number of rays must be whole, not {fields[7][:20]!r}", where)
         found = reading.numbers(fields[1:7], 6, f"point {name!r}", where)
         if active == "0":
             off.add(f"point {name}")
-            reading.leave_out(SWITCHED_OFF, f"point {name}", where)
+            reading.leave_out(PHOTOS_SWITCHED_OFF, f"point {name}", where)
         if active == "0" or found is None:
             continue
         at = (MM * found[0], MM * found[1], MM * found[2])
@@ -221,7 +231,7 @@ def _points(path: Path, network: Network, reading: Reading, marked: bool) -> set
     return off
 
 
-def _photos(path: Path, network: Network, reading: Reading, cameras: set[str]) -> set[str]:
+def _photos(path: Path, network: Network, reading: BlockProblems, cameras: set[str]) -> set[str]:
     """Add the active photos; return the keys of the inactive ones."""
     off: set[str] = set()
     seen: set[str] = set()
@@ -233,11 +243,11 @@ def _photos(path: Path, network: Network, reading: Reading, cameras: set[str]) -
             continue
         seen.add(name)
         for number, what_for in zip(fields[9:11], ("active", "state"), strict=True):
-            if whole(number) is None:
+            if whole_number(number) is None:
                 reading.wrong(f"{what_for} must be a whole number, not {number[:20]!r}", where)
         if fields[9] == "0":
             off.add(f"photo {name}")
-            reading.leave_out(SWITCHED_OFF, f"photo {name}", where)
+            reading.leave_out(PHOTOS_SWITCHED_OFF, f"photo {name}", where)
             continue
         if fields[8] != "0":
             what_is = f"sequence of rotations {fields[8]!r} cannot be read; valid: 0 (ω, φ, κ)"
@@ -246,7 +256,7 @@ def _photos(path: Path, network: Network, reading: Reading, cameras: set[str]) -
         found = reading.numbers(fields[2:8], 6, f"photo {name!r}", where)
         if found is None or (camera in cameras and camera not in network.cameras):
             continue
-        oriented = fields[10] != NOT_ORIENTED
+        oriented = fields[10] != UNORIENTED_STATE
         with reading.at(where):
             network.add_photo(
                 name,
@@ -260,7 +270,7 @@ def _photos(path: Path, network: Network, reading: Reading, cameras: set[str]) -
 def _image_points(
     path: Path,
     images: ImagePoints,
-    reading: Reading,
+    reading: BlockProblems,
     network: Network,
     off: set[str],
     sigma: float,
@@ -274,23 +284,23 @@ def _image_points(
             continue
         left = point not in network.points or f"photo {photo}" in off
         if left or (fields[9] == "0" and not keep):
-            reading.leave_out(SWITCHED_OFF, f"image point {photo}/{point}", where)
+            reading.leave_out(PHOTOS_SWITCHED_OFF, f"image point {photo}/{point}", where)
             continue
         xy = reading.numbers(fields[2:4], 2, f"image point {photo}/{point}", where)
         if xy is not None:
             images.add(photo, point, xy, (sigma,), where)
 
 
-def _scale_bars(path: Path, network: Network, reading: Reading, off: set[str]) -> None:
+def _scale_bars(path: Path, network: Network, reading: BlockProblems, off: set[str]) -> None:
     """Add the active scale bars between active points."""
     what = 'number, "name", point, point, length, σ, active'
     for where, fields in _rows(path, range(7, 8), reading, what, (6,)):
         name, a, b = fields[1], fields[2], fields[3]
-        if whole(fields[0]) is None:
+        if whole_number(fields[0]) is None:
             what_is = f"the number of a scale bar must be whole, not {fields[0][:20]!r}"
             reading.wrong(what_is, where)
         if fields[6] == "0" or f"point {a}" in off or f"point {b}" in off:
-            reading.leave_out(SWITCHED_OFF, f"scale bar {name}", where)
+            reading.leave_out(PHOTOS_SWITCHED_OFF, f"scale bar {name}", where)
             continue
         found = reading.numbers(fields[4:6], 2, f"scale bar {name!r}", where)
         if found is not None:

@@ -9,16 +9,15 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ...approximate.image_axes import problems_of_marks
+from ...entities import Point
 from ...errors import InputError, LeftOut, Problem, known
-from ...network.entities import Point
 from ...network.network import Network
 from ...observations.positions import PhotoPosition
 from ...rotation import TURN_ABOUT_X, log_rotation
+from ...start.image_axes import problems_of_marks
 from ...types import Array
 from .colmap_binary import read_binary_model
-from .colmap_cameras import BY_NAME
-from .colmap_marks import intersection, rays
+from .colmap_cameras import CAMERA_MODEL_BY_NAME
 from .colmap_model import (
     NO_POINT,
     CameraRecord,
@@ -27,26 +26,36 @@ from .colmap_model import (
     Pose,
     RigRecord,
     SparseModel,
-    check,
+    check_model,
 )
-from .colmap_tables import Mark, Tables, Unregistered, scales
+from .colmap_reference import (
+    IDENTITY_SIMILARITY,
+    ControlMark,
+    ModelTables,
+    Similarity,
+    UnregisteredChoice,
+    keypoint_scales,
+    mark_rays,
+    ray_intersection,
+    similarity_of_points,
+)
 from .colmap_text import read_text_model
-from .similarity import NOTHING, Similarity, fitted
 
-Calibration = Literal["colmap", "all", "held"]
+CalibrationChoice = Literal["colmap", "all", "held"]
 """Which parameters of the cameras are unknown."""
-Mounts = Literal["free", "held"]
+MountChoice = Literal["free", "held"]
 """Whether the mounts of the cameras of rigs are unknown."""
-Repeated = Literal["refuse", "leave out"]
+RepeatedChoice = Literal["refuse", "leave out"]
 """What to do with several measurements of a point in one image."""
-ANGLES, ARM = ("rx", "ry", "rz"), ("x", "y", "z")
-TABLES = ("cameras", "images", "points3D")
+MOUNT_ANGLES, MOUNT_ARM = ("rx", "ry", "rz"), ("x", "y", "z")
+MODEL_TABLES = ("cameras", "images", "points3D")
 
 
 def is_colmap(path: Path) -> bool:
     """Return whether a folder has the files of a sparse model."""
     return any(
-        all((path / f"{name}{suffix}").is_file() for name in TABLES) for suffix in (".bin", ".txt")
+        all((path / f"{name}{suffix}").is_file() for name in MODEL_TABLES)
+        for suffix in (".bin", ".txt")
     )
 
 
@@ -57,14 +66,14 @@ def read_sparse_model(folder: Path) -> SparseModel:
         InputError: files are missing, are not of this format, or contradict one another.
     """
     for suffix, reader in ((".bin", read_binary_model), (".txt", read_text_model)):
-        there = [name for name in TABLES if (folder / f"{name}{suffix}").is_file()]
-        if len(there) == len(TABLES):
+        there = [name for name in MODEL_TABLES if (folder / f"{name}{suffix}").is_file()]
+        if len(there) == len(MODEL_TABLES):
             model = reader(folder)
-            check(model)
+            check_model(model)
             return model
     inside = sorted(p.parent for p in folder.glob("*/images.*")) if folder.is_dir() else []
     inside += sorted(p.parent for p in folder.glob("*/*/images.*")) if folder.is_dir() else []
-    what = f"has no sparse model: {', '.join(f'{n}.bin or {n}.txt' for n in TABLES)}"
+    what = f"has no sparse model: {', '.join(f'{n}.bin or {n}.txt' for n in MODEL_TABLES)}"
     models = list(dict.fromkeys(str(p) for p in inside if is_colmap(p)))
     if models:
         what += f"; there are models in {known(models)}"
@@ -79,10 +88,10 @@ def read_colmap(
     control: str | Path | None = None,
     marks: str | Path | None = None,
     priors: str | Path | None = None,
-    calibration: Calibration = "colmap",
-    mounts: Mounts = "free",
-    repeated: Repeated = "refuse",
-    unregistered: Unregistered = "refuse",
+    calibration: CalibrationChoice = "colmap",
+    mounts: MountChoice = "free",
+    repeated: RepeatedChoice = "refuse",
+    unregistered: UnregisteredChoice = "refuse",
 ) -> Network:
     """Read a sparse model of COLMAP, text or binary, as a network.
 
@@ -123,26 +132,26 @@ def read_colmap(
         InputError: files are missing or damaged, contradict one another, have camera models
             without a lens model; tables have problems; all with file and line (or byte).
     """
-    _choices(
-        calibration=(calibration, Calibration),
-        mounts=(mounts, Mounts),
-        repeated=(repeated, Repeated),
-        unregistered=(unregistered, Unregistered),
+    _check_choices(
+        calibration=(calibration, CalibrationChoice),
+        mounts=(mounts, MountChoice),
+        repeated=(repeated, RepeatedChoice),
+        unregistered=(unregistered, UnregisteredChoice),
     )
     if not (isinstance(sigma, int | float) and 0 < sigma < np.inf):
         raise InputError(f"sigma must be greater than zero, pixels, not {sigma!r}")
     folder = Path(path)
     model = read_sparse_model(folder)
-    tables = Tables.read(control, marks, priors, model, unregistered)
+    tables = ModelTables.read(control, marks, priors, model, unregistered)
     by_scale = None
     if sigma_by_scale is not None:
         wanted = {i.name: len(i.points) for i in model.images if (i.points != NO_POINT).any()}
-        by_scale = scales(Path(sigma_by_scale), wanted)
+        by_scale = keypoint_scales(Path(sigma_by_scale), wanted)
     made = _Assembly(model, tables, float(sigma), by_scale, calibration, mounts, repeated)
     return made.network(folder.name)
 
 
-def _choices(**given: tuple[str, object]) -> None:
+def _check_choices(**given: tuple[str, object]) -> None:
     """Refuse options that are none of their choices."""
     problems = []
     for name, (value, choices) in given.items():
@@ -159,18 +168,18 @@ class _Assembly:
     """A network in the making."""
 
     model: SparseModel
-    tables: Tables
+    tables: ModelTables
     sigma: float
     by_scale: Mapping[str, Array] | None
-    calibration: Calibration
-    mounts: Mounts
-    repeated: Repeated
+    calibration: CalibrationChoice
+    mounts: MountChoice
+    repeated: RepeatedChoice
 
     def network(self, name: str) -> Network:
         """Return the network."""
         model, tables = self.model, self.tables
         free = not tables.control and not tables.priors
-        moved = NOTHING if free else self._similarity()
+        moved = IDENTITY_SIMILARITY if free else self._similarity()
         network = Network(datum="free" if free else "given")
         number_of = {p.number: i for i, p in enumerate(model.points)}
         xyz = np.array([p.xyz for p in model.points]).reshape(-1, 3)
@@ -233,7 +242,7 @@ class _Assembly:
             x.append(pose.centre)
             to.append(prior.xyz)
         places = {str(p.number): np.array(p.xyz) for p in self.model.points}
-        by_point: dict[str, list[Mark]] = {}
+        by_point: dict[str, list[ControlMark]] = {}
         for mark in self.tables.marks:
             by_point.setdefault(mark.point, []).append(mark)
         for name, point in self.tables.control.items():
@@ -242,11 +251,11 @@ class _Assembly:
             at = places.get(name)
             if at is None:
                 measured = [(images[m.photo], m) for m in by_point.get(name, ())]
-                at = intersection(*rays(self.model, measured))
+                at = ray_intersection(*mark_rays(self.model, measured))
             if at is not None:
                 x.append(at)
                 to.append(point.coordinates)
-        found = fitted(np.array(x).reshape(-1, 3), np.array(to).reshape(-1, 3))
+        found = similarity_of_points(np.array(x).reshape(-1, 3), np.array(to).reshape(-1, 3))
         if found is None:
             what = (
                 f"control points and positions of photos give {len(x)} places, which do not carry "
@@ -259,7 +268,7 @@ class _Assembly:
     # -- cameras and photos -------------------------------------------------------------------
 
     def _camera(self, network: Network, camera: CameraRecord) -> None:
-        model = BY_NAME[camera.model]
+        model = CAMERA_MODEL_BY_NAME[camera.model]
         assert model.lens is not None
         unknown = {"held": (), "colmap": model.unknowns}.get(self.calibration)
         if unknown is None:
@@ -363,11 +372,11 @@ class _Assembly:
             centre = frame.pose.rotation @ (image.pose.centre - frame.pose.centre)
         b = log_rotation((TURN_ABOUT_X @ turn @ TURN_ABOUT_X)[None])[0]
         arm = moved.scale * TURN_ABOUT_X @ centre
-        values = dict(zip((*ANGLES, *ARM), [*b.tolist(), *arm.tolist()], strict=True))
+        values = dict(zip((*MOUNT_ANGLES, *MOUNT_ARM), [*b.tolist(), *arm.tolist()], strict=True))
         assert rig.reference is not None
         of_rig = [m for m in network.mounts if m.startswith(f"rig {rig.number} camera ")]
         held = self.mounts == "held" or (rig.reference[0] != "CAMERA" and not of_rig)
-        network.set_mount(name, free=() if held else (*ANGLES, *ARM), values=values)
+        network.set_mount(name, free=() if held else (*MOUNT_ANGLES, *MOUNT_ARM), values=values)
         return name
 
     # -- measurements -------------------------------------------------------------------------
@@ -418,7 +427,7 @@ class _Assembly:
             raise InputError(problems)
         return out
 
-    def _mark(self, network: Network, mark: Mark) -> None:
+    def _mark(self, network: Network, mark: ControlMark) -> None:
         """Add an image point of a control point."""
         row = network.images.size
         sigma = self.sigma if mark.sigma is None else mark.sigma

@@ -16,10 +16,10 @@ import numpy as np
 from ...control_characters import has_control_characters, why_refused
 from ...errors import InputError, Problem
 from ...files import read_bytes
-from .colmap_cameras import BY_NAME, BY_NUMBER
+from .colmap_cameras import CAMERA_MODEL_BY_NAME, CAMERA_MODEL_BY_NUMBER
 from .colmap_model import (
     NO_POINT,
-    SENSORS,
+    SENSOR_TYPES,
     CameraRecord,
     FrameRecord,
     ImageRecord,
@@ -31,7 +31,7 @@ from .colmap_model import (
 )
 
 T = TypeVar("T")
-NONE = 2**64 - 1
+NO_POINT_ID = 2**64 - 1
 """POINT3D_ID of a measurement that belongs to no point."""
 _MEASURED = np.dtype([("x", "<f8"), ("y", "<f8"), ("point", "<u8")])
 
@@ -77,10 +77,10 @@ class _Bytes:
 
     def sensor(self) -> Sensor:
         kind = self.whole("i")
-        if not 0 <= kind < len(SENSORS):
-            names = ", ".join(f"{i} {s}" for i, s in enumerate(SENSORS))
+        if not 0 <= kind < len(SENSOR_TYPES):
+            names = ", ".join(f"{i} {s}" for i, s in enumerate(SENSOR_TYPES))
             raise self.wrong(f"unknown type of sensor {kind}; valid: {names}")
-        return SENSORS[kind], self.whole("I")
+        return SENSOR_TYPES[kind], self.whole("I")
 
     def name_of_image(self) -> str:
         end = self.data.find(b"\0", self.at)
@@ -133,9 +133,9 @@ def read_binary_model(folder: Path) -> SparseModel:
 def _camera(data: _Bytes) -> CameraRecord:
     where = data.where
     number, kind, width, height = (int(v) for v in data.take("IiQQ"))
-    model = BY_NUMBER.get(kind)
+    model = CAMERA_MODEL_BY_NUMBER.get(kind)
     if model is None:
-        known = ", ".join(f"{m.number} {m.name}" for m in BY_NUMBER.values())
+        known = ", ".join(f"{m.number} {m.name}" for m in CAMERA_MODEL_BY_NUMBER.values())
         raise InputError(Problem(f"unknown camera model {kind}; valid: {known}", where))
     parameters = data.take(f"{len(model.parameters)}d")
     return CameraRecord(number, model.name, (width, height), tuple(parameters), where)
@@ -150,7 +150,7 @@ def _image(data: _Bytes) -> ImageRecord:
     n = data.count("Q", _MEASURED.itemsize, "measurements")
     measured = np.frombuffer(data.data, _MEASURED, n, data.at)
     points = measured["point"].copy()
-    if ((points >= 2**63 - 1) & (points != NONE)).any():
+    if ((points >= 2**63 - 1) & (points != NO_POINT_ID)).any():
         raise data.wrong("a POINT3D_ID is larger than 2⁶³ − 2")
     data.at += n * _MEASURED.itemsize
     xy = np.stack([measured["x"], measured["y"]], axis=1).astype(float)
@@ -199,7 +199,7 @@ def binary_files(model: SparseModel) -> dict[str, bytes]:
         struct.pack(
             f"<IiQQ{len(c.parameters)}d",
             c.number,
-            BY_NAME[c.model].number,
+            CAMERA_MODEL_BY_NAME[c.model].number,
             *c.size,
             *c.parameters,
         )
@@ -242,7 +242,7 @@ def _image_bytes(image: ImageRecord) -> bytes:
 
 
 def _sensor(sensor: Sensor) -> bytes:
-    return struct.pack("<iI", SENSORS.index(sensor[0]), sensor[1])
+    return struct.pack("<iI", SENSOR_TYPES.index(sensor[0]), sensor[1])
 
 
 def _rig_bytes(rig: RigRecord) -> bytes:

@@ -13,18 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...models.affine_normalised import AffineNormalisedLens
 from ...models.lens import BrownForwardLens, Lens, NormalisedLens
-from ...models.rational_lens import RationalLens
-from ...models.ray_lens import (
-    DivisionLens,
-    EquirectangularLens,
-    FisheyeLens,
-    FovLens,
-    UnifiedLens,
-)
+from ...models.normalised_lens import AffineNormalisedLens, RationalLens
+from ...models.ray_lens import DivisionLens, EquirectangularLens, FisheyeLens, FovLens, UnifiedLens
 
-SIGNS: Mapping[str, tuple[str, float]] = {
+LENS_SIGNS: Mapping[str, tuple[str, float]] = {
     "k": ("k1", 1.0),
     "p1": ("p2", -1.0),
     "p2": ("p1", 1.0),
@@ -52,7 +45,7 @@ class CameraModel:
     def own(self) -> tuple[str, ...]:
         """Parameters of the lens that the model has besides c, x0, y0 and b1."""
         rest = (p for p in self.parameters if p not in ("f", "fx", "fy", "cx", "cy", "w", "h"))
-        return tuple(SIGNS.get(p, (p, 1.0))[0] for p in rest)
+        return tuple(LENS_SIGNS.get(p, (p, 1.0))[0] for p in rest)
 
     @property
     def two_focal_lengths(self) -> bool:
@@ -78,7 +71,7 @@ class CameraModel:
             out["b1"] = given["fx"] / given["fy"] - 1.0
         for name, value in given.items():
             if name not in ("f", "fx", "fy", "cx", "cy"):
-                ours, sign = SIGNS.get(name, (name, 1.0))
+                ours, sign = LENS_SIGNS.get(name, (name, 1.0))
                 out[ours] = sign * value
         return out
 
@@ -97,57 +90,72 @@ class CameraModel:
             elif name == "cy":
                 out.append(-values["y0"])
             else:
-                ours, sign = SIGNS.get(name, (name, 1.0))
+                ours, sign = LENS_SIGNS.get(name, (name, 1.0))
                 out.append(sign * values.get(ours, 0.0))
         return out
 
 
 _RATIONAL, _FISHEYE = RationalLens(), FisheyeLens()
-_TWO = ("fx", "fy", "cx", "cy")
-_ONE = ("f", "cx", "cy")
+_TWO_FOCAL_LENGTHS = ("fx", "fy", "cx", "cy")
+_ONE_FOCAL_LENGTH = ("f", "cx", "cy")
 
-MODELS: tuple[CameraModel, ...] = (
-    CameraModel(0, "SIMPLE_PINHOLE", _ONE, Lens()),
-    CameraModel(1, "PINHOLE", _TWO, _RATIONAL),
-    CameraModel(2, "SIMPLE_RADIAL", (*_ONE, "k"), NormalisedLens()),
-    CameraModel(3, "RADIAL", (*_ONE, "k1", "k2"), NormalisedLens()),
-    CameraModel(4, "OPENCV", (*_TWO, "k1", "k2", "p1", "p2"), _RATIONAL),
-    CameraModel(5, "OPENCV_FISHEYE", (*_TWO, "k1", "k2", "k3", "k4"), _FISHEYE),
+CAMERA_MODELS: tuple[CameraModel, ...] = (
+    CameraModel(0, "SIMPLE_PINHOLE", _ONE_FOCAL_LENGTH, Lens()),
+    CameraModel(1, "PINHOLE", _TWO_FOCAL_LENGTHS, _RATIONAL),
+    CameraModel(2, "SIMPLE_RADIAL", (*_ONE_FOCAL_LENGTH, "k"), NormalisedLens()),
+    CameraModel(3, "RADIAL", (*_ONE_FOCAL_LENGTH, "k1", "k2"), NormalisedLens()),
+    CameraModel(4, "OPENCV", (*_TWO_FOCAL_LENGTHS, "k1", "k2", "p1", "p2"), _RATIONAL),
+    CameraModel(5, "OPENCV_FISHEYE", (*_TWO_FOCAL_LENGTHS, "k1", "k2", "k3", "k4"), _FISHEYE),
     CameraModel(
-        6, "FULL_OPENCV", (*_TWO, "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), _RATIONAL
+        6,
+        "FULL_OPENCV",
+        (*_TWO_FOCAL_LENGTHS, "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+        _RATIONAL,
     ),
-    CameraModel(7, "FOV", (*_TWO, "omega"), FovLens()),
-    CameraModel(8, "SIMPLE_RADIAL_FISHEYE", (*_ONE, "k"), _FISHEYE),
-    CameraModel(9, "RADIAL_FISHEYE", (*_ONE, "k1", "k2"), _FISHEYE),
+    CameraModel(7, "FOV", (*_TWO_FOCAL_LENGTHS, "omega"), FovLens()),
+    CameraModel(8, "SIMPLE_RADIAL_FISHEYE", (*_ONE_FOCAL_LENGTH, "k"), _FISHEYE),
+    CameraModel(9, "RADIAL_FISHEYE", (*_ONE_FOCAL_LENGTH, "k1", "k2"), _FISHEYE),
     CameraModel(
         10,
         "THIN_PRISM_FISHEYE",
-        (*_TWO, "k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
+        (*_TWO_FOCAL_LENGTHS, "k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
         _FISHEYE,
     ),
     CameraModel(
         11,
         "RAD_TAN_THIN_PRISM_FISHEYE",
-        (*_TWO, "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3"),
+        (
+            *_TWO_FOCAL_LENGTHS,
+            "k0",
+            "k1",
+            "k2",
+            "k3",
+            "k4",
+            "k5",
+            "p0",
+            "p1",
+            "s0",
+            "s1",
+            "s2",
+            "s3",
+        ),
         None,
     ),
-    CameraModel(12, "SIMPLE_DIVISION", (*_ONE, "k"), DivisionLens()),
-    CameraModel(13, "DIVISION", (*_TWO, "k"), DivisionLens()),
-    CameraModel(14, "SIMPLE_FISHEYE", _ONE, _FISHEYE),
-    CameraModel(15, "FISHEYE", _TWO, _FISHEYE),
-    CameraModel(16, "EUCM", (*_TWO, "alpha", "beta"), UnifiedLens()),
+    CameraModel(12, "SIMPLE_DIVISION", (*_ONE_FOCAL_LENGTH, "k"), DivisionLens()),
+    CameraModel(13, "DIVISION", (*_TWO_FOCAL_LENGTHS, "k"), DivisionLens()),
+    CameraModel(14, "SIMPLE_FISHEYE", _ONE_FOCAL_LENGTH, _FISHEYE),
+    CameraModel(15, "FISHEYE", _TWO_FOCAL_LENGTHS, _FISHEYE),
+    CameraModel(16, "EUCM", (*_TWO_FOCAL_LENGTHS, "alpha", "beta"), UnifiedLens()),
     CameraModel(17, "EQUIRECTANGULAR", ("w", "h"), EquirectangularLens()),
 )
 """The camera models of COLMAP 4.2."""
-BY_NAME: Mapping[str, CameraModel] = {m.name: m for m in MODELS}
-BY_NUMBER: Mapping[int, CameraModel] = {m.number: m for m in MODELS}
-READABLE = [m.name for m in MODELS if m.lens is not None]
+CAMERA_MODEL_BY_NAME: Mapping[str, CameraModel] = {m.name: m for m in CAMERA_MODELS}
+CAMERA_MODEL_BY_NUMBER: Mapping[int, CameraModel] = {m.number: m for m in CAMERA_MODELS}
+READABLE_NAMES = [m.name for m in CAMERA_MODELS if m.lens is not None]
 """Names of the models that have a lens model here."""
 
 
-def in_normalised_units(
-    lens: Lens, values: Mapping[str, float]
-) -> tuple[type[Lens], dict[str, float]]:
+def normalised_lens(lens: Lens, values: Mapping[str, float]) -> tuple[type[Lens], dict[str, float]]:
     """Return the lens as one of COLMAP's kind where it is the same function, with its parameters.
 
     `BrownForwardLens` subtracts its terms, k_i in 1/px^2i: k_i → −k_i c^2i, p → −p c. The affinity
@@ -165,22 +173,22 @@ def in_normalised_units(
     return NormalisedLens, out
 
 
-def candidates(lens: type[Lens]) -> list[CameraModel]:
+def candidate_models(lens: type[Lens]) -> list[CameraModel]:
     """Return the models of COLMAP that a lens model may be, those with fewest parameters first."""
     tangents = (Lens, NormalisedLens, RationalLens)
     kind = tangents if lens in tangents else (lens,)
-    found = [m for m in MODELS if type(m.lens) in kind]
+    found = [m for m in CAMERA_MODELS if type(m.lens) in kind]
     return sorted(found, key=lambda m: (len(m.parameters), m.number))
 
 
-def smallest(lens: type[Lens], used: set[str]) -> CameraModel | None:
+def smallest_model(lens: type[Lens], used: set[str]) -> CameraModel | None:
     """Return the model of COLMAP with fewest parameters that has those ``used``; None: none has.
 
     Args:
         lens: the lens model.
         used: its parameters that are not zero, or not held, besides c, x0 and y0.
     """
-    for model in candidates(lens):
+    for model in candidate_models(lens):
         has = {*model.own, *(("b1",) if model.two_focal_lengths else ())}
         if used <= has:
             return model

@@ -9,15 +9,15 @@ import numpy as np
 
 from ...errors import InputError, Problem, known
 from ...types import Array, Index
-from .colmap_cameras import BY_NAME, READABLE
+from .colmap_cameras import CAMERA_MODEL_BY_NAME, READABLE_NAMES
 
 NO_POINT = -1
 """Number of the point of an image measurement that belongs to none."""
-MOST_PROBLEMS = 20
+MAX_PROBLEMS_OF_A_KIND = 20
 """Largest number of problems of a file that are listed."""
-SENSORS = ("CAMERA", "IMU")
+SENSOR_TYPES = ("CAMERA", "IMU")
 """Types of sensors, by their numbers in binary files."""
-LARGEST = 1e12
+MAX_COLMAP_NUMBER = 1e12
 """Largest absolute value of a coordinate or parameter; beyond, squares lose all digits."""
 
 
@@ -77,8 +77,8 @@ class Pose:
             return "quaternion and translation must be finite numbers"
         if not 1e-6 < np.abs(self.turn).max() < 1e6:
             return "the quaternion has the length zero, or a strange one; valid: about 1"
-        if np.abs(self.shift).max() > LARGEST:
-            return f"the translation is larger than {LARGEST:g}"
+        if np.abs(self.shift).max() > MAX_COLMAP_NUMBER:
+            return f"the translation is larger than {MAX_COLMAP_NUMBER:g}"
         return ""
 
 
@@ -195,7 +195,7 @@ class SparseModel:
 
 
 @dataclass
-class Found:
+class ModelProblems:
     """Problems, of which the first ones of each kind are kept."""
 
     problems: list[Problem] = field(default_factory=list)
@@ -206,7 +206,7 @@ class Found:
         """Add a problem; of one kind the first `MOST_PROBLEMS` are kept and the rest counted."""
         n = self._more.get(kind, 0) + 1
         self._more[kind] = n
-        if n <= MOST_PROBLEMS:
+        if n <= MAX_PROBLEMS_OF_A_KIND:
             self.problems.append(Problem(what, where))
 
     def refuse(self) -> None:
@@ -218,13 +218,13 @@ class Found:
         if not self.problems:
             return
         for n in self._more.values():
-            if n > MOST_PROBLEMS:
-                more = f"and {n - MOST_PROBLEMS} more of this kind"
+            if n > MAX_PROBLEMS_OF_A_KIND:
+                more = f"and {n - MAX_PROBLEMS_OF_A_KIND} more of this kind"
                 self.problems.append(Problem(more, self.problems[-1].where))
         raise InputError(self.problems)
 
 
-def check(model: SparseModel) -> None:
+def check_model(model: SparseModel) -> None:
     """Refuse a model that contradicts itself.
 
     Raises:
@@ -232,8 +232,8 @@ def check(model: SparseModel) -> None:
             models, numbers that are not finite or not possible, tracks that do not fit the
             measurements; all with file and line.
     """
-    found = Found()
-    _twice(model, found)
+    found = ModelProblems()
+    _duplicates(model, found)
     for camera in model.cameras:
         for what in camera_problems(camera):
             found.add(what, camera.where, "camera")
@@ -243,9 +243,9 @@ def check(model: SparseModel) -> None:
         for what in _image_problems(image, cameras, points):
             found.add(what, image.where, "image")
     for point in model.points:
-        if not (np.isfinite(point.xyz).all() and np.abs(point.xyz).max() <= LARGEST):
+        if not (np.isfinite(point.xyz).all() and np.abs(point.xyz).max() <= MAX_COLMAP_NUMBER):
             found.add(
-                f"coordinates must be finite and below {LARGEST:g}, not {point.xyz}",
+                f"coordinates must be finite and below {MAX_COLMAP_NUMBER:g}, not {point.xyz}",
                 point.where,
                 "point",
             )
@@ -256,10 +256,10 @@ def check(model: SparseModel) -> None:
 
 def camera_problems(camera: CameraRecord) -> Iterator[str]:
     """Yield what is wrong with a camera."""
-    model = BY_NAME.get(camera.model)
+    model = CAMERA_MODEL_BY_NAME.get(camera.model)
     if model is None or model.lens is None:
         why = "unknown camera model" if model is None else "no lens model here is the camera model"
-        yield f"{why} {camera.model!r}; valid: {known(READABLE, meant=camera.model, most=20)}"
+        yield f"{why} {camera.model!r}; valid: {known(READABLE_NAMES, meant=camera.model, most=20)}"
         return
     if len(camera.parameters) != len(model.parameters):
         yield (
@@ -267,8 +267,11 @@ def camera_problems(camera: CameraRecord) -> Iterator[str]:
             f"not {len(camera.parameters)} numbers"
         )
         return
-    if not (np.isfinite(camera.parameters).all() and np.abs(camera.parameters).max() <= LARGEST):
-        yield f"parameters must be finite and below {LARGEST:g}"
+    if not (
+        np.isfinite(camera.parameters).all()
+        and np.abs(camera.parameters).max() <= MAX_COLMAP_NUMBER
+    ):
+        yield f"parameters must be finite and below {MAX_COLMAP_NUMBER:g}"
         return
     given = dict(zip(model.parameters, camera.parameters, strict=True))
     for name in ("f", "fx", "fy", "w", "h"):
@@ -291,14 +294,14 @@ def _image_problems(image: ImageRecord, cameras: set[int], points: set[int]) -> 
         yield "the image has no name"
     used = image.points != NO_POINT
     xy = image.xy[used]
-    if not (np.isfinite(xy).all() and (np.abs(xy) <= LARGEST).all()):
-        yield f"coordinates of measurements must be finite and below {LARGEST:g}"
+    if not (np.isfinite(xy).all() and (np.abs(xy) <= MAX_COLMAP_NUMBER).all()):
+        yield f"coordinates of measurements must be finite and below {MAX_COLMAP_NUMBER:g}"
     absent = sorted(set(image.points[used].tolist()) - points)
     if absent:
         yield f"measurements of points that points3D lacks: {known(absent)}"
 
 
-def _twice(model: SparseModel, found: Found) -> None:
+def _duplicates(model: SparseModel, found: ModelProblems) -> None:
     """Note numbers and names that are used twice."""
     tables: tuple[tuple[str, Iterable[tuple[object, str]]], ...] = (
         ("CAMERA_ID", ((c.number, c.where) for c in model.cameras)),
@@ -316,7 +319,7 @@ def _twice(model: SparseModel, found: Found) -> None:
             first.setdefault(key, where)
 
 
-def _tracks(model: SparseModel, found: Found) -> None:
+def _tracks(model: SparseModel, found: ModelProblems) -> None:
     """Note tracks of points that do not fit the measurements of the images."""
     images = {i.number: i for i in model.images}
     count = dict.fromkeys((p.number for p in model.points), 0)
@@ -348,7 +351,7 @@ def _tracks(model: SparseModel, found: Found) -> None:
                 found.add(what, point.where, "track")
 
 
-def _rigs(model: SparseModel, found: Found, cameras: set[int]) -> None:
+def _rigs(model: SparseModel, found: ModelProblems, cameras: set[int]) -> None:
     """Note rigs and frames that do not fit the cameras and images."""
     rigs: Mapping[int, RigRecord] = {r.number: r for r in model.rigs}
     images = {i.number: i for i in model.images}

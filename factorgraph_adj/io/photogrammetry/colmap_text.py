@@ -16,13 +16,13 @@ import numpy as np
 from ...control_characters import has_control_characters, why_refused
 from ...errors import InputError
 from ...types import Array, Index
-from ..text import read_text
+from ..text_files import read_text
 from .colmap_model import (
-    SENSORS,
+    SENSOR_TYPES,
     CameraRecord,
-    Found,
     FrameRecord,
     ImageRecord,
+    ModelProblems,
     PointRecord,
     Pose,
     RigRecord,
@@ -31,7 +31,7 @@ from .colmap_model import (
 )
 
 T = TypeVar("T")
-LONGEST = 30
+QUOTE_SIZE = 30
 """Number of characters of a wrong word that a message quotes."""
 
 
@@ -53,7 +53,7 @@ class _Words:
         word = self.word(what)
         digits = word[1:] if word[:1] in "+-" else word
         if not (digits.isascii() and digits.isdigit() and len(digits) < 20):
-            raise _Wrong(f"{what} must be a whole number, not {word[:LONGEST]!r}", self.where)
+            raise _Wrong(f"{what} must be a whole number, not {word[:QUOTE_SIZE]!r}", self.where)
         value = int(word)
         if not least <= value <= largest:
             raise _Wrong(f"{what} must be {least} to {largest}, not {value}", self.where)
@@ -64,7 +64,7 @@ class _Words:
         try:
             return _number(word)
         except ValueError:
-            raise _Wrong(f"{what}: {word[:LONGEST]!r} is not a number", self.where) from None
+            raise _Wrong(f"{what}: {word[:QUOTE_SIZE]!r} is not a number", self.where) from None
 
     def pose(self) -> Pose:
         w, x, y, z, tx, ty, tz = (
@@ -74,14 +74,14 @@ class _Words:
 
     def sensor(self) -> Sensor:
         kind = self.word("the type of a sensor")
-        if kind not in SENSORS:
-            what = f"unknown type of sensor {kind[:LONGEST]!r}; valid: {', '.join(SENSORS)}"
+        if kind not in SENSOR_TYPES:
+            what = f"unknown type of sensor {kind[:QUOTE_SIZE]!r}; valid: {', '.join(SENSOR_TYPES)}"
             raise _Wrong(what, self.where)
         return kind, self.whole("the number of a sensor")
 
     def end(self) -> None:
         if self.at < len(self.words):
-            left = self.words[self.at][:LONGEST]
+            left = self.words[self.at][:QUOTE_SIZE]
             raise _Wrong(f"nothing may follow here, but {left!r} does", self.where)
 
 
@@ -100,7 +100,7 @@ def _number(word: str) -> float:
     return float(word)
 
 
-def _lines(path: Path, found: Found) -> list[tuple[int, str]]:
+def _lines(path: Path, found: ModelProblems) -> list[tuple[int, str]]:
     """Return the lines that are no comments, with their numbers; blank lines stay."""
     try:
         text = read_text(path)
@@ -113,7 +113,7 @@ def _lines(path: Path, found: Found) -> list[tuple[int, str]]:
     return [(i, line) for i, line in enumerate(lines, 1) if not line.lstrip().startswith("#")]
 
 
-def _rows(path: Path, found: Found) -> Iterator[_Words]:
+def _rows(path: Path, found: ModelProblems) -> Iterator[_Words]:
     """Iterate over the lines of a table that has one line for each row."""
     for number, line in _lines(path, found):
         if line.strip():
@@ -126,17 +126,19 @@ def read_text_model(folder: Path) -> SparseModel:
     Raises:
         InputError: what is no row of these files, with file and line.
     """
-    found = Found()
-    cameras = _all(folder / "cameras.txt", found, _camera)
+    found = ModelProblems()
+    cameras = _read_rows(folder / "cameras.txt", found, _camera)
     images = _images(folder / "images.txt", found)
-    points = _all(folder / "points3D.txt", found, _point)
-    rigs = _all(folder / "rigs.txt", found, _rig) if (folder / "rigs.txt").exists() else []
-    frames = _all(folder / "frames.txt", found, _frame) if (folder / "frames.txt").exists() else []
+    points = _read_rows(folder / "points3D.txt", found, _point)
+    rigs = _read_rows(folder / "rigs.txt", found, _rig) if (folder / "rigs.txt").exists() else []
+    frames = (
+        _read_rows(folder / "frames.txt", found, _frame) if (folder / "frames.txt").exists() else []
+    )
     found.refuse()
     return SparseModel(tuple(cameras), tuple(images), tuple(points), tuple(rigs), tuple(frames))
 
 
-def _all(path: Path, found: Found, row: Callable[[_Words], T]) -> list[T]:
+def _read_rows(path: Path, found: ModelProblems, row: Callable[[_Words], T]) -> list[T]:
     out = []
     for words in _rows(path, found):
         try:
@@ -156,7 +158,7 @@ def _camera(words: _Words) -> CameraRecord:
     return CameraRecord(number, model, size, tuple(parameters), words.where)
 
 
-def _images(path: Path, found: Found) -> list[ImageRecord]:
+def _images(path: Path, found: ModelProblems) -> list[ImageRecord]:
     """Read images.txt: pairs of lines."""
     out = []
     lines = iter(_lines(path, found))
@@ -200,14 +202,14 @@ def _measurements(line: str, where: str) -> tuple[Array, Index]:
         xy[:, 1] = list(map(float, words[1::3]))
         numbers = list(map(int, words[2::3]))
     except ValueError:
-        bad = next((w for i, w in enumerate(words) if not _reads(w, i % 3 == 2)), "?")
-        raise _Wrong(f"{bad[:LONGEST]!r} is not a number of X Y POINT3D_ID", where) from None
+        bad = next((w for i, w in enumerate(words) if not _is_number_word(w, i % 3 == 2)), "?")
+        raise _Wrong(f"{bad[:QUOTE_SIZE]!r} is not a number of X Y POINT3D_ID", where) from None
     if numbers and not (min(numbers) >= -1 and max(numbers) < 2**63 - 1):
         raise _Wrong("POINT3D_ID must be −1, or a number from 0", where)
     return xy, np.array(numbers, dtype=np.int64)
 
 
-def _reads(word: str, whole: bool) -> bool:
+def _is_number_word(word: str, whole: bool) -> bool:
     try:
         _number(word)
         if whole:

@@ -16,39 +16,39 @@ from ...files import inside
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoAngle, PhotoPosition
 from ...units import ANGLE
-from ..left_out import Reason
-from ..text import beginning, read_text
-from ..xml_tree import Element, read_xml
-from .dbat_camera import DbatCamera, read_camera, set_estimated, set_initial
-from .reading import ImagePoints, Reading, lines_of
+from ..file_problems import LeftOutReason
+from ..text_files import file_beginning, read_text
+from ..xml_files import Element, read_xml
+from .block_source import BlockProblems, ImagePoints, filled_lines
+from .dbat_camera import DbatCamera, read_dbat_camera, set_estimated_parameters, set_initial_values
 
-FILTERED = Reason("points", "a <filter> of the file leaves them out")
+FILTERED_POINTS = LeftOutReason("points", "a <filter> of the file leaves them out")
 
-CONTROL = ("id", "label", "ignored", "x", "y", "z", "sx", "sy", "sz", "sxy", "sxyz")
-IMAGES = ("id", "cam", "label", "path", "ignored")
-MEASURED = ("id", "im", "ignored", "x", "y", "sx", "sy", "sxy")
-PRIOR = (
+CONTROL_COLUMNS = ("id", "label", "ignored", "x", "y", "z", "sx", "sy", "sz", "sxy", "sxyz")
+IMAGE_TABLE_COLUMNS = ("id", "cam", "label", "path", "ignored")
+MARK_TABLE_COLUMNS = ("id", "im", "ignored", "x", "y", "sx", "sy", "sxy")
+PRIOR_TABLE_COLUMNS = (
     *("id", "ignored", "x", "y", "z", "sx", "sy", "sz", "sxy", "sxyz"),
     *("omega", "phi", "kappa", "so", "sp", "sk", "sang"),
 )
 """Columns that the tables may have."""
-ANGLE_UNITS = {"radian": 1.0, "degrees": ANGLE["deg"], "gon": ANGLE["gon"]}
-FILES = ("c", "file")
-CHILDREN = {
+DBAT_ANGLE_UNITS = {"radian": 1.0, "degrees": ANGLE["deg"], "gon": ANGLE["gon"]}
+FILE_ELEMENTS = ("c", "file")
+DBAT_CHILDREN = {
     "document": ("c", "meta", "input", "operations", "output"),
     "input": ("c", "ctrl_pts", "check_pts", "images", "prior_eo", "image_pts", "cameras"),
-    "ctrl_pts": (*FILES, "filter"),
-    "check_pts": (*FILES, "filter"),
-    "images": FILES,
-    "prior_eo": FILES,
-    "image_pts": FILES,
-    "cameras": (*FILES, "camera"),
+    "ctrl_pts": (*FILE_ELEMENTS, "filter"),
+    "check_pts": (*FILE_ELEMENTS, "filter"),
+    "images": FILE_ELEMENTS,
+    "prior_eo": FILE_ELEMENTS,
+    "image_pts": FILE_ELEMENTS,
+    "cameras": (*FILE_ELEMENTS, "camera"),
     "file": (),
     "filter": (),
     "operations": ("c", "operation"),
 }
 """Elements that may stand in another one; comments <c> may stand in any."""
-ATTRIBUTES = {
+DBAT_ATTRIBUTES = {
     "document": ("dbat_script_version",),
     "input": ("base_dir",),
     "images": ("image_base_dir",),
@@ -58,18 +58,18 @@ ATTRIBUTES = {
     "set_datum": ("ref_cam", "ref_base"),
 }
 """Attributes that an element may have; those of operations that need none have no effect."""
-INSIDE = (
+NESTED_ELEMENTS = (
     *("operation", "set_initial_values", "set_bundle_estimate_params"),
     *("io", "eo", "op", "camera"),
 )
 """Elements whose children are checked where they are read; others have texts alone."""
-NOT_READ = ("c", "meta", "output", "calibration_info")
+UNREAD_ELEMENTS = ("c", "meta", "output", "calibration_info")
 HARMLESS = ("check_ray_count", "spatial_resection", "forward_intersection", "bundle_adjustment")
 """Operations that an adjustment does by itself."""
 
 
 @dataclass(frozen=True)
-class Row:
+class DbatRow:
     """A row of a table."""
 
     where: str
@@ -103,12 +103,14 @@ def read_dbat(
     if root.tag != "document" or "dbat_script_version" not in root.attributes:
         what = "is no script of DBAT: <document dbat_script_version=…> is missing"
         raise InputError(Problem(what, f"{source.name}:{root.line}"))
-    return _Script(source, root, Reading(), None if base is None else Path(base)).network(model)
+    return _Script(source, root, BlockProblems(), None if base is None else Path(base)).network(
+        model
+    )
 
 
 def is_dbat(path: Path) -> bool:
     """Tell whether an XML file is a script of DBAT."""
-    return b"dbat_script_version" in beginning(path)
+    return b"dbat_script_version" in file_beginning(path)
 
 
 @dataclass
@@ -117,7 +119,7 @@ class _Script:
 
     path: Path
     root: Element
-    reading: Reading
+    reading: BlockProblems
     base: Path | None
     cameras: dict[str, DbatCamera] = field(default_factory=dict)
 
@@ -149,19 +151,19 @@ class _Script:
 
     def _refuse_strange(self, element: Element) -> None:
         """Note elements and attributes that may not stand where they stand."""
-        attributes = ATTRIBUTES.get(element.tag, ())
+        attributes = DBAT_ATTRIBUTES.get(element.tag, ())
         for name in element.attributes:
             if name not in attributes:
                 valid = known(attributes, meant=name)
                 what = f"<{element.tag}> has no attribute {name[:40]!r}; valid: {valid}"
                 self.reading.wrong(what, self.where(element))
-        valid_tags = CHILDREN.get(element.tag, None if element.tag in INSIDE else ())
+        valid_tags = DBAT_CHILDREN.get(element.tag, None if element.tag in NESTED_ELEMENTS else ())
         for child in element.children:
             if valid_tags is not None and child.tag not in valid_tags:
                 valid = known(valid_tags, meant=child.tag)
                 what = f"unknown element <{child.tag}> of <{element.tag}>; valid: {valid}"
                 self.reading.wrong(what, self.where(child))
-            elif child.tag not in NOT_READ:
+            elif child.tag not in UNREAD_ELEMENTS:
                 self._refuse_strange(child)
 
     # -- files ------------------------------------------------------------------------------
@@ -177,7 +179,7 @@ class _Script:
         what = f"base_dir {said!r} is not the folder of the script ($HERE); state it with base="
         raise InputError(Problem(what, self.where(given)))
 
-    def _rows(self, element: Element, valid: Sequence[str]) -> Iterator[Row]:
+    def _rows(self, element: Element, valid: Sequence[str]) -> Iterator[DbatRow]:
         """Yield the rows of the table that an element ``<file>`` names."""
         where = self.where(element)
         columns = [c.strip() for c in element.attributes.get("format", "").split(",")]
@@ -189,7 +191,7 @@ class _Script:
             return
         with self.reading.at(where):
             table = inside(self.folder, element.text.strip(), where)
-            for number, line in lines_of(read_text(table)):
+            for number, line in filled_lines(read_text(table)):
                 if line.lstrip().startswith("#"):
                     continue
                 cells = [c.strip() for c in line.split(",")]
@@ -200,16 +202,16 @@ class _Script:
                     )
                     self.reading.wrong(what, place)
                     continue
-                yield Row(place, dict(zip(columns, cells, strict=True)))
+                yield DbatRow(place, dict(zip(columns, cells, strict=True)))
 
-    def _name(self, row: Row, column: str = "id") -> str:
+    def _name(self, row: DbatRow, column: str = "id") -> str:
         """Return a number as a name: without zeros before it."""
         text = row.fields.get(column, "")
         if not text:
             self.reading.wrong(f"has no {column}", row.where)
         return str(int(text)) if text.isascii() and text.isdigit() and len(text) < 19 else text
 
-    def _triple(self, row: Row) -> tuple[tuple[float, float, float], list[float]] | None:
+    def _triple(self, row: DbatRow) -> tuple[tuple[float, float, float], list[float]] | None:
         """Return x, y, z and their standard deviations, 0 where none is given."""
         texts = [row.fields.get(a) for a in "xyz"]
         found = self.reading.numbers(texts, 3, "x, y, z", row.where)
@@ -240,7 +242,7 @@ class _Script:
                 root = read_xml(target)
                 file, inner = target.name, root.first("cameras") or root
         for element in inner.all("camera"):
-            found = read_camera(element, file, self.reading, model)
+            found = read_dbat_camera(element, file, self.reading, model)
             if found is None:
                 continue
             ident, camera = found
@@ -278,9 +280,9 @@ class _Script:
                             )
                             network.add(o)
 
-    def _selected(self, section: Element) -> list[Row]:
+    def _selected(self, section: Element) -> list[DbatRow]:
         """Return the rows of a section of points that its filters leave."""
-        rows = [r for f in section.all("file") for r in self._rows(f, CONTROL)]
+        rows = [r for f in section.all("file") for r in self._rows(f, CONTROL_COLUMNS)]
         for rule in section.all("filter"):
             chosen = {t.strip() for t in rule.attributes.get("id", "").split(",")}
             word = rule.text.strip()
@@ -290,22 +292,22 @@ class _Script:
             kept = [r for r in rows if (self._name(r) in chosen) == (word == "keep")]
             for row in rows:
                 if row not in kept:
-                    self.reading.leave_out(FILTERED, self._name(row), row.where)
+                    self.reading.leave_out(FILTERED_POINTS, self._name(row), row.where)
             rows = kept
         return rows
 
-    def _prior(self, given: Element) -> dict[str, Row]:
+    def _prior(self, given: Element) -> dict[str, DbatRow]:
         """Return the rows of prior orientations by photo; fields of angles are in radians."""
-        out: dict[str, Row] = {}
+        out: dict[str, DbatRow] = {}
         section = given.first("prior_eo")
         for element in () if section is None else section.all("file"):
             unit = element.attributes.get("units")
-            if unit not in (None, *ANGLE_UNITS):
-                what = f"unknown units {unit!r}; valid: {', '.join(ANGLE_UNITS)}"
+            if unit not in (None, *DBAT_ANGLE_UNITS):
+                what = f"unknown units {unit!r}; valid: {', '.join(DBAT_ANGLE_UNITS)}"
                 self.reading.wrong(what, self.where(element))
                 continue
-            self.angle = ANGLE_UNITS.get(unit or "")
-            for row in self._rows(element, PRIOR):
+            self.angle = DBAT_ANGLE_UNITS.get(unit or "")
+            for row in self._rows(element, PRIOR_TABLE_COLUMNS):
                 if "omega" in row.fields and self.angle is None:
                     self.reading.wrong("angles need the attribute units", self.where(element))
                     break
@@ -321,7 +323,7 @@ class _Script:
         self,
         given: Element,
         network: Network,
-        prior: Mapping[str, Row],
+        prior: Mapping[str, DbatRow],
         held: Mapping[str, tuple[bool, ...]],
     ) -> None:
         """Add the photos with their prior orientations."""
@@ -331,7 +333,7 @@ class _Script:
             return
         first = next(iter(self.cameras), "")
         for element in section.all("file"):
-            for row in self._rows(element, IMAGES):
+            for row in self._rows(element, IMAGE_TABLE_COLUMNS):
                 name = self._name(row)
                 ident = self._name(row, "cam") if "cam" in row.fields else first
                 camera = self.cameras.get(ident)
@@ -349,7 +351,7 @@ class _Script:
         network: Network,
         name: str,
         camera: str,
-        row: Row | None,
+        row: DbatRow | None,
         held: tuple[bool, ...] | None,
     ) -> None:
         found = None if row is None else self._triple(row)
@@ -394,11 +396,11 @@ class _Script:
                     text = element.attributes[key]
                     s = self.reading.number(text, key, self.where(element), positive=True)
                     whole[key] = s or 1.0
-            for row in self._rows(element, MEASURED):
+            for row in self._rows(element, MARK_TABLE_COLUMNS):
                 self._image_point(network, images, row, whole)
 
     def _image_point(
-        self, network: Network, images: ImagePoints, row: Row, whole: Mapping[str, float]
+        self, network: Network, images: ImagePoints, row: DbatRow, whole: Mapping[str, float]
     ) -> None:
         photo, point = self._name(row, "im"), self._name(row)
         keys = [k for k in ("x", "y", "sxy", "sx", "sy") if k in row.fields]
@@ -428,7 +430,7 @@ class _Script:
 
     # -- operations -----------------------------------------------------------------------------
 
-    def _operations(self, prior: Mapping[str, Row]) -> dict[str, tuple[bool, ...]]:
+    def _operations(self, prior: Mapping[str, DbatRow]) -> dict[str, tuple[bool, ...]]:
         """Apply the operations to cameras; return what is held of photos."""
         held: dict[str, tuple[bool, ...]] = {}
         section = self.root.first("operations")
@@ -453,7 +455,7 @@ class _Script:
         for part in step.children:
             where = self.where(part)
             if part.tag == "io":
-                change = set_initial if initial else set_estimated
+                change = set_initial_values if initial else set_estimated_parameters
                 change(self.cameras, part, self.path.name, self.reading)
             elif part.tag in ("eo", "op"):
                 said = [(c.tag, c.text.strip()) for c in part.children if c.tag != "c"]
@@ -466,7 +468,7 @@ class _Script:
             elif part.tag != "c":
                 self.reading.wrong(f"unknown element <{part.tag}>", where)
 
-    def _datum(self, step: Element, prior: Mapping[str, Row]) -> dict[str, tuple[bool, ...]]:
+    def _datum(self, step: Element, prior: Mapping[str, DbatRow]) -> dict[str, tuple[bool, ...]]:
         """Return what the datum ``depend`` holds: a photo, and the largest offset from it."""
         where = self.where(step)
         if step.text.strip() != "depend":

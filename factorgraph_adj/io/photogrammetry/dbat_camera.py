@@ -15,29 +15,29 @@ from typing import TypeAlias
 
 from ...models.lens import BrownForwardLens, BrownLens, Lens
 from ...network.network import Network
-from ..xml_tree import Element
-from .reading import Reading
+from ..xml_files import Element
+from .block_source import BlockProblems
 
-LENSES: dict[int, Lens] = {
+LENS_BY_MODEL: dict[int, Lens] = {
     1: BrownLens(),
     3: BrownLens(affine="before"),
     4: BrownLens(affine="after"),
     -1: BrownForwardLens(),
 }
 """Lens models by DBAT's number."""
-WITH_AFFINITY = (3, 4)
+AFFINITY_MODELS = (3, 4)
 """Models whose affinity may be unknown."""
-RADIAL, DECENTRING = ("k1", "k2", "k3"), ("p1", "p2")
-FIELDS = (
+RADIAL_PARAMETERS, DECENTRING_PARAMETERS = ("k1", "k2", "k3"), ("p1", "p2")
+CAMERA_ELEMENTS = (
     *("id", "name", "unit", "sensor", "image", "aspect", "focal", "model", "nK", "nP", "cc", "pp"),
     *("K", "P", "skew", "all", "calibrated", "calibration_info", "c"),
 )
 """Elements of a camera; those of the calibration's history are not read."""
-UNITS = ("mm",)
-NOT_NUMBERS = ("auto", "focal", "default")
+CAMERA_UNITS = ("mm",)
+NUMBER_PLACEHOLDERS = ("auto", "focal", "default")
 """Words that may stand for numbers."""
 
-Values: TypeAlias = dict[str, float]
+ParameterValues: TypeAlias = dict[str, float]
 
 
 @dataclass
@@ -56,9 +56,9 @@ class DbatCamera:
     """Columns and lines."""
     focal: float | None = None
     """Nominal focal length, mm."""
-    loaded: Values = field(default_factory=dict)
+    loaded: ParameterValues = field(default_factory=dict)
     """Calibration that the file states, our names."""
-    values: Values = field(default_factory=dict)
+    values: ParameterValues = field(default_factory=dict)
     """Calibration with which an adjustment starts, our names."""
     free: set[str] = field(default_factory=set)
     """Unknown parameters, our names."""
@@ -66,17 +66,20 @@ class DbatCamera:
     """Numbers of radial and decentring parameters."""
 
     @property
-    def default(self) -> Values:
+    def default(self) -> ParameterValues:
         """Calibration by default: the focal length, the middle of the sensor, no distortion."""
         w, h = self.size
         out = {"x0": 0.5 * w * self.pixel, "y0": -0.5 * h * self.pixel, "b1": 0.0, "b2": 0.0}
-        out |= dict.fromkeys((*RADIAL, *DECENTRING), 0.0)
+        out |= dict.fromkeys((*RADIAL_PARAMETERS, *DECENTRING_PARAMETERS), 0.0)
         return out | ({} if self.focal is None else {"c": self.focal})
 
     def parameters(self, tag: str) -> tuple[str, ...] | None:
         """Return our names of the parameters that a word of DBAT stands for; None: no such word."""
-        radial, decentring = RADIAL[: self.counts[0]], DECENTRING[: self.counts[1]]
-        affinity = ("b1", "b2") if self.model in WITH_AFFINITY else ()
+        radial, decentring = (
+            RADIAL_PARAMETERS[: self.counts[0]],
+            DECENTRING_PARAMETERS[: self.counts[1]],
+        )
+        affinity = ("b1", "b2") if self.model in AFFINITY_MODELS else ()
         words = {
             "all": ("c", "x0", "y0", *radial, *decentring, *affinity),
             "cc": ("c",),
@@ -88,14 +91,14 @@ class DbatCamera:
             "aspect": ("b1",),
             "skew": ("b2",),
         }
-        for i, name in enumerate(RADIAL, 1):
+        for i, name in enumerate(RADIAL_PARAMETERS, 1):
             words[f"K{i}"] = (name,)
-        words |= {"P1": DECENTRING, "P2": DECENTRING}
+        words |= {"P1": DECENTRING_PARAMETERS, "P2": DECENTRING_PARAMETERS}
         return words.get(tag)
 
-    def add_to(self, network: Network, reading: Reading) -> None:
+    def add_to(self, network: Network, reading: BlockProblems) -> None:
         """Add the camera to a network."""
-        lens = LENSES[self.model]
+        lens = LENS_BY_MODEL[self.model]
         values = {n: v for n, v in self.values.items() if n in lens.names}
         lost = [n for n, v in self.values.items() if v and n not in lens.names]
         if lost:
@@ -117,8 +120,8 @@ class DbatCamera:
             )
 
 
-def read_camera(
-    element: Element, file: str, reading: Reading, model: int | None
+def read_dbat_camera(
+    element: Element, file: str, reading: BlockProblems, model: int | None
 ) -> tuple[str, DbatCamera] | None:
     """Read the element ``<camera>``; return id and camera, None after a problem.
 
@@ -132,8 +135,8 @@ def read_camera(
     found = {c.tag: c for c in element.children}
     where = f"{file}:{element.line}"
     for tag, child in found.items():
-        if tag not in FIELDS:
-            what = f"unknown element <{tag}> of a camera; valid: {', '.join(FIELDS)}"
+        if tag not in CAMERA_ELEMENTS:
+            what = f"unknown element <{tag}> of a camera; valid: {', '.join(CAMERA_ELEMENTS)}"
             reading.wrong(what, f"{file}:{child.line}")
 
     def numbers(tag: str) -> list[float]:
@@ -141,7 +144,7 @@ def read_camera(
         if child is None:
             return []
         texts = [t.strip() for t in child.text.split(",") if t.strip()]
-        kept = [t for t in texts if t not in NOT_NUMBERS]
+        kept = [t for t in texts if t not in NUMBER_PLACEHOLDERS]
         got = reading.numbers(kept, len(kept), f"<{tag}>", f"{file}:{child.line}")
         return [] if got is None else list(got)
 
@@ -149,8 +152,8 @@ def read_camera(
         return found[tag].text.strip() if tag in found else ""
 
     unit = words("unit") or "mm"
-    if unit not in UNITS:
-        reading.wrong(f"unit {unit!r} of a camera; valid: {', '.join(UNITS)}", where)
+    if unit not in CAMERA_UNITS:
+        reading.wrong(f"unit {unit!r} of a camera; valid: {', '.join(CAMERA_UNITS)}", where)
     image, sensor = numbers("image"), numbers("sensor")
     if len(image) != 2 or not min(image) > 0:
         reading.wrong("a camera needs <image>: columns, lines", where)
@@ -159,8 +162,8 @@ def read_camera(
     chosen = model
     if chosen is None:
         chosen = int((numbers("model") or [3])[0])
-    if chosen not in LENSES:
-        valid = ", ".join(map(str, LENSES))
+    if chosen not in LENS_BY_MODEL:
+        valid = ", ".join(map(str, LENS_BY_MODEL))
         reading.wrong(f"lens model {chosen} cannot be read; valid: {valid}", where)
     if len(reading.problems) > n:
         return None
@@ -169,7 +172,7 @@ def read_camera(
     focal = numbers("focal")
     camera.focal = focal[0] if focal else None
     camera.counts = (_count(numbers("nK"), 3), _count(numbers("nP"), 2))
-    camera.loaded = _loaded(camera, numbers, words, sensor)
+    camera.loaded = _stated_values(camera, numbers, words, sensor)
     camera.values = dict(camera.default) | camera.loaded
     return (words("id") or "1", camera) if len(reading.problems) == n else None
 
@@ -178,14 +181,14 @@ def _count(given: Sequence[float], most: int) -> int:
     return min(most, int(given[0])) if given and given[0] >= 0 else most
 
 
-def _loaded(
+def _stated_values(
     camera: DbatCamera,
     numbers: Callable[[str], list[float]],
     words: Callable[[str], str],
     sensor: Sequence[float],
-) -> Values:
+) -> ParameterValues:
     """Return what the elements of a camera state, by our names."""
-    out: Values = {}
+    out: ParameterValues = {}
     if words("all") == "default":
         out = dict(camera.default)
     if words("cc") == "focal" and camera.focal is not None:
@@ -195,8 +198,8 @@ def _loaded(
     if words("pp") and words("pp") != "default":
         px, py, *_ = [*numbers("pp"), 0.0, 0.0]
         out |= {"x0": px, "y0": -py}
-    out |= dict(zip(RADIAL, numbers("K"), strict=False))
-    out |= dict(zip(DECENTRING, numbers("P"), strict=False))
+    out |= dict(zip(RADIAL_PARAMETERS, numbers("K"), strict=False))
+    out |= dict(zip(DECENTRING_PARAMETERS, numbers("P"), strict=False))
     if words("aspect") == "auto":
         if len(sensor) == 2:
             out["b1"] = 1.0 - (sensor[0] / camera.size[0]) / camera.pixel
@@ -207,8 +210,8 @@ def _loaded(
     return out
 
 
-def set_initial(
-    cameras: Mapping[str, DbatCamera], element: Element, file: str, reading: Reading
+def set_initial_values(
+    cameras: Mapping[str, DbatCamera], element: Element, file: str, reading: BlockProblems
 ) -> None:
     """Apply ``<set_initial_values><io>`` of a script to all cameras."""
     steps = [(c.tag, c.text.strip(), c.line) for c in element.children]
@@ -221,7 +224,7 @@ def set_initial(
         for camera in cameras.values():
             names = camera.parameters(tag)
             if tag == "all":
-                names = ("c", "x0", "y0", "b1", "b2", *RADIAL, *DECENTRING)
+                names = ("c", "x0", "y0", "b1", "b2", *RADIAL_PARAMETERS, *DECENTRING_PARAMETERS)
             if names is None:
                 reading.wrong(f"unknown parameter <{tag}> of a camera", where)
                 break
@@ -244,8 +247,8 @@ def set_initial(
             camera.values |= new
 
 
-def set_estimated(
-    cameras: Mapping[str, DbatCamera], element: Element, file: str, reading: Reading
+def set_estimated_parameters(
+    cameras: Mapping[str, DbatCamera], element: Element, file: str, reading: BlockProblems
 ) -> None:
     """Apply ``<set_bundle_estimate_params><io>`` of a script to all cameras.
 
@@ -266,7 +269,7 @@ def set_estimated(
             if names is None:
                 reading.wrong(f"unknown parameter <{tag}> of a camera", where)
                 break
-            if len(names) == 1 and names[0] in RADIAL:
-                i = RADIAL.index(names[0])
-                names = RADIAL[: i + 1] if said == "true" else RADIAL[i:]
+            if len(names) == 1 and names[0] in RADIAL_PARAMETERS:
+                i = RADIAL_PARAMETERS.index(names[0])
+                names = RADIAL_PARAMETERS[: i + 1] if said == "true" else RADIAL_PARAMETERS[i:]
             camera.free = camera.free | set(names) if said == "true" else camera.free - set(names)

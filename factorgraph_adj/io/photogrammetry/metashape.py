@@ -1,27 +1,246 @@
-"""Reader of Metashape and PhotoScan: projects (.psz, .psx), exported cameras and markers (.xml)."""
+"""Reader of Metashape and PhotoScan: projects (.psz, .psx), exported files (.xml).
+
+An exported file has the cameras and markers of a chunk. This module adds markers, tie points and
+scale bars.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
-from ...crs.system import Heights
+import numpy as np
+import numpy.typing as npt
+
+from ...crs.reference_system import Heights
+from ...errors import InputError, Problem
 from ...network.network import Network
-from ...observations import ControlPoint, PhotoPosition
-from ..text import beginning
-from .metashape_cameras import Choice, add_cameras, add_sensors
-from .metashape_context import Context, check_flags
-from .metashape_points import add_markers, add_scale_bars, add_ties, gather_locations
-from .metashape_source import open_chunk
-from .reading import ImagePoints, Reading
+from ...observations import ControlPoint, PhotoPosition, SlopeDistance
+from ...types import Array
+from ..file_problems import LeftOutReason
+from ..text_files import file_beginning
+from .block_source import POINTS_WITH_FEW_RAYS, TIE_PREFIX, BlockProblems, ImagePoints, all_in_range
+from .metashape_cameras import CalibrationUnknowns, add_cameras, add_sensors
+from .metashape_files import ElementPlace, open_chunk, read_ply_vertices
+from .metashape_reference import (
+    ChunkContext,
+    check_flags,
+    chunk_cameras,
+    is_disabled,
+    listed_elements,
+)
+
+LOCATION_WITHOUT_PHOTO = LeftOutReason(
+    "locations of markers", "their cameras are switched off or not aligned"
+)
+LOCATION_NOT_VALID = LeftOutReason("locations of markers", "the file says that they are not valid")
+FILES_WITHOUT_PHOTO = LeftOutReason(
+    "files of projections", "their cameras are switched off or not aligned"
+)
+SCALE_BAR_NOT_USED = LeftOutReason("scale bars", "they are switched off, or have no length")
+
+IntegerArray = npt.NDArray[np.int64]
+
+
+def add_markers(context: ChunkContext, network: Network) -> dict[str, str]:
+    """Add control and check points; return the names of all markers by their ids."""
+    chunk, reading = context.source.chunk, context.reading
+    out: dict[str, str] = {}
+    labels: set[str] = set()
+    for marker in listed_elements(chunk.element, "markers", "marker"):
+        ident, where = marker.attributes.get("id", ""), chunk.where(marker)
+        label = marker.attributes.get("label", "") or f"marker {ident}"
+        if ident in out or label in labels:
+            reading.wrong(f"marker {label!r} is defined twice", where)
+            continue
+        out[ident] = label
+        labels.add(label)
+        element = marker.first("reference")
+        if element is None or "x" not in element.attributes:
+            continue
+        found = context.given(element, "markers", where)
+        if found is None:
+            continue
+        at, covariance = found
+        with reading.at(where):
+            if is_disabled(element):
+                network.add_point(label, check=at)
+                continue
+            network.add_point(label, at)
+            network.add(marker_control_point(label, at, covariance, where))
+    return out
+
+
+def marker_control_point(
+    name: str, at: tuple[float, float, float], covariance: Array, source: str
+) -> ControlPoint:
+    """Return a control point, with standard deviations where its covariance has no correlation."""
+    variance = np.diag(covariance)
+    if (covariance - np.diag(variance)).any():
+        return ControlPoint(name, at, covariance=covariance, source=source)
+    return ControlPoint(name, at, sigma=tuple(np.sqrt(variance).tolist()), source=source)
+
+
+def gather_locations(
+    context: ChunkContext,
+    images: ImagePoints,
+    cameras: Mapping[str, str],
+    markers: Mapping[str, str],
+) -> None:
+    """Gather the locations of markers in the photos that are read."""
+    frame, reading = context.source.frame, context.reading
+    if frame is None:
+        return
+    sigma = (context.accuracy["projections"],)
+    known = _camera_ids(context)
+    for marker in listed_elements(frame.element, "markers", "marker"):
+        ident = marker.attributes.get("marker_id", "")
+        if ident not in markers:
+            reading.wrong(f"unknown marker {ident!r}", frame.where(marker))
+            continue
+        for location in marker.all("location"):
+            camera = location.attributes.get("camera_id", "")
+            if camera not in known:
+                reading.wrong(f"location in the unknown camera {camera!r}", frame.where(location))
+            photo = cameras.get(camera)
+            where = frame.where(location)
+            if photo is None or location.attributes.get("valid") in ("false", "0"):
+                why = LOCATION_WITHOUT_PHOTO if photo is None else LOCATION_NOT_VALID
+                reading.leave_out(why, f"{markers[ident]} in camera {camera}", where)
+                continue
+            texts = [location.attributes.get(a) for a in "xy"]
+            xy = reading.numbers(texts, 2, "location", where)
+            if xy is not None:
+                images.add(photo, markers[ident], (xy[0], -xy[1]), sigma, where)
+
+
+def add_ties(
+    context: ChunkContext,
+    network: Network,
+    ties: ElementPlace,
+    images: ImagePoints,
+    cameras: Mapping[str, str],
+) -> None:
+    """Add the tie points that two photos see at least, and gather their projections.
+
+    Raises:
+        InputError: a file is missing or damaged.
+    """
+    element = ties.element.first("points")
+    if element is None:
+        return
+    content, file = ties.read(element)
+    table = _ply_columns(read_ply_vertices(content, file), ("id", "x", "y", "z"), file)
+    number = table["id"].astype(np.int64)
+    xyz = np.stack([table[a].astype(float) for a in "xyz"], 1)
+    if not all_in_range(xyz):
+        raise InputError(Problem("coordinates must be finite", file))
+    if len(np.unique(number)) < len(number):
+        raise InputError(Problem("a tie point has coordinates twice", file))
+    placed = context.placed(_component(context))
+    xyz = np.full_like(xyz, np.nan) if placed is None else placed.points(xyz)
+    known = _camera_ids(context)
+    for strange in ties.element.all("projections"):
+        if (camera := strange.attributes.get("camera_id", "")) not in known:
+            what = f"projections in the unknown camera {camera!r}"
+            raise InputError(Problem(what, ties.where(strange)))
+    projected = list(_projections(ties, cameras))
+    seen = np.concatenate([np.unique(names) for _, names, _, _ in projected] or [number[:0]])
+    values, counts = np.unique(seen, return_counts=True)
+    used = np.isin(number, values[counts >= 2])
+    for n in number[~used].tolist():
+        context.reading.leave_out(POINTS_WITH_FEW_RAYS, f"{TIE_PREFIX}{n}", file)
+    for element in ties.element.all("projections"):
+        if (camera := element.attributes.get("camera_id", "")) not in cameras:
+            context.reading.leave_out(FILES_WITHOUT_PHOTO, f"camera {camera}", ties.where(element))
+    network.add_points([f"{TIE_PREFIX}{n}" for n in number[used].tolist()], xyz[used])
+    sigma = (context.accuracy["tiepoints"],)
+    for photo, names, xy, where in projected:
+        kept = np.isin(names, number[used])
+        for n, (x, y) in zip(names[kept].tolist(), xy[kept].tolist(), strict=True):
+            images.add(photo, f"{TIE_PREFIX}{n}", (x, -y), sigma, where)
+
+
+def _camera_ids(context: ChunkContext) -> set[str]:
+    """Return the ids of all cameras of the chunk, also of those that are not read."""
+    return {c.attributes.get("id", "") for c in chunk_cameras(context.source.chunk.element)}
+
+
+def _component(context: ChunkContext) -> str | None:
+    """Return the id of the component whose transformation holds for tie points."""
+    components = context.source.chunk.element.first("components")
+    if components is None:
+        return None
+    first = components.first("component")
+    alone = None if first is None else first.attributes.get("id")
+    return components.attributes.get("active_id", alone)
+
+
+def _projections(
+    ties: ElementPlace, cameras: Mapping[str, str]
+) -> Iterator[tuple[str, IntegerArray, Array, str]]:
+    """Yield photo, numbers of tie points, coordinates (n, 2) and file of each photo."""
+    for element in ties.element.all("projections"):
+        photo = cameras.get(element.attributes.get("camera_id", ""))
+        if photo is None:
+            continue
+        content, file = ties.read(element)
+        table = _ply_columns(read_ply_vertices(content, file), ("x", "y", "id"), file)
+        xy = np.stack([table["x"].astype(float), table["y"].astype(float)], 1)
+        if not all_in_range(xy):
+            raise InputError(Problem("image coordinates must be finite", file))
+        yield photo, table["id"].astype(np.int64), xy, file
+
+
+def _ply_columns(
+    table: Mapping[str, npt.NDArray[np.generic]], names: Sequence[str], file: str
+) -> dict[str, npt.NDArray[np.generic]]:
+    """Return columns of a PLY table.
+
+    Raises:
+        InputError: one is missing, or holds numbers that are none.
+    """
+    absent = [n for n in names if n not in table]
+    if absent:
+        what = f"has no property {', '.join(absent)}; it has {', '.join(table)}"
+        raise InputError(Problem(what, file))
+    out = {n: table[n] for n in names}
+    if not all_in_range(np.asarray(out["id"], dtype=float)):
+        raise InputError(Problem("numbers of tie points must be finite", file))
+    return out
+
+
+def add_scale_bars(context: ChunkContext, network: Network, markers: Mapping[str, str]) -> None:
+    """Add the enabled scale bars between markers."""
+    chunk, reading = context.source.chunk, context.reading
+    for bar in listed_elements(chunk.element, "scalebars", "scalebar"):
+        element, where = bar.first("reference"), chunk.where(bar)
+        if element is None or is_disabled(element) or "distance" not in element.attributes:
+            name = bar.attributes.get("label", "") or bar.attributes.get("id", "")
+            reading.leave_out(SCALE_BAR_NOT_USED, name, where)
+            continue
+        said = element.attributes
+        value = reading.number(said["distance"], "distance", where, positive=True)
+        sigma: float | None = context.accuracy["scalebars"]
+        text = said.get("accuracy", said.get("sd"))
+        if text is not None and "scalebars" not in context.overridden:
+            sigma = reading.number(text, "accuracy", where, positive=True)
+        ends = [bar.attributes.get(k, "") for k in ("start_marker_id", "end_marker_id")]
+        names = [markers[e] for e in ends if e in markers]
+        if len(names) < 2:
+            reading.wrong("a scale bar must join two markers, by start_marker_id …", where)
+        elif value is not None and sigma is not None:
+            with reading.at(where):
+                bar_length = SlopeDistance(names[0], names[1], value, sigma=sigma, source=where)
+                network.add(bar_length)
 
 
 def read_metashape(
     path: str | Path,
     *,
     chunk: str | int | None = None,
-    calibration: Choice = "optimised",
+    calibration: CalibrationUnknowns = "optimised",
     unaligned: Literal["leave out", "keep"] = "leave out",
     tie_points: bool = True,
     accuracy: Mapping[str, float] | None = None,
@@ -64,9 +283,9 @@ def read_metashape(
     Raises:
         InputError: the file has problems, each with file and line.
     """
-    reading = Reading()
+    reading = BlockProblems()
     source = open_chunk(Path(path), chunk)
-    context = Context(source, reading, dict(accuracy or {}), crs == "local", geoid, heights)
+    context = ChunkContext(source, reading, dict(accuracy or {}), crs == "local", geoid, heights)
     for place in (source.chunk, source.frame):
         if place is not None:
             check_flags(place, reading)
@@ -97,5 +316,5 @@ def read_metashape(
 
 def is_metashape_xml(path: Path) -> bool:
     """Tell whether an XML file is an export of Metashape."""
-    head = beginning(path)
+    head = file_beginning(path)
     return b"<document" in head and b"<chunk" in head

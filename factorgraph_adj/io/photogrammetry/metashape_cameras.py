@@ -1,31 +1,196 @@
-"""Sensors and cameras of a Metashape chunk as cameras and photos of a network."""
+"""Cameras and calibrations of a Metashape chunk as photos, cameras and lens models.
+
+Metashape and PhotoScan distort the ideal coordinates (x, y) of a ray, y down, r² = x² + y²:
+
+    x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶ + k4 r⁸) + d_x,   y' = y (1 + …) + d_y
+
+Since PhotoScan 1.3 a calibration has ``<f>``; the principal point counts from the image centre:
+
+    u = w/2 + cx + x' f + x' b1 + y' b2,   v = h/2 + cy + y' f
+    d_x = p1 (r² + 2x²) + 2 p2 x y,   d_y = p2 (r² + 2y²) + 2 p1 x y
+
+Before it had ``<fx>`` and ``<fy>``, an absolute principal point, a skew, and p1 and p2 exchanged:
+
+    u = cx + x' fx + y' skew,   v = cy + y' fy
+    d_x = p2 (r² + 2x²) + 2 p1 x y,   d_y = p1 (r² + 2y²) + 2 p2 x y
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal, TypeAlias
 
 import numpy as np
 
+from ...models.lens import Lens, NormalisedLens
+from ...models.normalised_lens import AffineNormalisedLens, RationalLens
+from ...models.ray_lens import FisheyeLens
 from ...network.network import Network
 from ...observations import PhotoPosition
 from ...types import Array
-from ..xml_tree import Element
-from .metashape_context import Context, cameras_of, listed, off
-from .metashape_lens import TYPES, Calibration, read_calibration
-from .pixel import add_pixel_camera
-from .reading import PHOTOS_WITHOUT_POSE, SWITCHED_OFF, rotation_of
+from ..xml_files import Element
+from .block_source import (
+    PHOTOS_SWITCHED_OFF,
+    PHOTOS_WITHOUT_POSE,
+    BlockProblems,
+    add_pixel_camera,
+    rotation_and_scale,
+)
+from .metashape_reference import ChunkContext, chunk_cameras, is_disabled, listed_elements
 
-Choice: TypeAlias = Literal["optimised", "held"] | Sequence[str]
+CURRENT_PARAMETERS = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
+OLD_PARAMETERS = ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
+FISHEYE_TYPES = ("fisheye", "equidistant_fisheye")
+"""Types whose distortion is applied to θ (x, y)/r, θ = atan r, in place of (x, y)."""
+CALIBRATION_TYPES = ("frame", *FISHEYE_TYPES)
+UNREAD_CALIBRATION_ELEMENTS = ("resolution", "date")
+"""Children of a calibration besides its numbers."""
+AFFINITY_PARAMETERS = ("k4", "b1", "b2")
+"""Parameters that need the model with an affinity."""
+LENS_PARAMETER_NAMES = {
+    **{"f": "c", "fx": "c", "fy": "c", "cx": "x0", "cy": "y0", "aspect": "b1", "skew": "b2"},
+    **{k: k for k in ("k1", "k2", "k3", "k4", "b1", "b2")},
+}
+"""Our names of the parameters but p1 and p2, which depend on the version."""
+
+
+@dataclass(frozen=True)
+class PixelCalibration:
+    """A calibration in pixels from the upper left corner, y up."""
+
+    lens: Lens
+    """The lens model."""
+    values: dict[str, float]
+    """Parameters by name."""
+    size: tuple[float, float]
+    """Width and height of the image, pixels."""
+    free: tuple[str, ...]
+    """Parameters that are unknown."""
+
+
+def read_calibration(
+    reading: BlockProblems,
+    element: Element,
+    where: str,
+    *,
+    size: tuple[float, float],
+    free: Collection[str],
+) -> PixelCalibration | None:
+    """Read a calibration; None after a problem.
+
+    Args:
+        reading: where problems go.
+        element: the element ``<calibration>``.
+        where: file and line.
+        size: width and height of the image, pixels.
+        free: parameters that are unknown, by Metashape's names.
+    """
+    kind = element.attributes.get("type", "frame")
+    if kind not in CALIBRATION_TYPES:
+        types = ", ".join(CALIBRATION_TYPES)
+        reading.wrong(f"a calibration of type {kind!r} cannot be read; valid: {types}", where)
+        return None
+    given = {c.tag: c for c in element.children if c.tag not in UNREAD_CALIBRATION_ELEMENTS}
+    old = "f" not in given and ("fx" in given or "fy" in given)
+    valid = OLD_PARAMETERS if old else CURRENT_PARAMETERS
+    n = len(reading.problems)
+    value = {}
+    for name, child in given.items():
+        if name not in valid:
+            what = f"unknown parameter <{name}> of a calibration; valid: {', '.join(valid)}"
+            reading.wrong(what, where)
+            continue
+        value[name] = reading.number(child.text.strip(), f"<{name}>", where) or 0.0
+    for name in ("p3", "p4"):
+        if value.get(name):
+            reading.wrong(f"<{name}> is {value[name]:g}; this lens model has no {name}", where)
+    main = ("fx", "fy") if old else ("f",)
+    for name in main:
+        if name not in value:
+            reading.wrong(f"the calibration has no <{name}>", where)
+        elif not value[name] > 0:
+            reading.wrong(f"<{name}> must be greater than zero, not {value[name]:g}", where)
+    if len(reading.problems) > n:
+        return None
+    p1, p2 = value.get("p1", 0.0), value.get("p2", 0.0)
+    out = {k: value.get(k, 0.0) for k in ("k1", "k2", "k3", "k4")}
+    if old:
+        out |= {"c": value["fy"], "b1": value["fx"] - value["fy"], "b2": -value.get("skew", 0.0)}
+        out |= {"x0": value.get("cx", size[0] / 2), "y0": -value.get("cy", size[1] / 2)}
+        out |= {"p1": p2, "p2": -p1}
+    else:
+        out |= {"c": value["f"], "b1": value.get("b1", 0.0), "b2": -value.get("b2", 0.0)}
+        out |= {"x0": size[0] / 2 + value.get("cx", 0.0), "y0": -size[1] / 2 - value.get("cy", 0.0)}
+        out |= {"p1": p1, "p2": -p2}
+    names = LENS_PARAMETER_NAMES | ({"p1": "p2", "p2": "p1"} if old else {"p1": "p1", "p2": "p2"})
+    wanted = {names[n] for n in free if n in names}
+    if kind in FISHEYE_TYPES:
+        out |= {"b1": out["b1"] / out["c"], "b2": out["b2"] / out["c"]}
+        fisheye = FisheyeLens()
+        values = {n: out.get(n, 0.0) for n in fisheye.names}
+        return PixelCalibration(
+            fisheye, values, size, tuple(n for n in fisheye.names if n in wanted)
+        )
+    plain = not any(out[n] or n in wanted for n in AFFINITY_PARAMETERS)
+    lens: Lens = NormalisedLens() if plain else AffineNormalisedLens()
+    values = {n: out[n] for n in lens.names}
+    return PixelCalibration(lens, values, size, tuple(n for n in lens.names if n in wanted))
+
+
+LOST_PARAMETERS: Mapping[type[Lens], tuple[str, ...]] = MappingProxyType(
+    {
+        Lens: (),
+        NormalisedLens: (),
+        AffineNormalisedLens: (),
+        RationalLens: ("k4", "k5", "k6"),
+        FisheyeLens: ("s1", "s2"),
+    }
+)
+"""Lens models that are the same function as one of Metashape's, where these parameters are zero."""
+
+
+def sensor_type(lens: Lens) -> str:
+    """Return Metashape's type of a sensor with a lens that it has."""
+    return FISHEYE_TYPES[0] if type(lens) is FisheyeLens else CALIBRATION_TYPES[0]
+
+
+def calibration_parameters(
+    lens: Lens, values: Mapping[str, float], size: tuple[float, float]
+) -> dict[str, float] | None:
+    """Return Metashape's parameters of a lens in pixels; None if it has no such parameters.
+
+    Args:
+        lens: the lens model.
+        values: its parameters by name, from the upper left corner, y up.
+        size: width and height of the image, pixels.
+    """
+    lost = LOST_PARAMETERS.get(type(lens))
+    if lost is None or any(values.get(n, 0.0) for n in lost):
+        return None
+    k = {n: values.get(n, 0.0) for n in AffineNormalisedLens().names}
+    if "b1" in lens.names and type(lens) is not AffineNormalisedLens:  # relative to c
+        k |= {"b1": k["b1"] * k["c"], "b2": k["b2"] * k["c"]}
+    out = {"f": k["c"], "cx": k["x0"] - size[0] / 2, "cy": -k["y0"] - size[1] / 2}
+    out |= {"b1": k["b1"], "b2": -k["b2"] if k["b2"] else 0.0}
+    out |= {n: k[n] for n in ("k1", "k2", "k3", "k4")}
+    out |= {"p1": k["p1"], "p2": -k["p2"] if k["p2"] else 0.0}
+    return out
+
+
+CalibrationUnknowns: TypeAlias = Literal["optimised", "held"] | Sequence[str]
 """Which calibration parameters are unknown."""
 
 
-def add_sensors(context: Context, network: Network, choice: Choice) -> dict[str, str]:
+def add_sensors(
+    context: ChunkContext, network: Network, choice: CalibrationUnknowns
+) -> dict[str, str]:
     """Add the sensors that cameras use; return their names by their ids."""
     chunk, reading = context.source.chunk, context.reading
     out: dict[str, str] = {}
-    used = {c.attributes.get("sensor_id", "") for c in cameras_of(chunk.element)}
-    for sensor in listed(chunk.element, "sensors", "sensor"):
+    used = {c.attributes.get("sensor_id", "") for c in chunk_cameras(chunk.element)}
+    for sensor in listed_elements(chunk.element, "sensors", "sensor"):
         ident, where = sensor.attributes.get("id", ""), chunk.where(sensor)
         if ident in out:
             reading.wrong(f"sensor {ident!r} is defined twice", where)
@@ -46,13 +211,13 @@ def add_sensors(context: Context, network: Network, choice: Choice) -> dict[str,
 
 
 def _calibration(
-    context: Context, sensor: Element, where: str, choice: Choice
-) -> Calibration | None:
+    context: ChunkContext, sensor: Element, where: str, choice: CalibrationUnknowns
+) -> PixelCalibration | None:
     """Return the adjusted calibration of a sensor, otherwise the initial one."""
     reading = context.reading
     kind = sensor.attributes.get("type", "frame")
-    if kind not in TYPES:
-        valid = ", ".join(TYPES)
+    if kind not in CALIBRATION_TYPES:
+        valid = ", ".join(CALIBRATION_TYPES)
         reading.wrong(f"a sensor of type {kind!r} cannot be read; valid: {valid}", where)
         return None
     resolution = sensor.first("resolution")
@@ -80,7 +245,7 @@ def _calibration(
     return read_calibration(reading, chosen, place, size=(size[0], size[1]), free=free)
 
 
-def _optimised(context: Context, sensor: Element, adjusted: Element | None) -> list[str]:
+def _optimised(context: ChunkContext, sensor: Element, adjusted: Element | None) -> list[str]:
     """Return the parameters that Metashape optimised, by its names.
 
     The covariance of the sensor lists them; before Metashape the settings of the last
@@ -89,40 +254,40 @@ def _optimised(context: Context, sensor: Element, adjusted: Element | None) -> l
     said = {p.attributes.get("name"): p.attributes.get("value") for p in sensor.all("property")}
     if said.get("fixed") in ("true", "1") or adjusted is None:
         return []
-    params = next(listed(sensor, "covariance", "params"), None)
+    params = next(listed_elements(sensor, "covariance", "params"), None)
     if params is not None:
         return params.text.split()
     out: list[str] = []
-    for p in listed(context.source.chunk.element, "meta", "property"):
+    for p in listed_elements(context.source.chunk.element, "meta", "property"):
         name, value = p.attributes.get("name", ""), p.attributes.get("value", "")
         flag = name.removeprefix("optimize/fit_")
         if flag == "flags":
             out += value.split()
         elif flag != name and value in ("1", "true"):
-            out += JOINED.get(flag, [flag])
+            out += JOINED_PARAMETERS.get(flag, [flag])
     return out or [c.tag for c in adjusted.children]
 
 
-JOINED = {"cxcy": ["cx", "cy"], "k1k2k3": ["k1", "k2", "k3"], "p1p2": ["p1", "p2"]}
+JOINED_PARAMETERS = {"cxcy": ["cx", "cy"], "k1k2k3": ["k1", "k2", "k3"], "p1p2": ["p1", "p2"]}
 """Parameters of PhotoScan's flags before 1.2.4 that stand for several."""
 
 
 def add_cameras(
-    context: Context, network: Network, sensors: Mapping[str, str], *, unaligned: bool
+    context: ChunkContext, network: Network, sensors: Mapping[str, str], *, unaligned: bool
 ) -> dict[str, str]:
     """Add photos and observed projection centres; return the names of the photos by their ids."""
     chunk, reading = context.source.chunk, context.reading
     out: dict[str, str] = {}
     ids: set[str] = set()
-    for camera in cameras_of(chunk.element):
+    for camera in chunk_cameras(chunk.element):
         ident, where = camera.attributes.get("id", ""), chunk.where(camera)
         if ident in ids:
             reading.wrong(f"camera {ident!r} is defined twice", where)
             continue
         ids.add(ident)
         label = camera.attributes.get("label", "") or f"camera {ident}"
-        if off(camera):
-            reading.leave_out(SWITCHED_OFF, label, where)
+        if is_disabled(camera):
+            reading.leave_out(PHOTOS_SWITCHED_OFF, label, where)
             continue
         aligned, rotation, centre = _pose(context, camera, where)
         if not (aligned or unaligned):
@@ -141,7 +306,9 @@ def add_cameras(
     return out
 
 
-def _pose(context: Context, camera: Element, where: str) -> tuple[bool, Array | None, Array | None]:
+def _pose(
+    context: ChunkContext, camera: Element, where: str
+) -> tuple[bool, Array | None, Array | None]:
     """Return whether a camera is aligned, and its rotation and centre in the frame if known."""
     shutter = camera.first("rolling_shutter")
     if shutter is not None and shutter.children:
@@ -153,7 +320,7 @@ def _pose(context: Context, camera: Element, where: str) -> tuple[bool, Array | 
     if found is None:
         return False, None, None
     matrix = np.array(found).reshape(4, 4)
-    split = rotation_of(matrix[:3, :3])
+    split = rotation_and_scale(matrix[:3, :3])
     if split is None or np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-9:
         context.reading.wrong("<transform> is no rotation and translation", where)
         return False, None, None
@@ -165,11 +332,11 @@ def _pose(context: Context, camera: Element, where: str) -> tuple[bool, Array | 
 
 
 def _observe_position(
-    context: Context, network: Network, camera: Element, photo: str, where: str
+    context: ChunkContext, network: Network, camera: Element, photo: str, where: str
 ) -> None:
     """Observe the projection centre that the reference of a camera states."""
     element = camera.first("reference")
-    if element is None or off(element) or "x" not in element.attributes:
+    if element is None or is_disabled(element) or "x" not in element.attributes:
         return
     found = context.given(element, "cameras", where)
     if found is not None:

@@ -20,18 +20,18 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError, Problem
-from ...models.centred_lens import CentredBrownLens
+from ...models.normalised_lens import CentredBrownLens
 from ...network.network import Network
 from ...observations import ControlPoint
 from ...types import Array
-from ..xml_tree import Element, read_xml
-from . import micmac_measures, micmac_mmvii
-from .pixel import add_pixel_camera
-from .reading import ImagePoints, Reading, rotation_of
+from ..xml_files import Element, read_xml
+from . import micmac_mmvii
+from . import micmac_mmvii as micmac_measures
+from .block_source import BlockProblems, ImagePoints, add_pixel_camera, rotation_and_scale
 
-CONVENTION = "eConvApero_DistM2C"
+DISTORTION_CONVENTION = "eConvApero_DistM2C"
 """The convention that is read; it is MicMac's own."""
-PREFIX = "Orientation-"
+ORI_PREFIX = "Orientation-"
 
 
 def read_micmac(
@@ -71,11 +71,11 @@ def read_micmac(
             raise InputError(f"{name} must be greater than zero, not {value}")
     source = Path(path)
     folder = source if source.is_dir() else source.parent
-    reading = Reading()
+    reading = BlockProblems()
     network = Network(folder.name)
     images = ImagePoints(reading)
-    if _of_mmvii(source):
-        micmac_mmvii.Orientations(folder, network, reading, tuple(calibration)).read()
+    if _is_mmvii_folder(source):
+        micmac_mmvii.MmviiOrientations(folder, network, reading, tuple(calibration)).read()
         if control is not None:
             micmac_measures.add_control(Path(control), network, reading, sigma_control)
         if measures is not None:
@@ -96,11 +96,11 @@ def read_micmac(
 def is_micmac(path: Path) -> bool:
     """Tell whether a path is a folder of orientations of MicMac or MMVII, or one of its files."""
     if path.is_dir():
-        return any(any(path.glob(p + "*.xml")) for p in (PREFIX, micmac_mmvii.PREFIX))
-    return path.name.startswith((PREFIX, micmac_mmvii.PREFIX))
+        return any(any(path.glob(p + "*.xml")) for p in (ORI_PREFIX, micmac_mmvii.PREFIX))
+    return path.name.startswith((ORI_PREFIX, micmac_mmvii.PREFIX))
 
 
-def _of_mmvii(source: Path) -> bool:
+def _is_mmvii_folder(source: Path) -> bool:
     """Tell whether a folder or a file of it has orientations of MMVII.
 
     Raises:
@@ -109,8 +109,8 @@ def _of_mmvii(source: Path) -> bool:
     if not source.is_dir():
         return source.name.startswith(micmac_mmvii.PREFIX)
     second = any(source.glob(micmac_mmvii.PREFIX + "*.xml"))
-    if second and any(source.glob(PREFIX + "*.xml")):
-        what = f"has orientations of MicMac, {PREFIX}….xml, and of MMVII, {micmac_mmvii.PREFIX}"
+    if second and any(source.glob(ORI_PREFIX + "*.xml")):
+        what = f"has orientations of MicMac, {ORI_PREFIX}….xml, and of MMVII, {micmac_mmvii.PREFIX}"
         raise InputError(Problem(what + "….xml; name one file of the wanted kind", str(source)))
     return second
 
@@ -119,7 +119,7 @@ def _words(element: Element | None) -> list[str]:
     return [] if element is None else element.text.split()
 
 
-def _inner(root: Element, tag: str) -> Element | None:
+def _element_with_tag(root: Element, tag: str) -> Element | None:
     """Return the element of a name: the root, or a child of the root."""
     return root if root.tag == tag else root.first(tag)
 
@@ -130,16 +130,16 @@ class _Orientations:
 
     folder: Path
     network: Network
-    reading: Reading
+    reading: BlockProblems
     free: tuple[str, ...]
     cameras: dict[str, str] = field(default_factory=dict)
     """Names of cameras by the names of their files."""
 
     def read(self) -> None:
         """Add all photos and their cameras."""
-        files = sorted(self.folder.glob(PREFIX + "*.xml"))
+        files = sorted(self.folder.glob(ORI_PREFIX + "*.xml"))
         if not files:
-            what = f"has no file {PREFIX}….xml or {micmac_mmvii.PREFIX}….xml; name a folder of "
+            what = f"has no file {ORI_PREFIX}….xml or {micmac_mmvii.PREFIX}….xml; name a folder of "
             what += "orientations, Ori-…"
             raise InputError(Problem(what, str(self.folder)))
         for file in files:
@@ -152,7 +152,7 @@ class _Orientations:
 
     def _photo(self, file: Path) -> None:
         root = read_xml(file)
-        element = _inner(root, "OrientationConique")
+        element = _element_with_tag(root, "OrientationConique")
         where = f"{file.name}:{root.line}"
         if element is None:
             raise InputError(Problem("has no <OrientationConique>", where))
@@ -169,9 +169,9 @@ class _Orientations:
                 raise InputError(Problem(what, f"{file.name}:{affine.line}"))
         parts = ("ConvOri", "Externe")
         conventions = [c for part in parts for c in self._conventions(element, part)]
-        if any(c != CONVENTION for c in conventions):
+        if any(c != DISTORTION_CONVENTION for c in conventions):
             said = ", ".join(conventions)
-            what = f"convention {said} cannot be read; valid: {CONVENTION}"
+            what = f"convention {said} cannot be read; valid: {DISTORTION_CONVENTION}"
             raise InputError(Problem(what, where))
         camera = self._camera(element, file)
         outer = element.first("Externe")
@@ -188,7 +188,7 @@ class _Orientations:
         if camera is None or centre is None or matrix is None:
             return
         at = [a + b for a, b in zip(centre, shift, strict=True)]
-        name = file.name.removeprefix(PREFIX).removesuffix(".xml")
+        name = file.name.removeprefix(ORI_PREFIX).removesuffix(".xml")
         with self.reading.at(where):
             self.network.add_photo(name, camera, position=at, rotation=matrix)
 
@@ -210,7 +210,7 @@ class _Orientations:
         ]
         if any(r is None for r in rows):
             return None
-        split = rotation_of(np.array(rows))
+        split = rotation_and_scale(np.array(rows))
         if split is None or abs(split[1] - 1) > 1e-3:
             raise InputError(Problem("<CodageMatr> is no rotation matrix", where))
         return np.asarray(split[0])
@@ -233,7 +233,7 @@ class _Orientations:
                 what = f"the calibration {key!r} is no file of this folder"
                 raise InputError(Problem(what, f"{file.name}:{link.line}"))
             root = read_xml(self.folder / key)
-            found = _inner(root, "CalibrationInternConique")
+            found = _element_with_tag(root, "CalibrationInternConique")
             if found is None:
                 what = "has no <CalibrationInternConique>"
                 raise InputError(Problem(what, f"{key}:{root.line}"))
@@ -246,9 +246,9 @@ class _Orientations:
 
     def _calibration(self, name: str, element: Element, where: str) -> None:
         convention = element.first("KnownConv")
-        if convention is not None and convention.text.strip() != CONVENTION:
+        if convention is not None and convention.text.strip() != DISTORTION_CONVENTION:
             said = convention.text.strip()
-            what = f"convention {said!r} cannot be read; valid: {CONVENTION}"
+            what = f"convention {said!r} cannot be read; valid: {DISTORTION_CONVENTION}"
             raise InputError(Problem(what, where))
         for tag in ("OrIntGlob", "CorrectionRefractionAPosteriori", "ParamAF"):
             if element.first(tag) is not None:
@@ -273,7 +273,7 @@ class _Orientations:
 
 
 def _distortion(
-    element: Element, reading: Reading, where: str
+    element: Element, reading: BlockProblems, where: str
 ) -> tuple[dict[str, float], tuple[float, ...] | None] | None:
     """Return parameters, y up, and the centre, y down; None after a problem."""
     models = [m for d in element.all("CalibDistortion") for m in d.children]
@@ -305,10 +305,10 @@ def _distortion(
     return values, centre
 
 
-def _control(path: Path, network: Network, reading: Reading, factor: float) -> None:
+def _control(path: Path, network: Network, reading: BlockProblems, factor: float) -> None:
     """Add control points with their uncertainties; those of zero or less are check points."""
     root = read_xml(path)
-    dictionary = _inner(root, "DicoAppuisFlottant")
+    dictionary = _element_with_tag(root, "DicoAppuisFlottant")
     if dictionary is None:
         reading.wrong("has no <DicoAppuisFlottant>", f"{path.name}:{root.line}")
         return
@@ -332,11 +332,11 @@ def _control(path: Path, network: Network, reading: Reading, factor: float) -> N
 
 
 def _measures(
-    path: Path, network: Network, images: ImagePoints, reading: Reading, sigma: float
+    path: Path, network: Network, images: ImagePoints, reading: BlockProblems, sigma: float
 ) -> None:
     """Gather image measurements, and add the points among them that are new."""
     root = read_xml(path)
-    whole = _inner(root, "SetOfMesureAppuisFlottants")
+    whole = _element_with_tag(root, "SetOfMesureAppuisFlottants")
     if whole is None:
         reading.wrong("has no <SetOfMesureAppuisFlottants>", f"{path.name}:{root.line}")
         return

@@ -1,4 +1,4 @@
-"""Orientations of MMVII, the second MicMac: poses and calibrations as XML of its serialization.
+"""Orientations, ground control and image measurements of MMVII, the second MicMac.
 
 A folder has ``Ori-PerspCentral-IMAGE.xml`` for each image and the calibrations that they name.
 Older files begin with ``<MMVII_Serialization>``; newer ones have it as ``<Type>`` beside
@@ -13,11 +13,17 @@ rotation from the camera to the object. Whole pixels are the centres of pixels.
 
 Source: MicMac (GitHub: micmacIGN/micmac), MMVII/src: Sensors/cCentralPerspCam.cpp,
 Sensors/cSensorCamPC.cpp, SymbDerGen/Formulas_CamStenope.h (cMMVIIUnivDist).
+
+Ground control (MesGCP-….xml) and its measurements in images (MesIm-….xml):
+MMVII/src/Sensors/Measures.cpp (cMes1Gnd3D, cMesIm1Pt). Sigma2 are variances, xx xy xz yy yz zz of
+points (metres²), xx xy yy of measurements (pixels²). A point without them is free: its coordinates
+are approximate.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,13 +31,19 @@ import numpy as np
 
 from ...errors import InputError, Problem
 from ...files import read_bytes
-from ...models.affine_normalised import FraserNormalisedLens
 from ...models.lens import Lens, NormalisedLens
+from ...models.normalised_lens import FraserNormalisedLens
 from ...models.ray_lens import EquirectangularLens, FisheyeLens
 from ...network.network import Network
-from ..xml_tree import Element, parse_xml
-from .pixel import add_pixel_camera
-from .reading import Reading, rotation_of, whole
+from ...observations import ControlPoint
+from ..xml_files import Element, parse_xml
+from .block_source import (
+    BlockProblems,
+    ImagePoints,
+    add_pixel_camera,
+    rotation_and_scale,
+    whole_number,
+)
 
 PREFIX = "Ori-PerspCentral-"
 """Beginning of the names of MMVII's poses of frame cameras."""
@@ -39,12 +51,12 @@ CALIBRATION_PREFIX = "Calib-PerspCentral-"
 """Beginning of the names of calibrations, which names of cameras leave out."""
 SERIALIZATION = "MMVII_Serialization"
 """Type of MMVII's files."""
-OPTIONAL = "__Opt__"
+OPTIONAL_PREFIX = "__Opt__"
 """Beginning of the names of elements that may be absent; it was ``Opt:`` in older files."""
 
 
 @dataclass(frozen=True)
-class Projection:
+class MmviiProjection:
     """A projection of MMVII and the lens model that is the same function."""
 
     lens: Lens
@@ -55,17 +67,17 @@ class Projection:
 
 _DECENTRING = {"p1": ("p1", 1.0), "p2": ("p2", -1.0)}
 _RADIAL = {f"K{i}": (f"k{i}", 1.0) for i in (1, 2, 3)}
-PROJECTIONS = {
-    "Stenope": Projection(
+MMVII_PROJECTIONS = {
+    "Stenope": MmviiProjection(
         FraserNormalisedLens(), _RADIAL | _DECENTRING | {"b1": ("b1", 1.0), "b2": ("b2", -1.0)}
     ),
-    "FE_EquiDist": Projection(FisheyeLens(), _RADIAL | {"K4": ("k4", 1.0)} | _DECENTRING),
-    "EquiRect": Projection(EquirectangularLens(), {}),
+    "FE_EquiDist": MmviiProjection(FisheyeLens(), _RADIAL | {"K4": ("k4", 1.0)} | _DECENTRING),
+    "EquiRect": MmviiProjection(EquirectangularLens(), {}),
 }
 """Projections by their names in files; y points down in MMVII and up here."""
 
 
-def text_of(element: Element | None) -> str:
+def unquoted_text(element: Element | None) -> str:
     """Return the text of an element without its quotes; empty if there is no element."""
     text = "" if element is None else element.text.strip()
     if len(text) > 1 and text[0] == text[-1] == '"':
@@ -73,7 +85,7 @@ def text_of(element: Element | None) -> str:
     return text
 
 
-def contents(path: Path, tag: str, known: str) -> Element:
+def mmvii_contents(path: Path, tag: str, known: str) -> Element:
     """Return the element of a file of MMVII that has what is read.
 
     Args:
@@ -86,18 +98,18 @@ def contents(path: Path, tag: str, known: str) -> Element:
     """
     content = read_bytes(path)
     for begin in (b"<", b"</"):  # a prefix that no name space binds, in files of 2022
-        content = content.replace(begin + b"Opt:", begin + OPTIONAL.encode())
+        content = content.replace(begin + b"Opt:", begin + OPTIONAL_PREFIX.encode())
     root = parse_xml(content, path.name)
     where = f"{path.name}:{root.line}"
     data: Element | None = root
     if root.tag != SERIALIZATION:
         kind = root.first("Type")
-        if text_of(kind) != SERIALIZATION:
+        if unquoted_text(kind) != SERIALIZATION:
             what = f"is no file of MMVII; valid: <Type> or root {SERIALIZATION}"
             raise InputError(Problem(what, where if kind is None else f"{path.name}:{kind.line}"))
         version = root.first("Version")
-        if version is not None and not text_of(version).startswith("0."):
-            what = f"version {text_of(version)[:40]!r} of MMVII cannot be read; valid: 0.…"
+        if version is not None and not unquoted_text(version).startswith("0."):
+            what = f"version {unquoted_text(version)[:40]!r} of MMVII cannot be read; valid: 0.…"
             raise InputError(Problem(what, f"{path.name}:{version.line}"))
         data = root.first("Data")
     inner = None if data is None else data.first(tag) or data
@@ -107,14 +119,14 @@ def contents(path: Path, tag: str, known: str) -> Element:
 
 
 @dataclass
-class Orientations:
+class MmviiOrientations:
     """The orientations of a folder while they are read."""
 
     folder: Path
     """The folder."""
     network: Network
     """Network to which cameras and photos are added."""
-    reading: Reading
+    reading: BlockProblems
     """Where problems go."""
     free: tuple[str, ...]
     """Names of the unknown parameters of the cameras."""
@@ -134,10 +146,10 @@ class Orientations:
                 self.reading.problems += error.problems
 
     def _photo(self, file: Path) -> None:
-        pose = contents(file, "CameraPose", "NameImage")
+        pose = mmvii_contents(file, "CameraPose", "NameImage")
         at = f"{file.name}:{pose.line}"
         image = pose.first("NameImage")
-        name = text_of(image)
+        name = unquoted_text(image)
         if file.name != f"{PREFIX}{name}.xml":
             line = pose.line if image is None else image.line
             what = f"is the pose of image {name[:80]!r}; valid: that of the name of the file"
@@ -150,7 +162,7 @@ class Orientations:
         axes = [self._three(matrix, tag, file) for tag in ("AxeI", "AxeJ", "AxeK")]
         if camera is None or centre is None or any(a is None for a in axes):
             return
-        split = rotation_of(np.transpose(np.array(axes, dtype=float)))
+        split = rotation_and_scale(np.transpose(np.array(axes, dtype=float)))
         if split is None or abs(split[1] - 1) > 1e-3:
             what = "<RotMatrix> is no rotation matrix"
             raise InputError(Problem(what, f"{file.name}:{matrix.line}"))
@@ -160,12 +172,14 @@ class Orientations:
     def _three(self, element: Element, tag: str, file: Path) -> tuple[float, ...] | None:
         child = element.first(tag)
         line = element.line if child is None else child.line
-        return self.reading.numbers(text_of(child).split(), 3, f"<{tag}>", f"{file.name}:{line}")
+        return self.reading.numbers(
+            unquoted_text(child).split(), 3, f"<{tag}>", f"{file.name}:{line}"
+        )
 
     def _camera(self, pose: Element, file: Path) -> str | None:
         """Return the name of the camera of an image; None if it has problems."""
         link = pose.first("NameInternalCalib")
-        key = text_of(link)
+        key = unquoted_text(link)
         line = pose.line if link is None else link.line
         if key in self.cameras:
             return self.cameras[key]
@@ -174,29 +188,29 @@ class Orientations:
             what = f"the calibration {key[:80] + '.xml'!r} is no file of this folder"
             raise InputError(Problem(what, f"{file.name}:{line}"))
         self.cameras[key] = None
-        calibration = contents(path, "InternalCalibration", "PerfectProj")
+        calibration = mmvii_contents(path, "InternalCalibration", "PerfectProj")
         named = calibration.first("Name")
-        if text_of(named) != key:
+        if unquoted_text(named) != key:
             line = calibration.line if named is None else named.line
-            what = f"<Name> is {text_of(named)[:80]!r}; valid: {key!r}, as the file is named"
+            what = f"<Name> is {unquoted_text(named)[:80]!r}; valid: {key!r}, as the file is named"
             raise InputError(Problem(what, f"{path.name}:{line}"))
         name = key.removeprefix(CALIBRATION_PREFIX) or key
         before = len(self.reading.problems)
-        Calibration(calibration, path.name, self.reading).into(self.network, name, self.free)
+        MmviiCalibration(calibration, path.name, self.reading).into(self.network, name, self.free)
         if len(self.reading.problems) == before:
             self.cameras[key] = name
         return self.cameras[key]
 
 
 @dataclass
-class Calibration:
+class MmviiCalibration:
     """A calibration while it is read."""
 
     element: Element
     """Element of its contents."""
     file: str
     """Name of the file in messages."""
-    reading: Reading
+    reading: BlockProblems
     """Where problems go."""
 
     def _at(self, element: Element | None) -> str:
@@ -217,15 +231,15 @@ class Calibration:
         said = self._child(self.element, "Projection")
         if frame is None or focal is None or middle is None or said is None:
             return
-        size = self.reading.numbers(text_of(frame).split(), 2, "<NbPix>", self._at(frame))
-        c = self.reading.number(text_of(focal), "<F>", self._at(focal), positive=True)
-        pp = self.reading.numbers(text_of(middle).split(), 2, "<PP>", self._at(middle))
-        projection = PROJECTIONS.get(text_of(said))
+        size = self.reading.numbers(unquoted_text(frame).split(), 2, "<NbPix>", self._at(frame))
+        c = self.reading.number(unquoted_text(focal), "<F>", self._at(focal), positive=True)
+        pp = self.reading.numbers(unquoted_text(middle).split(), 2, "<PP>", self._at(middle))
+        projection = MMVII_PROJECTIONS.get(unquoted_text(said))
         if projection is None:
-            what = f"projection {text_of(said)[:40]!r} cannot be read; valid: "
-            self.reading.wrong(what + ", ".join(PROJECTIONS), self._at(said))
+            what = f"projection {unquoted_text(said)[:40]!r} cannot be read; valid: "
+            self.reading.wrong(what + ", ".join(MMVII_PROJECTIONS), self._at(said))
             return
-        values = self._distortion(projection, text_of(said))
+        values = self._distortion(projection, unquoted_text(said))
         if size is None or c is None or pp is None or values is None:
             return
         values |= {"c": c, "x0": pp[0] + 0.5, "y0": -pp[1] - 0.5}
@@ -237,26 +251,28 @@ class Calibration:
         with self.reading.at(self._at(self.element)):
             add_pixel_camera(network, name, lens, values, size=sides, free=free)
 
-    def _distortion(self, projection: Projection, said: str) -> dict[str, float] | None:
+    def _distortion(self, projection: MmviiProjection, said: str) -> dict[str, float] | None:
         """Return the parameters of the distortion, y up; None after a problem."""
         auxiliary = self._child(self.element, "Auxiliary")
         stated = self._child(auxiliary, "Degree")
         if auxiliary is None or stated is None:
             return None
-        degree = [whole(t) for t in text_of(stated).split()]
+        degree = [whole_number(t) for t in unquoted_text(stated).split()]
         if len(degree) != 3 or any(d is None or d > 20 for d in degree):
-            what = f"<Degree> is {text_of(stated)[:40]!r}; valid: three whole numbers up to 20"
+            what = (
+                f"<Degree> is {unquoted_text(stated)[:40]!r}; valid: three whole numbers up to 20"
+            )
             self.reading.wrong(what, self._at(stated))
             return None
         mode = auxiliary.first("IsFraserMode")
-        if mode is not None and text_of(mode) != "1":
-            what = f"<IsFraserMode> {text_of(mode)[:40]!r} cannot be read; valid: 1"
+        if mode is not None and unquoted_text(mode) != "1":
+            what = f"<IsFraserMode> {unquoted_text(mode)[:40]!r} cannot be read; valid: 1"
             self.reading.wrong(what, self._at(mode))
             return None
         return self._coefficients(projection, said, [d or 0 for d in degree], stated)
 
     def _coefficients(
-        self, projection: Projection, said: str, degree: list[int], stated: Element
+        self, projection: MmviiProjection, said: str, degree: list[int], stated: Element
     ) -> dict[str, float] | None:
         before = len(self.reading.problems)
         missing = {
@@ -269,7 +285,7 @@ class Calibration:
         for part in [] if distortion is None else distortion.children:
             for entry in part.children:
                 tag, where = entry.tag, self._at(entry)
-                value = self.reading.number(text_of(entry), f"<{tag[:40]}>", where)
+                value = self.reading.number(unquoted_text(entry), f"<{tag[:40]}>", where)
                 monomial = part.tag == "Polynomial" and re.fullmatch(r"[xy]_\d+_\d+", tag)
                 if missing.pop(tag, None) != part.tag and not (monomial and degree[2] > 1):
                     what = f"<{tag[:40]}> is given twice or lies beyond <Degree> "
@@ -285,3 +301,147 @@ class Calibration:
             what = f"<Degree> {' '.join(map(str, degree))} needs <{', '.join(missing)}>"
             self.reading.wrong(what, self._at(distortion or stated))
         return None if len(self.reading.problems) > before else values
+
+
+CONTROL_PATTERN = "MesGCP*.xml"
+"""Pattern of the files of ground control of a folder."""
+MEASURES_PATTERN = "MesIm-*.xml"
+"""Pattern of the files of measurements of a folder, one for each image."""
+
+
+def matching_files(path: Path, pattern: str) -> list[Path]:
+    """Return the files of a folder that have a pattern, or the file.
+
+    Raises:
+        InputError: the folder has none.
+    """
+    if not path.is_dir():
+        return [path]
+    found = sorted(path.glob(pattern))
+    if not found:
+        raise InputError(Problem(f"has no file {pattern.replace('*', '…')}", str(path)))
+    return found
+
+
+def _entries(element: Element, file: str, reading: BlockProblems) -> Iterator[Element]:
+    measures = element.first("Measures")
+    if measures is None:
+        reading.wrong("has no <Measures>", f"{file}:{element.line}")
+        return
+    number = measures.first("Nb")
+    found = list(measures.all("el"))
+    if number is not None and unquoted_text(number) != str(len(found)):
+        what = f"<Nb> is {unquoted_text(number)[:40]!r}, but there are {len(found)} measures <el>"
+        reading.wrong(what, f"{file}:{number.line}")
+    yield from found
+
+
+def _numbers(
+    element: Element, tag: str, size: int, file: str, reading: BlockProblems
+) -> tuple[float, ...] | None:
+    child = element.first(tag)
+    line = element.line if child is None else child.line
+    return reading.numbers(unquoted_text(child).split(), size, f"<{tag}>", f"{file}:{line}")
+
+
+def add_control(path: Path, network: Network, reading: BlockProblems, factor: float) -> None:
+    """Add the points of ground control of a file or a folder.
+
+    Points of zero variances are held; those without variances have approximate coordinates.
+
+    Args:
+        path: a file MesGCP-….xml, or a folder of them.
+        network: the network.
+        reading: where problems go.
+        factor: factor of the standard deviations.
+    """
+    for file in matching_files(path, CONTROL_PATTERN):
+        with reading.at(file.name):
+            _control_of(file, network, reading, factor)
+
+
+def _control_of(file: Path, network: Network, reading: BlockProblems, factor: float) -> None:
+    points = mmvii_contents(file, "SetGCP", "Measures")
+    for entry in _entries(points, file.name, reading):
+        where = f"{file.name}:{entry.line}"
+        name = unquoted_text(entry.first("Name"))
+        at = _numbers(entry, "Pt", 3, file.name, reading)
+        tag = next(
+            (t for t in ("Sigma2", OPTIONAL_PREFIX + "Sigma2") if entry.first(t) is not None), None
+        )
+        given = None if tag is None else _numbers(entry, tag, 6, file.name, reading)
+        if at is None or (tag is not None and given is None):
+            continue
+        with reading.at(where):
+            if given is None:
+                network.add_point(name, at)
+                continue
+            if not any(given):
+                network.add_point(name, at, fixed="xyz")
+                continue
+            xx, xy, xz, yy, yz, zz = (factor * factor * v for v in given)
+            matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            if min(xx, yy, zz) <= 0 or np.linalg.eigvalsh(matrix)[0] <= 0:
+                what = f"<{tag}> is no matrix of variances; valid: positive ones, or all 0 to hold"
+                reading.wrong(what, where)
+                continue
+            network.add_point(name, at)
+            if xy or xz or yz:
+                network.add(ControlPoint(name, at, covariance=matrix, source=where))
+            else:
+                sigma = (xx**0.5, yy**0.5, zz**0.5)
+                network.add(ControlPoint(name, at, sigma=sigma, source=where))
+
+
+def add_measures(
+    path: Path, network: Network, images: ImagePoints, reading: BlockProblems, factor: float
+) -> None:
+    """Gather the measurements in images of a file or a folder, and add points that are new.
+
+    Args:
+        path: a file MesIm-….xml, or a folder of them.
+        network: the network.
+        images: where the measurements go.
+        reading: where problems go.
+        factor: factor of the standard deviations.
+    """
+    whole = not reading.problems
+    for file in matching_files(path, MEASURES_PATTERN):
+        with reading.at(file.name):
+            _measures_of(file, network, images, reading, factor, whole)
+
+
+def _measures_of(
+    file: Path,
+    network: Network,
+    images: ImagePoints,
+    reading: BlockProblems,
+    factor: float,
+    whole: bool,
+) -> None:
+    """Gather the measurements of an image; ``whole``: all orientations of the folder are read."""
+    image = mmvii_contents(file, "SetMesIm", "Measures")
+    named = image.first("NameIm")
+    photo = unquoted_text(named)
+    if photo not in network.photos:
+        if whole:
+            what = f"image {photo[:80]!r} has no orientation; its measurements need one"
+            reading.wrong(what, f"{file.name}:{(named or image).line}")
+        return
+    for entry in _entries(image, file.name, reading):
+        where = f"{file.name}:{entry.line}"
+        name = unquoted_text(entry.first("Name"))
+        xy = _numbers(entry, "Pt", 2, file.name, reading)
+        variances = _numbers(entry, "Sigma2", 3, file.name, reading)
+        if xy is None or variances is None:
+            continue
+        xx, mixed, yy = variances
+        if mixed or min(xx, yy) <= 0:
+            what = "<Sigma2> must have positive variances xx, yy and the covariance xy 0"
+            reading.wrong(what, where)
+            continue
+        if name not in network.points:
+            with reading.at(where):
+                network.add_point(name)
+        sigma = (factor * xx**0.5, factor * yy**0.5)
+        images.add(photo, name, (xy[0] + 0.5, -xy[1] - 0.5), sigma, where)

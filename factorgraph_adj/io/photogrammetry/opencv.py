@@ -4,6 +4,10 @@ OpenCV counts pixels from the centre of the first one, y down; here the upper le
 image is the origin, so that half a pixel is added. Its distortion coefficients are
 
     k1, k2, p1, p2 [, k3 [, k4, k5, k6 [, s1, s2, s3, s4 [, τx, τy]]]]
+
+Flags of a calibration state which parameters were fixed; their values are those of
+``cv::CALIB_…``. Up to OpenCV 4 ``cv::fisheye::CALIB_…`` had values of its own; since OpenCV 5 the
+fisheye model has those of the other one, and flags of its own above 2²².
 """
 
 from __future__ import annotations
@@ -11,30 +15,102 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
+from ...entities import Camera
 from ...errors import InputError, Problem, known
-from ...models.affine_normalised import AffineNormalisedLens
 from ...models.lens import Lens, NormalisedLens
-from ...models.rational_lens import RationalLens
+from ...models.normalised_lens import AffineNormalisedLens, RationalLens
 from ...models.ray_lens import FisheyeLens
-from ...network.entities import Camera
 from ...network.network import Network
 from ...rotation import exp_rotation
 from ...types import Array
-from ..atomic import write_files
-from ..text import beginning
-from .opencv_flags import held_by, skewed
-from .opencv_storage import Value, read_storage
-from .pixel import add_pixel_camera
-from .reading import ImagePoints, Reading
-from .writing import calibration, in_pixels
+from ..file_transaction import write_files
+from ..format_limits import calibration_values, pixel_format
+from ..text_files import file_beginning
+from .block_source import BlockProblems, ImagePoints, add_pixel_camera
+from .opencv_storage import StorageValue, read_storage
 
-PINHOLE = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tx", "ty")
-FISHEYE = ("k1", "k2", "k3", "k4")
-NAMES = {
+FIX_ASPECT_RATIO = 2
+RATIONAL_MODEL = 1 << 14
+FISHEYE_FIX_SKEW_4 = 8
+FISHEYE_FIX_SKEW_5 = 1 << 25
+FIRST_FLAG_OF_OPENCV_5 = 1 << 22
+"""Smallest flag that the fisheye calibration of OpenCV 5 has and that of OpenCV 4 has not."""
+
+OPENCV_PARAMETERS = ("c", "b1", "x0", "y0", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+PINHOLE_FLAGS: Mapping[int, tuple[str, ...]] = MappingProxyType(
+    {
+        FIX_ASPECT_RATIO: ("b1",),
+        4: ("x0", "y0"),
+        8: ("p1", "p2"),
+        16: ("c", "b1"),
+        32: ("k1",),
+        64: ("k2",),
+        128: ("k3",),
+        256: OPENCV_PARAMETERS,
+        1 << 11: ("k4",),
+        1 << 12: ("k5",),
+        1 << 13: ("k6",),
+        1 << 21: ("p1", "p2"),
+    }
+)
+"""What each flag holds, by its value: the principal point, tangential distortion, focal lengths."""
+FISHEYE_FLAGS_OPENCV_4: Mapping[int, tuple[str, ...]] = MappingProxyType(
+    {
+        16: ("k1",),
+        32: ("k2",),
+        64: ("k3",),
+        128: ("k4",),
+        256: OPENCV_PARAMETERS,
+        512: ("x0", "y0"),
+        2048: ("c", "b1"),
+    }
+)
+"""The same of ``cv::fisheye::calibrate`` up to OpenCV 4."""
+
+
+def fixed_parameters(flags: int, *, fisheye: bool) -> frozenset[str]:
+    """Return the parameters that a calibration with these flags has not estimated.
+
+    Args:
+        flags: sum of the flags.
+        fisheye: whether it is a calibration of the fisheye model.
+    """
+    table = FISHEYE_FLAGS_OPENCV_4 if fisheye and flags < FIRST_FLAG_OF_OPENCV_5 else PINHOLE_FLAGS
+    out = {name for bit, names in table.items() if flags & bit for name in names}
+    if not fisheye and not flags & RATIONAL_MODEL:
+        out |= {"k4", "k5", "k6"}
+    return frozenset(out)
+
+
+def estimates_skew(flags: int) -> bool:
+    """Return whether a calibration of the fisheye model with these flags estimates the skew."""
+    fixed = FISHEYE_FIX_SKEW_4 if flags < FIRST_FLAG_OF_OPENCV_5 else FISHEYE_FIX_SKEW_5
+    return not flags & (fixed | 256)
+
+
+PINHOLE_COEFFICIENTS = (
+    "k1",
+    "k2",
+    "p1",
+    "p2",
+    "k3",
+    "k4",
+    "k5",
+    "k6",
+    "s1",
+    "s2",
+    "s3",
+    "s4",
+    "tx",
+    "ty",
+)
+FISHEYE_COEFFICIENTS = ("k1", "k2", "k3", "k4")
+OPENCV_ELEMENT_NAMES = {
     "camera_matrix": ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K"),
     "distortion": (
         *("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "D"),
@@ -91,9 +167,9 @@ def read_opencv(
     if isinstance(calibration, str) and calibration not in choices:
         what = f"calibration {calibration!r}; valid: {', '.join(map(repr, choices))}, or names"
         raise InputError(f"unknown {what} such as ['c', 'k1']")
-    reading = Reading()
+    reading = BlockProblems()
     stored, last = read_storage(source)
-    found = _named(stored)
+    found = _values_by_name(stored)
     network = Network(source.stem)
     views = _views(found, reading)
     size = [image_width, image_height]
@@ -117,28 +193,28 @@ def read_opencv(
 
 def is_opencv(path: Path) -> bool:
     """Tell whether a file is one of OpenCV's FileStorage."""
-    head = beginning(path)
+    head = file_beginning(path)
     return b"<opencv_storage" in head or b"opencv-matrix" in head
 
 
-def _named(values: Mapping[str, Value]) -> dict[str, Value]:
+def _values_by_name(values: Mapping[str, StorageValue]) -> dict[str, StorageValue]:
     """Return what is read by our names."""
     return {
         ours: values[theirs]
-        for ours, names in NAMES.items()
+        for ours, names in OPENCV_ELEMENT_NAMES.items()
         for theirs in names
         if theirs in values
     }
 
 
-def _model(given: str | None, found: Mapping[str, Value], reading: Reading) -> str:
+def _model(given: str | None, found: Mapping[str, StorageValue], reading: BlockProblems) -> str:
     """Return pinhole or fisheye: what is asked for, or what the file says."""
     if given is None and "fisheye" in found:
         return "fisheye" if found["fisheye"].number(reading, "fisheye_model") else "pinhole"
     return given or "pinhole"
 
 
-def _flags(found: Mapping[str, Value], reading: Reading) -> int | None:
+def _flags(found: Mapping[str, StorageValue], reading: BlockProblems) -> int | None:
     """Return the flags of the calibration; None where the file has none, or after a problem."""
     value = found["flags"].number(reading, "flags") if "flags" in found else None
     if value is None:
@@ -150,7 +226,7 @@ def _flags(found: Mapping[str, Value], reading: Reading) -> int | None:
 
 
 def _camera(
-    found: Mapping[str, Value], reading: Reading, model: str, end: str
+    found: Mapping[str, StorageValue], reading: BlockProblems, model: str, end: str
 ) -> tuple[Lens, dict[str, float], list[str]] | None:
     """Return lens, values and what a calibration estimates; None after a problem."""
     if "camera_matrix" not in found:
@@ -169,7 +245,7 @@ def _camera(
     if not (m[0, 0] > 0 and m[1, 1] > 0) or m[1, 0] or np.any(m[2] != (0, 0, 1)):
         reading.wrong("camera_matrix must be [fx s cx; 0 fy cy; 0 0 1]", given.where)
         return None
-    names = FISHEYE if model == "fisheye" else PINHOLE
+    names = FISHEYE_COEFFICIENTS if model == "fisheye" else PINHOLE_COEFFICIENTS
     k = dict.fromkeys(names, 0.0)
     stated: list[str] = []
     if "distortion" in found:
@@ -189,14 +265,16 @@ def _camera(
             reading.wrong(what, found["distortion"].where)
             return None
     flags = _flags(found, reading)
-    held = frozenset[str]() if flags is None else held_by(flags, fisheye=model == "fisheye")
+    held = (
+        frozenset[str]() if flags is None else fixed_parameters(flags, fisheye=model == "fisheye")
+    )
     fy = float(m[1, 1])
     values = {"c": fy, "x0": float(m[0, 2]) + 0.5, "y0": -float(m[1, 2]) - 0.5}
     relative = {"b1": float(m[0, 0]) / fy - 1.0, "b2": 0.0 - float(m[0, 1]) / fy}
     estimated = ["c", "x0", "y0", "b1", *(n for n in stated if n in ("k1", "k2", "p1", "p2", "k3"))]
     if model == "fisheye":
-        estimated = ["c", "x0", "y0", "b1", *FISHEYE]
-        estimated += ["b2"] if flags is not None and skewed(flags) else []
+        estimated = ["c", "x0", "y0", "b1", *FISHEYE_COEFFICIENTS]
+        estimated += ["b2"] if flags is not None and estimates_skew(flags) else []
         lens: Lens = FisheyeLens()
         return lens, values | relative | k, [n for n in estimated if n not in held]
     values |= {"k1": k["k1"], "k2": k["k2"], "k3": k["k3"], "p1": k["p2"], "p2": 0.0 - k["p1"]}
@@ -224,7 +302,7 @@ class _Views:
     """File and line."""
 
 
-def _views(found: Mapping[str, Value], reading: Reading) -> _Views | None:
+def _views(found: Mapping[str, StorageValue], reading: BlockProblems) -> _Views | None:
     """Return the views of a calibration; None if the file does not have them all."""
     needed = ("extrinsics", "image_points", "grid_points")
     if not all(n in found for n in needed):
@@ -245,7 +323,7 @@ def _views(found: Mapping[str, Value], reading: Reading) -> _Views | None:
     return _Views(a[:, :, 0], b, board, where)
 
 
-def _add_views(network: Network, views: _Views, reading: Reading, sigma: float) -> None:
+def _add_views(network: Network, views: _Views, reading: BlockProblems, sigma: float) -> None:
     """Add board points, photos and corners."""
     names = [f"corner {i}" for i in range(len(views.board))]
     for name, at in zip(names, views.board.tolist(), strict=True):
@@ -287,12 +365,12 @@ def write_opencv(network: Network, path: str | Path, *, camera: str | None = Non
     if name not in network.cameras:
         raise InputError(f"unknown camera {name!r}; known: {known(names, meant=name)}")
     chosen = network.cameras[name]
-    size = in_pixels(chosen)
+    size = pixel_format(chosen)
     where = f"camera {name!r}"
     if size is None:
         what = "OpenCV needs pixels of a known format, from the upper left corner of the image"
         raise InputError(Problem(what, where))
-    matrix, vector = _opencv(chosen, where)
+    matrix, vector = _opencv_parameters(chosen, where)
     parts = {"camera_matrix": matrix, "distortion_coefficients": vector[:, None]}
     width, height = (f"{side:.12g}" for side in size)
     if target.suffix.lower() == ".xml":
@@ -319,13 +397,13 @@ def write_opencv(network: Network, path: str | Path, *, camera: str | None = Non
     write_files(target.parent, {target.name: "\n".join(lines) + "\n"})
 
 
-def _opencv(camera: Camera, where: str) -> tuple[Array, Array]:
+def _opencv_parameters(camera: Camera, where: str) -> tuple[Array, Array]:
     """Return camera matrix (3, 3) and distortion coefficients of a camera.
 
     Raises:
         InputError: OpenCV has no such lens.
     """
-    lens, k = camera.lens, calibration(camera)
+    lens, k = camera.lens, calibration_values(camera)
     fy = k["c"]
     relative = type(lens) in (RationalLens, FisheyeLens)
     b1, b2 = k.get("b1", 0.0), k.get("b2", 0.0)
@@ -334,7 +412,7 @@ def _opencv(camera: Camera, where: str) -> tuple[Array, Array]:
         [[fx, 0.0 - shear, k["x0"] - 0.5], [0.0, fy, -k["y0"] - 0.5], [0.0, 0.0, 1.0]]
     )
     if type(lens) is FisheyeLens and not any(k[n] for n in ("p1", "p2", "s1", "s2")):
-        return matrix, np.array([k[n] for n in FISHEYE])
+        return matrix, np.array([k[n] for n in FISHEYE_COEFFICIENTS])
     radial = [k.get(n, 0.0) for n in ("k1", "k2", "k3")]
     plain = [radial[0], radial[1], 0.0 - k.get("p2", 0.0), k.get("p1", 0.0), radial[2]]
     if type(lens) is RationalLens:

@@ -16,18 +16,18 @@ import numpy as np
 from ...errors import InputError, Problem
 from ...files import MAX_YAML_BYTES
 from ...types import Array
-from ..text import last_line, read_text
-from ..xml_tree import Element, parse_xml
-from .reading import Reading
+from ..text_files import last_line_number, read_text
+from ..xml_files import Element, parse_xml
+from .block_source import BlockProblems
 
-MISSING = "OpenCV's YAML files need PyYAML: pip install 'factorgraph_adj[opencv]'"
-MATRIX = "opencv-matrix"
+PYYAML_MISSING = "OpenCV's YAML files need PyYAML: pip install 'factorgraph_adj[opencv]'"
+MATRIX_TYPE = "opencv-matrix"
 _TYPE = re.compile(r"\"?(\d?)[ucwsifd]\"?", re.ASCII)
 """Type of the elements of a matrix, with their number of channels before it."""
 
 
 @dataclass(frozen=True)
-class Value:
+class StorageValue:
     """A value of a file."""
 
     text: str
@@ -37,14 +37,14 @@ class Value:
     shape: tuple[str, str, str] | None = None
     """Rows, columns and type of a matrix; None of a scalar."""
 
-    def number(self, reading: Reading, name: str, *, positive: bool = False) -> float | None:
+    def number(self, reading: BlockProblems, name: str, *, positive: bool = False) -> float | None:
         """Return a scalar as a number; None after a problem."""
         return reading.number(self.text.strip(), name, self.where, positive=positive)
 
-    def matrix(self, reading: Reading, name: str) -> Array | None:
+    def matrix(self, reading: BlockProblems, name: str) -> Array | None:
         """Return a matrix (rows, columns, channels); None after a problem."""
         if self.shape is None:
-            reading.wrong(f"{name} must be a matrix ({MATRIX})", self.where)
+            reading.wrong(f"{name} must be a matrix ({MATRIX_TYPE})", self.where)
             return None
         rows, columns, kind = self.shape
         found_type = _TYPE.fullmatch(kind)
@@ -60,7 +60,7 @@ class Value:
         return None if found is None else np.array(found).reshape(shape)
 
 
-def read_storage(path: Path) -> tuple[dict[str, Value], int]:
+def read_storage(path: Path) -> tuple[dict[str, StorageValue], int]:
     """Return the values of a file by name, and the number of its last line.
 
     Raises:
@@ -68,11 +68,13 @@ def read_storage(path: Path) -> tuple[dict[str, Value], int]:
     """
     text = read_text(path)
     if text.lstrip().startswith("<"):
-        return _of_xml(parse_xml(text.encode("utf-8"), path.name), path.name), last_line(text)
-    return _of_yaml(text, path.name), last_line(text)
+        return _of_xml(parse_xml(text.encode("utf-8"), path.name), path.name), last_line_number(
+            text
+        )
+    return _of_yaml(text, path.name), last_line_number(text)
 
 
-def _of_xml(root: Element, name: str) -> dict[str, Value]:
+def _of_xml(root: Element, name: str) -> dict[str, StorageValue]:
     if root.tag != "opencv_storage":
         what = f"has the element <{root.tag}> where OpenCV writes <opencv_storage>"
         raise InputError(Problem(what, f"{name}:{root.line}"))
@@ -84,11 +86,11 @@ def _of_xml(root: Element, name: str) -> dict[str, Value]:
             raise InputError(Problem(f"{child.tag} is defined twice", where))
         if "data" in inner:
             shape = (inner.get("rows", ""), inner.get("cols", ""), inner.get("dt", ""))
-            out[child.tag] = Value(inner["data"], where, shape)
-        elif child.attributes.get("type_id") == MATRIX or "rows" in inner:
+            out[child.tag] = StorageValue(inner["data"], where, shape)
+        elif child.attributes.get("type_id") == MATRIX_TYPE or "rows" in inner:
             raise InputError(Problem(f"matrix {child.tag} has no <data>", where))
         elif not child.children:
-            out[child.tag] = Value(child.text.strip().strip('"'), where)
+            out[child.tag] = StorageValue(child.text.strip().strip('"'), where)
     return out
 
 
@@ -96,12 +98,12 @@ def _yaml() -> ModuleType:
     try:
         import yaml
     except ImportError:
-        raise InputError(MISSING) from None
+        raise InputError(PYYAML_MISSING) from None
     module: ModuleType = yaml
     return module
 
 
-def _of_yaml(text: str, name: str) -> dict[str, Value]:
+def _of_yaml(text: str, name: str) -> dict[str, StorageValue]:
     yaml = _yaml()
     if len(text) > MAX_YAML_BYTES:
         what = f"has {len(text)} characters; valid: at most {MAX_YAML_BYTES} for YAML"
@@ -121,8 +123,8 @@ def _of_yaml(text: str, name: str) -> dict[str, Value]:
     except (RecursionError, ValueError) as error:
         raise InputError(Problem(f"is not YAML: {str(error)[:80]}", f"{name}:1")) from None
     if not isinstance(root, yaml.MappingNode):
-        raise InputError(Problem("has no names and values", f"{name}:{last_line(text)}"))
-    out: dict[str, Value] = {}
+        raise InputError(Problem("has no names and values", f"{name}:{last_line_number(text)}"))
+    out: dict[str, StorageValue] = {}
     for key, node in root.value:
         where = f"{name}:{node.start_mark.line + 1}"
         if not isinstance(key, yaml.ScalarNode):
@@ -130,15 +132,15 @@ def _of_yaml(text: str, name: str) -> dict[str, Value]:
         if key.value in out:
             raise InputError(Problem(f"{key.value} is defined twice", where))
         if isinstance(node, yaml.ScalarNode):
-            out[str(key.value)] = Value(node.value, where)
+            out[str(key.value)] = StorageValue(node.value, where)
         elif isinstance(node, yaml.MappingNode):
             inner = {k.value: v for k, v in node.value if isinstance(k.value, str)}
             sizes = [_scalar(yaml, inner.get(k)) for k in ("rows", "cols", "dt")]
             data = inner.get("data")
             if isinstance(data, yaml.SequenceNode):
                 words = " ".join(_scalar(yaml, v) for v in data.value)
-                out[str(key.value)] = Value(words, where, (sizes[0], sizes[1], sizes[2]))
-            elif str(node.tag).endswith(MATRIX) or "rows" in inner:
+                out[str(key.value)] = StorageValue(words, where, (sizes[0], sizes[1], sizes[2]))
+            elif str(node.tag).endswith(MATRIX_TYPE) or "rows" in inner:
                 what = f"matrix {key.value} has no data, such as data: [ 1., 2. ]"
                 raise InputError(Problem(what, where))
     return out

@@ -32,35 +32,35 @@ from ...models.ray_lens import FisheyeLens
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
 from ...types import Array
-from ..json_tree import Node, parse_json
-from ..text import beginning, read_text
-from .pixel import add_pixel_camera
-from .reading import (
+from ..json_files import JsonNode, parse_json
+from ..text_files import file_beginning, read_text
+from .block_source import (
     MARKS_WITHOUT_PHOTO,
     PHOTOS_WITHOUT_POSE,
     RAYS_WITHOUT_PHOTO,
-    TIE,
+    TIE_PREFIX,
+    BlockProblems,
     ImagePoints,
-    Reading,
-    rotation_of,
+    add_pixel_camera,
+    rotation_and_scale,
 )
 
-VERSIONS = ("0.1", "0.2", "0.3")
+OPENMVG_VERSIONS = ("0.1", "0.2", "0.3")
 """Versions of sfm_data that are read."""
-CONTROL = "control "
+CONTROL_PREFIX = "control "
 """Beginning of the names of control points; their number in the file follows."""
-VIEWS = ("", "view_priors")
+VIEW_TYPES = ("", "view_priors")
 """Types of views; without a name it is a plain view."""
-FIRST = 0x80000000
+FIRST_USE_BIT = 0x80000000
 """Bit of the number of a type or pointer that is written for the first time."""
-NO_TYPE = 0x40000000
+DECLARED_TYPE_NUMBER = 0x40000000
 """Number of the type of an object that is of the declared type itself."""
-NOTHING = 0xFFFFFFFF
+UNDEFINED_INDEX = 0xFFFFFFFF
 """Number of a pose or intrinsic that a view does not have."""
 
 
 @dataclass(frozen=True)
-class Distortion:
+class IntrinsicDistortion:
     """Distortion of one type of intrinsics."""
 
     member: str | None
@@ -73,14 +73,14 @@ class Distortion:
     """The lens model."""
 
 
-TYPES = {
-    "pinhole": Distortion(None, (), ()),
-    "pinhole_radial_k1": Distortion("disto_k1", ("k1",), (1.0,)),
-    "pinhole_radial_k3": Distortion("disto_k3", ("k1", "k2", "k3"), (1.0,) * 3),
-    "pinhole_brown_t2": Distortion(
+INTRINSIC_TYPES = {
+    "pinhole": IntrinsicDistortion(None, (), ()),
+    "pinhole_radial_k1": IntrinsicDistortion("disto_k1", ("k1",), (1.0,)),
+    "pinhole_radial_k3": IntrinsicDistortion("disto_k3", ("k1", "k2", "k3"), (1.0,) * 3),
+    "pinhole_brown_t2": IntrinsicDistortion(
         "disto_t2", ("k1", "k2", "k3", "p2", "p1"), (1.0, 1.0, 1.0, -1.0, 1.0)
     ),
-    "fisheye": Distortion("fisheye", ("k1", "k2", "k3", "k4"), (1.0,) * 4, FisheyeLens),
+    "fisheye": IntrinsicDistortion("fisheye", ("k1", "k2", "k3", "k4"), (1.0,) * 4, FisheyeLens),
 }
 """Types of intrinsics that are read, by polymorphic_name."""
 
@@ -127,9 +127,9 @@ def read_openmvg(
         raise InputError(f"sigma_control must be three numbers > 0, not {sigma_control}")
     root = parse_json(read_text(source), source.name)
     version = root.need("sfm_data_version")
-    if version.text() not in VERSIONS:
-        raise version.fail(f"version {version.text()!r}; valid: {', '.join(VERSIONS)}")
-    reading = Reading()
+    if version.text() not in OPENMVG_VERSIONS:
+        raise version.fail(f"version {version.text()!r}; valid: {', '.join(OPENMVG_VERSIONS)}")
+    reading = BlockProblems()
     network = Network(source.parent.name or source.stem)
     _cameras(network, root, reading, calibration == "optimised")
     photos = _photos(network, root, reading, positions == "observe")
@@ -138,11 +138,11 @@ def read_openmvg(
     if structure is not None:
         for key, landmark in _entries(structure):
             with reading.at(landmark.where):
-                _landmark(network, TIE + str(key), landmark, photos, images, sigma_px)
+                _landmark(network, TIE_PREFIX + str(key), landmark, photos, images, sigma_px)
     marked = root.get("control_points")
     if marked is not None and control != "leave out":
         for key, landmark in _entries(marked):
-            name = CONTROL + str(key)
+            name = CONTROL_PREFIX + str(key)
             with reading.at(landmark.where):
                 xyz = _landmark(network, name, landmark, photos, images, sigma_control_px,
                                 check=control == "check")  # fmt: skip
@@ -159,10 +159,10 @@ def read_openmvg(
 
 def is_openmvg(path: Path) -> bool:
     """Tell whether a JSON file is a reconstruction of OpenMVG."""
-    return b'"sfm_data_version"' in beginning(path)
+    return b'"sfm_data_version"' in file_beginning(path)
 
 
-def _entries(node: Node) -> Iterator[tuple[int, Node]]:
+def _entries(node: JsonNode) -> Iterator[tuple[int, JsonNode]]:
     """Iterate over a map of cereal: an array of objects with key and value."""
     for entry in node.list():
         yield entry.need("key").integer(), entry.need("value")
@@ -172,38 +172,38 @@ class _Pointers:
     """Contents and names of types that are written at their first use."""
 
     def __init__(self) -> None:
-        self.contents: dict[int, Node] = {}
+        self.contents: dict[int, JsonNode] = {}
         self.types: dict[int, str] = {}
 
-    def content(self, node: Node) -> tuple[str, Node]:
+    def content(self, node: JsonNode) -> tuple[str, JsonNode]:
         """Return name of type and content of a shared pointer to a polymorphic object."""
         name = ""
         kind = node.get("polymorphic_id")
-        if kind is not None and (number := kind.integer()) != NO_TYPE:
-            if number & FIRST:
-                self.types[number & ~FIRST] = node.need("polymorphic_name").text()
-            known = self.types.get(number & ~FIRST)
+        if kind is not None and (number := kind.integer()) != DECLARED_TYPE_NUMBER:
+            if number & FIRST_USE_BIT:
+                self.types[number & ~FIRST_USE_BIT] = node.need("polymorphic_name").text()
+            known = self.types.get(number & ~FIRST_USE_BIT)
             if known is None:
                 raise kind.fail(f"type {number} has no name before it is used")
             name = known
         pointer = node.need("ptr_wrapper")
         number = pointer.need("id").integer()
-        if number & FIRST or pointer.get("data") is not None:
-            self.contents[number & ~FIRST] = pointer.need("data")
-        found = self.contents.get(number & ~FIRST)
+        if number & FIRST_USE_BIT or pointer.get("data") is not None:
+            self.contents[number & ~FIRST_USE_BIT] = pointer.need("data")
+        found = self.contents.get(number & ~FIRST_USE_BIT)
         if found is None:
             raise pointer.fail(f"object {number} has no content before it is used")
         return name, found
 
 
-def _cameras(network: Network, root: Node, reading: Reading, free: bool) -> None:
+def _cameras(network: Network, root: JsonNode, reading: BlockProblems, free: bool) -> None:
     pointers = _Pointers()
     for key, value in _entries(root.need("intrinsics")):
         with reading.at(value.where):
             name, data = pointers.content(value)
-            kind = TYPES.get(name)
+            kind = INTRINSIC_TYPES.get(name)
             if kind is None:
-                valid = ", ".join(TYPES)
+                valid = ", ".join(INTRINSIC_TYPES)
                 raise value.fail(f"intrinsics of type {name!r} cannot be read; valid: {valid}")
             size = tuple(data.need(n).number(positive=True) for n in ("width", "height"))
             x0, row = data.need("principal_point").numbers(2)
@@ -224,13 +224,13 @@ def _cameras(network: Network, root: Node, reading: Reading, free: bool) -> None
             )
 
 
-def _poses(root: Node, reading: Reading) -> dict[int, tuple[Array, tuple[float, ...]]]:
+def _poses(root: JsonNode, reading: BlockProblems) -> dict[int, tuple[Array, tuple[float, ...]]]:
     """Return rotation camera ← world and projection centre by number of pose."""
     out: dict[int, tuple[Array, tuple[float, ...]]] = {}
     for key, value in _entries(root.need("extrinsics")):
         with reading.at(value.where):
             rows = [row.numbers(3) for row in value.need("rotation").list()]
-            found = rotation_of(np.array(rows)) if len(rows) == 3 else None
+            found = rotation_and_scale(np.array(rows)) if len(rows) == 3 else None
             if found is None or abs(found[1] - 1.0) > 1e-4:
                 raise value.need("rotation").fail("is no rotation matrix")
             if key in out:
@@ -239,7 +239,9 @@ def _poses(root: Node, reading: Reading) -> dict[int, tuple[Array, tuple[float, 
     return out
 
 
-def _photos(network: Network, root: Node, reading: Reading, observe: bool) -> dict[int, str]:
+def _photos(
+    network: Network, root: JsonNode, reading: BlockProblems, observe: bool
+) -> dict[int, str]:
     """Add the photos with a pose; return their names by number of view."""
     pointers = _Pointers()
     poses = _poses(root, reading)
@@ -248,8 +250,8 @@ def _photos(network: Network, root: Node, reading: Reading, observe: bool) -> di
     for key, value in _entries(root.need("views")):
         with reading.at(value.where):
             kind, view = pointers.content(value)
-            if kind not in VIEWS:
-                raise value.fail(f"a view of type {kind!r} cannot be read; valid: {VIEWS[1]}")
+            if kind not in VIEW_TYPES:
+                raise value.fail(f"a view of type {kind!r} cannot be read; valid: {VIEW_TYPES[1]}")
             pose = view.need("id_pose").integer()
             folder = view.get("local_path")
             name = view.need("filename").text()
@@ -283,7 +285,7 @@ def _photos(network: Network, root: Node, reading: Reading, observe: bool) -> di
 def _landmark(
     network: Network,
     name: str,
-    node: Node,
+    node: JsonNode,
     photos: dict[int, str],
     images: ImagePoints,
     sigma: float,
@@ -299,7 +301,7 @@ def _landmark(
             images.add(photos[key], name, (x, -y), (sigma,), seen.where)
         else:
             reading = images.reading
-            why = RAYS_WITHOUT_PHOTO if name.startswith(TIE) else MARKS_WITHOUT_PHOTO
+            why = RAYS_WITHOUT_PHOTO if name.startswith(TIE_PREFIX) else MARKS_WITHOUT_PHOTO
             reading.leave_out(why, f"view {key}", seen.where)
     return xyz
 
@@ -307,5 +309,5 @@ def _landmark(
 def _without_rays(network: Network, images: ImagePoints) -> None:
     """Leave out tie points that fewer than two photos see."""
     seen = images.seen()
-    few = [n for n in network.points if n.startswith(TIE) and seen.get(n, 0) < 2]
+    few = [n for n in network.points if n.startswith(TIE_PREFIX) and seen.get(n, 0) < 2]
     images.leave_out(network, few)

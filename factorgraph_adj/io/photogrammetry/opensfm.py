@@ -8,36 +8,43 @@ from typing import Literal
 
 import numpy as np
 
-from ...crs.system import ReferenceSystem
+from ...crs.reference_system import ReferenceSystem
 from ...errors import InputError, Problem
 from ...frames import Frame, LocalFrame, TopocentricFrame
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
 from ...rotation import exp_rotation
 from ...types import Array
-from ..json_tree import Node, parse_json
-from ..left_out import Reason
-from ..text import beginning, read_text
-from .gcp_list import Ground, GroundList, read_gcp_list
-from .opensfm_lens import SfmCamera, read_camera
-from .pixel import add_pixel_camera
-from .reading import (
+from ..file_problems import LeftOutReason
+from ..json_files import JsonNode, parse_json
+from ..text_files import file_beginning, read_text
+from .block_source import (
     MARKS_WITHOUT_PHOTO,
     RAYS_WITHOUT_PHOTO,
     RAYS_WITHOUT_POINT,
-    TIE,
+    TIE_PREFIX,
+    BlockProblems,
     ImagePoints,
-    Reading,
-    lines_of,
+    add_pixel_camera,
+    filled_lines,
+)
+from .opensfm_elements import (
+    GroundControlList,
+    GroundControlPoint,
+    SfmCamera,
+    read_gcp_list,
+    read_opensfm_camera,
 )
 
-TRACKS = "OPENSFM_TRACKS_VERSION_v"
+TRACKS_HEAD = "OPENSFM_TRACKS_VERSION_v"
 """Beginning of the first line of tracks.csv."""
-GROUND = ("gcp_list.txt", "ground_control_points.json")
+GROUND_CONTROL_FILES = ("gcp_list.txt", "ground_control_points.json")
 """Files of ground control beside a reconstruction."""
-OTHER_RECONSTRUCTION = Reason("reconstructions", "one is read at a time: reconstruction=… chooses")
-MARKS_ELSEWHERE = Reason("marks of known points", "another reconstruction has their photos")
-FARTHEST = 100e3
+OTHER_RECONSTRUCTION = LeftOutReason(
+    "reconstructions", "one is read at a time: reconstruction=… chooses"
+)
+MARKS_ELSEWHERE = LeftOutReason("marks of known points", "another reconstruction has their photos")
+MAX_CONTROL_DISTANCE_M = 100e3
 """Largest level distance of ground control from the origin of a reconstruction, metres."""
 
 
@@ -88,9 +95,9 @@ def read_opensfm(
     for name, value in (("sigma_px", sigma_px), ("sigma_gcp_px", sigma_gcp_px)):
         if not value > 0:
             raise InputError(f"{name} must be greater than zero, not {value}")
-    reading = Reading()
+    reading = BlockProblems()
     every = parse_json(read_text(source), source.name)
-    root = _choose(every, reconstruction)
+    root = _chosen_reconstruction(every, reconstruction)
     elsewhere: set[str] = set()
     for number, other in enumerate(every.list() if isinstance(every.value, list) else ()):
         if other.value is not root.value:
@@ -105,7 +112,7 @@ def read_opensfm(
     beside = source.parent / "tracks.csv"
     if tracks is not None or beside.exists():
         _tracks(Path(tracks) if tracks else beside, network, images, reading, cameras, sigma_px)
-    for name in GROUND if gcp is None else (str(gcp),):
+    for name in GROUND_CONTROL_FILES if gcp is None else (str(gcp),):
         listed = Path(name) if gcp is not None else source.parent / name
         if gcp is not None or listed.exists():
             ground = read_gcp_list(listed, reading)
@@ -121,11 +128,11 @@ def read_opensfm(
 
 def is_opensfm(path: Path) -> bool:
     """Tell whether a JSON file is a reconstruction of OpenSfM."""
-    head = beginning(path)
+    head = file_beginning(path)
     return b'"shots"' in head or (b'"cameras"' in head and b'"projection_type"' in head)
 
 
-def _choose(root: Node, number: int | None) -> Node:
+def _chosen_reconstruction(root: JsonNode, number: int | None) -> JsonNode:
     """Return a reconstruction of a file, which may be a list of them."""
     if isinstance(root.value, dict):
         return root
@@ -139,7 +146,7 @@ def _choose(root: Node, number: int | None) -> Node:
     return max(every, key=lambda node: len(node.need("shots").members()))
 
 
-def _frame(root: Node, folder: Path) -> Frame:
+def _frame(root: JsonNode, folder: Path) -> Frame:
     """Return the topocentric frame about reference_lla, a local one without it."""
     node = root.get("reference_lla")
     beside = folder / "reference_lla.json"
@@ -154,11 +161,13 @@ def _frame(root: Node, folder: Path) -> Frame:
     return TopocentricFrame(np.deg2rad(latitude), np.deg2rad(longitude), height, "WGS84")
 
 
-def _cameras(network: Network, root: Node, reading: Reading, free: bool) -> dict[str, SfmCamera]:
+def _cameras(
+    network: Network, root: JsonNode, reading: BlockProblems, free: bool
+) -> dict[str, SfmCamera]:
     out: dict[str, SfmCamera] = {}
     for name, node in root.need("cameras").items():
         with reading.at(node.where):
-            camera = read_camera(node)
+            camera = read_opensfm_camera(node)
             out[name] = camera
             add_pixel_camera(
                 network,
@@ -172,7 +181,11 @@ def _cameras(network: Network, root: Node, reading: Reading, free: bool) -> dict
 
 
 def _shots(
-    network: Network, root: Node, reading: Reading, cameras: Mapping[str, SfmCamera], gps: bool
+    network: Network,
+    root: JsonNode,
+    reading: BlockProblems,
+    cameras: Mapping[str, SfmCamera],
+    gps: bool,
 ) -> None:
     """Add the photos; p_camera = R(rotation) p_world + translation."""
     rigs = root.get("rig_instances")
@@ -197,7 +210,7 @@ def _shots(
                 network.add(PhotoPosition(name, value, sigma=sigma, source=node.where))
 
 
-def _matrix(node: Node) -> Array:
+def _matrix(node: JsonNode) -> Array:
     """Return the rotation (3, 3) of a rotation vector."""
     vector = np.array(node.numbers(3))
     if not np.linalg.norm(vector) < 1e6:
@@ -205,7 +218,9 @@ def _matrix(node: Node) -> Array:
     return np.asarray(exp_rotation(vector[None])[0])
 
 
-def _rig_poses(root: Node, rigs: Node, reading: Reading) -> dict[str, tuple[Array, Array]]:
+def _rig_poses(
+    root: JsonNode, rigs: JsonNode, reading: BlockProblems
+) -> dict[str, tuple[Array, Array]]:
     """Return the poses of shots that stand in rig instances: rig camera after instance."""
     cameras: dict[str, tuple[Array, Array]] = {}
     listed = root.get("rig_cameras")
@@ -225,10 +240,10 @@ def _rig_poses(root: Node, rigs: Node, reading: Reading) -> dict[str, tuple[Arra
     return out
 
 
-def _points(network: Network, root: Node, reading: Reading) -> None:
+def _points(network: Network, root: JsonNode, reading: BlockProblems) -> None:
     for name, node in root.need("points").items():
         try:
-            network.add_point(TIE + name, node.need("coordinates").numbers(3))
+            network.add_point(TIE_PREFIX + name, node.need("coordinates").numbers(3))
         except InputError as error:
             reading.problems += [p.at(node.where) for p in error.problems]
 
@@ -237,16 +252,18 @@ def _tracks(
     path: Path,
     network: Network,
     images: ImagePoints,
-    reading: Reading,
+    reading: BlockProblems,
     cameras: Mapping[str, SfmCamera],
     sigma: float,
 ) -> None:
     """Gather the image points of tracks that have a point; columns image, track, feature, x, y."""
-    for number, line in lines_of(read_text(path)):
+    for number, line in filled_lines(read_text(path)):
         where = f"{path.name}:{number}"
-        if number == 1 and line.startswith(TRACKS):
-            if line.strip().removeprefix(TRACKS) not in ("0", "1", "2"):
-                reading.wrong(f"version {line.strip()!r} of tracks; valid: {TRACKS}0 to 2", where)
+        if number == 1 and line.startswith(TRACKS_HEAD):
+            if line.strip().removeprefix(TRACKS_HEAD) not in ("0", "1", "2"):
+                reading.wrong(
+                    f"version {line.strip()!r} of tracks; valid: {TRACKS_HEAD}0 to 2", where
+                )
                 return
             continue
         fields = line.split("\t")
@@ -254,7 +271,7 @@ def _tracks(
             what = "a row has image, track, feature, x, y … separated by tabulators"
             reading.wrong(f"{what}, not {len(fields)} fields", where)
             continue
-        photo, track = fields[0], TIE + fields[1]
+        photo, track = fields[0], TIE_PREFIX + fields[1]
         if photo not in network.photos:
             reading.leave_out(RAYS_WITHOUT_PHOTO, photo, where)
             continue
@@ -281,9 +298,9 @@ def _without_rays(network: Network, images: ImagePoints) -> None:
 
 def _control(
     network: Network,
-    ground: GroundList,
+    ground: GroundControlList,
     images: ImagePoints,
-    reading: Reading,
+    reading: BlockProblems,
     cameras: Mapping[str, SfmCamera],
     sigma_px: float,
     sigma: tuple[float, float],
@@ -336,7 +353,7 @@ def _grid(system: str) -> ReferenceSystem | None:
     return ReferenceSystem(system, heights="ellipsoidal").checked()
 
 
-def _place(
+def _place_in_frame(
     frame: TopocentricFrame, grid: ReferenceSystem | None, xyz: tuple[float, float, float]
 ) -> Array:
     """Return the place (3,) in the frame of longitude, latitude, height or easting, northing."""
@@ -355,7 +372,7 @@ def _add_ground(
     network: Network,
     frame: TopocentricFrame,
     grid: ReferenceSystem | None,
-    point: Ground,
+    point: GroundControlPoint,
     sigma: tuple[float, float],
 ) -> None:
     """Add a ground control point or check point; a height of NaN is unknown."""
@@ -364,13 +381,15 @@ def _add_ground(
         return
     x, y, height = point.xyz
     known = not np.isnan(height)
-    at = tuple(_place(frame, grid, (x, y, height if known else frame.height)).tolist())
-    if np.hypot(at[0], at[1]) > FARTHEST:
+    at = tuple(_place_in_frame(frame, grid, (x, y, height if known else frame.height)).tolist())
+    if np.hypot(at[0], at[1]) > MAX_CONTROL_DISTANCE_M:
         away = np.linalg.norm(at) / 1e3
         origin = f"{np.rad2deg(frame.latitude):g}°, {np.rad2deg(frame.longitude):g}°"
         what = f"lies {away:.0f} km from latitude, longitude {origin} of reference_lla"
         need = "longitude or easting comes first, and the first line of the list names the zone"
-        raise InputError(Problem(f"{what}; valid: up to {FARTHEST / 1e3:.0f} km; {need}"))
+        raise InputError(
+            Problem(f"{what}; valid: up to {MAX_CONTROL_DISTANCE_M / 1e3:.0f} km; {need}")
+        )
     if point.check:
         network.add_point(point.name, check=at if known else (*at[:2], np.nan))
         return

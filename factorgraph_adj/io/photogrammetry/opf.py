@@ -18,26 +18,27 @@ from ...errors import InputError
 from ...models.lens import NormalisedLens
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
-from ..json_tree import Node
-from ..left_out import Reason
-from .opf_project import OpfProject, file_name, open_project
-from .opf_ties import read_cloud
-from .pixel import add_pixel_camera
-from .reading import (
-    FEW_RAYS,
+from ..file_problems import LeftOutReason
+from ..json_files import JsonNode
+from .block_source import (
     MARKS_WITHOUT_PHOTO,
     PHOTOS_WITHOUT_POSE,
+    POINTS_WITH_FEW_RAYS,
     RAYS_WITHOUT_PHOTO,
-    TIE,
+    TIE_PREFIX,
+    BlockProblems,
     ImagePoints,
-    Reading,
+    add_pixel_camera,
 )
+from .opf_files import OpfProject, image_file_name, open_project, read_tie_cloud
 
-CHECKED_TIE = Reason("manual tie points", "they are check points without given coordinates")
-POSE_WITHOUT_CAPTURE = Reason("poses", "no capture has their camera")
-POSITION_WITHOUT_PHOTO = Reason("positions of captures", "they have no calibrated camera")
+TIES_AS_CHECK_POINTS = LeftOutReason(
+    "manual tie points", "they are check points without given coordinates"
+)
+POSE_WITHOUT_CAPTURE = LeftOutReason("poses", "no capture has their camera")
+POSITION_WITHOUT_PHOTO = LeftOutReason("positions of captures", "they have no calibrated camera")
 
-FREE = ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
+OPF_PARAMETERS = ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
 """Parameters of a perspective camera, all of which a calibration estimates."""
 
 
@@ -82,7 +83,7 @@ def read_opf(
         if not value > 0:
             raise InputError(f"{name} must be greater than zero, not {value}")
     project = open_project(source)
-    reading = Reading()
+    reading = BlockProblems()
     names = project.root.get("name")
     network = Network(source.stem if names is None else names.text())
     photos = _Cameras(project, network, reading, calibration == "optimised", rigs == "apart")
@@ -108,7 +109,7 @@ class _Cameras:
 
     project: OpfProject
     network: Network
-    reading: Reading
+    reading: BlockProblems
     free: bool
     apart: bool
 
@@ -117,7 +118,7 @@ class _Cameras:
         self.names: dict[int, str] = {}
         self.sensors: dict[int, str] = {}
         listed = {
-            n.need("id").integer(): file_name(n.need("uri").text())
+            n.need("id").integer(): image_file_name(n.need("uri").text())
             for n in self.project.list("camera-list", "cameras")
         }
         inputs = {n.need("id").integer(): n for n in self.project.list("input-cameras", "sensors")}
@@ -151,7 +152,7 @@ class _Cameras:
             if ident not in taken:
                 self.reading.leave_out(POSE_WITHOUT_CAPTURE, f"camera {ident}", node.where)
 
-    def _sensor(self, ident: int, given: Node, node: Node) -> None:
+    def _sensor(self, ident: int, given: JsonNode, node: JsonNode) -> None:
         size = given.need("image_size_px").numbers(2)
         internals = node.need("internals")
         kind = internals.need("type")
@@ -167,11 +168,13 @@ class _Cameras:
         name = f"sensor {ident}" if label is None else label.text()
         name = name if name not in self.network.cameras else f"{name} ({ident})"
         self.sensors[ident] = name
-        free = FREE if self.free else ()
+        free = OPF_PARAMETERS if self.free else ()
         sides = (size[0], size[1])
         add_pixel_camera(self.network, name, NormalisedLens(), values, size=sides, free=free)
 
-    def _photo(self, camera: Node, poses: Mapping[int, Node], listed: Mapping[int, str]) -> None:
+    def _photo(
+        self, camera: JsonNode, poses: Mapping[int, JsonNode], listed: Mapping[int, str]
+    ) -> None:
         ident = camera.need("id").integer()
         sensor = camera.need("sensor_id")
         if sensor.integer() not in self.sensors:
@@ -195,7 +198,7 @@ class _Cameras:
 
 
 def _positions(
-    project: OpfProject, network: Network, reading: Reading, photos: Mapping[int, str]
+    project: OpfProject, network: Network, reading: BlockProblems, photos: Mapping[int, str]
 ) -> None:
     """Observe the projection centres of reference cameras by the positions of captures."""
     reference = {
@@ -218,7 +221,9 @@ def _positions(
             network.add(PhotoPosition(photo, value, sigma=sigma, source=place.where))
 
 
-def _to_processing(project: OpfProject, place: Node) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _to_processing(
+    project: OpfProject, place: JsonNode
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return coordinates and standard deviations of a geolocation in the processing system.
 
     Raises:
@@ -242,7 +247,7 @@ def _to_processing(project: OpfProject, place: Node) -> tuple[tuple[float, ...],
 def _control(
     project: OpfProject,
     network: Network,
-    reading: Reading,
+    reading: BlockProblems,
     images: ImagePoints,
     photos: Mapping[int, str],
     sigma_px: float,
@@ -282,16 +287,16 @@ def _control(
         with reading.at(node.where):
             name = node.need("id").text()
             if node.need("is_checkpoint").truth():
-                reading.leave_out(CHECKED_TIE, name, node.where)
+                reading.leave_out(TIES_AS_CHECK_POINTS, name, node.where)
                 continue
             network.add_point(name, found.get(name))
             _marks(node, name, reading, images, photos, sigma_px)
 
 
 def _marks(
-    node: Node,
+    node: JsonNode,
     name: str,
-    reading: Reading,
+    reading: BlockProblems,
     images: ImagePoints,
     photos: Mapping[int, str],
     sigma_px: float,
@@ -308,7 +313,7 @@ def _marks(
             images.add(photo, name, (column, -row), (sigma,), mark.where)
 
 
-def _constraints(project: OpfProject, network: Network, reading: Reading) -> None:
+def _constraints(project: OpfProject, network: Network, reading: BlockProblems) -> None:
     """Add scale constraints as distances and orientation constraints as directions."""
     for node in project.list("constraints", "scale_constraints"):
         with reading.at(node.where):
@@ -318,7 +323,7 @@ def _constraints(project: OpfProject, network: Network, reading: Reading) -> Non
                     node.need("id_to").text(),
                     node.need("distance").number(positive=True),
                     sigma=node.need("sigma").number(positive=True),
-                    id=_ident(node, network),
+                    id=_unused_id(node, network),
                     source=node.where,
                 )
             )
@@ -333,13 +338,13 @@ def _constraints(project: OpfProject, network: Network, reading: Reading) -> Non
                     uy,
                     uz,
                     sigma=float(np.deg2rad(node.need("sigma_deg").number(positive=True))),
-                    id=_ident(node, network),
+                    id=_unused_id(node, network),
                     source=node.where,
                 )
             )
 
 
-def _ident(node: Node, network: Network) -> str | None:
+def _unused_id(node: JsonNode, network: Network) -> str | None:
     name = node.need("id").text()
     return None if name in network.observations else name
 
@@ -347,7 +352,7 @@ def _ident(node: Node, network: Network) -> str | None:
 def _ties(
     project: OpfProject,
     network: Network,
-    reading: Reading,
+    reading: BlockProblems,
     images: ImagePoints,
     photos: Mapping[int, str],
     sigma_px: float,
@@ -356,20 +361,20 @@ def _ties(
     begin = 0
     for path in project.clouds:
         with reading.at(path.name):
-            for cloud in read_cloud(path):
+            for cloud in read_tie_cloud(path):
                 known = np.array([c in photos for c in cloud.camera], dtype=bool)
                 count = np.bincount(cloud.point[known], minlength=len(cloud.points))
                 used = count >= 2
                 for i in np.flatnonzero(~used).tolist():
-                    reading.leave_out(FEW_RAYS, f"{TIE}{begin + i}", cloud.name)
+                    reading.leave_out(POINTS_WITH_FEW_RAYS, f"{TIE_PREFIX}{begin + i}", cloud.name)
                 for i in np.flatnonzero(~known).tolist():
                     reading.leave_out(RAYS_WITHOUT_PHOTO, f"camera {cloud.camera[i]}", cloud.name)
-                names = [f"{TIE}{begin + i}" for i in np.flatnonzero(used).tolist()]
+                names = [f"{TIE_PREFIX}{begin + i}" for i in np.flatnonzero(used).tolist()]
                 network.add_points(names, cloud.points[used])
                 kept = np.flatnonzero(known & used[cloud.point])
                 for i in kept.tolist():
                     column, row = cloud.pixel[i]
-                    name = f"{TIE}{begin + int(cloud.point[i])}"
+                    name = f"{TIE_PREFIX}{begin + int(cloud.point[i])}"
                     photo = photos[cloud.camera[i]]
                     images.add(photo, name, (column, -row), (sigma_px,), cloud.name)
                 begin += len(cloud.points)

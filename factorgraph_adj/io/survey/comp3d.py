@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ...crs.system import ReferenceSystem
+from ...crs.reference_system import ReferenceSystem
 from ...errors import InputError, Problem
 from ...frames import TopocentricFrame
 from ...network.network import Network
@@ -25,23 +25,31 @@ from ...observations import (
 )
 from ...stochastic import StandardDeviation
 from ...units import GON
-from ..left_out import all_left_out
-from .comp3d_files import Comp3dFiles, Comp3dProject, Line, read_project
-from .comp3d_grid import grid_of, grid_system, network_in_grid, projected
-from .comp3d_places import Comp3dOrigin
-from .comp3d_points import (
-    IGNORED,
+from ..file_problems import left_out_records
+from .comp3d_files import (
+    IGNORED_POINT_CODE,
+    Comp3dFiles,
+    Comp3dLine,
     Comp3dPoint,
+    Comp3dProject,
     add_joint_covariance,
     add_point,
-    observed_together,
+    jointly_observed_points,
+    read_comp3d_project,
     read_points,
+)
+from .comp3d_grid import (
+    Comp3dOrigin,
+    comp3d_grid,
+    comp3d_grid_system,
+    network_in_grid,
+    projected_points,
 )
 from .comp3d_sets import add_axis, add_baselines, add_equalities, add_subframe
 
-SIMPLE = ("1", "3", "4", "5", "6", "7", "8", "9", "14", "15")
+SINGLE_LINE_CODES = ("1", "3", "4", "5", "6", "7", "8", "9", "14", "15")
 """Codes of observations that stand in one line."""
-SETS = {
+SET_FUNCTIONS = {
     "11": add_subframe,
     "12": add_subframe,
     "18": add_axis,
@@ -50,9 +58,9 @@ SETS = {
     "22": add_equalities,
 }
 """Codes of observations that stand in a file of their own."""
-NAMED = {"11": (2, 1), "12": (2, 1), "19": (2, 1), "21": (1, 2), "22": (1, 2)}
+SET_FILE_PLACES = {"11": (2, 1), "12": (2, 1), "19": (2, 1), "21": (1, 2), "22": (1, 2)}
 """Place of the name of the file in lines of sets, and number of points at the begin of its rows."""
-REFRACTION = 0.12
+COMP3D_REFRACTION = 0.12
 """Refraction coefficient of Comp3D where a project states none."""
 
 
@@ -140,15 +148,17 @@ def read_comp3d(
     if deflections == "as stated":
         _deflections(network, used)
     files.raise_all()
-    network.left_out += all_left_out(file.left for file in files.files)
+    network.left_out += left_out_records(file.left for file in files.files)
     return network
 
 
-Started = tuple[Comp3dFiles, Network, dict[str, Comp3dPoint], Comp3dOrigin, dict[str, Comp3dPoint]]
+ProjectStart = tuple[
+    Comp3dFiles, Network, dict[str, Comp3dPoint], Comp3dOrigin, dict[str, Comp3dPoint]
+]
 """Files, network of the points, all points, centre, points that take part."""
 
 
-def _local(path: Path, project: Comp3dProject, longitude: float | None, earth: str) -> Started:
+def _local(path: Path, project: Comp3dProject, longitude: float | None, earth: str) -> ProjectStart:
     """Return the points of a local project in its frame."""
     origin = Comp3dOrigin(project.latitude, longitude or 0.0)
     if not -89.0 <= project.latitude <= 89.0 or not -360.0 <= origin.longitude <= 360.0:
@@ -164,8 +174,8 @@ def _local(path: Path, project: Comp3dProject, longitude: float | None, earth: s
         radius=origin.radius,
         centre=project.centre or (0.0, 0.0),
     )
-    used = {n: p for n, p in given.items() if p.code != IGNORED}
-    joint = set() if project.covariance is None else observed_together(used)
+    used = {n: p for n, p in given.items() if p.code != IGNORED_POINT_CODE}
+    joint = set() if project.covariance is None else jointly_observed_points(used)
     for point in used.values():
         add_point(network, point, weighted=point.name not in joint)
     if joint and project.covariance is not None:
@@ -179,18 +189,18 @@ def _in_grid(
     crs: ReferenceSystem | str | None,
     geoid: str | float | None,
     earth: str | None,
-) -> Started:
+) -> ProjectStart:
     """Return the points of a project in a grid in the topocentric frame at its centre."""
     if earth == "sphere":
         what = "a project in a grid is computed on the ellipsoid: leave earth='sphere' out"
         raise InputError(Problem(what, path.name))
     place = path.name if crs is not None else project.place or path.name
-    system = grid_system(project, crs, geoid, place)
+    system = comp3d_grid_system(project, crs, geoid, place)
     files = Comp3dFiles()
     given = read_points(files, project.points, cartesian=np.copy, radius=math.inf)
-    grid = grid_of(system, project.centre, given, place)
-    given = projected(grid, given)
-    used = {n: p for n, p in given.items() if p.code != IGNORED}
+    grid = comp3d_grid(system, project.centre, given, place)
+    given = projected_points(grid, given)
+    used = {n: p for n, p in given.items() if p.code != IGNORED_POINT_CODE}
     files.raise_all()
     network = network_in_grid(files, grid, used, project.covariance, path.stem)
     return files, network, given, grid.origin, used
@@ -206,7 +216,7 @@ def _project(
 ) -> Comp3dProject:
     """Return the project of a file, with what the caller states."""
     if path.suffix.lower() == ".comp":
-        found = read_project(path)
+        found = read_comp3d_project(path)
         return Comp3dProject(
             found.points if points is None else Path(points),
             found.observations,
@@ -231,7 +241,7 @@ def _project(
             what = f"has {len(beside)} files .cor beside it: name the one with points="
             raise InputError(Problem(what, path.name))
         points = (same or beside)[0]
-    k = REFRACTION if refraction is None else refraction
+    k = COMP3D_REFRACTION if refraction is None else refraction
     return Comp3dProject(Path(points), path, latitude or 0.0, None, k, None)
 
 
@@ -276,7 +286,7 @@ class _Observations:
         self.sets: dict[str, int] = {}
         self.main = Path()
 
-    def read(self, lines: list[Line], main: Path) -> None:
+    def read(self, lines: list[Comp3dLine], main: Path) -> None:
         """Add points that only observations name, then the observations.
 
         Args:
@@ -284,16 +294,16 @@ class _Observations:
             main: the file that names the others; its simple observations have their line as id.
         """
         self.main = main
-        ignored = {n for n, p in self.given.items() if p.code == IGNORED}
+        ignored = {n for n, p in self.given.items() if p.code == IGNORED_POINT_CODE}
         active = []
         for line in lines:
             code = line.words[0]
-            if code.lstrip("-") not in (*SIMPLE, *SETS) or len(line.words) < 2:
-                valid = ", ".join((*SIMPLE, *SETS))
+            if code.lstrip("-") not in (*SINGLE_LINE_CODES, *SET_FUNCTIONS) or len(line.words) < 2:
+                valid = ", ".join((*SINGLE_LINE_CODES, *SET_FUNCTIONS))
                 more = " (code 2 runs along the ellipsoid: give 1)" if code == "2" else ""
                 line.wrong(f"begins with an unknown code {code[:20]!r}; valid: {valid}{more}")
                 continue
-            simple = code.lstrip("-") in SIMPLE
+            simple = code.lstrip("-") in SINGLE_LINE_CODES
             if ignored & set(line.words[1 : 3 if simple else 2]):
                 line.switched_off()
                 continue
@@ -301,19 +311,19 @@ class _Observations:
         for line in active:
             self._state(line)
         for line in active:
-            if line.words[0].lstrip("-") in SIMPLE:
+            if line.words[0].lstrip("-") in SINGLE_LINE_CODES:
                 self._simple(line)
         for line in active:
-            if line.words[0] in SETS:
-                SETS[line.words[0]](self.files, self.network, line)
+            if line.words[0] in SET_FUNCTIONS:
+                SET_FUNCTIONS[line.words[0]](self.files, self.network, line)
 
-    def _state(self, line: Line) -> None:
+    def _state(self, line: Comp3dLine) -> None:
         """State the points of a line that the file of points does not have."""
         code = line.words[0].lstrip("-")
-        if code in SIMPLE:
+        if code in SINGLE_LINE_CODES:
             names = line.words[1:3]
-        elif code in NAMED and len(line.words) > NAMED[code][0]:
-            at, count = NAMED[code]
+        elif code in SET_FILE_PLACES and len(line.words) > SET_FILE_PLACES[code][0]:
+            at, count = SET_FILE_PLACES[code]
             names = line.words[1:at]
             path = self.files.beside(line, line.words[at])
             if path is not None:
@@ -324,7 +334,7 @@ class _Observations:
             if name not in self.network.points and name not in self.given:
                 line.attempt(self.network.add_point, name)
 
-    def _simple(self, line: Line) -> None:
+    def _simple(self, line: Comp3dLine) -> None:
         words, before = line.words, len(line.file.problems)
         if not 5 <= len(words) <= 8 or len(words) == 7:
             what = "code, station, target, value, σ_abs, σ_rel or none, and two heights or none"
@@ -367,11 +377,11 @@ class _Observations:
         if made is not None:
             line.attempt(self.network.add, made)
 
-    def _id(self, line: Line) -> str:
+    def _id(self, line: Comp3dLine) -> str:
         inner = "" if line.file.path == self.main else f"{line.file.path.name}:"
         return f"{inner}{line.number}"
 
-    def _convergence(self, line: Line, station: str) -> float:
+    def _convergence(self, line: Comp3dLine, station: str) -> float:
         point = self.given.get(station)
         if point is None:
             line.wrong(f"an azimuth needs coordinates of its station {station[:40]!r}")
@@ -379,7 +389,7 @@ class _Observations:
         return self.origin.convergence(float(point.projected[0]))
 
     def _differences(
-        self, line: Line, value: float, absolute: float, relative: float, heights: bool
+        self, line: Comp3dLine, value: float, absolute: float, relative: float, heights: bool
     ) -> None:
         """Add differences of coordinates: both of code 9 with σ of east and north, or one.
 
@@ -419,13 +429,13 @@ class _Observations:
 
 
 def _of_length(
-    line: Line, network: Network, absolute: float, relative: float
+    line: Comp3dLine, network: Network, absolute: float, relative: float
 ) -> StandardDeviation | float | None:
     """Return σ_abs + σ_rel D; that of a height difference from given coordinates."""
     if relative == 0.0:
         return absolute
     if line.words[0] != "4":
-        return _made(line, constant=absolute, ppm=1e6 * relative)
+        return _observation_of(line, constant=absolute, ppm=1e6 * relative)
     a, b = (np.array(network.points[n].coordinates, dtype=float) for n in line.words[1:3])
     distance = float(np.linalg.norm(b - a))
     if not np.isfinite(distance):
@@ -434,13 +444,15 @@ def _of_length(
     return absolute + relative * distance
 
 
-def _of_angle(line: Line, absolute: float, relative: float) -> StandardDeviation | float | None:
+def _of_angle(
+    line: Comp3dLine, absolute: float, relative: float
+) -> StandardDeviation | float | None:
     """Return σ_abs + σ_rel / D, radians; σ_rel, metres, has the effect of centring."""
     if relative == 0.0:
         return absolute
-    return _made(line, constant=absolute, centring_instrument=relative)
+    return _observation_of(line, constant=absolute, centring_instrument=relative)
 
 
-def _made(line: Line, **parts: float) -> StandardDeviation | None:
+def _observation_of(line: Comp3dLine, **parts: float) -> StandardDeviation | None:
     found: StandardDeviation | None = line.attempt(StandardDeviation, **parts, combine="linear")
     return found

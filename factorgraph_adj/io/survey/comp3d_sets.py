@@ -23,10 +23,10 @@ from ...observations import (
     OnCircle,
 )
 from ...units import GON
-from .comp3d_files import Comp3dFiles, Line
+from .comp3d_files import Comp3dFiles, Comp3dLine
 
 
-def _rows(files: Comp3dFiles, line: Line, at: int) -> Iterator[Line]:
+def _rows(files: Comp3dFiles, line: Comp3dLine, at: int) -> Iterator[Comp3dLine]:
     """Iterate over the lines of the file that a line names."""
     if at >= len(line.words):
         line.wrong("must name a file as @file")
@@ -36,7 +36,7 @@ def _rows(files: Comp3dFiles, line: Line, at: int) -> Iterator[Line]:
         yield from files.lines(path)
 
 
-def _add(network: Network, row: Line, *observations: object) -> None:
+def _add_set_observation(network: Network, row: Comp3dLine, *observations: object) -> None:
     if all(o is not None for o in observations):
         row.attempt(network.add, *observations)
 
@@ -44,7 +44,7 @@ def _add(network: Network, row: Line, *observations: object) -> None:
 # -- sub-frames (codes 11, 12) -------------------------------------------------------------------
 
 
-def add_subframe(files: Comp3dFiles, network: Network, line: Line) -> None:
+def add_subframe(files: Comp3dFiles, network: Network, line: Comp3dLine) -> None:
     """Add a sub-frame: code, point at its origin, @file, 1 where its third axis is vertical.
 
     Cartesian ones (11) have rows name X Y Z σ [σ_rel], or with three σ [σ_rel [height]]; polar ones
@@ -73,7 +73,7 @@ def add_subframe(files: Comp3dFiles, network: Network, line: Line) -> None:
         (_cartesian if code == "11" else _polar)(network, name, row)
 
 
-def _cartesian(network: Network, frame: str, row: Line) -> None:
+def _cartesian(network: Network, frame: str, row: Comp3dLine) -> None:
     if not 5 <= len(row.words) <= 9:
         row.wrong("a row has a name, X, Y, Z and one to five numbers of σ and height")
         return
@@ -107,10 +107,10 @@ def _cartesian(network: Network, frame: str, row: Line) -> None:
         sigma=tuple(sigma["xyz".index(a)] + relative * length for a in axes),
         source=row.source,
     )
-    _add(network, row, made)
+    _add_set_observation(network, row, made)
 
 
-def _polar(network: Network, frame: str, row: Line) -> None:
+def _polar(network: Network, frame: str, row: Comp3dLine) -> None:
     if not 7 <= len(row.words) <= 9:
         row.wrong("a row has a name, α, β, distance, and three to five numbers of σ and height")
         return
@@ -142,13 +142,13 @@ def _polar(network: Network, frame: str, row: Line) -> None:
     if of_distance > 0:
         sigma = of_distance + distance_rel * distance
         made.append(row.attempt(FrameDistance, frame, row.words[0], distance, sigma=sigma, **more))
-    _add(network, row, *made)
+    _add_set_observation(network, row, *made)
 
 
 # -- axes of rotation (code 18) ------------------------------------------------------------------
 
 
-def add_axis(files: Comp3dFiles, network: Network, line: Line) -> None:
+def add_axis(files: Comp3dFiles, network: Network, line: Comp3dLine) -> None:
     """Add an axis of rotation: code, name of a point on it, @file with its targets.
 
     Rows: target, position, point, σ of the radius, σ along the axis. Each target has a radius and a
@@ -162,7 +162,7 @@ def add_axis(files: Comp3dFiles, network: Network, line: Line) -> None:
         what = "is there already: axes that intersect in a point are not read"
         line.wrong(f"axis {name[:40]!r} {what}")
         return
-    targets: dict[str, list[tuple[Line, float, float]]] = {}
+    targets: dict[str, list[tuple[Comp3dLine, float, float]]] = {}
     for row in _rows(files, line, 2):
         if row.words[0] == "L" and len(row.words) == 2:
             continue
@@ -212,13 +212,13 @@ def add_axis(files: Comp3dFiles, network: Network, line: Line) -> None:
                 radius=radius,
                 source=row.source,
             )
-            _add(network, row, made)
+            _add_set_observation(network, row, made)
 
 
 # -- GNSS baselines (code 19) --------------------------------------------------------------------
 
 
-def add_baselines(files: Comp3dFiles, network: Network, line: Line) -> None:
+def add_baselines(files: Comp3dFiles, network: Network, line: Comp3dLine) -> None:
     """Add baselines: code, their start, @file, [factor K of standard deviations, [height]].
 
     Rows: target ΔX ΔY ΔZ, the upper half of their covariance, geocentric, [height of the target].
@@ -234,7 +234,7 @@ def add_baselines(files: Comp3dFiles, network: Network, line: Line) -> None:
     height = line.number_at(4, "the height") if len(line.words) > 4 else 0.0
     zero = frame.from_geocentric(np.zeros((1, 3)))
     # Steps of the size of the Earth, whose differences keep all digits.
-    turn = (frame.from_geocentric(EARTH * np.eye(3)) - zero).T / EARTH
+    turn = (frame.from_geocentric(EARTH_SCALE_M * np.eye(3)) - zero).T / EARTH_SCALE_M
     for row in _rows(files, line, 2):
         if len(row.words) not in (10, 11):
             row.wrong("a row has target, ΔX ΔY ΔZ, σXX σXY σXZ σYY σYZ σZZ, and a height or none")
@@ -260,18 +260,18 @@ def add_baselines(files: Comp3dFiles, network: Network, line: Line) -> None:
             target_height=numbers[9] if len(numbers) > 9 else 0.0,
             source=row.source,
         )
-        _add(network, row, made)
+        _add_set_observation(network, row, made)
 
 
 # -- equal distances and heights (codes 21, 22) --------------------------------------------------
 
-EARTH = 2.0**23
+EARTH_SCALE_M = 2.0**23
 """Metres, a power of two near the radius of the Earth."""
-EQUAL: dict[str, type[Observation]] = {"21": EqualHeightDifference, "22": EqualDistance}
+EQUALITY_KINDS: dict[str, type[Observation]] = {"21": EqualHeightDifference, "22": EqualDistance}
 """Kinds by code."""
 
 
-def add_equalities(files: Comp3dFiles, network: Network, line: Line) -> None:
+def add_equalities(files: Comp3dFiles, network: Network, line: Comp3dLine) -> None:
     """Add pairs of points with one unknown distance or height difference: code, @file.
 
     Rows: two points and the σ of their value. n pairs are n − 1 differences of neighbours, which
@@ -299,7 +299,7 @@ def add_equalities(files: Comp3dFiles, network: Network, line: Line) -> None:
         return
     members = [
         first.attempt(
-            EQUAL[line.words[0]],
+            EQUALITY_KINDS[line.words[0]],
             *first.words[:2],
             *second.words[:2],
             sigma=1.0,
@@ -315,7 +315,7 @@ def add_equalities(files: Comp3dFiles, network: Network, line: Line) -> None:
     if len(members) == 1:
         row, sigma = pairs[0][0], float(np.sqrt(covariance[0, 0]))
         names = (*pairs[0][0].words[:2], *pairs[1][0].words[:2])
-        made = row.attempt(EQUAL[line.words[0]], *names, sigma=sigma, source=row.source)
-        _add(network, row, made)
+        made = row.attempt(EQUALITY_KINDS[line.words[0]], *names, sigma=sigma, source=row.source)
+        _add_set_observation(network, row, made)
         return
-    _add(network, line, line.attempt(Correlated, tuple(members), covariance))
+    _add_set_observation(network, line, line.attempt(Correlated, tuple(members), covariance))

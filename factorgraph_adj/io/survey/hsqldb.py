@@ -31,7 +31,7 @@ from typing import Any
 
 from ...errors import InputError, Problem
 from ...files import read_bytes
-from ..collected import LinesOfFile
+from ..file_problems import FileLines
 
 _CREATE = re.compile(r'CREATE (MEMORY |CACHED |)TABLE (?:"?\w+"?\.)?"?(\w+)"?\s*\((.*)\)\s*;?\s*$')
 _COLUMN = re.compile(
@@ -52,16 +52,16 @@ _HARMLESS = re.compile(
     r"|SET (?:DATABASE|FILES|SCHEMA|INITIAL SCHEMA|TIME ZONE|SESSION|WRITE_DELAY)\b"
 )
 """Statements that have no effect on the rows of tables."""
-OF_HSQLDB = ("BLOCKS", "LOBS", "LOB_IDS", "PARTS")
+SYSTEM_TABLES = ("BLOCKS", "LOBS", "LOB_IDS", "PARTS")
 """Tables of HSQLDB itself, which its scripts do not create."""
-CONSTRAINTS = ("PRIMARY", "CONSTRAINT", "UNIQUE", "FOREIGN", "CHECK")
+CONSTRAINT_WORDS = ("PRIMARY", "CONSTRAINT", "UNIQUE", "FOREIGN", "CHECK")
 """Words with which an entry of CREATE TABLE begins that is no column."""
-MOST_ROWS = 10_000_000
+MAX_TABLE_ROWS = 10_000_000
 """Largest number of rows of a table."""
 
 
 @dataclass(frozen=True)
-class Row:
+class DatabaseRow:
     """A row of a table."""
 
     values: Mapping[str, Any]
@@ -71,7 +71,7 @@ class Row:
 
 
 @dataclass
-class Table:
+class DatabaseTable:
     """A table: its columns and rows."""
 
     name: str
@@ -80,11 +80,11 @@ class Table:
     """Type by column, in the order of the columns."""
     cached: bool
     """Whether its rows stand in the file of cached tables."""
-    rows: list[Row] = field(default_factory=list)
+    rows: list[DatabaseRow] = field(default_factory=list)
     """Its rows."""
 
 
-def read_tables(path: Path, wanted: Collection[str]) -> dict[str, Table]:
+def read_tables(path: Path, wanted: Collection[str]) -> dict[str, DatabaseTable]:
     """Return some tables of a database by name; those that it lacks are left out.
 
     Args:
@@ -94,11 +94,11 @@ def read_tables(path: Path, wanted: Collection[str]) -> dict[str, Table]:
     Raises:
         InputError: the files are damaged or missing, or statements wait in ``name.log``.
     """
-    lines = LinesOfFile(path)
-    tables: dict[str, Table] = {}
+    lines = FileLines(path)
+    tables: dict[str, DatabaseTable] = {}
     roots: dict[str, tuple[int, list[int]]] = {}
     scale = 1
-    created = set(OF_HSQLDB)
+    created = set(SYSTEM_TABLES)
     for number, line in lines.numbered():
         if found := _CREATE.match(line):
             name = found[2]
@@ -107,7 +107,7 @@ def read_tables(path: Path, wanted: Collection[str]) -> dict[str, Table]:
                 columns = _columns(found[3])
                 if columns is None:
                     lines.add(number, f"the columns of table {name} are damaged")
-                tables[name] = Table(name, columns or {}, found[1] == "CACHED ")
+                tables[name] = DatabaseTable(name, columns or {}, found[1] == "CACHED ")
         elif (found := _ADDED.match(line)) and found[1] in tables:
             tables[found[1]].columns[found[2]] = found[3]
         elif found := _SCALE.match(line):
@@ -122,7 +122,7 @@ def read_tables(path: Path, wanted: Collection[str]) -> dict[str, Table]:
     for name, (number, _) in roots.items():
         if name not in created:
             lines.add(number, f"unknown table {name[:60]!r}")
-    _refuse_waiting(path, lines)
+    _refuse_pending_changes(path, lines)
     cached = {n: r for n, r in roots.items() if n in tables and tables[n].cached}
     if cached and not lines.problems:
         _read_cached(path.with_suffix(".data"), tables, cached, scale, lines)
@@ -142,12 +142,12 @@ def _columns(text: str) -> dict[str, str] | None:
             found = _COLUMN.fullmatch(entry)
             if found:
                 out[found[1]] = found[2]
-            elif not entry.startswith(CONSTRAINTS):
+            elif not entry.startswith(CONSTRAINT_WORDS):
                 return None
     return out
 
 
-def _insert(lines: LinesOfFile, number: int, table: Table, text: str) -> None:
+def _insert(lines: FileLines, number: int, table: DatabaseTable, text: str) -> None:
     values: list[Any] = []
     at = 0
     while at <= len(text):
@@ -168,10 +168,10 @@ def _insert(lines: LinesOfFile, number: int, table: Table, text: str) -> None:
     row: dict[str, Any] = {}
     for (name, kind), value in zip(table.columns.items(), values, strict=True):
         row[name] = _typed(kind, value)
-        if isinstance(row[name], _Damaged):
+        if isinstance(row[name], _LiteralError):
             lines.add(number, f"{name} of table {table.name} is no {kind}: {str(value)[:40]!r}")
             return
-    table.rows.append(Row(row, lines.place(number)))
+    table.rows.append(DatabaseRow(row, lines.place(number)))
 
 
 def _literal(quoted: str | None, bare: str | None) -> Any:
@@ -185,11 +185,11 @@ def _literal(quoted: str | None, bare: str | None) -> Any:
     if word in _NOT_FINITE:
         return _NOT_FINITE[word]
     if _NUMBER.fullmatch(word) is None or len(word) > 400:
-        return _Damaged(word)
+        return _LiteralError(word)
     return int(word) if word.lstrip("-").isdigit() else float(word)
 
 
-class _Damaged(str):
+class _LiteralError(str):
     """A word that is no literal of SQL."""
 
 
@@ -209,13 +209,13 @@ def _typed(kind: str, value: Any) -> Any:
     if value is None or wanted is None:
         return value
     if wanted is float and type(value) is int:
-        value = float(value) if abs(value) < 2**1000 else _Damaged(value)
+        value = float(value) if abs(value) < 2**1000 else _LiteralError(value)
     if wanted is int and type(value) is int and abs(value) >= 2**63:
-        value = _Damaged(value)
-    return value if type(value) is wanted else _Damaged(value)
+        value = _LiteralError(value)
+    return value if type(value) is wanted else _LiteralError(value)
 
 
-def _refuse_waiting(path: Path, lines: LinesOfFile) -> None:
+def _refuse_pending_changes(path: Path, lines: FileLines) -> None:
     log = path.with_suffix(".log")
     try:
         waiting = log.is_file() and log.stat().st_size > 0
@@ -231,10 +231,10 @@ def _refuse_waiting(path: Path, lines: LinesOfFile) -> None:
 
 # -- cached tables ------------------------------------------------------------------------------
 
-Decoder = Callable[[bytes, int], tuple[Any, int]]
+ValueDecoder = Callable[[bytes, int], tuple[Any, int]]
 
 
-def _number(form: str) -> Decoder:
+def _number(form: str) -> ValueDecoder:
     code = struct.Struct(form)
     return lambda data, at: (code.unpack_from(data, at)[0], at + code.size)
 
@@ -258,7 +258,7 @@ def _time(data: bytes, at: int) -> tuple[None, int]:
     return None, at + 12
 
 
-DECODERS: dict[str, Decoder] = {
+VALUE_DECODERS: dict[str, ValueDecoder] = {
     "SMALLINT": _number(">h"),
     "TINYINT": _number(">h"),
     "INTEGER": _number(">i"),
@@ -271,16 +271,16 @@ DECODERS: dict[str, Decoder] = {
 """Function of data and place → value and the place behind it, by type of column."""
 
 
-HEAD = 32
+HEAD_BYTES = 32
 """Bytes before the rows."""
 
 
 def _read_cached(
     path: Path,
-    tables: dict[str, Table],
+    tables: dict[str, DatabaseTable],
     roots: dict[str, tuple[int, list[int]]],
     scale: int,
-    lines: LinesOfFile,
+    lines: FileLines,
 ) -> None:
     try:
         data = read_bytes(path)
@@ -291,8 +291,8 @@ def _read_cached(
         )
         lines.add(0, what)
         return
-    end = struct.unpack_from(">q", data, 12)[0] if len(data) >= HEAD else 0
-    if not HEAD <= end <= len(data):
+    end = struct.unpack_from(">q", data, 12)[0] if len(data) >= HEAD_BYTES else 0
+    if not HEAD_BYTES <= end <= len(data):
         what = f"{path.name} has {len(data)} bytes, and its rows end at byte {end}: it is cut"
         lines.add(0, what)
         return
@@ -305,12 +305,14 @@ def _read_cached(
             raise InputError(Problem(f"{what} ({error})", lines.place(number))) from None
 
 
-def _cached_rows(data: bytes, table: Table, words: list[int], scale: int, file: str) -> list[Row]:
+def _cached_rows(
+    data: bytes, table: DatabaseTable, words: list[int], scale: int, file: str
+) -> list[DatabaseRow]:
     """Return the rows of a table in the order of its first index."""
-    if len(words) < 3 or len(words) % 2 == 0 or words[-1] > MOST_ROWS:
+    if len(words) < 3 or len(words) % 2 == 0 or words[-1] > MAX_TABLE_ROWS:
         raise ValueError("the roots of its indexes are not understood")
     n_indexes, count = len(words) // 2, words[-1]
-    rows: list[Row] = []
+    rows: list[DatabaseRow] = []
     seen: set[int] = set()
     stack: list[tuple[int, bool]] = [(words[0], False)]
     while stack:
@@ -338,7 +340,7 @@ def _cached_rows(data: bytes, table: Table, words: list[int], scale: int, file: 
     return rows
 
 
-def _cached_row(data: bytes, at: int, table: Table, source: str) -> Row:
+def _cached_row(data: bytes, at: int, table: DatabaseTable, source: str) -> DatabaseRow:
     values: dict[str, Any] = {}
     for name, kind in table.columns.items():
         there = data[at]
@@ -347,5 +349,5 @@ def _cached_row(data: bytes, at: int, table: Table, source: str) -> Row:
         at += 1
         values[name] = None
         if there:
-            values[name], at = DECODERS[kind](data, at)
-    return Row(values, f"{source} ({table.name})")
+            values[name], at = VALUE_DECODERS[kind](data, at)
+    return DatabaseRow(values, f"{source} ({table.name})")

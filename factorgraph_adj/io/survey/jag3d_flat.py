@@ -33,14 +33,24 @@ from typing import TypeAlias, get_args
 
 from ...errors import InputError, Problem, known
 from ...units import ANGLE, LENGTH
-from ..collected import LinesOfFile
-from .jag3d_model import KINDS, NEUTRAL, Deflection, Extra, Group, Kind, PointRow, Row, Status
+from ..file_problems import FileLines
+from .jag3d_model import (
+    JAG3D_KINDS,
+    NEUTRAL_VALUES,
+    Deflection,
+    GroupParameter,
+    ObservationGroup,
+    ObservationRow,
+    ObservationType,
+    PointRow,
+    PointStatus,
+)
 
-POINT_KINDS = tuple(f"{s}_points_{d}d" for s in get_args(Status) for d in (1, 2, 3))
+POINT_KINDS = tuple(f"{s}_points_{d}d" for s in get_args(PointStatus) for d in (1, 2, 3))
 DEFLECTION_KINDS = tuple(f"{s}_deflections" for s in ("reference", "stochastic", "unknown"))
-FILE_KINDS = (*POINT_KINDS, *KINDS, *DEFLECTION_KINDS)
+FILE_KINDS = (*POINT_KINDS, *JAG3D_KINDS, *DEFLECTION_KINDS)
 """What a file may hold."""
-WORDS: dict[str, tuple[str, ...]] = {
+STATUS_WORDS: dict[str, tuple[str, ...]] = {
     "reference": ("reference", "festpunkt", "anschluss", "anschluß"),
     "stochastic": ("stochast",),
     "datum": ("datum",),
@@ -56,44 +66,44 @@ WORDS: dict[str, tuple[str, ...]] = {
 }
 """Words in names of files, in English and German, without spaces, hyphens and underscores."""
 DEFLECTION_WORDS = ("deflection", "lotabweichung")
-Triple: TypeAlias = tuple[float, float, float]
-FORMS = {
+SigmaTriple: TypeAlias = tuple[float, float, float]
+POINT_FORMS = {
     1: {1: ("--0", "---"), 2: ("--0", "--1"), 3: ("012", "---"), 4: ("012", "--3")},
     2: {2: ("01-", "---"), 3: ("01-", "22-"), 4: ("01-", "23-")},
     3: {3: ("012", "---"), 4: ("012", "333"), 5: ("012", "334"), 6: ("012", "345")},
 }
 """Which of the numbers of a line are y, x, z and their σ, by dimension and count of numbers."""
 _DISTANCES = ("horizontal_distances", "slope_distances")
-ESTIMATED: dict[str, tuple[str, tuple[str, ...]]] = {
+ESTIMATED_OPTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     "orientation": ("orientation", ("directions",)),
     "scale": ("scale", _DISTANCES),
     "zero": ("zero point offset", _DISTANCES),
     "refraction": ("refraction", ("zenith_angles",)),
 }
 """Additional parameter and the kinds that have it, by the word of the option."""
-MOST_NAME = 256
+MAX_NAME_CHARACTERS = 256
 """Largest number of characters of a name of JAG3D's tables."""
 _SPLIT_POINTS = re.compile(r"[\s;]+")
-SUFFIXES = (".txt", ".dat", ".pts", ".obs", ".csv")
+FLAT_FILE_SUFFIXES = (".txt", ".dat", ".pts", ".obs", ".csv")
 """Suffixes of the files of a folder that are read."""
 
 
-def kind_of_file(path: Path) -> str | None:
+def flat_file_kind(path: Path) -> str | None:
     """Return what a file holds by its name; None if the name does not tell it."""
     stem = re.sub(r"[\s_\-]+", "", path.stem.casefold())
-    found = [k for k, words in WORDS.items() if any(w in stem for w in words)]
+    found = [k for k, words in STATUS_WORDS.items() if any(w in stem for w in words)]
     if any(w in stem for w in DEFLECTION_WORDS):
         status = [s for s in ("reference", "stochastic") if s in found]
         return f"{status[0] if status else 'unknown'}_deflections"
     if len(found) != 1:
         return None
-    if found[0] in KINDS:
+    if found[0] in JAG3D_KINDS:
         return found[0]
     dimension = re.search(r"([123])d", stem)
     return f"{found[0]}_points_{dimension[1]}d" if dimension else None
 
 
-def files_of(path: str | Path | Sequence[str | Path]) -> list[Path]:
+def flat_files(path: str | Path | Sequence[str | Path]) -> list[Path]:
     """Return the files of a folder in the order of their names, or those of a list.
 
     Raises:
@@ -107,10 +117,10 @@ def files_of(path: str | Path | Sequence[str | Path]) -> list[Path]:
     found = [
         p
         for p in sorted(given.iterdir())
-        if p.is_file() and p.suffix.lower() in SUFFIXES and not p.name.startswith(".")
+        if p.is_file() and p.suffix.lower() in FLAT_FILE_SUFFIXES and not p.name.startswith(".")
     ]
     if not found:
-        what = f"has no flat files of JAG3D ({', '.join(SUFFIXES)})"
+        what = f"has no flat files of JAG3D ({', '.join(FLAT_FILE_SUFFIXES)})"
         raise InputError(Problem(what, str(given)))
     return found
 
@@ -125,7 +135,7 @@ class FlatUnits:
     """Unit of angles and their σ, radians."""
 
 
-def units_of(length: str, angle: str) -> FlatUnits:
+def flat_units(length: str, angle: str) -> FlatUnits:
     """Return the units by their names; InputError lists what is unknown."""
     problems = [
         Problem(f"unknown unit {given!r}; valid: {known(sorted(valid), meant=str(given))}", name)
@@ -148,10 +158,10 @@ class FlatFiles:
     separate: bool
     """Whether directions of each station are a group of their own."""
     estimate: Collection[str] = ()
-    """Additional parameters to be estimated, see `ESTIMATED`."""
+    """Additional parameters to be estimated, see `ESTIMATED_OPTIONS`."""
     points: list[PointRow] = field(default_factory=list)
     """Points."""
-    groups: list[Group] = field(default_factory=list)
+    groups: list[ObservationGroup] = field(default_factory=list)
     """Groups of observations."""
     deflections: list[Deflection] = field(default_factory=list)
     """Deflections of the vertical."""
@@ -163,14 +173,14 @@ class FlatFiles:
     def read(self, path: Path, kind: str) -> None:
         """Read a file; its problems are noted."""
         try:
-            lines = LinesOfFile(path)
+            lines = FileLines(path)
         except InputError as error:
             self.problems += error.problems
             return
         self.end = lines.place(0)
         if kind in POINT_KINDS:
             word, _, dimension = kind.split("_")
-            status = next(s for s in get_args(Status) if s == word)
+            status = next(s for s in get_args(PointStatus) if s == word)
             for number, words in _words(lines, _SPLIT_POINTS):
                 point = self._point(lines, number, words, status, int(dimension[0]))
                 if point is not None:
@@ -181,25 +191,25 @@ class FlatFiles:
                 if deflection is not None:
                     self.deflections.append(deflection)
         else:
-            self._observations(lines, KINDS[kind])
+            self._observations(lines, JAG3D_KINDS[kind])
         self.problems += lines.problems
 
     # -- points -----------------------------------------------------------------------------------
 
     def _point(
-        self, lines: LinesOfFile, number: int, words: list[str], status: Status, dimension: int
+        self, lines: FileLines, number: int, words: list[str], status: PointStatus, dimension: int
     ) -> PointRow | None:
         v = _numbers(lines, number, words, 1, self.units.length, comma=True)
         if v is None:
             return None
-        found = _placed(lines, number, v, dimension, "a point")
+        found = _coordinates_and_sigmas(lines, number, v, dimension, "a point")
         if found is None:
             return None
         yxz, sigma = found
         return PointRow(words[0], status, dimension, yxz, sigma, lines.place(number))
 
     def _deflection(
-        self, lines: LinesOfFile, number: int, words: list[str], status: str
+        self, lines: FileLines, number: int, words: list[str], status: str
     ) -> Deflection | None:
         v = _numbers(lines, number, words, 1, self.units.angle, comma=True)
         if v is None:
@@ -219,9 +229,9 @@ class FlatFiles:
 
     # -- observations -----------------------------------------------------------------------------
 
-    def _observations(self, lines: LinesOfFile, kind: Kind) -> None:
+    def _observations(self, lines: FileLines, kind: ObservationType) -> None:
         read = self._vector if kind.axes else self._scalar
-        rows: list[Row] = []
+        rows: list[ObservationRow] = []
         for number, words in _words(lines, None):
             if len(words) < 3:
                 lines.add(number, f"a line of {kind.name} has a station, a target and numbers")
@@ -229,7 +239,7 @@ class FlatFiles:
                 lines.add(number, f"the observation joins {words[0]!r} to itself")
             elif (row := read(lines, number, words, kind)) is not None:
                 rows.append(row)
-        runs: list[list[Row]] = []
+        runs: list[list[ObservationRow]] = []
         for row in rows:
             apart = kind.name == "directions" and self.separate
             if not runs or (apart and runs[-1][0].start != row.start):
@@ -238,12 +248,12 @@ class FlatFiles:
         stem = lines.path.stem
         for run in runs:
             extras = {
-                parameter: Extra(NEUTRAL.get(parameter, 0.0), free=True)
-                for word, (parameter, kinds) in ESTIMATED.items()
+                parameter: GroupParameter(NEUTRAL_VALUES.get(parameter, 0.0), free=True)
+                for word, (parameter, kinds) in ESTIMATED_OPTIONS.items()
                 if kind.name in kinds and (word in self.estimate or word == "orientation")
             }
             self.groups.append(
-                Group(
+                ObservationGroup(
                     stem,
                     kind,
                     tuple(run),
@@ -253,7 +263,9 @@ class FlatFiles:
                 )
             )
 
-    def _scalar(self, lines: LinesOfFile, number: int, words: list[str], kind: Kind) -> Row | None:
+    def _scalar(
+        self, lines: FileLines, number: int, words: list[str], kind: ObservationType
+    ) -> ObservationRow | None:
         unit = self.units.angle if kind.angle else self.units.length
         v = _numbers(lines, number, words, 2, 1.0)
         if v is None:
@@ -283,25 +295,27 @@ class FlatFiles:
         if kind.angle and not -1e3 <= v[0] * unit <= 1e3:
             lines.add(number, f"{words[-len(v)]} is no angle in the unit of the file")
             return None
-        return Row(words[0], words[1], (v[0] * unit,), (sigma,), place, ih, th, distance)
+        return ObservationRow(words[0], words[1], (v[0] * unit,), (sigma,), place, ih, th, distance)
 
-    def _vector(self, lines: LinesOfFile, number: int, words: list[str], kind: Kind) -> Row | None:
+    def _vector(
+        self, lines: FileLines, number: int, words: list[str], kind: ObservationType
+    ) -> ObservationRow | None:
         v = _numbers(lines, number, words, 2, self.units.length)
         if v is None:
             return None
-        found = _placed(lines, number, v, len(kind.axes), "a GNSS vector")
+        found = _coordinates_and_sigmas(lines, number, v, len(kind.axes), "a GNSS vector")
         if found is None:
             return None
         of = ["yxz".index(axis) for axis in kind.axes]
         value, sigma = (tuple(part[k] for k in of) for part in found)
-        return Row(words[0], words[1], value, sigma, lines.place(number))
+        return ObservationRow(words[0], words[1], value, sigma, lines.place(number))
 
 
-def _placed(
-    lines: LinesOfFile, number: int, v: list[float], dimension: int, what: str
-) -> tuple[Triple, Triple] | None:
+def _coordinates_and_sigmas(
+    lines: FileLines, number: int, v: list[float], dimension: int, what: str
+) -> tuple[SigmaTriple, SigmaTriple] | None:
     """Return y, x, z and their σ of the numbers of a line; None with a problem."""
-    forms = FORMS[dimension]
+    forms = POINT_FORMS[dimension]
     if len(v) not in forms:
         counts = " or ".join(map(str, forms))
         lines.add(number, f"{what} of {dimension} dimensions has {counts} numbers, not {len(v)}")
@@ -315,21 +329,21 @@ def _placed(
     return (yxz[0], yxz[1], yxz[2]), (sigma[0], sigma[1], sigma[2])
 
 
-def _words(lines: LinesOfFile, split: re.Pattern[str] | None) -> Iterable[tuple[int, list[str]]]:
+def _words(lines: FileLines, split: re.Pattern[str] | None) -> Iterable[tuple[int, list[str]]]:
     """Yield number and words of the lines that are neither empty nor comments."""
     for number, line in lines.numbered():
         text = line.strip()
         if not text or text.startswith("#"):
             continue
         words = text.split() if split is None else [w for w in split.split(text) if w]
-        if any(len(w) > MOST_NAME for w in words[:2]):
-            lines.add(number, f"a name has more than {MOST_NAME} characters")
+        if any(len(w) > MAX_NAME_CHARACTERS for w in words[:2]):
+            lines.add(number, f"a name has more than {MAX_NAME_CHARACTERS} characters")
         elif words:
             yield number, words
 
 
 def _numbers(
-    lines: LinesOfFile,
+    lines: FileLines,
     number: int,
     words: list[str],
     first: int,

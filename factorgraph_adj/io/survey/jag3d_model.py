@@ -1,4 +1,4 @@
-"""A network in the terms of JAG3D: groups of points, groups of observations, their parameters.
+"""Data of JAG3D, groups of points and observations, and their conversion to a network.
 
 JAG3D's x points north, its y east, its z up. Files have y first, so that y, x, z are the x, y, z
 of a frame with axes east, north. A group of observations has one standard deviation of three
@@ -11,16 +11,27 @@ PointType.java, ParameterType.java, DefaultUncertainty.java, observation/group/*
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
+import numpy as np
+
+from ...errors import InputError, Problem
+from ...frames import LocalFrame
+from ...network.network import Network
+from ...stochastic import StandardDeviation
 from ...units import GON
 
-Status: TypeAlias = Literal["reference", "stochastic", "datum", "new"]
-STATUS: dict[int, Status] = {1: "reference", 2: "stochastic", 3: "datum", 4: "new"}
+PointStatus: TypeAlias = Literal["reference", "stochastic", "datum", "new"]
+POINT_STATUS_BY_NUMBER: dict[int, PointStatus] = {
+    1: "reference",
+    2: "stochastic",
+    3: "datum",
+    4: "new",
+}
 """Type of a group of points by its number (PointType.java)."""
-PARAMETERS = {
+PARAMETER_BY_NUMBER = {
     1: "orientation",
     2: "scale",
     3: "zero point offset",
@@ -30,16 +41,16 @@ PARAMETERS = {
     10: "rotation z",
 }
 """Additional parameter by its number (ParameterType.java)."""
-NEUTRAL = {"scale": 1.0}
+NEUTRAL_VALUES = {"scale": 1.0}
 """Value of a parameter that has no effect, where it is not 0."""
-EARTH_RADIUS = 6_371_007.0
+JAG3D_EARTH_RADIUS_M = 6_371_007.0
 """Radius of the Earth in JAG3D, metres (Constant.java)."""
-POINT_SIGMA = 0.002
+DEFAULT_POINT_SIGMA_M = 0.002
 """σ of a coordinate of a stochastic point that states none, metres (DefaultUncertainty.java)."""
 
 
 @dataclass(frozen=True)
-class Kind:
+class ObservationType:
     """Type of the observations of a group."""
 
     name: str
@@ -68,21 +79,21 @@ class Kind:
 _ANGLE = (0.0003 * GON, 0.0, 0.0005)
 _DISTANCE = (0.002, 0.0, 2e-6)
 _GNSS = (0.025, 0.0, 50e-6)
-KINDS = {
+JAG3D_KINDS = {
     k.name: k
     for k in (
-        Kind("levelling", 1, (0.0001, 0.001, 0.0), plan=False),
-        Kind("directions", 2, _ANGLE, angle=True, height=False),
-        Kind("horizontal_distances", 3, _DISTANCE, height=False),
-        Kind("slope_distances", 4, _DISTANCE),
-        Kind("zenith_angles", 5, _ANGLE, angle=True),
-        Kind("gnss_1d", 6, _GNSS, "z", plan=False),
-        Kind("gnss_2d", 7, _GNSS, "yx", height=False),
-        Kind("gnss_3d", 8, _GNSS, "yxz"),
+        ObservationType("levelling", 1, (0.0001, 0.001, 0.0), plan=False),
+        ObservationType("directions", 2, _ANGLE, angle=True, height=False),
+        ObservationType("horizontal_distances", 3, _DISTANCE, height=False),
+        ObservationType("slope_distances", 4, _DISTANCE),
+        ObservationType("zenith_angles", 5, _ANGLE, angle=True),
+        ObservationType("gnss_1d", 6, _GNSS, "z", plan=False),
+        ObservationType("gnss_2d", 7, _GNSS, "yx", height=False),
+        ObservationType("gnss_3d", 8, _GNSS, "yxz"),
     )
 }
 """Types of observations by name."""
-BY_NUMBER = {k.number: k for k in KINDS.values()}
+JAG3D_KIND_BY_NUMBER = {k.number: k for k in JAG3D_KINDS.values()}
 """Types of observations by number."""
 
 
@@ -92,7 +103,7 @@ class PointRow:
 
     name: str
     """Its name."""
-    status: Status
+    status: PointStatus
     """Type of its group."""
     dimension: int
     """1: z is unknown, 2: y and x, 3: all."""
@@ -105,7 +116,7 @@ class PointRow:
 
 
 @dataclass(frozen=True)
-class Row:
+class ObservationRow:
     """An observation."""
 
     start: str
@@ -127,7 +138,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Extra:
+class GroupParameter:
     """An additional parameter of a group."""
 
     value: float
@@ -137,14 +148,14 @@ class Extra:
 
 
 @dataclass(frozen=True)
-class Group:
+class ObservationGroup:
     """A group of observations of one kind."""
 
     name: str
     """Its name."""
-    kind: Kind
+    kind: ObservationType
     """The kind."""
-    rows: tuple[Row, ...]
+    rows: tuple[ObservationRow, ...]
     """Its observations."""
     uncertainty: tuple[float, float, float]
     """Parts a, b, c of σ (ObservationGroup.java, getStd): σ² = a² + p² + q², with the distance d
@@ -154,14 +165,14 @@ class Group:
     | lengths, height differences, GNSS | b √(d / 1 km) | c d |
     | angles | b / √d | c / d |
     """
-    extras: Mapping[str, Extra] = field(default_factory=dict)
+    extras: Mapping[str, GroupParameter] = field(default_factory=dict)
     """Additional parameters by name."""
     source: str = ""
     """Where the group stands."""
 
-    def extra(self, name: str) -> Extra:
+    def extra(self, name: str) -> GroupParameter:
         """Return a parameter; one that is not stated is held where it has no effect."""
-        return self.extras.get(name, Extra(NEUTRAL.get(name, 0.0), free=False))
+        return self.extras.get(name, GroupParameter(NEUTRAL_VALUES.get(name, 0.0), free=False))
 
 
 @dataclass(frozen=True)
@@ -184,14 +195,14 @@ class Deflection:
 class Reduction:
     """Reductions of observations that JAG3D applies itself (Reduction.java)."""
 
-    radius: float = EARTH_RADIUS
+    radius: float = JAG3D_EARTH_RADIUS_M
     """Radius of the Earth, metres."""
     curvature: bool = False
     """Whether zenith angles and horizontal distances are corrected for the Earth's curvature."""
     height: float | None = None
     """Height from which horizontal distances are reduced to the ellipsoid, metres; None: not."""
 
-    def distance(self, row: Row) -> Row:
+    def distance(self, row: ObservationRow) -> ObservationRow:
         """Return a horizontal distance that is reduced (HorizontalDistance.java)."""
         (value,) = row.value
         if self.height is not None:
@@ -201,7 +212,7 @@ class Reduction:
         return replace(row, value=(value,))
 
 
-def radius_of(major: float, minor: float, latitude: float) -> float:
+def gaussian_radius(major: float, minor: float, latitude: float) -> float:
     """Return the radius of the sphere that touches an ellipsoid best, √(M N), metres.
 
     Args:
@@ -212,3 +223,152 @@ def radius_of(major: float, minor: float, latitude: float) -> float:
     first = 1.0 - (minor / major) ** 2
     root = 1.0 - first * math.sin(latitude) ** 2
     return major * math.sqrt(1.0 - first) / root
+
+
+MIN_SIGMA_LENGTH_M = 1e-6
+"""Shortest length for which σ is computed, metres; JAG3D takes shorter ones for unstated."""
+
+
+class Conversion:
+    """A network that is made of rows of JAG3D, and the problems found so far."""
+
+    def __init__(
+        self, name: str, reduction: Reduction, point_sigma: float, problems: list[Problem]
+    ) -> None:
+        """Start with an empty network.
+
+        Args:
+            name: its name.
+            reduction: reductions that JAG3D applies.
+            point_sigma: σ of stochastic points that state none, metres.
+            problems: problems found so far, to which others are added.
+        """
+        self.network = Network(name, frame=LocalFrame(radius=reduction.radius))
+        self.reduction = reduction
+        self.point_sigma = point_sigma
+        self.problems = problems
+        self.rows: dict[str, PointRow] = {}
+        """Rows of points by name."""
+        self.deflected: set[str] = set()
+        """Names of the points with a deflection of the vertical."""
+
+    def refuse(self, what: str, source: str) -> None:
+        """Note a problem."""
+        self.problems.append(Problem(what, source))
+
+    def attempt(self, source: str, make: Callable[[], object]) -> None:
+        """Call a function, and note the problems of its InputError."""
+        try:
+            make()
+        except InputError as error:
+            for p in error.problems:
+                where = p.where.removeprefix(source).removeprefix(": ")
+                self.refuse(f"{where}: {p.what}" if where else p.what, source)
+
+    # -- points -----------------------------------------------------------------------------------
+
+    def add_points(self, points: Sequence[PointRow]) -> None:
+        """Add the points; datum points make the network a free one."""
+        free = any(p.status == "datum" for p in points)
+        if free:
+            self.network.datum = "free"
+        for row in points:
+            if row.name in self.rows:
+                first = self.rows[row.name].source
+                self.refuse(f"point {row.name!r} stands in {first} already", row.source)
+                continue
+            self.rows[row.name] = row
+            if free and row.status in ("reference", "stochastic"):
+                what = (
+                    f"{row.status} point {row.name!r} beside datum points, next to which JAG3D "
+                    "leaves such points and their observations out: give the points of one of "
+                    "the two kinds"
+                )
+                self.refuse(what, row.source)
+                continue
+            self.attempt(row.source, lambda row=row: self._add_point(row))  # type: ignore[misc]
+
+    def _add_point(self, row: PointRow) -> None:
+        y, x, z = row.yxz
+        held = {1: "xy", 2: "z", 3: ""}[row.dimension]
+        unknown = [axis not in held for axis in "xyz"]
+        if row.dimension == 1 and (math.isnan(x) or math.isnan(y)):
+            y = x = 0.0
+        if row.dimension == 2 and math.isnan(z):
+            z = 0.0
+        sigma: tuple[float, ...] | None = None
+        if row.status == "stochastic":
+            stated = [self.point_sigma if not s > 0 else s for s in row.sigma]
+            sigma = tuple(s if u else math.inf for s, u in zip(stated, unknown, strict=True))
+        self.network.add_point(
+            row.name,
+            (y, x, z),
+            fixed="xyz" if row.status == "reference" else held,
+            sigma=sigma,
+            datum=row.status == "datum",
+        )
+
+    def add_deflections(self, deflections: Sequence[Deflection]) -> None:
+        """State deflections of the vertical."""
+        for d in deflections:
+            if d.name not in self.network.points:
+                continue  # JAG3D ignores deflections of points that do not take part
+            self.deflected.add(d.name)
+            ry, rx = d.yx
+            sigma = None if d.sigma is None else (d.sigma[0], d.sigma[1])
+            self.attempt(
+                d.source,
+                lambda d=d, rx=rx, ry=ry, sigma=sigma: self.network.set_vertical(  # type: ignore[misc]
+                    d.name, xi=-ry, eta=rx, sigma=sigma, fixed=sigma is None and not d.free
+                ),
+            )
+
+    # -- standard deviations ----------------------------------------------------------------------
+
+    def length(self, row: ObservationRow, *, plan: bool) -> float:
+        """Return the length for σ, metres: the stated one, or that of the coordinates."""
+        if row.distance > MIN_SIGMA_LENGTH_M:
+            return row.distance
+        ends = [self.rows[name] for name in (row.start, row.end)]
+        start, end = (np.array(p.yxz) for p in ends)
+        if any(p.dimension == 1 and not np.any(np.nan_to_num(p.yxz[:2])) for p in ends):
+            start, end = start * math.nan, end
+        d = end - start + (0.0, 0.0, row.th - row.ih)
+        size = math.hypot(d[0], d[1]) if plan else float(np.linalg.norm(d))
+        if not size > MIN_SIGMA_LENGTH_M:
+            what = (
+                "its σ depends on its length, which neither the row nor coordinates of its points "
+                "state: write a σ or the length at the end of the row"
+            )
+            raise InputError(Problem(what, row.source))
+        return size
+
+    def of_length(self, group: ObservationGroup, row: ObservationRow) -> float | StandardDeviation:
+        """Return σ of a distance."""
+        if row.sigma[0] > 0:
+            return row.sigma[0]
+        a, b, c = group.uncertainty
+        if b == 0.0 and not row.distance > MIN_SIGMA_LENGTH_M:
+            return StandardDeviation(a, ppm=1e6 * c, combine="quadratic") if c > 0 else a
+        d = row.distance if row.distance > MIN_SIGMA_LENGTH_M else row.value[0]
+        return sigma_along(group, d)
+
+    def of_angle(
+        self, group: ObservationGroup, row: ObservationRow, *, plan: bool
+    ) -> float | StandardDeviation:
+        """Return σ of a direction or zenith angle."""
+        if row.sigma[0] > 0:
+            return row.sigma[0]
+        a, b, c = group.uncertainty
+        if b == c == 0.0:
+            return a
+        if b == 0.0 and not row.distance > MIN_SIGMA_LENGTH_M:
+            return StandardDeviation(a, centring_target=c, combine="quadratic")
+        d = self.length(row, plan=plan)
+        return math.sqrt(a * a + b * b / d + c * c / (d * d))
+
+
+def sigma_along(group: ObservationGroup, d: float) -> float:
+    """Return σ of a length d, metres."""
+    a, b, c = group.uncertainty
+    return math.sqrt(a * a + b * b * d / 1000.0 + (c * d) ** 2)

@@ -13,28 +13,28 @@ from typing import Any, Literal, TypeAlias
 
 from ...errors import InputError, Problem
 from ...network.network import Network
-from ..left_out import ROWS_SWITCHED_OFF, Reason, RowsLeftOut
-from ..text import beginning, last_line, read_text
-from .hsqldb import Row as TableRow
-from .hsqldb import Table, read_tables
+from ..file_problems import ROWS_SWITCHED_OFF, LeftOutReason, RowsLeftOut
+from ..text_files import file_beginning, last_line_number, read_text
+from .hsqldb import DatabaseRow as TableRow
+from .hsqldb import DatabaseTable, read_tables
 from .jag3d_model import (
-    BY_NUMBER,
-    EARTH_RADIUS,
-    PARAMETERS,
-    STATUS,
+    JAG3D_EARTH_RADIUS_M,
+    JAG3D_KIND_BY_NUMBER,
+    PARAMETER_BY_NUMBER,
+    POINT_STATUS_BY_NUMBER,
     Deflection,
-    Extra,
-    Group,
-    Kind,
+    GroupParameter,
+    ObservationGroup,
+    ObservationRow,
+    ObservationType,
     PointRow,
     Reduction,
-    Row,
-    radius_of,
+    gaussian_radius,
 )
-from .jag3d_network import as_network, with_set_names
+from .jag3d_network import as_network, groups_with_set_names
 
-Epoch: TypeAlias = Literal["both", "reference", "control"]
-NEEDED = (
+EpochChoice: TypeAlias = Literal["both", "reference", "control"]
+READ_TABLES = (
     "ObservationGroup",
     "ObservationGroupUncertainty",
     "ObservationApriori",
@@ -50,33 +50,35 @@ NEEDED = (
     "VerticalDeflectionApriori",
 )
 """Tables that are read."""
-OBSERVATIONS = ("ObservationApriori", "GNSSObservationApriori")
+OBSERVATION_TABLES = ("ObservationApriori", "GNSSObservationApriori")
 """Tables of observations."""
-ROWS = ("PointApriori", *OBSERVATIONS, "VerticalDeflectionApriori")
+COUNTED_TABLES = ("PointApriori", *OBSERVATION_TABLES, "VerticalDeflectionApriori")
 """Tables of which every row that is not used is counted and named."""
-OTHER_EPOCH = Reason("observations", "they belong to the other epoch: epoch=… chooses")
-ESSENTIAL = ("ObservationGroup", "ObservationApriori", "PointGroup", "PointApriori")
+OBSERVATIONS_OF_OTHER_EPOCH = LeftOutReason(
+    "observations", "they belong to the other epoch: epoch=… chooses"
+)
+REQUIRED_TABLES = ("ObservationGroup", "ObservationApriori", "PointGroup", "PointApriori")
 """Tables without which a database is no project of JAG3D."""
 PROJECTIONS = {1: "Gauß-Krüger", 2: "UTM", 3: "a local ellipsoidal system"}
 """Projections by number (ProjectionType.java) with which observations depend on coordinates."""
-HEIGHT, CURVATURE = 2, 4
+HEIGHT_REDUCTION, CURVATURE_REDUCTION = 2, 4
 """Numbers of reductions (ReductionTaskType.java)."""
-SIGMA_PARTS = (10, 11, 12)
+SIGMA_PART_NUMBERS = (10, 11, 12)
 """Numbers of the parts a, b, c of σ of a group (ObservationGroupUncertaintyType.java)."""
-SIGMA_AXES = {"y": 21, "x": 20, "z": 22}
+SIGMA_AXIS_NUMBERS = {"y": 21, "x": 20, "z": 22}
 """Numbers of σ of the coordinates of a group of points (PointGroupUncertaintyType.java)."""
-SIGMA_DEFLECTION = {"y": 32, "x": 31}
+DEFLECTION_SIGMA_NUMBERS = {"y": 32, "x": 31}
 """Numbers of σ of deflections (VerticalDeflectionGroupUncertaintyType.java)."""
-DEFLECTION_SIGMA = 0.001 * math.pi / 200.0
+DEFAULT_DEFLECTION_SIGMA_RAD = 0.001 * math.pi / 200.0
 """σ of a stochastic deflection that states none, radians (DefaultUncertainty.java)."""
 
 
-def is_project(path: Path) -> bool:
+def is_jag3d_project(path: Path) -> bool:
     """Return whether a file is the script of a project of JAG3D."""
-    return path.suffix == ".script" and b'"OpenAdjustment"' in beginning(path)
+    return path.suffix == ".script" and b'"OpenAdjustment"' in file_beginning(path)
 
 
-def read_project_of_jag3d(path: Path, *, epoch: Epoch) -> Network:
+def read_jag3d_project(path: Path, *, epoch: EpochChoice) -> Network:
     """Return the network of a project; what is switched off in it is left out.
 
     Args:
@@ -86,8 +88,8 @@ def read_project_of_jag3d(path: Path, *, epoch: Epoch) -> Network:
     Raises:
         InputError: all problems.
     """
-    tables = read_tables(path, NEEDED)
-    missing = [name for name in ESSENTIAL if name not in tables]
+    tables = read_tables(path, READ_TABLES)
+    missing = [name for name in REQUIRED_TABLES if name not in tables]
     if missing:
         what = f"is no project of JAG3D 2018 or later: it has no table {', '.join(missing)}"
         raise InputError(Problem(what, path.name))
@@ -127,7 +129,7 @@ def point_pairs(path: str | Path) -> dict[str, str]:
 
 
 class _Tables:
-    def __init__(self, path: Path, tables: Mapping[str, Table]) -> None:
+    def __init__(self, path: Path, tables: Mapping[str, DatabaseTable]) -> None:
         self.path = path
         self.tables = tables
         self.problems: list[Problem] = []
@@ -155,7 +157,7 @@ class _Tables:
             for r in self.rows(table)
         }
 
-    def network(self, epoch: Epoch) -> Network:
+    def network(self, epoch: EpochChoice) -> Network:
         reduction = self._reduction()
         points = self._points()
         groups = self._groups(epoch)
@@ -163,7 +165,7 @@ class _Tables:
         off = {self.get(r, "name") for r in self._all("PointApriori")} - known
         # JAG3D takes observations of points that are switched off for switched off.
         groups = [
-            Group(
+            ObservationGroup(
                 g.name,
                 g.kind,
                 tuple(r for r in g.rows if r.start not in off and r.end not in off),
@@ -177,18 +179,18 @@ class _Tables:
         network = as_network(
             self.path.stem,
             points,
-            with_set_names([g for g in groups if g.rows]),
+            groups_with_set_names([g for g in groups if g.rows]),
             deflections=deflections,
             reduction=reduction,
             problems=self.problems,
-            where=f"{self.path.name}:{last_line(read_text(self.path))}",
+            where=f"{self.path.name}:{last_line_number(read_text(self.path))}",
         )
         used = {p.source for p in points} | {r.source for g in groups for r in g.rows}
         used |= {d.source for d in deflections if d.name in known}
         network.left_out += self._left_out(used, epoch).told().values()
         return network
 
-    def _left_out(self, used: set[str], epoch: Epoch) -> RowsLeftOut:
+    def _left_out(self, used: set[str], epoch: EpochChoice) -> RowsLeftOut:
         """Return the points, observations and deflections whose rows are not used."""
         left = RowsLeftOut()
         other = {
@@ -196,13 +198,13 @@ class _Tables:
             for group in self.rows("ObservationGroup")
             if epoch != "both" and group.values.get("reference_epoch") != (epoch == "reference")
         }
-        for table in ROWS:
+        for table in COUNTED_TABLES:
             for row in self._all(table):
                 if row.source in used:
                     continue
-                of_other = table in OBSERVATIONS and row.values.get("group_id") in other
+                of_other = table in OBSERVATION_TABLES and row.values.get("group_id") in other
                 names = (row.values.get(c) for c in ("name", "start_point_name", "end_point_name"))
-                why = OTHER_EPOCH if of_other else ROWS_SWITCHED_OFF
+                why = OBSERVATIONS_OF_OTHER_EPOCH if of_other else ROWS_SWITCHED_OFF
                 left.add(why, " ".join(str(n) for n in names if n), row.source)
         return left
 
@@ -214,8 +216,8 @@ class _Tables:
         tasks = {self.get(r, "type") for r in self.rows("ReductionTask")}
         for row in self.rows("ReductionDefinition"):
             kind = self.get(row, "projection_type")
-            major = self.get(row, "major_axis", EARTH_RADIUS)
-            minor = self.get(row, "minor_axis", EARTH_RADIUS)
+            major = self.get(row, "major_axis", JAG3D_EARTH_RADIUS_M)
+            minor = self.get(row, "minor_axis", JAG3D_EARTH_RADIUS_M)
             latitude = self.get(row, "reference_latitude", 0.0)
             height = self.get(row, "reference_height", 0.0)
             if kind == 3 or (kind in PROJECTIONS and tasks):
@@ -229,9 +231,9 @@ class _Tables:
                 self.problems.append(Problem(f"axes {major}, {minor} of an ellipsoid", row.source))
                 continue
             return Reduction(
-                radius_of(major, minor, latitude),
-                CURVATURE in tasks,
-                height if HEIGHT in tasks else None,
+                gaussian_radius(major, minor, latitude),
+                CURVATURE_REDUCTION in tasks,
+                height if HEIGHT_REDUCTION in tasks else None,
             )
         return Reduction()
 
@@ -243,7 +245,7 @@ class _Tables:
             number = self.get(row, "group_id")
             if number not in groups:
                 continue
-            status = STATUS.get(self.get(groups[number], "type"))
+            status = POINT_STATUS_BY_NUMBER.get(self.get(groups[number], "type"))
             dimension = self.get(groups[number], "dimension")
             if status is None or dimension not in (1, 2, 3):
                 what = f"type or dimension {dimension} is not one of JAG3D"
@@ -252,7 +254,7 @@ class _Tables:
             sigma = [
                 own
                 if (own := self.get(row, f"sigma_{axis}0", 0.0)) > 0
-                else uncertainty.get((number, SIGMA_AXES[axis]), math.nan)
+                else uncertainty.get((number, SIGMA_AXIS_NUMBERS[axis]), math.nan)
                 for axis in "yxz"
             ]
             out.append(
@@ -267,12 +269,12 @@ class _Tables:
             )
         return out
 
-    def _groups(self, epoch: Epoch) -> list[Group]:
+    def _groups(self, epoch: EpochChoice) -> list[ObservationGroup]:
         uncertainty = self.numbers("ObservationGroupUncertainty")
-        rows: dict[int, list[Row]] = {}
-        found: dict[int, tuple[Kind, TableRow]] = {}
+        rows: dict[int, list[ObservationRow]] = {}
+        found: dict[int, tuple[ObservationType, TableRow]] = {}
         for group in self.rows("ObservationGroup"):
-            kind = BY_NUMBER.get(self.get(group, "type"))
+            kind = JAG3D_KIND_BY_NUMBER.get(self.get(group, "type"))
             if kind is None:
                 what = f"observations of type {group.values.get('type')} are not known"
                 self.problems.append(Problem(what, group.source))
@@ -280,29 +282,31 @@ class _Tables:
                 epoch == "reference"
             ):
                 found[self.get(group, "id")] = kind, group
-        for table in OBSERVATIONS:
+        for table in OBSERVATION_TABLES:
             for row in self.rows(table):
                 number = self.get(row, "group_id")
                 if number in found:
                     rows.setdefault(number, []).append(self._row(row, found[number][0]))
-        extras: dict[int, dict[str, Extra]] = {}
+        extras: dict[int, dict[str, GroupParameter]] = {}
         for row in self._all("AdditionalParameterApriori"):
-            name = PARAMETERS.get(self.get(row, "type"))
+            name = PARAMETER_BY_NUMBER.get(self.get(row, "type"))
             if name is None:
                 what = f"additional parameter of type {row.values.get('type')} is not known"
                 self.problems.append(Problem(what, row.source))
                 continue
-            extra = Extra(float(self.get(row, "value_0", 0.0)), row.values.get("enable") is True)
+            extra = GroupParameter(
+                float(self.get(row, "value_0", 0.0)), row.values.get("enable") is True
+            )
             extras.setdefault(self.get(row, "group_id"), {})[name] = extra
         out = []
         for number, (kind, group) in found.items():
-            stated = [uncertainty.get((number, part), -1.0) for part in SIGMA_PARTS]
+            stated = [uncertainty.get((number, part), -1.0) for part in SIGMA_PART_NUMBERS]
             parts = [
                 s if s > 0 or (s == 0 and i > 0) else d
                 for i, (s, d) in enumerate(zip(stated, kind.default, strict=True))
             ]
             out.append(
-                Group(
+                ObservationGroup(
                     str(self.get(group, "name", "")) or f"{kind.name} {number}",
                     kind,
                     tuple(rows.get(number, ())),
@@ -313,14 +317,14 @@ class _Tables:
             )
         return out
 
-    def _row(self, row: TableRow, kind: Kind) -> Row:
+    def _row(self, row: TableRow, kind: ObservationType) -> ObservationRow:
         start = str(self.get(row, "start_point_name", ""))
         end = str(self.get(row, "end_point_name", ""))
         if kind.axes:
             value = tuple(float(self.get(row, f"{a}0", 0.0)) for a in kind.axes)
             sigma = tuple(self.get(row, f"sigma_{a}0", 0.0) for a in kind.axes)
-            return Row(start, end, value, sigma, row.source)
-        return Row(
+            return ObservationRow(start, end, value, sigma, row.source)
+        return ObservationRow(
             start,
             end,
             (float(self.get(row, "value_0")),),
@@ -344,7 +348,9 @@ class _Tables:
             sy, sx = (
                 own
                 if (own := self.get(row, f"sigma_{a}0", 0.0)) > 0
-                else uncertainty.get((number, SIGMA_DEFLECTION[a]), DEFLECTION_SIGMA)
+                else uncertainty.get(
+                    (number, DEFLECTION_SIGMA_NUMBERS[a]), DEFAULT_DEFLECTION_SIGMA_RAD
+                )
                 for a in "yx"
             )
             sigma = (sy, sx) if kind == 2 else None

@@ -12,22 +12,28 @@ from pathlib import Path
 
 from ...errors import InputError, Problem, known
 from ...network.network import Network
-from ..left_out import ROWS_SWITCHED_OFF, Reason
-from ..xml_tree import Element
-from .accuracies import USUAL, Accuracies
-from .book import FieldBook, Stated
-from .xml_book import begins_with, first, known_or_nan, number_of, root_of, text_of
+from ..file_problems import ROWS_SWITCHED_OFF, LeftOutReason
+from ..xml_files import (
+    Element,
+    begins_with_element,
+    element_at,
+    nan_for_none,
+    number_at,
+    root_with_tag,
+    text_at,
+)
+from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook, StatedSigmas
 
 DEG = math.pi / 180.0
-FACES = {"Face1": 1, "Face2": 2, "FaceNull": None, "": None}
-NO_SIGHT = ("KeyedIn", "Coordinates", "Control")
+JOBXML_FACES = {"Face1": 1, "Face2": 2, "FaceNull": None, "": None}
+ENTERED_METHODS = ("KeyedIn", "Coordinates", "Control")
 
 
 def read_jobxml(
     path: str | Path,
     *,
     fixed: str | Iterable[str] = (),
-    accuracies: Accuracies = USUAL,
+    accuracies: Accuracies = DEFAULT_ACCURACIES,
 ) -> Network:
     """Read a field book of Trimble Access, JobXML.
 
@@ -51,7 +57,7 @@ def read_jobxml(
         InputError: every problem of the file, each with its line.
     """
     source = Path(path)
-    root = root_of(source, "JOBFile")
+    root = root_with_tag(source, "JOBFile")
     if root is None:
         raise InputError(Problem("is no JobXML: its root must be <JOBFile>", f"{source.name}:1"))
     reader = _Reader(FieldBook(source, accuracies, fixed))
@@ -59,9 +65,9 @@ def read_jobxml(
     return reader.book.network()
 
 
-OF_GNSS = ("ECEFDeltas", "ECEF", "WGS84")
+GNSS_ELEMENTS = ("ECEFDeltas", "ECEF", "WGS84")
 """Elements of a point that was measured with GNSS."""
-GNSS_RECORD = Reason("points of GNSS", "sights of total stations alone are read")
+GNSS_POINTS = LeftOutReason("points of GNSS", "sights of total stations alone are read")
 
 
 class _Reader:
@@ -72,25 +78,25 @@ class _Reader:
 
     def read(self, root: Element) -> None:
         """Read the field book and the reductions."""
-        book = first(root, "FieldBook")
+        book = element_at(root, "FieldBook")
         for record in () if book is None else book.children:
             ident = record.attributes.get("ID", "")
             self.records.setdefault(record.tag, {})[ident] = record
         for record in () if book is None else book.children:
             if record.tag != "PointRecord":
                 continue
-            if text_of(record, "Deleted").lower() == "true":
-                name = text_of(record, "Name")
+            if text_at(record, "Deleted").lower() == "true":
+                name = text_at(record, "Name")
                 self.book.notes.leave_out(record.line, ROWS_SWITCHED_OFF, name)
                 continue
             self._point(record)
-        reductions = first(root, "Reductions")
+        reductions = element_at(root, "Reductions")
         for point in () if reductions is None else reductions.all("Point"):
-            self._coordinates(point, text_of(point, "Name"), "Grid")
+            self._coordinates(point, text_at(point, "Name"), "Grid")
 
     def _record(self, of: Element, tag: str, reference: str) -> Element | None:
         """Return the record that another one refers to; a missing one is a problem."""
-        ident = text_of(of, reference)
+        ident = text_at(of, reference)
         if not ident:
             return None
         found = self.records.get(tag, {}).get(ident)
@@ -101,46 +107,47 @@ class _Reader:
 
     def _coordinates(self, record: Element, name: str, tag: str) -> None:
         values = [
-            number_of(self.book.notes, record, tag, axis) for axis in ("East", "North", "Elevation")
+            number_at(self.book.notes, record, tag, axis) for axis in ("East", "North", "Elevation")
         ]
         if name and any(v is not None for v in values):
-            self.book.point(record.line, name, *map(known_or_nan, values), agree=False)
+            self.book.point(record.line, name, *map(nan_for_none, values), agree=False)
 
     def _point(self, record: Element) -> None:
         notes = self.book.notes
-        name = notes.name(record.line, text_of(record, "Name"), "<Name> of a point")
+        name = notes.name(record.line, text_at(record, "Name"), "<Name> of a point")
         self._coordinates(record, name, "Grid")
-        circle = first(record, "Circle")
-        if circle is None and any(first(record, tag) is not None for tag in OF_GNSS):
-            notes.leave_out(record.line, GNSS_RECORD, name)
+        circle = element_at(record, "Circle")
+        if circle is None and any(element_at(record, tag) is not None for tag in GNSS_ELEMENTS):
+            notes.leave_out(record.line, GNSS_POINTS, name)
         if circle is None or not name:
             return
         station = self._record(record, "StationRecord", "StationID")
         if station is None:
-            if not text_of(record, "StationID"):
+            if not text_at(record, "StationID"):
                 notes.add(record.line, f"the sight to {name!r} has no <StationID>")
             return
-        ident = text_of(record, "StationID")
+        ident = text_at(record, "StationID")
         if ident != self.at:
             self.at = ident
-            at = notes.name(station.line, text_of(station, "StationName"), "<StationName>")
-            height = number_of(notes, station, "TheodoliteHeight")
+            at = notes.name(station.line, text_at(station, "StationName"), "<StationName>")
+            height = number_at(notes, station, "TheodoliteHeight")
             self.book.begin(station.line, at, height or 0.0)
         target = self._record(record, "TargetRecord", "TargetID")
         height = constant = None
         if target is not None:
-            height = number_of(notes, target, "TargetHeight")
-            constant = number_of(notes, target, "PrismConstant")
-        face = text_of(circle, "Face")
-        if face not in FACES:
+            height = number_at(notes, target, "TargetHeight")
+            constant = number_at(notes, target, "PrismConstant")
+        face = text_at(circle, "Face")
+        if face not in JOBXML_FACES:
             notes.add(
-                circle.line, f"<Face> must be one of {known(filter(None, FACES))}, not {face!r}"
+                circle.line,
+                f"<Face> must be one of {known(filter(None, JOBXML_FACES))}, not {face!r}",
             )
-        distance = number_of(notes, circle, "EDMDistance")
+        distance = number_at(notes, circle, "EDMDistance")
         if distance:
             distance = distance * (1.0 + self._ppm(station)) + (constant or 0.0)
         errors = [
-            number_of(notes, circle, f"{part}StandardError", scale=scale)
+            number_at(notes, circle, f"{part}StandardError", scale=scale)
             for part, scale in (
                 ("HorizontalCircle", DEG),
                 ("VerticalCircle", DEG),
@@ -150,22 +157,22 @@ class _Reader:
         self.book.sight(
             record.line,
             name,
-            direction=number_of(notes, circle, "HorizontalCircle", scale=DEG),
-            zenith=number_of(notes, circle, "VerticalCircle", scale=DEG),
+            direction=number_at(notes, circle, "HorizontalCircle", scale=DEG),
+            zenith=number_at(notes, circle, "VerticalCircle", scale=DEG),
             distance=distance or None,
             target_height=height or 0.0,
-            face=FACES.get(face),
-            stated=Stated(*(e if e is not None and e > 0 else None for e in errors)),
+            face=JOBXML_FACES.get(face),
+            stated=StatedSigmas(*(e if e is not None and e > 0 else None for e in errors)),
         )
 
     def _ppm(self, station: Element) -> float:
         """Return the correction of distances by the atmosphere, as a ratio."""
         air = self._record(station, "AtmosphereRecord", "AtmosphereID")
-        if air is None or text_of(air, "ApplyPPMToRawDistances").lower() != "true":
+        if air is None or text_at(air, "ApplyPPMToRawDistances").lower() != "true":
             return 0.0
-        return 1e-6 * (number_of(self.book.notes, air, "PPM") or 0.0)
+        return 1e-6 * (number_at(self.book.notes, air, "PPM") or 0.0)
 
 
-def recognises_jobxml(path: Path) -> bool:
+def is_jobxml(path: Path) -> bool:
     """Return whether an XML file is JobXML."""
-    return begins_with(path, b"JOBFile")
+    return begins_with_element(path, b"JOBFile")

@@ -1,4 +1,6 @@
-"""Reader of surveys in LandXML 1.2, and of Leica's HeXML, which is LandXML with more.
+"""Reader of surveys in LandXML 1.2 and Leica's HeXML; writer of points in LandXML.
+
+HeXML is LandXML with further elements.
 
 Schema: LandXML.org, LandXML-1.2, ``<Survey>``; Leica Geosystems, HeXML 1.x.
 """
@@ -10,17 +12,21 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Literal
+from xml.sax.saxutils import quoteattr
 
+from ...crs.reference_system import ReferenceSystem
 from ...errors import InputError, Problem, known
+from ...frames import LocalFrame
 from ...network.network import Network
 from ...units import GON
-from ..left_out import ROWS_SWITCHED_OFF
-from ..xml_tree import Element
-from .accuracies import USUAL, Accuracies
-from .book import FieldBook
-from .xml_book import attribute, begins_with, first, root_of
+from ..file_problems import ROWS_SWITCHED_OFF
+from ..file_transaction import write_files
+from ..format_limits import grid_points
+from ..numbers import write_quantity
+from ..xml_files import Element, attribute_number, begins_with_element, element_at, root_with_tag
+from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
 
-LENGTHS = {
+LINEAR_UNITS = {
     "millimeter": 1e-3,
     "centimeter": 1e-2,
     "meter": 1.0,
@@ -31,12 +37,12 @@ LENGTHS = {
     "mile": 1609.344,
 }
 """Metres of ``linearUnit``."""
-ANGLES = {"radians": 1.0, "grads": GON, "decimal degrees": math.pi / 180.0}
+ANGULAR_UNITS = {"radians": 1.0, "grads": GON, "decimal degrees": math.pi / 180.0}
 """Radians of ``angularUnit``; ``decimal dd.mm.ss`` is packed."""
-PACKED = "decimal dd.mm.ss"
-OBSERVED = ("RawObservation", "ReducedObservation")
-STATIONS = ("InstrumentSetup",)
-NOT_READ = {
+PACKED_ANGLE_UNIT = "decimal dd.mm.ss"
+OBSERVATION_ELEMENTS = ("RawObservation", "ReducedObservation")
+SETUP_ELEMENTS = ("InstrumentSetup",)
+UNREAD_SURVEY_ELEMENTS = {
     "GPSVector": "GPS vectors are geocentric: use a reader of GNSS vectors",
     "LaserSetup": "scans are not read",
 }
@@ -47,7 +53,7 @@ def read_landxml(
     *,
     order: Literal["NE", "EN"] = "NE",
     fixed: str | Iterable[str] = (),
-    accuracies: Accuracies = USUAL,
+    accuracies: Accuracies = DEFAULT_ACCURACIES,
 ) -> Network:
     """Read the survey of a LandXML or HeXML file.
 
@@ -75,7 +81,7 @@ def read_landxml(
     if order not in ("NE", "EN"):
         raise InputError(Problem(f"must be NE or EN, not {order!r}", "order"))
     source = Path(path)
-    root = root_of(source, "LandXML")
+    root = root_with_tag(source, "LandXML")
     if root is None:
         raise InputError(Problem("is no LandXML: its root must be <LandXML>", f"{source.name}:1"))
     reader = _Reader(FieldBook(source, accuracies, fixed), order == "EN")
@@ -96,19 +102,21 @@ class _Reader:
     def read(self, root: Element) -> None:
         """Read units, points, set-ups and observations."""
         self._units(root)
-        extension = first(root, "HexagonLandXML")
+        extension = element_at(root, "HexagonLandXML")
         inside = set() if extension is None else {id(e) for e in extension.walk()}
         elements = [e for e in root.walk() if id(e) not in inside]
         for e in elements:
-            if e.tag in ("CgPoint", *STATIONS) and _deleted(e):
+            if e.tag in ("CgPoint", *SETUP_ELEMENTS) and _deleted(e):
                 name = e.attributes.get("name") or e.attributes.get("stationName", "")
                 self.book.notes.leave_out(e.line, ROWS_SWITCHED_OFF, name)
                 continue
             if e.tag == "CgPoint":
                 self._cg_point(e)
-            elif e.tag in NOT_READ:
-                self.book.notes.add(e.line, f"<{e.tag}> is not read: {NOT_READ[e.tag]}")
-            elif e.tag in STATIONS:
+            elif e.tag in UNREAD_SURVEY_ELEMENTS:
+                self.book.notes.add(
+                    e.line, f"<{e.tag}> is not read: {UNREAD_SURVEY_ELEMENTS[e.tag]}"
+                )
+            elif e.tag in SETUP_ELEMENTS:
                 self._setup(e)
         surveys = [e for e in elements if e.tag == "Survey"]
         found = [(o, setup) for survey in surveys for o, setup in self._observations(survey)]
@@ -119,7 +127,7 @@ class _Reader:
     # -- units --------------------------------------------------------------------------------
 
     def _units(self, root: Element) -> None:
-        units = first(root, "Units")
+        units = element_at(root, "Units")
         children = [] if units is None else units.children
         if not children:
             self.book.notes.add(root.line, "has no <Units> with <Metric> or <Imperial>")
@@ -127,19 +135,17 @@ class _Reader:
         given = children[0].attributes
         linear = given.get("linearUnit", "meter").lower()
         self.angle = given.get("angularUnit", "radians").lower()
-        if linear not in LENGTHS:
-            what = f"linearUnit {linear!r}; valid: {known(LENGTHS, meant=linear)}"
+        if linear not in LINEAR_UNITS:
+            what = f"linearUnit {linear!r}; valid: {known(LINEAR_UNITS, meant=linear)}"
             self.book.notes.add(children[0].line, what)
-        if self.angle not in (*ANGLES, PACKED):
-            what = (
-                f"angularUnit {self.angle!r}; valid: {known([*ANGLES, PACKED], meant=self.angle)}"
-            )
+        if self.angle not in (*ANGULAR_UNITS, PACKED_ANGLE_UNIT):
+            what = f"angularUnit {self.angle!r}; valid: {known([*ANGULAR_UNITS, PACKED_ANGLE_UNIT], meant=self.angle)}"
             self.book.notes.add(children[0].line, what)
-        self.length = LENGTHS.get(linear, 1.0)
+        self.length = LINEAR_UNITS.get(linear, 1.0)
 
     def _angle(self, e: Element, name: str) -> float | None:
-        if self.angle != PACKED:
-            return attribute(self.book.notes, e, name, ANGLES.get(self.angle, 1.0))
+        if self.angle != PACKED_ANGLE_UNIT:
+            return attribute_number(self.book.notes, e, name, ANGULAR_UNITS.get(self.angle, 1.0))
         text = e.attributes.get(name, "")
         if not text:
             return None
@@ -182,7 +188,7 @@ class _Reader:
             return
         name = self.book.notes.name(e.line, e.attributes.get("stationName", ""), "stationName")
         self.setups[ident] = e
-        point = first(e, "InstrumentPoint")
+        point = element_at(e, "InstrumentPoint")
         if point is not None and name:
             self._coordinates(point, name)
 
@@ -237,14 +243,14 @@ class _Reader:
             return
         if self.current != setup:
             self.current = setup
-            height = attribute(notes, at, "instrumentHeight", self.length)
+            height = attribute_number(notes, at, "instrumentHeight", self.length)
             station = at.attributes.get("stationName", "").strip()
             if not station:
                 return
             self.book.begin(at.line, station, height or 0.0)
             for e in self.backsights.pop(setup, []):
                 self._backsight(e, setup)
-        target = first(o, "TargetPoint")
+        target = element_at(o, "TargetPoint")
         name = notes.name(o.line, self._target(o), "name of the <TargetPoint>")
         if target is not None:
             self._coordinates(target, name)
@@ -256,9 +262,9 @@ class _Reader:
             name,
             direction=self._angle(o, "horizAngle"),
             zenith=(zenith := self._angle(o, "zenithAngle")),
-            distance=attribute(notes, o, "slopeDistance", self.length) or None,
-            horizontal=attribute(notes, o, "horizDistance", self.length) or None,
-            target_height=attribute(notes, o, "targetHeight", self.length) or 0.0,
+            distance=attribute_number(notes, o, "slopeDistance", self.length) or None,
+            horizontal=attribute_number(notes, o, "horizDistance", self.length) or None,
+            target_height=attribute_number(notes, o, "targetHeight", self.length) or 0.0,
             # Where the zenith reading tells the face, writers do not agree on directFace.
             face=None if zenith is not None or not face else 1 if face in ("true", "1") else 2,
         )
@@ -268,6 +274,81 @@ def _deleted(e: Element) -> bool:
     return e.attributes.get("status", "").lower() == "deleted"
 
 
-def recognises_landxml(path: Path) -> bool:
+def is_landxml(path: Path) -> bool:
     """Return whether an XML file is LandXML or HeXML."""
-    return begins_with(path, b"LandXML")
+    return begins_with_element(path, b"LandXML")
+
+
+LANDXML_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
+<LandXML xmlns="http://www.landxml.org/schema/LandXML-1.2" version="1.2">
+  <Units>
+    <Metric linearUnit="meter" areaUnit="squareMeter" volumeUnit="cubicMeter" \
+temperatureUnit="celsius" pressureUnit="milliBars" angularUnit="grads" directionUnit="grads"/>
+  </Units>
+{coordinate_system}  <Application name="factorgraph_adj"/>
+  <CgPoints>
+"""
+LANDXML_TAIL = """  </CgPoints>
+</LandXML>
+"""
+
+
+def write_landxml(network: Network, path: str | Path, *, points_only: bool = False) -> None:
+    """Write the points of a network as ``<CgPoint>`` of LandXML 1.2, north first, metres.
+
+    Held points have the code ``control``. A network on the Earth with a reference system is written
+    in its grid, whose name and EPSG code the file states.
+
+    Args:
+        network: the network; that of an adjustment is `Solution.as_network`.
+        path: the file.
+        points_only: whether observations, photos and standard deviations may be left out, which
+            the writer does not write; otherwise a network that has any is refused.
+
+    Raises:
+        InputError: all that the file cannot hold: a geocentric or topocentric frame without the
+            reference system of a grid, left-handed or other axes
+            than en and ne, points without east and north, names that XML cannot hold, and what
+            ``points_only`` is about. Nothing is written then.
+    """
+    frame, problems = network.frame, []
+    grid = grid_points(network)
+    if grid is None and (not isinstance(frame, LocalFrame) or frame.axes not in ("en", "ne")):
+        what = "LandXML takes a local frame with axes en or ne, or the reference system of a grid"
+        problems.append(Problem(what, network.name))
+    count = len(network.observations) + network.n_image_points + len(network.photos)
+    if count and not points_only:
+        what = (
+            f"{count} observations and photos are not written as LandXML: give points_only=true "
+            "(on the command line --with points_only=true)"
+        )
+        problems.append(Problem(what, network.name))
+    east, north = (0, 1) if getattr(frame, "axes", "en") == "en" else (1, 0)
+    lines = []
+    for p in network.points.values():
+        at = p.coordinates if grid is None else tuple(grid.coordinates[p.name].tolist())
+        known = [k for k in (north, east, 2) if not math.isnan(at[k])]
+        if north not in known or east not in known:
+            problems.append(
+                Problem("has no east and north: write the adjusted network", f"point {p.name!r}")
+            )
+            continue
+        if not p.name.isprintable():
+            problems.append(Problem("has a name that XML cannot hold", f"point {p.name!r}"))
+        held = ' code="control"' if any(p.fixed) else ""
+        text = " ".join(write_quantity(at[k]) for k in known)
+        lines.append(f"    <CgPoint name={quoteattr(p.name)}{held}>{text}</CgPoint>\n")
+    if problems:
+        raise InputError(problems)
+    target = Path(path)
+    head = LANDXML_HEAD.replace(
+        "{coordinate_system}", "" if grid is None else _system_element(grid.system)
+    )
+    write_files(target.parent, {target.name: head + "".join(lines) + LANDXML_TAIL})
+
+
+def _system_element(system: ReferenceSystem) -> str:
+    """Return the element of a reference system."""
+    code = "" if system.epsg is None else f' epsgCode="{system.epsg}"'
+    name, vertical = quoteattr(system.name), quoteattr(system.vertical)
+    return f"  <CoordinateSystem name={name}{code} verticalDatum={vertical}/>\n"

@@ -10,8 +10,7 @@ from ...network.network import Network
 from ...observations import FrameCoordinate, HydrostaticReading
 from ...rotation import log_rotation
 from ...types import Array
-from .lgc2_earth import Earth
-from .lgc2_input import POINTS, Lgc2Input, Node, StatedPoint
+from .lgc2_input import POINT_KEYWORDS, EarthModel, FrameNode, Lgc2Input, StatedPoint
 
 
 class Lgc2Builder:
@@ -21,7 +20,7 @@ class Lgc2Builder:
         """Take what an input says; ``tiny`` is the standard deviation of conditions, metres."""
         self.found = found
         self.tiny = tiny
-        self.earth: Earth = found.earth
+        self.earth: EarthModel = found.earth
         places = [self.place(p) for p in found.points.values()]
         near = np.mean(places, axis=0)
         self.network = Network(found.file.path.stem, frame=self.earth.frame(near))
@@ -48,7 +47,7 @@ class Lgc2Builder:
         r, t = point.node.to(None)
         return np.asarray(r @ point.at + t)
 
-    def _attempt_frame(self, node: Node, outer: Node | None) -> None:
+    def _attempt_frame(self, node: FrameNode, outer: FrameNode | None) -> None:
         line = 0 if node.row is None else node.row.line
         try:
             if outer is not None:
@@ -59,7 +58,7 @@ class Lgc2Builder:
             for p in error.problems:
                 self.found.file.add(line, p.what)
 
-    def _free(self, node: Node, inner: list[Node]) -> None:
+    def _free(self, node: FrameNode, inner: list[FrameNode]) -> None:
         """State a free frame, whose origin is a point, with what is held of its translation."""
         assert node.parent is not None
         r, t = node.parent.to(None)
@@ -76,7 +75,7 @@ class Lgc2Builder:
                 )
         elif 1 < len(turns) < 3:
             node.wrong(f"has two free rotations {turns}; valid: none, one or three")
-        elif turns in (["rx"], ["ry"]) and not _simple(node, turns[0]):
+        elif turns in (["rx"], ["ry"]) and not _turns_about_own_axis(node, turns[0]):
             node.wrong(f"{turns[0]} is free, but is not about its own axis")
         origin = f"{node.name}/origin"
         held = [a for a in "xyz" if f"T{a.upper()}" not in free]
@@ -85,7 +84,9 @@ class Lgc2Builder:
         fixed = "xyz" if len(held) == 3 else "".join(held) if in_root else ""
         self.network.add_point(origin, at.tolist(), fixed=fixed)
         body = inner[0] if inner else node
-        self.network.add_frame(body.name, free=turns, values=angles_of(rotation), origin=origin)
+        self.network.add_frame(
+            body.name, free=turns, values=rotation_components(rotation), origin=origin
+        )
         if held and not fixed:
             value = tuple(float(node.translation["xyz".index(a)]) for a in held)
             sigma = (self.tiny,) * len(held)
@@ -93,15 +94,15 @@ class Lgc2Builder:
             axes = "".join(held)
             self.network.add(FrameCoordinate(name, origin, value, axes=axes, sigma=sigma))
 
-    def held(self, node: Node) -> str:
+    def held(self, node: FrameNode) -> str:
         """Return the name of the held frame with the axes of a node that is fixed to the root."""
         name = f"{node.name} (held)"
         if name not in self.network.frames:
             r, t = node.to(None)
-            self.network.add_frame(name, free=(), values=angles_of(r), origin=t.tolist())
+            self.network.add_frame(name, free=(), values=rotation_components(r), origin=t.tolist())
         return name
 
-    def body(self, node: Node) -> tuple[str, Array, Array, str]:
+    def body(self, node: FrameNode) -> tuple[str, Array, Array, str]:
         """Return frame, rotation and translation into it, and name of the node's body."""
         around = node.body()
         if around is None:
@@ -111,20 +112,20 @@ class Lgc2Builder:
             node.wrong("is fixed to the outer one of two free frames, which is not read")
         return around.name, *node.to(around), around.name
 
-    def mount(self, node: Node) -> tuple[str, str | None]:
+    def mount(self, node: FrameNode) -> tuple[str, str | None]:
         """Return the body of a node, and the mount with the axes of the node on it."""
         frame, r, _, body = self.body(node)
         if not body or np.allclose(r, np.eye(3), atol=1e-15):
             return frame, None
         if node.name not in self.network.mounts:
-            self.network.set_mount(node.name, values=angles_of(r))
+            self.network.set_mount(node.name, values=rotation_components(r))
         return frame, node.name
 
     def _point(self, point: StatedPoint) -> None:
         at = self.place(point)
         fixed_to_root = point.node.body() is None
         keeps_height = point.kind == "VXY" and self.earth.kind != "OLOC"
-        fixed = POINTS[point.kind] if fixed_to_root and not keeps_height else ""
+        fixed = POINT_KEYWORDS[point.kind] if fixed_to_root and not keeps_height else ""
         name = point.row.words[0]
         self.network.add_point(name, at.tolist(), fixed=fixed)
         if keeps_height:
@@ -158,13 +159,13 @@ class Lgc2Builder:
         )
 
 
-def angles_of(rotation: Array) -> dict[str, float]:
+def rotation_components(rotation: Array) -> dict[str, float]:
     """Return a rotation (3, 3) as the vector that frames and mounts have, by name."""
     vector = log_rotation(rotation[None])[0]
     return dict(zip(("rx", "ry", "rz"), vector.tolist(), strict=True))
 
 
-def _simple(node: Node, turn: str) -> bool:
+def _turns_about_own_axis(node: FrameNode, turn: str) -> bool:
     """Return whether a rotation that others follow is about the own axis of the frame."""
     axis = "xyz".index(turn[1])
     return bool(np.isclose(abs(node.rotation[axis, axis]), 1.0, atol=1e-15))

@@ -26,16 +26,21 @@ from ...observations import (
     ZenithAngle,
 )
 from ...units import GON, LENGTH
-from ..collected import LinesOfFile
-from ..left_out import ROWS_SWITCHED_OFF
-from ..text import beginning
+from ..file_problems import ROWS_SWITCHED_OFF, FileLines
+from ..text_files import file_beginning
 
-STATUS = ("#FIX", "#VERT", "#BASC", "#NEW")
+ORIENTATION_STATUS_LINES = ("#FIX", "#VERT", "#BASC", "#NEW")
 """Lines on the orientation of the stations that follow."""
-REFRACTION = 0.12
+MMVII_REFRACTION = 0.12
 """Coefficient of refraction of MMVII in frames with the curvature of the Earth."""
-DISTANCE, HEIGHT, HZ, ZENITH, HZ_OPEN = "3", "4", "5", "6", "7"
-AXES = {"14": "x", "15": "y", "16": "z"}
+DISTANCE_CODE, HEIGHT_CODE, DIRECTION_CODE, ZENITH_CODE, OPEN_DIRECTION_CODE = (
+    "3",
+    "4",
+    "5",
+    "6",
+    "7",
+)
+AXIS_BY_CODE = {"14": "x", "15": "y", "16": "z"}
 """Axes of coordinate differences by code."""
 
 
@@ -79,16 +84,16 @@ def read_mmvii(
             stations.
     """
     source = Path(path)
-    given = Path(points) if points is not None else _beside(source)
+    given = Path(points) if points is not None else _point_files(source)
     if not (isinstance(sigma_mm, int | float) and 0 < sigma_mm < 1e6):
         raise InputError(Problem(f"must be a number > 0, not {sigma_mm!r}", "sigma_mm"))
     network = Network(source.stem, frame=_frame(latitude, longitude))
     if latitude is not None:
-        network.set_refraction(value=REFRACTION, fixed=True)
-    lines = LinesOfFile(given, latin=True)
+        network.set_refraction(value=MMVII_REFRACTION, fixed=True)
+    lines = FileLines(given, latin=True)
     for number, words in _words(lines):
         _point(network, lines, number, words, sigma_mm * LENGTH["mm"], approximate)
-    observed = LinesOfFile(source, latin=True)
+    observed = FileLines(source, latin=True)
     _Observations(network, observed).read()
     problems: list[Problem] = []
     for file in (lines, observed):
@@ -106,11 +111,11 @@ def read_mmvii(
 
 def is_mmvii(path: Path) -> bool:
     """Tell whether observations have a line on the orientation of stations."""
-    head = beginning(path).decode("latin-1")
-    return any(line.strip() in STATUS for line in head.splitlines())
+    head = file_beginning(path).decode("latin-1")
+    return any(line.strip() in ORIENTATION_STATUS_LINES for line in head.splitlines())
 
 
-def _beside(source: Path) -> Path:
+def _point_files(source: Path) -> Path:
     for path in (source.with_name("coords.txt"), source.with_suffix(".cor")):
         if path.is_file():
             return path
@@ -127,14 +132,14 @@ def _frame(latitude: float | None, longitude: float) -> Frame:
     return TopocentricFrame(math.radians(latitude), math.radians(longitude), 0.0, "WGS84")
 
 
-def _words(lines: LinesOfFile) -> list[tuple[int, list[str]]]:
+def _words(lines: FileLines) -> list[tuple[int, list[str]]]:
     found = ((n, line.partition("*")[0].split()) for n, line in lines.numbered())
     return [(n, words) for n, words in found if words]
 
 
 def _point(
     network: Network,
-    lines: LinesOfFile,
+    lines: FileLines,
     number: int,
     words: list[str],
     sigma: float,
@@ -161,7 +166,7 @@ def _point(
 @dataclass
 class _Observations:
     network: Network
-    lines: LinesOfFile
+    lines: FileLines
     status: str = "#VERT"
 
     def __post_init__(self) -> None:
@@ -182,8 +187,8 @@ class _Observations:
                 self._observe(number, words)
 
     def _status(self, number: int, words: list[str]) -> None:
-        if words[0] not in STATUS or len(words) > 1:
-            valid = ", ".join(STATUS)
+        if words[0] not in ORIENTATION_STATUS_LINES or len(words) > 1:
+            valid = ", ".join(ORIENTATION_STATUS_LINES)
             self.lines.add(number, f"{' '.join(words)[:40]!r} is not known; valid: {valid}")
             return
         self.sets.clear()
@@ -195,7 +200,14 @@ class _Observations:
 
     def _observe(self, number: int, words: list[str]) -> None:
         code, station, target = words[:3]
-        if code not in (DISTANCE, HEIGHT, HZ, ZENITH, HZ_OPEN, *AXES):
+        if code not in (
+            DISTANCE_CODE,
+            HEIGHT_CODE,
+            DIRECTION_CODE,
+            ZENITH_CODE,
+            OPEN_DIRECTION_CODE,
+            *AXIS_BY_CODE,
+        ):
             what = f"unknown code {code[:20]!r}; valid: 3, 4, 5, 6, 7, 14, 15, 16"
             self.lines.add(number, what)
             return
@@ -206,7 +218,7 @@ class _Observations:
         if sigma < 0:
             self.lines.leave_out(number, ROWS_SWITCHED_OFF, " ".join(words[:3]))
             return
-        if code in AXES and self.status != "#FIX":
+        if code in AXIS_BY_CODE and self.status != "#FIX":
             what = f"a coordinate difference in the instrument (code {code}) needs #FIX before it"
             self.lines.add(number, what)
             return
@@ -218,7 +230,7 @@ class _Observations:
 
     def _set(self, code: str, station: str) -> None:
         """Begin a set of directions where the code or a new station does."""
-        if code == HZ_OPEN or (code == HZ and station not in self.sets):
+        if code == OPEN_DIRECTION_CODE or (code == DIRECTION_CODE and station not in self.sets):
             self.count[station] = self.count.get(station, 0) + 1
             self.sets[station] = name = str(self.count[station])
             if self.status == "#FIX" and station in self.network.points:
@@ -228,17 +240,17 @@ class _Observations:
         self, code: str, station: str, target: str, value: float, sigma: float, number: int
     ) -> Observation:
         source = self.lines.place(number)
-        if code == DISTANCE:
+        if code == DISTANCE_CODE:
             return SlopeDistance(station, target, value, sigma=sigma, source=source)
-        if code == HEIGHT:
+        if code == HEIGHT_CODE:
             return HeightDifference(station, target, value, sigma=sigma, source=source)
-        if code in AXES:
-            axis = AXES[code]
+        if code in AXIS_BY_CODE:
+            axis = AXIS_BY_CODE[code]
             return CoordinateDifference(
                 station, target, (value,), axes=axis, sigma=sigma, horizon=True, source=source
             )
         angle, s = value * GON, sigma * GON
-        if code == ZENITH:
+        if code == ZENITH_CODE:
             return ZenithAngle(station, target, angle, sigma=s, source=source)
         name = self.sets[station]
         return Direction(station, target, angle, sigma=s, set=name, source=source)

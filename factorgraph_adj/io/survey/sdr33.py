@@ -15,15 +15,14 @@ from pathlib import Path
 from ...errors import known
 from ...network.network import Network
 from ...units import GON
-from ..left_out import DERIVED, ROWS_SWITCHED_OFF
-from ..text import read_text
-from .accuracies import USUAL, Accuracies
-from .book import FieldBook
+from ..file_problems import DERIVED_OBSERVATIONS, ROWS_SWITCHED_OFF
+from ..text_files import read_text
+from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
 
 FEET_US, FEET = 1200.0 / 3937.0, 0.3048
-ANGLES = {"1": math.radians(1.0), "2": GON, "4": math.pi / 3200}
-LENGTHS = {"1": 1.0, "2": FEET, "3": FEET_US}
-HARMLESS = {
+SDR_ANGLES = {"1": math.radians(1.0), "2": GON, "4": math.pi / 3200}
+SDR_LENGTHS = {"1": 1.0, "2": FEET, "3": FEET_US}
+UNREAD_RECORDS = {
     "05": "atmosphere, which is in the distances",
     "06": "scale factor, which raw distances do not have",
     "07": "backsight; its readings stand in records 09",
@@ -32,14 +31,14 @@ HARMLESS = {
     "13": "note",
 }
 """Records that are not read, and why none is needed."""
-HEADER = re.compile(r"00..(SDR\s?\S+).*?([0-9]{6})\s*", re.ASCII)
+SDR_HEADER_PATTERN = re.compile(r"00..(SDR\s?\S+).*?([0-9]{6})\s*", re.ASCII)
 
 
 def read_sdr33(
     path: str | Path,
     *,
     fixed: str | Iterable[str] = (),
-    accuracies: Accuracies = USUAL,
+    accuracies: Accuracies = DEFAULT_ACCURACIES,
 ) -> Network:
     """Read a field book of Sokkia, SDR33 or SDR2x.
 
@@ -112,9 +111,9 @@ class _Reader:
                 "the set is marked bad",
             )
         elif code == "11":
-            notes.leave_out(line, DERIVED, "11")
-        elif code not in HARMLESS:
-            valid = known(["00", "01", "02", "03", "04", "08", "09", *HARMLESS], most=20)
+            notes.leave_out(line, DERIVED_OBSERVATIONS, "11")
+        elif code not in UNREAD_RECORDS:
+            valid = known(["00", "01", "02", "03", "04", "08", "09", *UNREAD_RECORDS], most=20)
             notes.add(line, f"record {text[:4]!r} is not known; valid: {valid}")
 
     def _fields(self, line: int, text: str, form: str) -> list[str]:
@@ -133,7 +132,7 @@ class _Reader:
         return self.book.notes.finite(line, text, what, scale) if text else None
 
     def _header(self, line: int, text: str) -> None:
-        notes, match = self.book.notes, HEADER.fullmatch(text)
+        notes, match = self.book.notes, SDR_HEADER_PATTERN.fullmatch(text)
         self.header = True
         if match is None or not match[1].replace(" ", "").startswith(("SDR33", "SDR2")):
             what = "the header must be 00, a code, SDR33 or SDR2x and six options, such as "
@@ -142,9 +141,9 @@ class _Reader:
         if match[1].replace(" ", "").startswith("SDR2"):
             self.name, self.real = 4, 10
         angle, length, _, _, order, sense = list(match[2])
-        if angle not in ANGLES:
+        if angle not in SDR_ANGLES:
             notes.add(line, f"option 1, angles, is {angle}; valid: 1 degrees, 2 gon, 4 mil")
-        if length not in LENGTHS:
+        if length not in SDR_LENGTHS:
             notes.add(line, f"option 2, distances, is {length}; valid: 1 metres, 2 feet, 3 US feet")
         if order not in "123":
             notes.add(
@@ -152,7 +151,7 @@ class _Reader:
             )
         if sense != "1":
             notes.add(line, f"option 6, angles, is {sense}; valid: 1, clockwise")
-        self.angle, self.length = ANGLES.get(angle, GON), LENGTHS.get(length, 1.0)
+        self.angle, self.length = SDR_ANGLES.get(angle, GON), SDR_LENGTHS.get(length, 1.0)
         self.east_first = order in "23"
 
     def _instrument(self, line: int, text: str) -> None:
@@ -185,7 +184,7 @@ class _Reader:
         notes, book = self.book.notes, self.book
         code = text[2:4]
         if code == "MC":
-            notes.leave_out(line, DERIVED, "MC")
+            notes.leave_out(line, DERIVED_OBSERVATIONS, "MC")
             return
         if code not in ("F1", "F2", "MD"):
             notes.add(line, f"observation 09{code}; valid: F1, F2, MD and MC, which is derived")

@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from ...crs.system import ReferenceSystem
+from ...crs.reference_system import ReferenceSystem
 from ...errors import InputError, Problem, known
 from ...frames import LocalFrame
-from ...network.grid.move import Azimuths, Distances
+from ...network.grid.transformation import Azimuths, Distances
 from ...network.network import Network
 from ...observations import (
     Azimuth,
@@ -26,25 +26,43 @@ from ...observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from ..text import read_text
-from .notes import Notes
-from .star_net_gps import StarNetVectors
-from .star_net_grid import grid_system, horizons, lines_of, moved, to_grid
-from .star_net_lines import ANGLED, DATA_OFF, NO_HEIGHTS, NO_VALUE, PLAIN, Sigma, Values, inline
-from .star_net_options import CHOICES, StarNetOptions, star_net_options
-from .star_net_points import StarNetPoints
-from .star_net_side_shots import SideShot, placed_side_shots
-from .star_net_traverse import StarNetTraverse
+from ..file_problems import SurveyProblems
+from ..text_files import read_text
+from .star_net_lines import (
+    ANGLE_DATA_TYPES,
+    HEIGHTS_IN_2D,
+    LINES_BEHIND_DATA_OFF,
+    SIMPLE_DATA_TYPES,
+    VALUES_MISSING,
+    Sigma,
+    StarNetValues,
+    apply_inline_option,
+)
+from .star_net_network import (
+    problems_with_point_lines,
+    set_grid_coordinates,
+    star_net_grid_system,
+    station_horizons,
+    topocentric_network,
+)
+from .star_net_options import SETTING_CHOICES, StarNetOptions, star_net_options
+from .star_net_points import (
+    SideShot,
+    StarNetPoints,
+    StarNetTraverse,
+    StarNetVectors,
+    placed_side_shots,
+)
 
-NOT_BUILT = {
+REFUSED_DATA_TYPES = {
     "G": "give G1 to G3",
     "GT": "geoid heights and deflections: use geoid=",
     "GH": "geoid heights and deflections: use geoid=",
 }
 """Data types of STAR*NET that the reader refuses, and why."""
-ON_EARTH = ("CH", "EH", "P", "PH", "G0", "G1", "G2", "G3")
+GRID_DATA_TYPES = ("CH", "EH", "P", "PH", "G0", "G1", "G2", "G3")
 """Data types that need the reference system of a project in a grid."""
-CODES = ("C", "E", *PLAIN, "L", "DB", "DE", "TB", "TE", *ON_EARTH)
+DATA_TYPES = ("C", "E", *SIMPLE_DATA_TYPES, "L", "DB", "DE", "TB", "TE", *GRID_DATA_TYPES)
 
 
 def read_star_net(
@@ -100,13 +118,13 @@ def read_star_net(
     source = Path(path)
     settings = star_net_options(options)
     if settings.adjustment is None:
-        missing = known([n for n in CHOICES if getattr(settings, n) is None], most=10)
+        missing = known([n for n in SETTING_CHOICES if getattr(settings, n) is None], most=10)
         what = (
             f"needs the settings of its project, which data files do not have: {missing}, and the "
             "default standard errors that its lines use; state them in options"
         )
         raise InputError(Problem(what, source.name))
-    system = None if crs is None else grid_system(crs, geoid)
+    system = None if crs is None else star_net_grid_system(crs, geoid)
     if system is None and geoid is not None:
         raise InputError(
             Problem("geoid= belongs to the reference system of a grid: crs=", str(path))
@@ -129,8 +147,8 @@ class _Reader:
     def __init__(self, path: Path, options: StarNetOptions, system: ReferenceSystem | None) -> None:
         self.path = path
         self.system = system
-        self.notes = Notes(path)
-        self.values = Values(self.notes, options)
+        self.notes = SurveyProblems(path)
+        self.values = StarNetValues(self.notes, options)
         self.points = StarNetPoints(self.values)
         self.vectors = StarNetVectors(self.notes)
         self.observations: list[Observation] = []
@@ -152,24 +170,25 @@ class _Reader:
         if not words:
             return
         if words[0].startswith("."):
-            option = inline(self.values, line, words)
+            option = apply_inline_option(self.values, line, words)
             if option == "GPS" and self.reading:
                 self.vectors.option(line, words[1:])
             if option == "DATA":
                 self.reading = [w.upper() for w in words[1:]] != ["OFF"]
             return
         if not self.reading:
-            self.notes.leave_out(line, DATA_OFF, " ".join(words[:2]))
+            self.notes.leave_out(line, LINES_BEHIND_DATA_OFF, " ".join(words[:2]))
             return
         code, rest = words[0].upper(), words[1:]
-        if code in NOT_BUILT:
-            self.notes.add(line, f"data type {code} is not built: {NOT_BUILT[code]}")
-        elif code not in CODES:
+        if code in REFUSED_DATA_TYPES:
+            self.notes.add(line, f"data type {code} is not built: {REFUSED_DATA_TYPES[code]}")
+        elif code not in DATA_TYPES:
             self.notes.add(
                 line,
-                f"unknown data type {words[0][:20]!r}; valid: " + known(CODES, meant=code, most=30),
+                f"unknown data type {words[0][:20]!r}; valid: "
+                + known(DATA_TYPES, meant=code, most=30),
             )
-        elif code in ON_EARTH and self.system is None:
+        elif code in GRID_DATA_TYPES and self.system is None:
             what = f"data type {code} needs the reference system of the grid: crs= and geoid="
             self.notes.add(line, what)
         elif code in ("C", "E", "CH", "EH"):
@@ -188,7 +207,7 @@ class _Reader:
         elif code in ("TB", "T", "TE"):
             self.traverse.read(line, code, rest)
         else:
-            count = 3 if code in ANGLED else 2
+            count = 3 if code in ANGLE_DATA_TYPES else 2
             names = self._names(line, code, rest, count)
             if names and code == "SS":
                 self._side_shot(line, names, rest[1:])
@@ -233,7 +252,7 @@ class _Reader:
                 )
             return
         if self.values.options.adjustment == "2D":
-            self.notes.leave_out(line, NO_HEIGHTS, "-".join(names))
+            self.notes.leave_out(line, HEIGHTS_IN_2D, "-".join(names))
             return
         value = self.values.length(line, rest[0], "L difference")
         size = None
@@ -279,7 +298,7 @@ class _Reader:
         azimuth: float | None = None,
     ) -> None:
         """Observe what a line has: its values, standard errors and heights."""
-        kinds = list(PLAIN[code])
+        kinds = list(SIMPLE_DATA_TYPES[code])
         project = self.values.options.adjustment
         flat = self.values.now.dimension == "2D"
         if flat and "vertical" in kinds:
@@ -304,7 +323,7 @@ class _Reader:
         reverse = self._in_reverse(line, given)
         for kind, (text, error) in given.items():
             if text == "?":
-                self.notes.leave_out(line, NO_VALUE, f"{kind} {'-'.join(names)}")
+                self.notes.leave_out(line, VALUES_MISSING, f"{kind} {'-'.join(names)}")
                 continue
             if kind in ("angle", "direction", "bearing"):
                 self._horizontal(line, kind, names, text, error, azimuth, reverse)
@@ -313,7 +332,7 @@ class _Reader:
             elif project != "2D":
                 self._vertical(line, ends, given, heights)
             elif "distance" not in given:
-                self.notes.leave_out(line, NO_HEIGHTS, "-".join(names))
+                self.notes.leave_out(line, HEIGHTS_IN_2D, "-".join(names))
 
     def _side_shot(self, line: int, names: list[str], words: list[str]) -> None:
         """Keep the observations of an SS line, and its target, apart from those of the network."""
@@ -453,7 +472,7 @@ class _Reader:
         self.observations = others + placed_side_shots(self.side_shots, self.points, others)
         self.vectors.check()
         if self.system is not None and not self.notes:
-            to_grid(self.points, self.system, self.notes)
+            set_grid_coordinates(self.points, self.system, self.notes)
             if adjustment == "2D":
                 self.values.demand(1, "elevation_of_project")
         self.values.note_missing()
@@ -479,11 +498,13 @@ class _Reader:
         network = self._plain(adjustment, LocalFrame())
         for group, coefficient in self.refractions.items():
             network.set_refraction(group, value=2.0 * coefficient, fixed=True)
-        with lines_of(self.points, self.notes):
-            vectors = self.vectors.observations(lambda names: horizons(network, system, names))
+        with problems_with_point_lines(self.points, self.notes):
+            vectors = self.vectors.observations(
+                lambda names: station_horizons(network, system, names)
+            )
         self.notes.raise_all()
         self._observe_in(network, [*self.observations, *vectors])
-        return moved(network, system, self.points, self.notes, **options)
+        return topocentric_network(network, system, self.points, self.notes, **options)
 
     def _plain(self, adjustment: str, frame: LocalFrame) -> Network:
         held = self.points.anything_held(adjustment)

@@ -10,15 +10,20 @@ from typing import Any
 from ...errors import known
 from ...stochastic import StandardDeviation
 from ...units import ARCSEC, GON
-from ..left_out import Reason
-from .notes import NUMBER, Notes
-from .star_net_options import CHOICES, KILOMETRE, LINEAR, MILE, StarNetOptions
+from ..file_problems import SURVEY_NUMBER_PATTERN, LeftOutReason, SurveyProblems
+from .star_net_options import (
+    KILOMETRE_METRES,
+    MILE_FEET,
+    SETTING_CHOICES,
+    STAR_NET_LINEAR_UNITS,
+    StarNetOptions,
+)
 
-HELD_ANGLE, HELD_LENGTH = 0.01 * ARCSEC, 1e-5
+HELD_ANGLE_SIGMA_RAD, HELD_LENGTH_SIGMA_M = 0.01 * ARCSEC, 1e-5
 """σ of an observation that is fixed by ``!``: 0.01″ and 0.01 mm."""
-FREE = 1e4
+FREE_SIGMA_FACTOR = 1e4
 """Factor of the default σ of an observation that is free by ``*``: it has no influence."""
-PLAIN = {
+SIMPLE_DATA_TYPES = {
     "A": ("angle",),
     "D": ("distance",),
     "V": ("vertical",),
@@ -32,14 +37,14 @@ PLAIN = {
     "T": ("angle", "distance", "vertical"),
 }
 """Observations of the data types, in their order on a line."""
-ANGLED = ("A", "M", "SS")
+ANGLE_DATA_TYPES = ("A", "M", "SS")
 """Data types whose stations are at, from and to."""
-DMS = re.compile(r"([+-]?)(\d+)-(\d+)(?:-(\d+(?:\.\d*)?))?", re.ASCII)
-BEARING = re.compile(r"([NSns])(.+)([EWew])", re.ASCII)
+DMS_PATTERN = re.compile(r"([+-]?)(\d+)-(\d+)(?:-(\d+(?:\.\d*)?))?", re.ASCII)
+BEARING_PATTERN = re.compile(r"([NSns])(.+)([EWew])", re.ASCII)
 Sigma = float | StandardDeviation
-DATA_OFF = Reason("lines", "they stand behind .DATA OFF")
-NO_HEIGHTS = Reason("observations", "a 2D project has no heights")
-NO_VALUE = Reason("values", "the file has ? in their place")
+LINES_BEHIND_DATA_OFF = LeftOutReason("lines", "they stand behind .DATA OFF")
+HEIGHTS_IN_2D = LeftOutReason("observations", "a 2D project has no heights")
+VALUES_MISSING = LeftOutReason("values", "the file has ? in their place")
 
 
 @dataclass
@@ -61,10 +66,10 @@ class Conventions:
     """Sign of longitudes."""
 
 
-class Values:
+class StarNetValues:
     """Values of lines in the conventions in force, SI units."""
 
-    def __init__(self, notes: Notes, options: StarNetOptions) -> None:
+    def __init__(self, notes: SurveyProblems, options: StarNetOptions) -> None:
         """Start with the conventions of the project."""
         self.notes = notes
         self.stated = options
@@ -108,7 +113,7 @@ class Values:
         """Note the settings that lines need and nothing states."""
         for name, line in self.missing.items():
             what = f"needs the setting {name!r} of the project, which data files do not have"
-            words = " or ".join(repr(word) for word in CHOICES.get(name, ()))
+            words = " or ".join(repr(word) for word in SETTING_CHOICES.get(name, ()))
             self.notes.add(line, f"{what}: state it in options{words and f', {words}'}")
 
     # -- values ---------------------------------------------------------------------------------
@@ -116,7 +121,7 @@ class Values:
     @property
     def metres(self) -> float:
         """Metres of the linear unit in force; 1 while it is not stated."""
-        return LINEAR[(self.now.linear or "Meters").lower()] * self.now.multiplier
+        return STAR_NET_LINEAR_UNITS[(self.now.linear or "Meters").lower()] * self.now.multiplier
 
     def length(self, line: int, text: str, what: str) -> float:
         """Return a length, metres."""
@@ -132,10 +137,10 @@ class Values:
 
     def degrees(self, line: int, text: str, what: str) -> float:
         """Return an angle, radians: degrees-minutes-seconds or packed D.MMSSsss in every unit."""
-        match = DMS.fullmatch(text)
+        match = DMS_PATTERN.fullmatch(text)
         if match is not None:
             sign, degrees, minutes, seconds = match[1], *(float(g or 0) for g in match.groups()[1:])
-        elif NUMBER.fullmatch(text) and "e" not in text.lower():
+        elif SURVEY_NUMBER_PATTERN.fullmatch(text) and "e" not in text.lower():
             sign, whole = "-" * text.startswith("-"), text.lstrip("+-")
             head, _, tail = whole.partition(".")
             tail = tail.ljust(4, "0")
@@ -157,7 +162,7 @@ class Values:
 
     def bearing(self, line: int, text: str, what: str) -> float:
         """Return an azimuth, radians, of a bearing such as N34-23-45E or an azimuth."""
-        match = BEARING.fullmatch(text)
+        match = BEARING_PATTERN.fullmatch(text)
         if match is None:
             return self.angle(line, text, what) % (2 * math.pi)
         inner = self.angle(line, match[2], what)
@@ -178,12 +183,12 @@ class Values:
         entered = text not in (None, "&", "*", "!")
         angular = kind in ("angle", "direction", "azimuth", "zenith")
         if text == "!":
-            return HELD_ANGLE if angular else HELD_LENGTH
+            return HELD_ANGLE_SIGMA_RAD if angular else HELD_LENGTH_SIGMA_M
         if entered:
             scale = self._angular_error(line) if angular else self.metres
             value = self.notes.finite(line, text or "", f"standard error of the {kind}", scale)
             if value == 0:
-                return HELD_ANGLE if angular else HELD_LENGTH
+                return HELD_ANGLE_SIGMA_RAD if angular else HELD_LENGTH_SIGMA_M
             if not value > 0:
                 if value < 0:
                     self.notes.add(line, f"standard error of the {kind} must be > 0, not {text}")
@@ -192,7 +197,11 @@ class Values:
         out = self._default(line, kind, angular, distance)
         if text != "*":
             return out
-        return out.scaled(FREE) if isinstance(out, StandardDeviation) else out * FREE
+        return (
+            out.scaled(FREE_SIGMA_FACTOR)
+            if isinstance(out, StandardDeviation)
+            else out * FREE_SIGMA_FACTOR
+        )
 
     def level_sigma(self, line: int, text: str | None, size: float | None) -> tuple[Sigma, float]:
         """Return σ of a levelled difference, and the length of its line, km; NaN: unknown."""
@@ -202,7 +211,7 @@ class Values:
             length = math.nan if size is None or by == "turns" else size * self.metres / 1000.0
             return self.sigma(line, text, "level"), length
         one = self.demand(line, "level") * metres
-        factor = FREE if text == "*" else 1.0
+        factor = FREE_SIGMA_FACTOR if text == "*" else 1.0
         if size is None:
             self.notes.add(
                 line, "L needs the length of the line or its number of turns, or a standard error"
@@ -211,7 +220,7 @@ class Values:
         if self.word(line, "weight_levels_by", by) == "turns":
             return factor * one * math.sqrt(size), math.nan
         length = size * self.metres
-        unit = (KILOMETRE if metres == 1.0 else MILE) * metres
+        unit = (KILOMETRE_METRES if metres == 1.0 else MILE_FEET) * metres
         return factor * one * math.sqrt(length / unit), length / 1000.0
 
     def _angular_error(self, line: int) -> float:
@@ -257,29 +266,31 @@ class Values:
         return StandardDeviation(constant, ppm, 0.0, ci, ct)
 
 
-def inline(values: Values, line: int, words: list[str]) -> str | None:
+def apply_inline_option(values: StarNetValues, line: int, words: list[str]) -> str | None:
     """Apply an inline option; return its full name, or None if it is refused.
 
     Options may be abbreviated as far as they differ from others.
     """
     name = words[0][1:].upper()
-    found = [o for o in (*APPLIED, *HARMLESS, *REFUSED) if o == name] or [
-        o for o in (*APPLIED, *HARMLESS, *REFUSED) if name and o.startswith(name)
+    found = [o for o in (*APPLIED_OPTIONS, *PRINTING_OPTIONS, *REFUSED_OPTIONS) if o == name] or [
+        o
+        for o in (*APPLIED_OPTIONS, *PRINTING_OPTIONS, *REFUSED_OPTIONS)
+        if name and o.startswith(name)
     ]
     if len(found) != 1:
-        valid = known((*APPLIED, *HARMLESS), meant=name, most=40)
+        valid = known((*APPLIED_OPTIONS, *PRINTING_OPTIONS), meant=name, most=40)
         values.notes.add(line, f"inline option {words[0]!r} is unknown; valid: {valid}")
         return None
     option, rest = found[0], [w.upper() for w in words[1:]]
-    if option in REFUSED:
-        values.notes.add(line, f"inline option .{option} is not built: {REFUSED[option]}")
+    if option in REFUSED_OPTIONS:
+        values.notes.add(line, f"inline option .{option} is not built: {REFUSED_OPTIONS[option]}")
         return None
-    if option in APPLIED:
-        _apply(values, line, option, rest, words[1:])
+    if option in APPLIED_OPTIONS:
+        _apply_option(values, line, option, rest, words[1:])
     return option
 
 
-APPLIED = (
+APPLIED_OPTIONS = (
     "UNITS",
     "ORDER",
     "DELTA",
@@ -296,9 +307,9 @@ APPLIED = (
     "GPS",
 )
 """Inline options that change what is read."""
-HARMLESS = ("LOSTSTATIONS", "PTOLERANCE", "ELLIPSE", "RELATIVE")
+PRINTING_OPTIONS = ("LOSTSTATIONS", "PTOLERANCE", "ELLIPSE", "RELATIVE")
 """Inline options that change only what STAR*NET prints."""
-REFUSED = {
+REFUSED_OPTIONS = {
     "INCLUDE": "put the lines of the other file here",
     "GRID": "what bearings and distances are holds for the whole file: azimuths= and "
     "horizontal_distances=",
@@ -314,7 +325,9 @@ REFUSED = {
 """Inline options that are not built, and why."""
 
 
-def _apply(values: Values, line: int, option: str, rest: list[str], given: list[str]) -> None:
+def _apply_option(
+    values: StarNetValues, line: int, option: str, rest: list[str], given: list[str]
+) -> None:
     now, project = values.now, values.project()
     if option in ("2D", "3D"):
         now.dimension = option
@@ -322,10 +335,10 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
         if not rest:
             now.linear, now.angular = project.linear, project.angular
         for word, said in zip(rest, given, strict=True):
-            linear = [n for n in LINEAR if n.upper() == word] or [
-                n for n in LINEAR if n.upper().startswith(word)
+            linear = [n for n in STAR_NET_LINEAR_UNITS if n.upper() == word] or [
+                n for n in STAR_NET_LINEAR_UNITS if n.upper().startswith(word)
             ]
-            if len({LINEAR[n] for n in linear}) > 1:
+            if len({STAR_NET_LINEAR_UNITS[n] for n in linear}) > 1:
                 linear = []
             if word in ("DMS", "GONS"):
                 now.angular = word
@@ -363,7 +376,7 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
         number = values.notes.finite(line, given[0], ".REFRACTION") if given else math.nan
         now.refraction = number if given else project.refraction
     elif option == "INSTRUMENT":
-        _instrument(values, line, given)
+        _apply_instrument(values, line, given)
     elif option == "LONGITUDE":
         said = "".join(rest)
         signs = {"": project.longitude, "POS": "west positive", "NEG": "east positive"}
@@ -376,7 +389,7 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
             values.options = replace(values.options, level=level)
 
 
-def _instrument(values: Values, line: int, given: list[str]) -> None:
+def _apply_instrument(values: StarNetValues, line: int, given: list[str]) -> None:
     """Apply the standard errors of an instrument; without a name those of the project."""
     level = values.options.level  # .LWEIGHT holds on
     library = {str(n).upper(): errors for n, errors in values.stated.instruments.items()}

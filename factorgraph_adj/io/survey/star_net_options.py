@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem, known
-from ..toml_places import read_toml
+from ..text_files import read_toml
 
 FEET_US, FEET = 1200.0 / 3937.0, 0.3048
-LINEAR = {
+STAR_NET_LINEAR_UNITS = {
     "meters": 1.0,
     "feetus": FEET_US,
     "feetint": FEET,
@@ -24,9 +24,9 @@ LINEAR = {
     "feet": FEET,
 }
 """Metres of the linear units; ``Feet`` is the international foot."""
-MILE, KILOMETRE = 5280.0, 1000.0
+MILE_FEET, KILOMETRE_METRES = 5280.0, 1000.0
 """Linear units in the unit of level lines: miles of feet, kilometres of metres."""
-CHOICES: dict[str, tuple[str, ...]] = {
+SETTING_CHOICES: dict[str, tuple[str, ...]] = {
     "adjustment": ("2D", "3D", "LEV"),
     "linear": ("Meters", "FeetUS", "FeetInt"),
     "angular": ("DMS", "GONS"),
@@ -108,12 +108,12 @@ class StarNetOptions:
             if f.name == "instruments":
                 problems += _instruments(value)
                 continue
-            if f.name in CHOICES:
-                match = [c for c in CHOICES[f.name] if c.lower() == str(value).lower()]
+            if f.name in SETTING_CHOICES:
+                match = [c for c in SETTING_CHOICES[f.name] if c.lower() == str(value).lower()]
                 if match:
                     object.__setattr__(self, f.name, match[0])
                 else:
-                    valid = known(CHOICES[f.name], meant=str(value))
+                    valid = known(SETTING_CHOICES[f.name], meant=str(value))
                     problems.append(Problem(f"{f.name} must be one of {valid}, not {value!r}"))
                 continue
             least = -1e5 if f.name == "elevation_of_project" else 0
@@ -128,10 +128,10 @@ class StarNetOptions:
     @property
     def metres(self) -> float:
         """Metres of the linear unit; 1 while it is not stated."""
-        return LINEAR[(self.linear or "Meters").lower()]
+        return STAR_NET_LINEAR_UNITS[(self.linear or "Meters").lower()]
 
 
-ERRORS = (
+INSTRUMENT_SETTINGS = (
     *("angle", "direction", "azimuth", "zenith", "distance", "distance_ppm", "elevation"),
     *("elevation_ppm", "centring_instrument", "centring_target", "centring_vertical"),
 )
@@ -148,8 +148,8 @@ def _instruments(given: Any) -> list[Problem]:
             problems.append(Problem(f"instrument {name!r} must be a table of standard errors"))
             continue
         for key, value in errors.items():
-            if key not in ERRORS:
-                valid = known(ERRORS, meant=str(key), most=20)
+            if key not in INSTRUMENT_SETTINGS:
+                valid = known(INSTRUMENT_SETTINGS, meant=str(key), most=20)
                 what = f"instrument {name!r} has an unknown setting {key!r}; valid: {valid}"
                 problems.append(Problem(what))
             elif not (isinstance(value, int | float) and not isinstance(value, bool)) or not (
@@ -177,11 +177,11 @@ def star_net_options(
     if isinstance(given, str | Path):
         stated, places = read_toml(Path(given))
         with places.placing():
-            return _checked(stated, places.name)
-    return _checked(given, "options")
+            return _checked_settings(stated, places.name)
+    return _checked_settings(given, "options")
 
 
-def _checked(given: Mapping[str, Any], where: str) -> StarNetOptions:
+def _checked_settings(given: Mapping[str, Any], where: str) -> StarNetOptions:
     """Return settings; ``where`` is told with what is wrong."""
     valid = [f.name for f in fields(StarNetOptions)]
     problems = [

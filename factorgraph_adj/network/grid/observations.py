@@ -17,11 +17,17 @@ import numpy as np
 
 from ...errors import InputError, Problem
 from ...observations import Observation
-from ...observations.airborne import NavigationAttitude, PhotoAngle, PhotoAttitude
-from ...observations.far_directions import GyroAzimuth, PhotoSight
+from ...observations.airborne import (
+    GyroAzimuth,
+    NavigationAttitude,
+    PhotoAngle,
+    PhotoAttitude,
+    PhotoSight,
+)
 from ...observations.offsets import HydrostaticReading
 from ...observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from ...observations.relations import CoordinateDifference, PointDirection
+from ...observations.surface_heights import LevelHeight, ProfileHeight
 from ...observations.terrestrial import (
     AstronomicLatitude,
     AstronomicLongitude,
@@ -29,11 +35,10 @@ from ...observations.terrestrial import (
     HeightDifference,
     HorizontalDistance,
 )
-from ...observations.vertical import LevelHeight, ProfileHeight
 from ...rotation import angles_by_rotation, omega_phi_kappa, world_R_camera
 from ...types import Array
-from .control import Known, observed
-from .move import GridMove, Moved, no_place
+from .transformation import GridMove, Moved, no_place
+from .unknowns import Known, observed
 
 Converted = tuple[list[Observation], Array]
 """Observations, and the matrix from errors of the components to errors of theirs."""

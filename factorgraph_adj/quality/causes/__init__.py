@@ -1,1 +1,1 @@
-"""Causes of misfits: hypotheses of one or a few columns, tested like observations."""
+"""Causes of misfits: errors of one or a few columns, tested like observations."""

@@ -1,11 +1,11 @@
-"""Mistakes that bend a block of photos beyond its linear model, each tested by adjusting anew.
+"""Mistakes that bend a block of photos beyond its linear model.
 
 Two image points of a photo with each other's names, a control point with the coordinates of
 another or with a height of the wrong sign, a principal distance in another unit: the adjustment of
 such a block ends far from the truth, where what was given of the camera seems to explain most. So
 the block is adjusted again from its approximate values, once for each mistake as if it had not been
 made: with the names exchanged, without the coordinates of the point, with the principal distance
-unknown. What was wrong is that with which nearly everything fits. Mistakes after which everything
+unknown. The mistake is that without which nearly everything fits. Mistakes without which everything
 fits as well are named together.
 
 Which image points may have other names is known before any adjustment: they do not agree with the
@@ -20,47 +20,47 @@ from itertools import combinations
 
 import numpy as np
 
-from ...block_orientation.begin import begun_anew
 from ...errors import AdjustmentError
 from ...graph.equations import Equations
+from ...graph.observation_selection import without
 from ...graph.variables import State
 from ...network.network import Network
-from ...network.selection import without
-from ...solve.batch import adjust
+from ...solve.adjustment import adjust
 from ...solve.solution import Solution
-from ...solve.start import Start
+from ...start.choice_of_start import image_start
+from ...start.start_values import Start
+from ...statistical_tests import normal_quantile
 from ...types import Array
 from ...units import significant
-from ..distributions import normal_quantile
 from .evidence import VarianceFactor
-from .image_names import (
-    IMAGE_NAMES,
-    exchanged_in_photos,
-    image_blocks,
-    misfits,
-    with_exchanged,
+from .exchanged_images import (
+    EXCHANGED_IMAGE_POINTS,
+    blocks_of_images,
+    image_misfits,
+    image_point_exchanges,
+    with_exchanged_names,
 )
-from .matches import Match
-from .separable import SAME
+from .mistaken_identity import MistakenIdentity
+from .separability import MIN_T2_DIFFERENCE
 
-BENT = 100.0
+BENT_TEST_VALUE = 100.0
 """Test value of a row beyond which a block may be bent."""
-MOST_RAYS = 5000
+MAX_RAYS_OF_BENT_BLOCK = 5000
 """Largest number of image points of a block that is adjusted for every mistake."""
-MOST_ITERATIONS = 15
+MAX_MISTAKE_ITERATIONS = 15
 """Largest number of iterations of an adjustment: without the mistake it is near its minimum."""
-FIT = 0.95
+MIN_FIT_WITHOUT_MISTAKE = 0.95
 """Smallest share of all rows that fit without the mistake; the others may be gross errors."""
-LESS = 0.01
+MAX_VTPV_SHARE = 0.01
 """Largest part of vᵀPv that a mistake leaves."""
-MOST_POINTS = 6
+MAX_TRIED_CONTROL_POINTS = 6
 """Largest number of control points that are tried, those whose rays misfit most."""
-MOST_FIT = 0.7
+MAX_FIT_OF_BENT_BLOCK = 0.7
 """Share of the rows that fit from which on a block is not bent as a whole: then control and cameras
 are left to linear tests."""
-DIGITS = 5
+C_DIGITS = 5
 """Digits of a principal distance."""
-MIRRORED = 10.0
+MAX_SIGN_MISFIT_SIGMAS = 10.0
 """Largest distance of a coordinate from that with the other sign, in standard deviations."""
 
 
@@ -99,7 +99,7 @@ class _Fitting:
 class BlockMistake:
     """A mistake without which nearly everything in a block fits."""
 
-    match: Match
+    match: MistakenIdentity
     """What is to be said of it."""
     solution: Solution
     """The adjustment without it."""
@@ -118,16 +118,16 @@ def block_mistakes(
         estimated: whether σ0 is estimated; otherwise it is 1.
     """
     equations = solution.equations
-    if solution.n_extra or not 0 < equations.n_rays <= MOST_RAYS:
+    if solution.n_extra or not 0 < equations.n_rays <= MAX_RAYS_OF_BENT_BLOCK:
         return ()
     v = np.abs(np.nan_to_num(equations.residuals(solution.state)))
     unit = float(np.median(v)) if estimated else 1.0
-    if not np.max(v, initial=0.0) > BENT * unit:
+    if not np.max(v, initial=0.0) > BENT_TEST_VALUE * unit:
         return ()
-    begin = begun_anew(solution.network, None)
+    begin = image_start(solution.network, None)
     state = solution.start if begin is None else begin.state
     critical = unit * normal_quantile(1.0 - 0.5 * alpha)
-    bent = float(np.mean(v <= critical)) < MOST_FIT
+    bent = float(np.mean(v <= critical)) < MAX_FIT_OF_BENT_BLOCK
     off = _rays_off(equations, state)
     for every in (
         _image_names(equations, state),
@@ -158,26 +158,30 @@ def _without(
         found = adjust(
             mistake.network,
             datum="given" if solution.datum is None else "free",
-            max_iterations=MOST_ITERATIONS,
+            max_iterations=MAX_MISTAKE_ITERATIONS,
         )
     except AdjustmentError:
         return None
-    if not found.converged or not found.vtpv < LESS * solution.vtpv:
+    if not found.converged or not found.vtpv < MAX_VTPV_SHARE * solution.vtpv:
         return None
     squares = np.square(found.equations.residuals(found.state))
     critical = VarianceFactor.left_by(found, estimated=estimated).limit(1, alpha)
-    return _Fitting(mistake, found) if np.mean(squares <= critical) >= FIT else None
+    return (
+        _Fitting(mistake, found)
+        if np.mean(squares <= critical) >= MIN_FIT_WITHOUT_MISTAKE
+        else None
+    )
 
 
 def _found(fitting: list[_Fitting], before: float) -> Iterator[BlockMistake]:
     """Iterate over the places of the mistake that explains most; others as good go with it."""
     best = min(fitting, key=lambda f: f.solution.vtpv)
     after, mistake = best.solution.vtpv, best.mistake
-    others = [f for f in fitting if f is not best and f.solution.vtpv < after + SAME]
+    others = [f for f in fitting if f is not best and f.solution.vtpv < after + MIN_T2_DIFFERENCE]
     same = tuple(f"{f.named} {place}" for f in others for place in f.mistake.places)
     more = "" if mistake.fitting is None else mistake.fitting(best.solution)
     for place, ids in zip(mistake.places, mistake.ids, strict=True):
-        match = Match(best.named, place + more, ids, before, after, same=same)
+        match = MistakenIdentity(best.named, place + more, ids, before, after, same=same)
         yield BlockMistake(match, best.solution, ids if mistake.aside else ())
 
 
@@ -186,18 +190,18 @@ def _found(fitting: list[_Fitting], before: float) -> Iterator[BlockMistake]:
 
 def _image_names(equations: Equations, state: State) -> Iterator[_Mistake]:
     """Iterate over all image points that lie where others are computed, exchanged together."""
-    found = tuple(exchanged_in_photos(equations, state, lambda off: off > BENT))
+    found = tuple(image_point_exchanges(equations, state, lambda off: off > BENT_TEST_VALUE))
     if found:
-        network = with_exchanged(equations.network, found)
+        network = with_exchanged_names(equations.network, found)
         ids = tuple(e.ids for e in found)
-        yield _Mistake(IMAGE_NAMES, tuple(map(str, found)), network, ids, aside=True)
+        yield _Mistake(EXCHANGED_IMAGE_POINTS, tuple(map(str, found)), network, ids, aside=True)
 
 
 def _rays_off(equations: Equations, state: State) -> Array:
     """Return the largest misfit of the rays of each point in a state, (n,)."""
     out = np.zeros(len(equations.unknowns["point"].names))
-    for block in image_blocks(equations):
-        np.maximum.at(out, dict(block.variables)["point"], misfits(equations, block, state))
+    for block in blocks_of_images(equations):
+        np.maximum.at(out, dict(block.variables)["point"], image_misfits(equations, block, state))
     return out
 
 
@@ -209,14 +213,14 @@ def _control_points(equations: Equations, off: Array) -> list[str]:
     table = equations.unknowns["point"]
     given = (~table.free | np.isfinite(table.sigma)).any(axis=1) & (off > 0.0)
     order = np.argsort(-off, kind="stable")
-    return [table.names[p] for p in order.tolist() if given[p]][:MOST_POINTS]
+    return [table.names[p] for p in order.tolist() if given[p]][:MAX_TRIED_CONTROL_POINTS]
 
 
 def _rays_to(equations: Equations, points: Iterable[str]) -> tuple[str, ...]:
     numbers = [equations.unknowns["point"].number[p] for p in points]
     return tuple(
         block.ids[int(i)]
-        for block in image_blocks(equations)
+        for block in blocks_of_images(equations)
         for i in np.flatnonzero(np.isin(dict(block.variables)["point"], numbers))
     )
 
@@ -241,8 +245,8 @@ class _ControlName:
 
     def __call__(self, solution: Solution) -> str:
         at, sigma = solution.point(self.name), solution.standard_deviations(self.name)
-        wrong = np.abs(at - self.given) > MIRRORED * sigma
-        mirrored = wrong & (np.abs(at + self.given) <= MIRRORED * sigma)
+        wrong = np.abs(at - self.given) > MAX_SIGN_MISFIT_SIGMAS * sigma
+        mirrored = wrong & (np.abs(at + self.given) <= MAX_SIGN_MISFIT_SIGMAS * sigma)
         if mirrored.any() and not (wrong & ~mirrored).any():
             axes = [a for a, m in zip("xyz", mirrored, strict=True) if m]
             return f"the sign of the given {' and '.join(axes)}"
@@ -279,7 +283,7 @@ def _cameras(equations: Equations) -> Iterator[_Mistake]:
         numbers = [equations.unknowns["pose"].number[n] for n in of_camera]
         ids = tuple(
             block.ids[int(i)]
-            for block in image_blocks(equations)
+            for block in blocks_of_images(equations)
             for i in np.flatnonzero(np.isin(dict(block.variables)["pose"], numbers))
         )
         where = (f"of camera {name!r}",)
@@ -296,4 +300,4 @@ class _FittingDistance:
 
     def __call__(self, solution: Solution) -> str:
         fitting = solution.calibration(self.camera)["c"]
-        return f", {significant(self.given, DIGITS)}, where {significant(fitting, DIGITS)} fits"
+        return f", {significant(self.given, C_DIGITS)}, where {significant(fitting, C_DIGITS)} fits"

@@ -1,4 +1,4 @@
-"""How much an error explains, where σ0 is known, and where it is estimated.
+"""A cause of misfits: its place, its size, its test, and how much it explains.
 
 An error with q components makes vᵀPv smaller by T². Without an error
 
@@ -13,24 +13,31 @@ minus the logarithm of the probability that good readings make as much or more,
 
 with the incomplete beta function I. Of two errors with as many components the difference of
 evidence is nearly the logarithm of the ratio of their likelihoods, ½ ΔT² / σ0² or
-(r − q)/2 · Δ ln(vᵀPv − T²). With r = q nothing is left that tells of σ0, and there is no evidence.
-With r = q + 1 one residual does: of two errors whose tests have a correlation of 0.9 or 0.99, the
-wrong one is ahead by `SAME` in 27 to 31 % of the cases in which one is shown: there is none either.
+(r − q)/2 · Δ ln(vᵀPv − T²). With r = q nothing is left that determines σ0, and there is no
+evidence. With r = q + 1 one residual does: of two errors whose tests have a correlation of 0.9 or
+0.99, the wrong one is ahead by `MIN_T2_DIFFERENCE` in 27 to 31 % of the cases in which one is
+shown: there is none either.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.sparse import csc_array
 from scipy.special import betainc, betaln, gammaincc, gammaln, hyp2f1
 
 from ...solve.solution import Solution
-from ..distributions import chi2_quantile, fisher_quantile
+from ...statistical_tests import chi2_quantile, fisher_quantile
+from ...types import Array
+from ...units import significant
+from .shared_error_tests import GivenValue
+from .shared_errors import ErrorQuantity
 
-LEAST_FREEDOM = 2
+MIN_FREEDOM_OF_SIGMA0 = 2
 """Smallest number of degrees of freedom that an estimate of σ0 has if it is to tell of an error."""
-ROUNDING = 1e-10
+ROUNDING_VTPV_SHARE = 1e-10
 """Share of vᵀPv below which what is left of it is rounding."""
 
 
@@ -42,7 +49,7 @@ class VarianceFactor:
     """σ0², or its estimate."""
     freedom: float = np.inf
     """Degrees of freedom of the estimate; infinite where σ0 is known, 0 where there are fewer than
-    `LEAST_FREEDOM`: nothing tells."""
+    `MIN_FREEDOM_OF_SIGMA0`: nothing tells."""
 
     @classmethod
     def left_by(
@@ -59,9 +66,9 @@ class VarianceFactor:
         if not estimated:
             return cls()
         freedom = solution.redundancy - dof
-        if freedom < LEAST_FREEDOM or not solution.vtpv > 0.0:
+        if freedom < MIN_FREEDOM_OF_SIGMA0 or not solution.vtpv > 0.0:
             return cls(np.inf, 0.0)
-        return cls(max(solution.vtpv - t2, ROUNDING * solution.vtpv) / freedom, freedom)
+        return cls(max(solution.vtpv - t2, ROUNDING_VTPV_SHARE * solution.vtpv) / freedom, freedom)
 
     def limit(self, dof: int, alpha: float) -> float:
         """Return T², σ0 = 1, that good readings exceed with probability alpha; 0: nothing tells."""
@@ -98,3 +105,176 @@ def evidence(t2: float, dof: int, freedom: float = np.inf) -> float:
         first = np.log(a) + betaln(a, half) - a * np.log(x)
         first -= np.log(hyp2f1(a, 1.0 - half, a + 1.0, x)) if x < 1.0 else 0.0
     return -float(np.log(found)) if found > 0.0 else float(first)
+
+
+MAX_PLAUSIBLE_ERRORS: dict[ErrorQuantity, float] = {
+    "length": 2.5,
+    "angle": np.pi / 200,
+    "turn": np.inf,
+    "ppm": 1e4,
+    "ratio": np.inf,
+    "image": np.inf,
+    "number": np.inf,
+    "curvature": 3.0,
+}
+"""Largest error, SI, that heights, constants and centring have in the field: 2.5 m (the height of a
+target that is forgotten, or counted twice), a gon, one percent. Where an error would have to be
+larger, readings belong to something else."""
+MAX_USUAL_HEIGHT_M = 3.0
+"""Height, metres, above which the recorded height of an instrument or a target may be wrong by as
+much as itself: it is stated in another unit, or belongs to something else."""
+USUAL_HEIGHT_M = 1.5
+"""Usual height of an instrument or a target, metres."""
+HEIGHT_UNITS = {"centimetres": 100.0, "millimetres": 1000.0, "feet": 1.0 / 0.3048}
+"""Units in which a height may have been recorded in place of metres, by what a metre is in them."""
+
+_QUANTITY_UNITS: dict[ErrorQuantity, tuple[float, str]] = {
+    "length": (1e-3, "mm"),
+    "angle": (np.pi / 200e3, "mgon"),
+    "turn": (np.pi / 200e3, "mgon"),
+    "ppm": (1.0, "ppm"),
+    "ratio": (0.01, "%"),
+    "image": (1.0, ""),
+    "number": (1.0, ""),
+    "curvature": (1.0, ""),
+}
+
+
+def three_digits(value: float) -> str:
+    """Return a number with three significant digits, or as a whole number."""
+    return significant(value, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """A cause that explains misfits."""
+
+    cause: str
+    """What is wrong: ``the height of the instrument``."""
+    where: str
+    """The place, and of an exchange what is right: ``at 'S3' (1.454 m)``."""
+    components: tuple[str, ...]
+    """Names of the components of its size, (q,); empty for a single one, and for an exchange."""
+    sizes: tuple[ErrorQuantity, ...]
+    """Quantity of each component, (q,)."""
+    error: Array
+    """Estimated error, recorded − true, (q,): metres, radians, image units or ppm; empty for an
+    exchange."""
+    sigma: Array
+    """Its standard deviations, with the σ0 of T², (q,)."""
+    t2: float
+    """T² / σ0²: by how much less vᵀPv would be with it as an unknown, or after the exchange. An
+    estimated σ0 is that of the adjustment with it as an unknown."""
+    dof: int
+    """Degrees of freedom of T²."""
+    critical: float
+    """Critical value of T²."""
+    ids: tuple[str, ...]
+    """Ids of the observations that share it."""
+    rank: int = 0
+    """Place among causes that explain as much: what one set-up makes comes first."""
+    given: GivenValue | None = None
+    """The held value that is wrong; None for other causes."""
+    same: tuple[str, ...] = ()
+    """Other places of an exchange, after which all readings would fit as well."""
+    freedom: float = np.inf
+    """Degrees of freedom of an estimated σ0; infinite where it is known."""
+    recorded: float = np.nan
+    """Height that was recorded, metres; NaN for other causes."""
+    columns: csc_array | None = field(default=None, repr=False)
+    """C of readings that share it, (n_rows, q); None for other causes."""
+
+    def __str__(self) -> str:
+        """Return the cause, its size and its test, in millimetres and milligons."""
+        return self.said(_QUANTITY_UNITS.__getitem__, three_digits)
+
+    def said(
+        self,
+        unit: Callable[[ErrorQuantity], tuple[float, str]],
+        figure: Callable[[float], str],
+        *,
+        space: str = " ",
+    ) -> str:
+        """Return the cause, its size and its test as a sentence without a stop.
+
+        Args:
+            unit: returns the unit of a size, SI, and its name.
+            figure: writes a number.
+            space: what divides numbers and units.
+        """
+        sizes = []
+        for name, size, error, sigma, alone in self.estimates:
+            one, symbol = unit(size)
+            parts = (name, figure(error / one), "±", figure(sigma / one), symbol)
+            sizes.append(space.join(p for p in parts if p) + (" if it alone is wrong" * alone))
+        test = f"T² {figure(self.t2)}"
+        if self.sizes:
+            test += f", {self.dof} degree{'s' * (self.dof != 1)} of freedom, critical "
+            test += f"{self.critical:.1f}"
+        text = f"{self.cause} {self.where}{self.hint}"
+        if self.same:
+            text += f", or {', or '.join(self.same)}: nothing tells which"
+        return (f"{text}: {', '.join(sizes)}" if sizes else text) + f" ({test})"
+
+    @property
+    def estimates(self) -> Iterator[tuple[str, ErrorQuantity, float, float, bool]]:
+        """Name, quantity, error and σ of each component that the residuals tell of.
+
+        Of components of a given value that they tell of together only, each is estimated as if it
+        alone were wrong, which the last element says.
+        """
+        named = zip(self.components or ("",), self.sizes, self.error, self.sigma, strict=False)
+        for i, (name, size, error, sigma) in enumerate(named):
+            if np.isfinite(error):
+                yield name, size, float(error), float(sigma), False
+            elif self.given is not None and (one := self.given.apart[i]).dof:
+                scale = np.sqrt(self.given.together.t2 / self.t2)
+                yield name, size, float(one.error[0]), float(one.sigma[0] * scale), True
+
+    @property
+    def plausible(self) -> bool:
+        """Whether an error of this size is one that people make, see `MAX_PLAUSIBLE_ERRORS`."""
+        limits = np.array([MAX_PLAUSIBLE_ERRORS[size] for size in self.sizes])
+        return not np.any(np.abs(self.error) > limits) or self.other_unit
+
+    @property
+    def other_unit(self) -> bool:
+        """Whether a recorded height is wrong by about itself, and higher than anything stands.
+
+        An error of that size bends an adjustment, so that its estimate is right by the order alone.
+        """
+        high = abs(self.recorded) > MAX_USUAL_HEIGHT_M
+        return high and bool(np.all(np.abs(np.log2(np.abs(self.error / self.recorded))) < 1.0))
+
+    @property
+    def hint(self) -> str:
+        """The unit in which a recorded height would be a usual one; empty for other causes."""
+        if not self.other_unit:
+            return ""
+        heights = {unit: abs(self.recorded) / f for unit, f in HEIGHT_UNITS.items()}
+        unit = min(heights, key=lambda u: abs(np.log(heights[u] / USUAL_HEIGHT_M)))
+        if abs(np.log(heights[unit] / USUAL_HEIGHT_M)) > np.log(10.0):
+            return ""
+        return f", which is {heights[unit]:.4g} m if it was recorded in {unit}"
+
+    @property
+    def possible(self) -> bool:
+        """Whether it may be a likely cause: a given value of any size may have been mistyped."""
+        return self.given is not None or self.plausible
+
+    @property
+    def evidence(self) -> float:
+        """−ln of the probability of so large a T² without an error, see `evidence`.
+
+        It compares causes of different numbers of unknowns.
+        """
+        return evidence(self.t2, self.dof, self.freedom)
+
+    @property
+    def likelihood(self) -> float:
+        """Evidence as if T² were of one unknown.
+
+        Of two causes it differs by nearly the logarithm of the ratio of their likelihoods, whatever
+        their numbers of unknowns: of those that are the same to all readings, by nothing.
+        """
+        return evidence(self.t2, 1, self.freedom)

@@ -1,17 +1,17 @@
-"""Targets with each other's names at one set-up, looked up beside everything that they concern.
+"""Targets with each other's names at one set-up, found by fits to the rest of the network.
 
 Exchanged names bend the places of both points, and where these come from the readings alone also
 the approximate values. So nothing is taken from an adjustment of them: the points of all readings
 that do not fit (the suspects) leave the network, and what is left is adjusted (the core);
 stations, and points that place the network, stay without the sights that do not fit. Then, for each
 set-up that sees a suspect, its readings are given other names, and the points are fitted to all
-their readings beside the core (`renamed`). Two hypotheses are tested: two targets of a set-up are
-each other, and a target is another point of the list. A set-up is a station with one height of the
-instrument. Each name that is tried must lie near where the readings of other set-ups have the
-point, in the order of these distances.
+their readings beside the core (`renamed_sights`). Two hypotheses are tested: two targets of a
+set-up are each other, and a target is another point of the list. A set-up is a station with one
+height of the instrument. Each name that is tried must lie near where the readings of other set-ups
+have the point, in the order of these distances.
 
 An exchange at one set-up may be the same to all readings as the exchange of the two points at
-another one. Hypotheses whose T² differ by less than `SAME` are named together.
+another one. Hypotheses whose T² differ by less than `MIN_T2_DIFFERENCE` are named together.
 """
 
 from __future__ import annotations
@@ -26,28 +26,42 @@ import numpy as np
 from ...graph.equations import Equations
 from ...solve.solution import Solution
 from ...types import Array, Index
-from .core import Core, may_leave, uncontrolled
-from .matches import EXCHANGED, NAME, WITH_HEIGHT, Match, both_ways
-from .renamed import Fit, RenamedReadings
-from .separable import SAME
-from .set_ups import SetUp, Sight, places_seen, sights_of
+from .mistaken_identity import (
+    EXCHANGED_TARGETS,
+    WITH_HEIGHT,
+    WRONG_TARGET_NAME,
+    MistakenIdentity,
+    merged_exchanges,
+)
+from .renamed_sights import (
+    CoreNetwork,
+    ReadingFit,
+    RenamedReadings,
+    SetUp,
+    Sight,
+    removable_points,
+    sighted_places,
+    sights_by_set_up,
+    uncontrolled_targets,
+)
+from .separability import MIN_T2_DIFFERENCE
 
-MOST_PAIRS = 40
+MAX_EXCHANGE_PAIRS = 40
 """Largest number of pairs of exchanges with a point in common that are fitted."""
-TRIED = 6
+MAX_FITTED_HYPOTHESES = 6
 """Number of hypotheses that are fitted for a point at a set-up: those whose places are nearest."""
-NEAR = 0.02
+MAX_PLACE_DISTANCE_SHARE = 0.02
 """Largest distance of places that a name may join, as a share of the length of the sight:
 refraction or a height that goes with the name move a place by far less."""
-NEAR_AT_LEAST = 1.0
+MIN_PLACE_TOLERANCE_M = 1.0
 """The same for short sights, metres."""
 
 
 @dataclass(frozen=True, eq=False)
-class Exchange:
+class TargetExchange:
     """Readings of a set-up that fit under other names."""
 
-    match: Match
+    match: MistakenIdentity
     """What is to be said of it."""
     points: Mapping[str, Array]
     """Coordinates of the points that were fitted, metres."""
@@ -80,8 +94,8 @@ class _Tested:
     points: frozenset[int]
     readings: frozenset[tuple[int, int]]
     """All readings of the points, by block and number."""
-    before: Fit
-    after: Fit
+    before: ReadingFit
+    after: ReadingFit
     same: list[_Tested] = field(default_factory=list)
     """Hypotheses that share points with it and cannot be told from it."""
 
@@ -98,7 +112,7 @@ def exchanged_targets(
     alpha: float,
     *,
     estimated: bool = False,
-) -> tuple[Exchange, ...]:
+) -> tuple[TargetExchange, ...]:
     """Look for targets with other names among the points of readings that do not fit.
 
     Args:
@@ -109,12 +123,14 @@ def exchanged_targets(
         alpha: probability with which readings of the right names do not fit.
         estimated: whether σ0 is that of what is left of the network; otherwise it is 1.
     """
-    sights = sights_of(equations, solution)
-    core = Core.of(equations, solution, bad, sights, alpha, estimated=estimated)
+    sights = sights_by_set_up(equations, solution)
+    core = CoreNetwork.of(equations, solution, bad, sights, alpha, estimated=estimated)
     found = () if core is None else _Search(equations, core, sights, alpha).found()
     points = {name: at for e in found for name, at in e.points.items()}
     # Two names that are found one after the other are an exchange too.
-    return tuple(Exchange(m, points, found[0].core) for m in both_ways([e.match for e in found]))
+    return tuple(
+        TargetExchange(m, points, found[0].core) for m in merged_exchanges([e.match for e in found])
+    )
 
 
 class _Search:
@@ -123,21 +139,21 @@ class _Search:
     def __init__(
         self,
         equations: Equations,
-        core: Core,
+        core: CoreNetwork,
         sights: Mapping[SetUp, Mapping[int, Sight]],
         alpha: float,
     ) -> None:
         self.equations, self.core, self.sights, self.alpha = equations, core, sights, alpha
         self.names = equations.unknowns["point"].names
-        leaving = may_leave(equations, sights)
-        self.open = (core.suspects | uncontrolled(equations, core, sights)) & leaving
+        leaving = removable_points(equations, sights)
+        self.open = (core.suspects | uncontrolled_targets(equations, core, sights)) & leaving
         """Points that are fitted: the core tells nothing of them."""
         self.renamed = RenamedReadings(equations, core.solution, sorted(self.open))
         self.state = self.renamed.innovations.state
         self.places = {
             (s, t): at
             for s, targets in sights.items()
-            for t, at in places_seen(equations, self.state, s.station, s.height, targets).items()
+            for t, at in sighted_places(equations, self.state, s.station, s.height, targets).items()
         }
         of_core = core.solution.network.observations
         self.readings = {
@@ -151,7 +167,7 @@ class _Search:
         block = self.equations.blocks[observation[0]]
         return block.ids[observation[1]]
 
-    def found(self) -> tuple[Exchange, ...]:
+    def found(self) -> tuple[TargetExchange, ...]:
         """Return the exchanges, those that explain most first."""
         every = self._nearest(self._hypotheses())
         fitting = [t for h in every if (t := self._tested((h,))) is not None]
@@ -207,7 +223,7 @@ class _Search:
             if a.set_up != b.set_up and a.points & b.points and a.points != b.points
         }
         near = sorted((pair for pair in pairs if np.isfinite(pairs[pair])), key=pairs.__getitem__)
-        return near[:MOST_PAIRS]
+        return near[:MAX_EXCHANGE_PAIRS]
 
     def _spread(self, together: tuple[_Hypothesis, ...]) -> float:
         """Return how far places with the same names are apart; infinite: farther than names may."""
@@ -231,7 +247,7 @@ class _Search:
     def _limit(self, s: SetUp, at: Array) -> float:
         """Return the largest distance of the same place seen from elsewhere, metres."""
         length = float(np.linalg.norm((at - self.state["point"][s.station])[:2]))
-        return max(NEAR_AT_LEAST, NEAR * length)
+        return max(MIN_PLACE_TOLERANCE_M, MAX_PLACE_DISTANCE_SHARE * length)
 
     def _distance(self, s: SetUp, a: int, b: int) -> float:
         """Return how far the place of target a at a set-up is from where the others have b."""
@@ -243,7 +259,7 @@ class _Search:
         limit = self._limit(s, at)
         distances = [d for p in others if np.isfinite(d := _apart(at, p))]
         if not distances or not np.isfinite(limit):
-            return limit if np.isfinite(limit) else NEAR_AT_LEAST
+            return limit if np.isfinite(limit) else MIN_PLACE_TOLERANCE_M
         return min(distances) if min(distances) <= limit else np.inf
 
     def _nearest(self, every: Iterator[_Hypothesis]) -> list[_Hypothesis]:
@@ -251,7 +267,9 @@ class _Search:
         own: dict[tuple[SetUp, int], list[_Hypothesis]] = defaultdict(list)
         for h in every:
             own[h.set_up, h.names[0][0]].append(h)
-        chosen = [h for hs in own.values() for h in sorted(hs, key=_by_distance)[:TRIED]]
+        chosen = [
+            h for hs in own.values() for h in sorted(hs, key=_by_distance)[:MAX_FITTED_HYPOTHESES]
+        ]
         return sorted(chosen, key=_by_distance)
 
     # -- fits ---------------------------------------------------------------------------------
@@ -288,7 +306,7 @@ class _Search:
         if not np.isfinite(before.t2):
             before = self.renamed.at(observations, after.coordinates)
         tested = _Tested(together, points, frozenset(readings), before, after)
-        return tested if SAME * weight.variance <= tested.gain < np.inf else None
+        return tested if MIN_T2_DIFFERENCE * weight.variance <= tested.gain < np.inf else None
 
     def _name(self, together: Sequence[_Hypothesis], s: SetUp, target: int) -> int:
         """Return the point that a target of a set-up is."""
@@ -304,8 +322,8 @@ class _Search:
         names as they are have one T², the least that any start has led to.
         """
         out: list[_Tested] = []
-        same = SAME * self.core.weight.variance
-        before: dict[frozenset[tuple[int, int]], Fit] = {}
+        same = MIN_T2_DIFFERENCE * self.core.weight.variance
+        before: dict[frozenset[tuple[int, int]], ReadingFit] = {}
         for t in fitting:
             least = before.setdefault(t.readings, t.before)
             before[t.readings] = min(least, t.before, key=lambda fit: fit.t2)
@@ -343,20 +361,20 @@ class _Search:
 
     # -- result -------------------------------------------------------------------------------
 
-    def _exchanges(self, t: _Tested) -> Iterator[Exchange]:
+    def _exchanges(self, t: _Tested) -> Iterator[TargetExchange]:
         """Iterate over what is to be said of hypotheses that fit together."""
         coordinates = {self.names[p]: x for p, x in t.after.coordinates.items()}
         same = tuple(self._said(o.what) for o in t.same)
         for h in t.what:
             ids = tuple(dict.fromkeys(i for a, _ in h.names for i in self.sights[h.set_up][a].ids))
-            cause = EXCHANGED if len(h.names) > 1 else NAME
+            cause = EXCHANGED_TARGETS if len(h.names) > 1 else WRONG_TARGET_NAME
             t2 = t.before.t2, t.after.t2
             a, b = h.names[0]
             sight = (self.names[h.set_up.station], self.names[a], self.names[b])
             alone = sight if len(h.names) == 1 and not same else None
-            match = Match(cause, self._said((h,)), ids, *t2, alone, h.with_height, same)
+            match = MistakenIdentity(cause, self._said((h,)), ids, *t2, alone, h.with_height, same)
             match = match.judged_by(self.core.weight.variance)
-            yield Exchange(match, coordinates, self.core.solution)
+            yield TargetExchange(match, coordinates, self.core.solution)
 
     def _said(self, together: Sequence[_Hypothesis]) -> str:
         return " and ".join(self._place(h) for h in together)

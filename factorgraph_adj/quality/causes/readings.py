@@ -17,9 +17,9 @@ from ...models.base import wrap
 from ...observations import observation_kind
 from ...types import Array, Index, Mask
 
-STEP = 0.005
+HEIGHT_STEP_M = 0.005
 """Step of the central differences by heights of instruments and targets, metres."""
-HEIGHT = "target_height"
+TARGET_HEIGHT = "target_height"
 """Name of the height of the target, of models and of observations."""
 
 
@@ -52,7 +52,7 @@ class Readings:
         parts: list[tuple[Index, ...]] = []
         kinds: list[str] = []
         for here, block in enumerate(equations.blocks):
-            at = ends_of(block)
+            at = station_and_target(block)
             if at is None:
                 continue
             n, d = block.observed.shape
@@ -151,10 +151,10 @@ class Readings:
             if name not in block.constants:
                 continue
             ends = []
-            for step in (STEP, -STEP):
+            for step in (HEIGHT_STEP_M, -HEIGHT_STEP_M):
                 moved = {**block.constants, name: block.constants[name] + step}
                 ends.append(replace(block, constants=moved).evaluate(frame, self.state).residual)
-            change = _difference(block, *ends) / (2 * STEP)
+            change = _difference(block, *ends) / (2 * HEIGHT_STEP_M)
             out[at] = change[self.number[at], self.component[at]]
         return out
 
@@ -173,7 +173,7 @@ class Readings:
         """Return ∂f by the position of the station or the target, east and north, (m, 2)."""
         out, frame = np.zeros((len(self.row), 2)), self.equations.network.frame
         for block, at in self.parts():
-            ends = ends_of(block)
+            ends = station_and_target(block)
             assert ends is not None
             which = ends[0 if end == "station" else 1]
             index = block.arguments[which][1]
@@ -195,13 +195,13 @@ class Readings:
         """
         out = np.full(len(self.row), np.nan)
         for block, at in self.parts():
-            ends = ends_of(block)
+            ends = station_and_target(block)
             assert ends is not None
             part = block.select(self.number[at]).by_role()
             before = self._residuals(part)
             variables = list(part.variables)
             old = variables[ends[1]][1]
-            vertical = vertical_of(block, ends[1])
+            vertical = vertical_place(block, ends[1])
             variables[ends[1]] = ("point", targets[at])
             if vertical is not None:
                 names = self.equations.unknowns["point"].names
@@ -209,8 +209,8 @@ class Readings:
                 new = [of.get(names[t], of.get("", 0)) for t in targets[at].tolist()]
                 variables[vertical] = ("vertical", np.array(new, dtype=np.intp))
             constants = dict(part.constants)
-            if HEIGHT in constants:
-                constants[HEIGHT] = heights[at]
+            if TARGET_HEIGHT in constants:
+                constants[TARGET_HEIGHT] = heights[at]
             other = replace(part, variables=tuple(variables), constants=constants)
             fine = (targets[at] != self.station[at]) & (targets[at] != old)
             fine &= np.isfinite(self.state["point"][targets[at]]).all(axis=1)
@@ -222,7 +222,7 @@ class Readings:
         return out
 
 
-def ends_of(block: Block) -> tuple[int, int] | None:
+def station_and_target(block: Block) -> tuple[int, int] | None:
     """Return the places of station and target among the variables; none: it has none."""
     if block.prior or block.lens is not None or block.model is None or block.by_axis:
         return None
@@ -233,7 +233,7 @@ def ends_of(block: Block) -> tuple[int, int] | None:
     return places["station"], places["target"]
 
 
-def vertical_of(block: Block, end: int) -> int | None:
+def vertical_place(block: Block, end: int) -> int | None:
     """Return the place of the vertical at one of the ends."""
     named = observation_kind(block.kind).variables
     attribute = named[end][1]

@@ -1,55 +1,106 @@
-"""The causes of misfits that surveyors know, the likeliest first.
+"""Search for the causes of misfits that surveyors know, the most probable first.
 
 Two searches make one list. Errors of some size (heights, constants, centring, turned directions,
-given values that are held) are columns, tested in the adjustment of everything (`columns`).
-Exchanges (of targets, names, ends, faces) are looked up in the clean solution (`matches`), as they
-bend an adjustment too far for its linear model.
+given values that are held) are columns, tested in the adjustment of everything
+(`shared_error_tests`). Exchanges (of targets, names, ends, faces, image axes) are looked up in the
+clean solution (`mistaken_identity`), as they bend an adjustment too far for its linear model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.sparse import csc_array, hstack
 
 from ...blas_threads import with_one_thread
+from ...graph.equations import Equations
 from ...models.variables import UNKNOWNS
 from ...shown import FIRST, Rows, Shown
 from ...solve.solution import Solution
+from ...statistical_tests import chi2_quantile
 from ...types import Array, Index
-from ..distributions import chi2_quantile
 from ..reliability import Reliability
-from .cause import Cause, figure
-from .columns import Explained, explain, gains, whitening
-from .evidence import VarianceFactor, evidence
-from .given import GivenValue, given_values
-from .held_axes import AxisScale, axis_scales
-from .hypotheses import Hypotheses, Size, hypotheses
-from .matches import Match
+from .evidence import Cause, VarianceFactor, evidence, three_digits
+from .exchanged_images import exchanged_image_points, exchanged_photos
+from .image_axes import mirrored_block, photos_with_other_axes
+from .mistaken_identity import MistakenIdentity, mistaken_identities
 from .readings import Readings
-from .refocused import refocused
-from .rivals import alike, readings_alike, rivals
-from .separable import FARTHEST, separability_tolerance
-from .whole_observations import NO_OBSERVATION, WholeObservation, best_whole_observation
+from .separability import (
+    MAX_LINEAR_TEST_VALUE,
+    NO_OBSERVATION,
+    WholeObservation,
+    best_whole_observation,
+    inseparable_causes,
+    inseparable_readings,
+    rival_causes,
+    separability_tolerance,
+)
+from .shared_error_tests import (
+    AxisScale,
+    GivenValue,
+    SharedErrorTest,
+    axis_scales,
+    given_values,
+    shared_error_tests,
+    t2_of_errors,
+    whitening_matrix,
+)
+from .shared_errors import ErrorColumns, ErrorQuantity, refocusing_columns, shared_error_columns
 
-MOST = 50
+
+def every_mistaken_identity(
+    equations: Equations,
+    clean: Solution,
+    aside: Sequence[str],
+    above: Sequence[str],
+    alpha: float,
+    *,
+    again: bool,
+    estimated: bool,
+) -> tuple[MistakenIdentity, ...]:
+    """Look for what observations that do not fit may be instead.
+
+    Args:
+        equations: the network with them.
+        clean: the solution without those set aside.
+        aside: ids of the observations set aside.
+        above: ids of those above the critical value that have stayed.
+        alpha: probability with which a reading that is right does not fit.
+        again: whether the network may be adjusted again with other images.
+        estimated: whether σ0 is that of the clean solution; otherwise it is 1.
+    """
+    weight = VarianceFactor.left_by(clean, estimated=estimated)
+    found = (
+        *mistaken_identities(equations, clean, aside, alpha, weight),
+        *photos_with_other_axes(equations, clean, aside, alpha, weight),
+        *exchanged_image_points(equations, clean, aside, alpha, weight),
+    )
+    if again:
+        bad = [*aside, *above]
+        block = tuple(mirrored_block(equations, clean, bad, alpha, weight))
+        pairs = () if block else tuple(exchanged_photos(equations, clean, bad, alpha, weight))
+        found = (*block, *pairs, *found)
+    return tuple(m.judged_by(weight.variance) for m in found)
+
+
+MAX_PLACES_OF_CAUSE = 50
 """Largest number of places at which a cause is looked at: those with the largest T²."""
-ELEMENTS = 30_000_000
+MAX_PLACE_ELEMENTS = 30_000_000
 """Largest number of elements of the solutions by which the places are chosen: unknowns times
 components of all places of all causes."""
-CHANCE = 0.01
+MAX_CHANCE_OF_CAUSE = 0.01
 """Largest probability with which good readings make any of the tested causes likelier."""
-NEARLY_ALL = 0.9
+MIN_SHARE_OF_ONLY_CAUSE = 0.9
 """Share of the excess of vᵀPv over its redundancy that one cause explains where it is the only one:
 the rest is curvature of the model. Where it explains less, there are others besides."""
-MOST_PART = 0.5
+MIN_SHARE_OF_LARGE_CAUSE = 0.5
 """The same where the error is larger than `FARTHEST`, so that curvature leaves a lot."""
-SHARED = 2
+MIN_SHARING_OBSERVATIONS = 2
 """Smallest number of observations that share a cause; an error of one is tested as its own."""
 
-EXCHANGES = (
+EXCHANGES_NOTE = (
     "exchanges (of targets, names of points, ends of vectors, faces, axes of photos) are tested by "
     "data snooping only (adjust --snoop)"
 )
@@ -100,7 +151,7 @@ class Causes(Shown):
         Those only that good readings make as likely as this, at any of the places tested, with a
         probability below `CHANCE`; and of a size that such an error has.
         """
-        least = float(np.log(max(self.tested, 1) / CHANCE))
+        least = float(np.log(max(self.tested, 1) / MAX_CHANCE_OF_CAUSE))
         single = max(evidence(self.single, 1, self.freedom), self.whole.evidence)
         single += separability_tolerance(single)
         whole = self.whole.likelihood + separability_tolerance(self.whole.likelihood)
@@ -132,12 +183,14 @@ class Causes(Shown):
         """Return whether no other error need be looked for after a cause.
 
         With it as an unknown the global test is accepted, or it explains `NEARLY_ALL` of the
-        excess, `MOST_PART` beyond the linear model. Of an estimated σ0 nobody knows an excess.
+        excess, `MIN_SHARE_OF_LARGE_CAUSE` beyond the linear model. Of an estimated σ0 nobody knows an excess.
         """
         left, r = self.left(c)
         if not c.sizes or np.isfinite(c.freedom) or r <= 0:
             return True
-        enough = NEARLY_ALL if c.t2 < FARTHEST**2 else MOST_PART
+        enough = (
+            MIN_SHARE_OF_ONLY_CAUSE if c.t2 < MAX_LINEAR_TEST_VALUE**2 else MIN_SHARE_OF_LARGE_CAUSE
+        )
         return left <= chi2_quantile(1.0 - self.alpha, r) or self.share(c) >= enough
 
     def consequence(self, c: Cause) -> str:
@@ -145,7 +198,7 @@ class Causes(Shown):
         left, r = self.left(c)
         if not c.sizes or r <= 0:
             return ""
-        after, before = figure(np.sqrt(left / r)), figure(self.solution.sigma0)
+        after, before = three_digits(np.sqrt(left / r)), three_digits(self.solution.sigma0)
         if self.alone(c):
             return f"; σ̂0 of all readings would be {after} with it in place of {before}"
         return (
@@ -164,13 +217,13 @@ class Causes(Shown):
         if likelier:
             first, more = likelier[0], (*self.found, *self.below)
             rest = [c for c in more if c.sizes and c.possible and c is not first]
-            same = alike([first, *rest], first.evidence, first.likelihood)
-            return () if not first.sizes or len(same) < 2 else _said(same)
+            same = inseparable_causes([first, *rest], first.evidence, first.likelihood)
+            return () if not first.sizes or len(same) < 2 else _cause_texts(same)
         every = (*self.readings, *self.rivals) if self.readings else ()
         return every if len(every) > 1 else ()
 
     @property
-    def nothing_tells(self) -> list[str]:
+    def undecided_sentences(self) -> list[str]:
         """A sentence on the errors between which nothing tells; none where something does."""
         every = self.undecided
         if not every:
@@ -181,7 +234,7 @@ class Causes(Shown):
             f"nothing tells in which of: {'; '.join(every)}"
         ]
 
-    def said_likeliest(self, sentence: Callable[[Cause], str]) -> str:
+    def most_probable_text(self, sentence: Callable[[Cause], str]) -> str:
         """Return the likeliest cause with what it leaves of σ̂0; empty if there is none.
 
         Args:
@@ -194,13 +247,13 @@ class Causes(Shown):
         return f"{what}: {sentence(first)}{self.consequence(first)}"
 
 
-def _said(found: Iterable[Cause]) -> tuple[str, ...]:
+def _cause_texts(found: Iterable[Cause]) -> tuple[str, ...]:
     return tuple(f"{c.cause} {c.where}" for c in found)
 
 
 @with_one_thread
 def causes(
-    rel: Reliability, found: Iterable[Match] = (), *, estimated: bool | None = None
+    rel: Reliability, found: Iterable[MistakenIdentity] = (), *, estimated: bool | None = None
 ) -> Causes:
     """Test the causes that surveyors know, in an adjustment of everything.
 
@@ -216,7 +269,7 @@ def causes(
     solution, given = rel.solution, rel.given_values
     if estimated is None:
         estimated = solution.variance == "a-posteriori"
-    every = explanations(solution, given)
+    every = sized_causes(solution, given)
     tested = [_judged(solution, c, rel.alpha, estimated) for c in every if c.dof]
     exchanges = sorted((_of_match(m) for m in found), key=lambda c: -c.t2)
     w = np.where(rel.controlled, np.nan_to_num(rel.w), 0.0)
@@ -225,7 +278,7 @@ def causes(
     single, freedom = t2 / weight.variance, weight.freedom
     out = Causes(
         solution,
-        (*exchanges, *ordered(c for c in tested if c.t2 > c.critical)),
+        (*exchanges, *ordered_causes(c for c in tested if c.t2 > c.critical)),
         single,
         len(every),
         rel.alpha,
@@ -235,13 +288,13 @@ def causes(
         below=tuple(c for c in tested if not c.t2 > c.critical),
     )
     here = evidence(single, 1, freedom)
-    if not here > np.log((len(w) + len(every)) / CHANCE):
+    if not here > np.log((len(w) + len(every)) / MAX_CHANCE_OF_CAUSE):
         return out
     first = int(np.argmax(np.abs(w)))
-    rows = readings_alike(rel, w, first, estimated=estimated)
-    others = rivals(rel, ordered(tested), first, here, estimated=estimated)
+    rows = inseparable_readings(rel, w, first, estimated=estimated)
+    others = rival_causes(rel, ordered_causes(tested), first, here, estimated=estimated)
     readings = tuple(map(solution.equations.label, rows))
-    return replace(out, readings=readings, rivals=_said(others))
+    return replace(out, readings=readings, rivals=_cause_texts(others))
 
 
 def _judged(solution: Solution, c: Cause, alpha: float, estimated: bool) -> Cause:
@@ -254,7 +307,9 @@ def _judged(solution: Solution, c: Cause, alpha: float, estimated: bool) -> Caus
     )
 
 
-def exchanges_alone(solution: Solution, found: Iterable[Match], alpha: float) -> Causes:
+def exchanges_as_causes(
+    solution: Solution, found: Iterable[MistakenIdentity], alpha: float
+) -> Causes:
     """Return exchanges as the causes in an adjustment without a minimum, which has no tests.
 
     Args:
@@ -266,7 +321,7 @@ def exchanges_alone(solution: Solution, found: Iterable[Match], alpha: float) ->
     return Causes(solution, every, 0.0, len(every), alpha)
 
 
-def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) -> list[Cause]:
+def sized_causes(solution: Solution, given: Iterable[GivenValue] | None = None) -> list[Cause]:
     """Return all causes that have a size, with what each explains; critical values are NaN.
 
     Args:
@@ -274,7 +329,10 @@ def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) 
         given: tests of given values; none: they are made.
     """
     equations, state = solution.equations, solution.state
-    shared = [*hypotheses(Readings.of(equations, state)), *refocused(equations, state)]
+    shared = [
+        *shared_error_columns(Readings.of(equations, state)),
+        *refocusing_columns(equations, state),
+    ]
     held = given_values(solution) if given is None else given
     return [
         *_tested(solution, shared),
@@ -283,7 +341,7 @@ def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) 
     ]
 
 
-def ordered(found: Iterable[Cause]) -> list[Cause]:
+def ordered_causes(found: Iterable[Cause]) -> list[Cause]:
     """Return causes, the likeliest first; of those that explain as much, the plainest.
 
     What differs in evidence or in likelihood by less than `separability_tolerance` cannot be told
@@ -303,7 +361,7 @@ def ordered(found: Iterable[Cause]) -> list[Cause]:
     return out
 
 
-def _of_match(m: Match) -> Cause:
+def _of_match(m: MistakenIdentity) -> Cause:
     none = np.zeros(0)
     gain = m.before - m.after
     return Cause(m.cause, m.where, (), (), none, none, gain, 1, 0.0, m.ids, same=m.same)
@@ -326,15 +384,15 @@ def _cause(
     cause: str,
     where: str,
     components: tuple[str, ...],
-    sizes: tuple[Size, ...],
-    what: Explained,
+    sizes: tuple[ErrorQuantity, ...],
+    what: SharedErrorTest,
     ids: tuple[str, ...],
 ) -> Cause:
     figures = what.error, what.sigma, what.t2, what.dof
     return Cause(cause, where, components, sizes, *figures, np.nan, ids)
 
 
-def _tested(solution: Solution, every: Iterable[Hypotheses]) -> Iterator[Cause]:
+def _tested(solution: Solution, every: Iterable[ErrorColumns]) -> Iterator[Cause]:
     """Iterate over causes at places, of each the `MOST` with the largest T².
 
     T² of all places is computed if `ELEMENTS` allows; otherwise of those with the largest
@@ -343,22 +401,26 @@ def _tested(solution: Solution, every: Iterable[Hypotheses]) -> Iterator[Cause]:
     """
     equations = solution.equations
     residual = solution.normal().system.residual
-    w, observation = whitening(equations), equations.observation_of_row
+    w, observation = whitening_matrix(equations), equations.observation_of_row
     kinds = list(every)
-    at_most = ELEMENTS // max(equations.unknowns.n_columns * sum(len(h.sizes) for h in kinds), 1)
-    chosen: list[tuple[Hypotheses, int]] = []
+    at_most = MAX_PLACE_ELEMENTS // max(
+        equations.unknowns.n_columns * sum(len(h.sizes) for h in kinds), 1
+    )
+    chosen: list[tuple[ErrorColumns, int]] = []
     parts: list[csc_array] = []
     groups: list[Index] = []
     first = 0
     for h in kinds:
         z = csc_array(w @ h.columns)
         q = len(h.sizes)
-        places = np.flatnonzero(_observations(z, q, observation) >= SHARED)
-        if len(places) > MOST:
+        places = np.flatnonzero(_observations(z, q, observation) >= MIN_SHARING_OBSERVATIONS)
+        if len(places) > MAX_PLACES_OF_CAUSE:
             total = np.asarray(z.multiply(z).sum(axis=0)).ravel()
             least = (z.T @ residual) ** 2 / np.where(total > 0, total, 1.0)
             places = _largest(places, least.reshape(-1, q).sum(axis=1)[places], at_most)
-            places = _largest(places, gains(solution, _of_places(z, places, q), q), MOST)
+            places = _largest(
+                places, t2_of_errors(solution, _of_places(z, places, q), q), MAX_PLACES_OF_CAUSE
+            )
         for number in places.tolist():
             chosen.append((h, number))
             groups.append(first + np.arange(q))
@@ -367,7 +429,9 @@ def _tested(solution: Solution, every: Iterable[Hypotheses]) -> Iterator[Cause]:
     if not chosen:
         return
     z = csc_array(hstack(parts))
-    for (h, number), group, what in zip(chosen, groups, explain(solution, z, groups), strict=True):
+    for (h, number), group, what in zip(
+        chosen, groups, shared_error_tests(solution, z, groups), strict=True
+    ):
         rows = np.unique(z.indices[z.indptr[group[0]] : z.indptr[group[-1] + 1]])
         ids = tuple(dict.fromkeys(map(equations.id, rows.tolist())))
         cause = _cause(h.cause, h.where[number], h.components, h.sizes, what, ids)
@@ -383,7 +447,7 @@ def _of_places(z: csc_array, places: Index, q: int) -> csc_array:
 
 def _largest(places: Index, sizes: Array, most: int) -> Index:
     """Return the places of the largest sizes, at least `MOST` of them."""
-    return places[np.argsort(-sizes, kind="stable")[: max(most, MOST)]]
+    return places[np.argsort(-sizes, kind="stable")[: max(most, MAX_PLACES_OF_CAUSE)]]
 
 
 def _observations(z: csc_array, q: int, observation: Index) -> Index:

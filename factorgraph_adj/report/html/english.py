@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .english_epochs import EPOCHS
+from .epochs_texts import ENGLISH_EPOCHS_TEXTS
 
-TEXTS: dict[str, str] = {
+ENGLISH_TEXTS: dict[str, str] = {
     "title": "Adjustment of {name}",
     "unnamed": "a network without a name",
     "skip": "Skip to the content",
@@ -352,5 +352,5 @@ TEXTS: dict[str, str] = {
     "js.redundancy": "redundancy number r",
     "js.not_found": "There is no point {name}.",
     "js.selected": "Point {name} is marked.",
-    **EPOCHS,
+    **ENGLISH_EPOCHS_TEXTS,
 }

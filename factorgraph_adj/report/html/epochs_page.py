@@ -1,37 +1,263 @@
-"""The page of the report of two epochs: verdict, plan of the displacements, tables, and origin."""
+"""The HTML page of two epochs: verdict, plan of the displacements, tables, origin."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...epochs.block_motion import BlockMotion
+from ...epochs.congruence_tests import HypothesisTest
+from ...statistical_tests import global_test
 from ...types import Array
-from ..epochs.context import STATES, EpochsReport
-from ..epochs.text import render_congruence
+from ...units import ANGLE, LENGTH, decimal, decimal_angle
+from ..epochs_report import EPOCH_POINT_STATES, PARAMETER_UNITS, EpochsReport, render_congruence
 from ..layout import listed, percent, short
-from ..plots.displaced import EpochsDrawing
-from ..plots.sights import lines_by_kinds
-from ..plots.style import multiple
-from . import epochs_tables, inputs
-from .epochs_verdict import epochs_verdict, size
-from .language import Language, Texts
-from .libraries import packed
-from .plan import flat, rounded, words
-from .rendering import Section, capital, rendered
+from ..plots.displacements import EpochsDrawing
+from ..plots.observation_lines import lines_by_kinds
+from ..plots.style import factor_text
+from . import rendering
+from .plan import axis_words, rounded_or_none, rounded_xy
+from .rendering import (
+    NO_FIGURE,
+    ColumnHead,
+    Language,
+    PageSection,
+    Sheet,
+    Texts,
+    capitalised,
+    columns_from_rows,
+    filled_sheet,
+    packed_json,
+    rendered_page,
+)
+from .verdict import epochs_verdict, sigma_length_text
 
-SYMBOLS = ("displacement", "sigma_d", "t_epochs", "p", "detectable", "ellipse_d")
+MAX_NAMES_IN_CELL = 30
+"""Largest number of names in a cell."""
+
+
+def adjustments_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
+    """Return the adjustments that were compared."""
+    rows = []
+    for s in report.found.solutions:
+        test = global_test(s)
+        known = test.redundancy > 0
+        rows.append(
+            [
+                s.network.name or t("unnamed"),
+                str(s.n_observations),
+                str(s.n_unknowns),
+                str(s.datum_defect),
+                str(s.redundancy),
+                f"{test.sigma0:.4f}" if known else NO_FIGURE,
+                f"{test.lower:.4f} – {test.upper:.4f}" if known else NO_FIGURE,
+                f"{s.vtpv:.6g}",
+            ]
+        )
+    heads: list[ColumnHead] = [
+        (t("col.epoch"), False),
+        (t("figure.n"), True),
+        (t("figure.u"), True),
+        (t("figure.d"), True),
+        (t("figure.r"), True),
+        ("σ̂0", True),
+        ("σ̂0 (χ²)", True),
+        ("vᵀPv", True),
+    ]
+    return filled_sheet("adjustments", t("adjustments.caption"), columns_from_rows(heads, rows))
+
+
+def variance_ratio_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
+    """Return the test of the ratio of the variances."""
+    found = report.found.ratio
+    if found is None:
+        return None
+    row = [f"{found.ratio:.3f}", f"{found.critical:.3f}", t("yes" if found.accepted else "no")]
+    heads: list[ColumnHead] = [
+        (t("col.larger"), True),
+        (t("col.critical"), True),
+        (t("col.fits"), False),
+    ]
+    return filled_sheet("ratio", t("ratio.caption"), columns_from_rows(heads, [row]))
+
+
+def congruence_tests_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
+    """Return the congruence tests of the reference points, step by step."""
+    found, left = report.found, 0
+    rows = []
+    for i, step in enumerate(found.steps):
+        left += len(step.left) - len(step.back)
+        rows.append(
+            [
+                str(i),
+                listed(step.left, MAX_NAMES_IN_CELL) or NO_FIGURE,
+                listed(step.back, MAX_NAMES_IN_CELL) or NO_FIGURE,
+                str(len(found.reference) - left),
+                *_test(step.test),
+                t("yes" if step.test.accepted else "no") if step.test.freedom[0] else NO_FIGURE,
+            ]
+        )
+    heads: list[ColumnHead] = [
+        (t("col.step"), True),
+        (t("col.left"), False),
+        (t("col.back"), False),
+        (t("col.tested"), True),
+        *_test_heads("T", t),
+        (t("col.fits"), False),
+    ]
+    notes = [t("steps.note")]
+    return filled_sheet("steps", t("steps.caption"), columns_from_rows(heads, rows), notes=notes)
+
+
+def _or_infinite(value: float) -> str:
+    return decimal(value, 2) if isfinite(value) else "∞"
+
+
+def displacements_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
+    """Return the displacements with their tests and ellipses."""
+    found, unit = report.found, report.units.sigma_length
+    size, angle = LENGTH[unit], decimal_angle(report.units.angle)
+    at = ["xyz".index(a) for a in found.differences.axes]
+    rows = []
+    every = zip(found.displacements.values(), report.states, report.ellipses, strict=True)
+    for x, state, e in every:
+        flat = e.semi_axes[0] > 0
+        axes = (short(v / size) for v in e.semi_axes)
+        rows.append(
+            [
+                x.name,
+                t(f"state.{state}"),
+                *(decimal(float(x.vector[i]) / size, 2) for i in at),
+                *(_or_infinite(float(x.sigmas[i]) / size) for i in at),
+                decimal(x.length / size, 2),
+                *_test(x.test),
+                NO_FIGURE if x.stable else t("yes" if x.moved else "no"),
+                _or_infinite(x.detectable / size),
+                *(axes if flat else (NO_FIGURE, NO_FIGURE)),
+                decimal(e.azimuth / ANGLE[angle], 1) if flat else NO_FIGURE,
+            ]
+        )
+    heads: list[ColumnHead] = [
+        (t("col.point"), False),
+        (t("col.state"), False),
+        *((f"d{'xyz'[i]} [{unit}]", True, t("help.displacement")) for i in at),
+        *((f"σ d{'xyz'[i]} [{unit}]", True, t("help.sigma_d")) for i in at),
+        (f"{t('col.length')} [{unit}]", True),
+        *_test_heads("T", t),
+        (t("col.moved"), False),
+        (f"{t('col.detectable')} [{unit}]", True, t("help.detectable")),
+        (f"a [{unit}]", True, t("help.ellipse_d")),
+        (f"b [{unit}]", True, t("help.ellipse_d")),
+        (f"{t('col.azimuth')} [{angle}]", True, t("help.ellipse_d")),
+    ]
+    level = report.confidence
+    note = (
+        t("displacements.note_standard")
+        if level is None
+        else t("displacements.note", level=percent(level))
+    )
+    caption = t("displacements.caption")
+    return filled_sheet("displacements", caption, columns_from_rows(heads, rows), notes=[note])
+
+
+def block_tests_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
+    """Return the tests of the common motions."""
+    rows = []
+    for b in report.blocks:
+        fit = [NO_FIGURE, NO_FIGURE, NO_FIGURE]
+        if b.fit is not None:
+            words = t("yes" if b.fit.accepted else "no")
+            fit = [f"{b.fit.value:.2f}", f"{b.fit.critical:.2f}", words]
+        rows.append(
+            [
+                listed(b.points, MAX_NAMES_IN_CELL),
+                t(f"model.{b.model}"),
+                f"{b.motion.value:.2f}",
+                f"{b.motion.critical:.2f}",
+                t("no" if b.motion.accepted else "yes"),
+                *fit,
+            ]
+        )
+    heads: list[ColumnHead] = [
+        (t("col.points"), False),
+        (t("col.model"), False),
+        (t("col.motion"), True, t("help.t_epochs")),
+        (t("col.critical"), True),
+        (t("col.moved"), False),
+        (t("col.fit"), True, t("help.t_epochs")),
+        (t("col.critical"), True),
+        (t("col.fits"), False),
+    ]
+    return filled_sheet("blocks", t("blocks.caption"), columns_from_rows(heads, rows))
+
+
+def block_motions_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
+    """Return the parameters of the common motions."""
+    rows = []
+    for b in report.blocks:
+        for name, value, sigma in zip(b.names, b.values.tolist(), b.sigmas.tolist(), strict=True):
+            unit, factor = PARAMETER_UNITS[name[0]]
+            figures = [short(factor * value), short(factor * sigma), unit]
+            rows.append([_block(b, t), name, *figures])
+    heads: list[ColumnHead] = [
+        (t("col.block"), False),
+        (t("col.parameter"), False),
+        (t("col.value"), True),
+        ("σ", True),
+        (t("col.unit"), False),
+    ]
+    return filled_sheet("motions", t("motions.caption"), columns_from_rows(heads, rows))
+
+
+def strains_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
+    """Return the principal strains of affine motions."""
+    rows = []
+    for b in report.blocks:
+        if b.model == "affine":
+            values, axes = b.principal_strains()
+            for value, axis in zip(values.tolist(), axes.tolist(), strict=True):
+                direction = " ".join(f"{v:.4f}" for v in axis)
+                rows.append([_block(b, t), f"{1e6 * value:.2f}", direction])
+    heads: list[ColumnHead] = [
+        (t("col.block"), False),
+        (f"{t('col.strain')} [ppm]", True),
+        (t("col.axis"), False),
+    ]
+    return filled_sheet("strains", t("strains.caption"), columns_from_rows(heads, rows))
+
+
+def _block(b: BlockMotion, t: Texts) -> str:
+    return f"{listed(b.points, MAX_NAMES_IN_CELL)} ({t(f'model.{b.model}')})"
+
+
+def _test(test: HypothesisTest) -> Sequence[str]:
+    p = "< 0.0001" if test.p_value < 1e-4 else f"{test.p_value:.4f}"
+    return f"{test.value:.2f}", f"{test.critical:.2f}", str(test.freedom[0]), p
+
+
+def _test_heads(name: str, t: Texts) -> list[ColumnHead]:
+    return [
+        (name, True, t("help.t_epochs")),
+        (t("col.critical"), True),
+        (t("col.dof"), True),
+        ("p", True, t("help.p")),
+    ]
+
+
+SYMBOLS_OF_EPOCHS_PAGE = ("displacement", "sigma_d", "t_epochs", "p", "detectable", "ellipse_d")
 """Symbols that the page explains."""
-MARKS = (
+EPOCH_POINT_MARKERS = (
     {"symbol": "triangle-up", "size": 11, "color": "held"},
     {"symbol": "triangle-up-open", "size": 12, "color": "doubt"},
     {"symbol": "circle", "size": 8, "color": "doubt"},
     {"symbol": "circle", "size": 6, "color": "point"},
 )
 """Markers of the states, in the order of `STATES`; colours are names of the style sheet."""
-NAMED = 8
+MAX_NAMES_IN_EPOCHS_PLAN_TEXT = 8
 """Largest number of names in a sentence."""
 
 
@@ -44,42 +270,42 @@ def epochs_html(
         InputError: as `write_report`.
     """
     t = Texts(language)
-    return rendered("two_epochs.html.j2", t, lambda: contents(report, t, files))
+    return rendered_page("two_epochs.html.j2", t, lambda: contents(report, t, files))
 
 
 def contents(report: EpochsReport, t: Texts, files: Sequence[str | Path]) -> dict[str, Any]:
     """Return what the template fills in."""
     plan = EpochsDrawing(report)
     makers = {
-        "displacements": (epochs_tables.displacements,),
-        "reference": (epochs_tables.steps,),
-        "blocks": (epochs_tables.blocks, epochs_tables.motions, epochs_tables.strains),
-        "variances": (epochs_tables.adjustments, epochs_tables.ratio),
+        "displacements": (displacements_sheet,),
+        "reference": (congruence_tests_sheet,),
+        "blocks": (block_tests_sheet, block_motions_sheet, strains_sheet),
+        "variances": (adjustments_sheet, variance_ratio_sheet),
     }
     sections = {
-        ident: Section(
+        ident: PageSection(
             ident,
             t(f"section.{ident}"),
             [made for make in own if (made := make(report, t)) is not None],
         )
         for ident, own in makers.items()
     }
-    listed_files = inputs.files(files, t)
+    listed_files = rendering.input_files_sheet(files, t)
     every = [s for section in sections.values() for s in section.sheets]
     anchors = {f"table-{s.id}" for s in every} | {"inputs"}
     every += [listed_files] if listed_files else []
-    data: dict[str, Any] = {f"sheet-{s.id}": packed(s.data) for s in every}
-    data["plan"] = packed(plan_data(plan, t))
+    data: dict[str, Any] = {f"sheet-{s.id}": packed_json(s.data) for s in every}
+    data["plan"] = packed_json(plan_data(plan, t))
     names = [s.network.name or t("unnamed") for s in report.found.solutions]
     return {
         "title": t("epochs.title", names=t("epochs.arrow").join(names)),
         "date": report.provenance.run.date,
         "verdict": epochs_verdict(report, t),
         "has_plan": True,
-        "symbols": SYMBOLS,
+        "symbols": SYMBOLS_OF_EPOCHS_PAGE,
         "plan_click": t("epochs.plan.click"),
         "plan_text": _plan_text(plan, t),
-        "plan_note": capital(words(plan.plane.note, t)),
+        "plan_note": capitalised(axis_words(plan.plane.note, t)),
         "sections": sections,
         "anchors": anchors,
         "run": _run(report, t),
@@ -103,31 +329,33 @@ def plan_data(plan: EpochsDrawing, t: Texts) -> dict[str, Any]:
     drawn = np.where(plan.fits[:, None], plan.vectors, 0.0)
     names = plan.plane.names
     return {
-        "axes": ["", ""] if plan.schematic else [words(n, t) for n in names[:2]],
+        "axes": ["", ""] if plan.schematic else [axis_words(n, t) for n in names[:2]],
         "schematic": plan.schematic,
         "limits": [limits[0].tolist(), limits[1].tolist()],
         "factor": factor,
-        "multiple": multiple(factor),
+        "multiple": factor_text(factor),
         "doubtful": bool(report.doubts),
         "level": "σ" if report.confidence is None else percent(report.confidence),
         "test": "T",
         "sheet": "displacements",
-        "marks": MARKS,
+        "marks": EPOCH_POINT_MARKERS,
         "points": {
             "names": report.names,
-            "xy": flat(at),
-            "state": [STATES.index(s) for s in report.states],
-            "ellipses": [rounded(v) for v in ((a, b, turn) if plan.flat else (0 * a, 0 * a, turn))],
-            "height": [0.0] * len(at) if plan.flat else rounded(a),
-            "vectors": [rounded(v) for v in drawn.T],
+            "xy": rounded_xy(at),
+            "state": [EPOCH_POINT_STATES.index(s) for s in report.states],
+            "ellipses": [
+                rounded_or_none(v) for v in ((a, b, turn) if plan.flat else (0 * a, 0 * a, turn))
+            ],
+            "height": [0.0] * len(at) if plan.flat else rounded_or_none(a),
+            "vectors": [rounded_or_none(v) for v in drawn.T],
             "moved": moved,
             "told": _told(report, t),
         },
-        "states": [t(f"state.{key}") for key in STATES],
+        "states": [t(f"state.{key}") for key in EPOCH_POINT_STATES],
         "lines": [] if plan.schematic else _lines(plan, t),
         "photos": {"names": [], "xy": [[], []], "shapes": []},
         "shapes": [] if plan.schematic else _shapes(plan, t),
-        "instruments": {"names": [], "xy": flat(_others(plan))},
+        "instruments": {"names": [], "xy": rounded_xy(_others(plan))},
         "relative": {"names": [], "xy": [[], []], "ellipses": [[], [], []]},
         "doubts": [],
         "aside": [],
@@ -138,9 +366,9 @@ def _told(report: EpochsReport, t: Texts) -> list[list[str]]:
     """Return lines that a point of the plan shows when it is pointed at."""
     return [
         [
-            f"{t('col.length')} {size(report, x.length)}",
+            f"{t('col.length')} {sigma_length_text(report, x.length)}",
             f"T {short(x.test.value)} {'≤' if x.test.accepted else '>'} {x.test.critical:.2f}",
-            f"{t('col.detectable')} {size(report, x.detectable)}",
+            f"{t('col.detectable')} {sigma_length_text(report, x.detectable)}",
         ]
         for x in report.found.displacements.values()
     ]
@@ -166,8 +394,8 @@ def _shapes(plan: EpochsDrawing, t: Texts) -> list[dict[str, Any]]:
     """Return the outlines of blocks, and where their motion takes them."""
     out = []
     for at, moved in plan.outlines:
-        out.append({"name": t("epochs.block"), "lines": [flat(at)]})
-        line = flat(at + plan.factor * moved)
+        out.append({"name": t("epochs.block"), "lines": [rounded_xy(at)]})
+        line = rounded_xy(at + plan.factor * moved)
         out.append({"name": t("epochs.block_moved"), "lines": [line], "dash": "dash"})
     return out
 
@@ -179,11 +407,11 @@ def _plan_text(plan: EpochsDrawing, t: Texts) -> list[str]:
     out.append(t("epochs.plan.regions" if plan.flat else "epochs.plan.heights", level=level))
     lost = [report.names[i] for i in np.flatnonzero(~plan.fits).tolist()]
     if lost:
-        out.append(t("plan.too_large", names=listed(lost, NAMED)))
+        out.append(t("plan.too_large", names=listed(lost, MAX_NAMES_IN_EPOCHS_PLAN_TEXT)))
     return out
 
 
 def _run(report: EpochsReport, t: Texts) -> list[tuple[str, str]]:
     found = report.found
     tests = t("run.epochs_tests", alpha=percent(found.alpha), power=percent(found.power))
-    return inputs.run_of(report.provenance.run, [("run.tests", tests)], t)
+    return rendering.run_provenance(report.provenance.run, [("run.tests", tests)], t)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .german_epochs import EPOCHS
+from .epochs_texts import GERMAN_EPOCHS_TEXTS
 
-TEXTS: dict[str, str] = {
+GERMAN_TEXTS: dict[str, str] = {
     "title": "Ausgleichung von {name}",
     "unnamed": "einem Netz ohne Namen",
     "skip": "Zum Inhalt springen",
@@ -350,10 +350,10 @@ TEXTS: dict[str, str] = {
     "js.redundancy": "Redundanzanteil r",
     "js.not_found": "Es gibt keinen Punkt {name}.",
     "js.selected": "Punkt {name} ist markiert.",
-    **EPOCHS,
+    **GERMAN_EPOCHS_TEXTS,
 }
 
-KINDS: dict[str, str] = {
+GERMAN_KINDS: dict[str, str] = {
     "slope distance": "Schrägstrecke",
     "horizontal distance": "Horizontalstrecke",
     "vertical angle": "Höhenwinkel",

@@ -1,4 +1,4 @@
-"""Tables of scalar observations: all of them, control, and those with the largest test values."""
+"""Tables of observations: all, control, largest tests, rejected ones, likely causes."""
 
 from __future__ import annotations
 
@@ -7,29 +7,33 @@ from math import isfinite, log10
 
 import numpy as np
 
+from ...models.variables import UNKNOWNS
+from ...quality.rejections import Snooping
 from ...units import decimal
-from ..adjusted import decimals_of, short_r
-from ..context import Report
-from ..layout import short
-from ..reliability import PARTNERS
-from ..rows import Row
-from .language import Texts
-from .sheets import NONE, Column, Head, Sheet, columns_of, sheet
+from ..adjusted_observations import decimals_by_unit, redundancy_text
+from ..adjustment_report import Report
+from ..gross_errors import unit_of_error
+from ..layout import listed, short
+from ..observation_rows import Row
+from ..reliability import MAX_INSEPARABLE_LISTED
+from .rendering import NO_FIGURE, Column, ColumnHead, Sheet, Texts, columns_from_rows, filled_sheet
 
 
-def test_name(report: Report) -> str:
+def test_symbol(report: Report) -> str:
     """Return the symbol of the test values of a report."""
     return "τ" if report.pope else "w"
 
 
-def observations(report: Report, t: Texts) -> Sheet | None:
+def observations_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return all scalar observations, in the order of the rows of the adjustment."""
     rows = report.rows.all()
     columns = _columns(report, t, rows)
-    return sheet("observations", t("observations.caption"), columns, notes=[t("observations.note")])
+    return filled_sheet(
+        "observations", t("observations.caption"), columns, notes=[t("observations.note")]
+    )
 
 
-def control(report: Report, t: Texts) -> Sheet | None:
+def control_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return the coordinates that were given with a standard deviation, and how they fit."""
     numbers = [
         i
@@ -38,11 +42,11 @@ def control(report: Report, t: Texts) -> Sheet | None:
         for i in range(b.rows.start, b.rows.stop)
     ]
     columns = _columns(report, t, report.rows.at(numbers))
-    return sheet("control", t("control.caption"), columns)
+    return filled_sheet("control", t("control.caption"), columns)
 
 
 def _columns(report: Report, t: Texts, rows: Sequence[Row]) -> list[Column]:
-    places, size = decimals_of(rows), [r.scale.size for r in rows]
+    places, size = decimals_by_unit(rows), [r.scale.size for r in rows]
     observed, adjusted = [], []
     for row in rows:
         coarse, fine = places[row.scale.small]
@@ -79,10 +83,12 @@ def _tests(report: Report, t: Texts, rows: Sequence[Row]) -> list[Column]:
     values = (sign * report.tests[0][n]).tolist()
     errors = (sign * rel.estimated_errors[n] / size).tolist()
     return [
-        Column("r", [short_r(v) for v in rel.redundancy_numbers[n].tolist()], True, t("help.r")),
         Column(
-            test_name(report),
-            [decimal(v, 2) if isfinite(v) else NONE for v in values],
+            "r", [redundancy_text(v) for v in rel.redundancy_numbers[n].tolist()], True, t("help.r")
+        ),
+        Column(
+            test_symbol(report),
+            [decimal(v, 2) if isfinite(v) else NO_FIGURE for v in values],
             True,
             t("help.test"),
         ),
@@ -91,7 +97,7 @@ def _tests(report: Report, t: Texts, rows: Sequence[Row]) -> list[Column]:
     ]
 
 
-def worst(report: Report, t: Texts) -> Sheet | None:
+def worst_observations_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return the observations with the largest test values, with what explains them.
 
     Where there is no reliability, those with the largest normalised residuals are returned.
@@ -117,28 +123,30 @@ def worst(report: Report, t: Texts) -> Sheet | None:
         rows = report.rows.at(numbers)
         key = "worst.above" if above else "worst.none"
         shown = len(rows)
-        caption = t(key, n=above, shown=shown, name=test_name(report), critical=_two(critical))
+        caption = t(key, n=above, shown=shown, name=test_symbol(report), critical=_two(critical))
     columns = _columns(report, t, rows)
     close = [_partners(report, t, r, p) for r, p in zip(rows, partners, strict=True)]
     columns.insert(-1, Column(t("col.partners"), close, help=t("help.partners")))
     columns.insert(
         -1, Column(t("col.cause"), _causes(report, rows), help=t("help.cause"), english=True)
     )
-    return sheet("worst", caption, columns, order=t("order.test"))
+    return filled_sheet("worst", caption, columns, order=t("order.test"))
 
 
 def _two(value: float) -> str:
-    return f"{value:.2f}" if isfinite(value) else NONE
+    return f"{value:.2f}" if isfinite(value) else NO_FIGURE
 
 
 def _partners(report: Report, t: Texts, row: Row, found: Sequence[tuple[int, float]]) -> str:
     """Return the observations from which an observation cannot be told, with correlations."""
-    others = report.rows.at([number for number, _ in found[:PARTNERS]])
+    others = report.rows.at([number for number, _ in found[:MAX_INSEPARABLE_LISTED]])
     named = [
         f"{t.kind(o.kind_name)} {o.what} ({row.sign * o.sign * rho:+.2f})"
         for o, (_, rho) in zip(others, found, strict=False)
     ]
-    more = [f"… {len(found) - PARTNERS}"] if len(found) > PARTNERS else []
+    more = (
+        [f"… {len(found) - MAX_INSEPARABLE_LISTED}"] if len(found) > MAX_INSEPARABLE_LISTED else []
+    )
     return "; ".join([*named, *more])
 
 
@@ -152,7 +160,7 @@ def _causes(report: Report, rows: Iterable[Row]) -> list[str]:
     return out
 
 
-def groups(report: Report, t: Texts) -> Sheet | None:
+def observation_groups_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return the groups of observations with their residuals and their redundancy."""
     rel, rows = report.reliability, []
     blocks = report.solution.equations.blocks
@@ -161,18 +169,22 @@ def groups(report: Report, t: Texts) -> Sheet | None:
         low, high = (short(s / g.scale.size) for s in g.sigma)
         own = [low if low == high else f"{low} … {high}", short(g.rms / g.scale.size)]
         cells = [t.kind(g.label), str(g.observations), str(g.scalars), g.scale.small]
-        cells += own if g.scale.small else [NONE, NONE]
+        cells += own if g.scale.small else [NO_FIGURE, NO_FIGURE]
         vtpv = g.scalars * g.normalised_rms**2
-        cells += [f"{g.normalised_rms:.2f}", f"{g.largest:.2f}", short(vtpv) if plain else NONE]
+        cells += [
+            f"{g.normalised_rms:.2f}",
+            f"{g.largest:.2f}",
+            short(vtpv) if plain else NO_FIGURE,
+        ]
         if rel is not None:
             r = rel.redundancy_numbers[g.rows]
             total = float(r.sum())
-            factor = short((vtpv / total) ** 0.5) if plain and total > 0.5 else NONE
+            factor = short((vtpv / total) ** 0.5) if plain and total > 0.5 else NO_FIGURE
             open_rows = int((~rel.controlled[g.rows] & ~report.stiff[g.rows]).sum())
             cells += [f"{total + 0.0:.2f}", f"{max(float(r.mean()), 0.0):.2f}"]
             cells += [f"{max(float(r.min()), 0.0):.2f}", str(open_rows), factor]
         rows.append(cells)
-    heads: list[Head] = [
+    heads: list[ColumnHead] = [
         (t("col.group"), False),
         (t("col.number"), True),
         (t("col.scalars"), True),
@@ -191,10 +203,10 @@ def groups(report: Report, t: Texts) -> Sheet | None:
             (t("col.uncontrolled"), True, t("help.uncontrolled")),
             (t("col.factor"), True, t("help.factor")),
         ]
-    return sheet("groups", t("groups.caption"), columns_of(heads, rows))
+    return filled_sheet("groups", t("groups.caption"), columns_from_rows(heads, rows))
 
 
-def components(report: Report, t: Texts) -> Sheet | None:
+def variance_components_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return the estimated factors of the standard deviations of groups."""
     found = report.components
     if found is None:
@@ -205,7 +217,7 @@ def components(report: Report, t: Texts) -> Sheet | None:
         state = f"{c.state}; {c.note}" if c.note else str(c.state)
         cells = [t.kind(c.name.replace("_", " ")), str(c.n), f"{c.redundancy:.2f}", short(c.factor)]
         rows.append([*cells, short(c.sigma), f"{short(low)} … {short(high)}", state])
-    heads: list[Head] = [
+    heads: list[ColumnHead] = [
         (t("col.group"), False),
         (t("col.scalars"), True),
         ("Σr", True),
@@ -216,4 +228,172 @@ def components(report: Report, t: Texts) -> Sheet | None:
     ]
     ended = t("ended.yes" if found.converged else "ended.no")
     note = t("components.note", n=found.iterations, ended=ended)
-    return sheet("components", t("components.caption"), columns_of(heads, rows), notes=[note])
+    return filled_sheet(
+        "components", t("components.caption"), columns_from_rows(heads, rows), notes=[note]
+    )
+
+
+MAX_IDS_OF_CAUSE_IN_CELL = 6
+"""Largest number of observations of a cause that are named."""
+
+
+def _start_of_snooping(found: Snooping, t: Texts) -> str:
+    """Return what set observations aside before the first round."""
+    return t("robust") if found.at_the_start == "robust" else t("before")
+
+
+def rejected_observations_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return the observations that were set aside, as the clean solution predicts them."""
+    found, aside = report.snooping, report.set_aside
+    if found is None or aside is None:
+        return None
+    rows = []
+    for r in found.rejected:
+        row = aside.find(r.id, r.component)
+        unit, small = row.scale.size, row.scale.small
+        final = [NO_FIGURE, NO_FIGURE, NO_FIGURE]
+        if isfinite(r.final_error):
+            error, sigma = row.sign * r.final_error / unit, r.final_sigma / unit
+            final = [short(error), short(sigma), decimal(row.sign * r.final_test, 2)]
+        close = "; ".join(f"{label} ({rho:+.2f})" for label, rho in r.inseparable)
+        cells = [
+            t.kind(row.kind_name),
+            row.what,
+            row.own_id,
+            str(r.round or _start_of_snooping(found, t)),
+        ]
+        cells += [decimal(row.sign * r.test, 2), short(row.sign * r.estimated_error / unit)]
+        rows.append([*cells, *final, small, close, row.source])
+    name = test_symbol(report)
+    heads: list[ColumnHead] = [
+        (t("col.kind"), False),
+        (t("col.observation"), False),
+        (t("col.id"), False),
+        (t("col.round"), True),
+        (name, True, t("help.test")),
+        (t("col.error"), True, t("help.error")),
+        (t("col.final_error"), True, t("help.final_error")),
+        ("σ", True),
+        (f"{t('col.final')} {name}", True),
+        (t("col.unit"), False),
+        (t("col.partners"), False, t("help.partners")),
+        (t("col.source"), False),
+    ]
+    notes = []
+    if found.readmitted:
+        notes.append(t("readmitted", names=listed(found.readmitted, 2 * MAX_IDS_OF_CAUSE_IN_CELL)))
+    return filled_sheet(
+        "rejected", t("rejected.caption"), columns_from_rows(heads, rows), notes=notes
+    )
+
+
+def rejected_points_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return the points that were set aside with all their rays."""
+    found = report.snooping
+    if found is None:
+        return None
+    rows = [
+        [
+            p.name,
+            p.label,
+            str(len(p.rays)),
+            str(p.round or _start_of_snooping(found, t)),
+            f"{p.test:.2f}",
+        ]
+        for p in found.points_set_aside
+    ]
+    heads: list[ColumnHead] = [
+        (t("col.point"), False),
+        (t("col.worst_ray"), False),
+        (t("col.rays"), True),
+        (t("col.round"), True),
+        (test_symbol(report), True),
+    ]
+    return filled_sheet("points-aside", t("points_aside.caption"), columns_from_rows(heads, rows))
+
+
+def unresolved_observations_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return the observations above the critical value that stay in the adjustment."""
+    found = report.snooping
+    if found is None:
+        return None
+    rows, unit = [], report.solution.observations
+    for u in found.unresolved:
+        numbers: list[int] = report.solution.equations.find([u.id])[0].tolist()
+        number = next((i for i in numbers if unit[i].component == u.component), numbers[0])
+        row = report.rows.at([number])[0]
+        error = short(row.sign * u.estimated_error / row.scale.size)
+        cells = [t.kind(row.kind_name), row.what, row.own_id, decimal(row.sign * u.test, 2)]
+        rows.append([*cells, error, row.scale.small, u.reason, row.source])
+    heads: list[ColumnHead] = [
+        (t("col.kind"), False),
+        (t("col.observation"), False),
+        (t("col.id"), False),
+        (test_symbol(report), True, t("help.test")),
+        (t("col.error"), True, t("help.error")),
+        (t("col.unit"), False),
+        (t("col.reason"), False),
+        (t("col.source"), False),
+    ]
+    return filled_sheet(
+        "unresolved",
+        t("unresolved.caption"),
+        columns_from_rows(heads, rows, english=[t("col.reason")]),
+    )
+
+
+def given_values_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return the tests of given values that are held."""
+    rows = []
+    for v in report.given:
+        whole = f"{v.together.t2:.2f}" if v.together.dof else NO_FIGURE
+        for i, (component, one) in enumerate(zip(v.components, v.apart, strict=True)):
+            unit, symbol = unit_of_error(report, v.sizes[i])
+            figures = [NO_FIGURE, NO_FIGURE, NO_FIGURE]
+            if one.dof:
+                error, sigma = float(one.error[0]) / unit, float(one.sigma[0]) / unit
+                figures = [short(error), short(sigma), decimal(float(v.w[i]), 2)]
+            rows.append([t.kind(UNKNOWNS[v.kind].title), v.name, component, *figures[:2], symbol])
+            rows[-1] += [figures[2], whole]
+    heads: list[ColumnHead] = [
+        (t("col.kind"), False),
+        (t("col.name"), False),
+        (t("col.parameter"), False),
+        (t("col.error"), True, t("help.given")),
+        ("σ", True),
+        (t("col.unit"), False),
+        ("w", True),
+        ("T²", True, t("help.t2")),
+    ]
+    return filled_sheet("given", t("given.caption"), columns_from_rows(heads, rows))
+
+
+def causes_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return the causes that explain more than any single reading, the likeliest first."""
+    found = report.causes
+    if found is None:
+        return None
+    rows = []
+    for c in found.likelier:
+        sizes = []
+        for name, size, error, sigma, alone in c.estimates:
+            unit, symbol = unit_of_error(report, size)
+            shown = f"{name} {short(error / unit)} ± {short(sigma / unit)} {symbol}"
+            sizes.append(shown.strip() + (" if it alone is wrong" * alone))
+        cells = [f"{c.cause} {c.where}", "; ".join(sizes), f"{c.t2:.1f}", str(c.dof)]
+        rows.append(
+            [*cells, f"{c.critical:.1f}", str(len(c.ids)), listed(c.ids, MAX_IDS_OF_CAUSE_IN_CELL)]
+        )
+    heads: list[ColumnHead] = [
+        (t("col.cause"), False),
+        (t("col.size"), False, t("help.cause_size")),
+        ("T²", True, t("help.t2")),
+        (t("col.dof"), True),
+        (t("col.critical"), True),
+        (t("col.shared"), True),
+        (t("col.observations"), False),
+    ]
+    note = t("causes.note", n=found.tested)
+    caption = t("causes.caption")
+    said = columns_from_rows(heads, rows, english=[t("col.cause"), t("col.size")])
+    return filled_sheet("causes", caption, said, notes=[note], order=t("order.cause"))

@@ -1,4 +1,8 @@
-"""The page of the HTML report: its parts in the order in which a reader needs them."""
+"""The report of an adjustment as one HTML file, with the data of its figures.
+
+The data of the statistical figures are histograms of test values, their quantiles, redundancy
+numbers, and mean photos.
+"""
 
 from __future__ import annotations
 
@@ -6,87 +10,213 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..context import Report
-from ..layout import listed
-from ..text import render
-from . import inputs, observations, places, snooping, statistics, unknowns
-from .language import Language, Texts
-from .libraries import packed
-from .plan import Plan
-from .rendering import Section, capital, rendered
-from .scene import scene
-from .verdict import verdict
+import numpy as np
+from scipy.special import ndtr, ndtri
 
-SYMBOLS = ("v", "sigma", "r", "test", "error", "mdb", "ellipse", "partners")
+from ...epochs.block_motion import BlockMotion
+from ...epochs.comparison import Congruence
+from ...errors import InputError
+from ...io.file_transaction import write_files
+from ...solve.solution import Solution
+from ...statistical_tests import CONFIDENCE_OF_REGION
+from ..adjustment_report import Report
+from ..epochs_report import EpochsReport
+from ..layout import listed
+from ..options import Provenance, ReportOptions
+from ..plots.image_residuals import cells_along_longer_side, image_rows, mean_photo
+from ..plots.style import factor_text, length_text, readable_number
+from ..text import render_text
+from . import estimates, observations, rendering
+from . import observations as snooping
+from .observations import test_symbol
+from .plan import PlanDrawing, scene_data
+from .rendering import Language, PageSection, Texts, capitalised, packed_json, rendered_page
+from .verdict import adjustment_verdict
+
+HISTOGRAM_BARS_ON_PAGE = 41
+"""Number of bars of a histogram of test values."""
+MAX_TEST_VALUE_WITH_BAR = 6.0
+"""Largest |w| with a bar of its own; the outermost bars hold what lies beyond."""
+MAX_QUANTILE_POINTS = 1000
+"""Largest number of points of a quantile plot between its ends."""
+EXTREME_VALUES_SHOWN = 200
+"""Number of smallest and of largest values that are all shown."""
+MIN_SHARE_OF_POINTS_ON_PAGE = 0.1
+"""Smallest number of points in a cell with a vector, as a fraction of the average."""
+
+
+def test_statistics(report: Report, t: Texts) -> dict[str, Any] | None:
+    """Return histogram, quantiles and redundancy numbers; None without reliability."""
+    rel = report.reliability
+    if rel is None or not rel.controlled.any():
+        return None
+    values, critical = report.tests
+    tested = np.isfinite(values) & rel.controlled
+    sign = report.rows.signs()
+    found = {}
+    groups = report.rows.groups()
+    edges = np.linspace(
+        -MAX_TEST_VALUE_WITH_BAR, MAX_TEST_VALUE_WITH_BAR, HISTOGRAM_BARS_ON_PAGE + 1
+    )
+    for g in groups:
+        own = (sign * values)[g.rows][tested[g.rows]]
+        if len(own):
+            counts = np.histogram(
+                np.clip(own, -MAX_TEST_VALUE_WITH_BAR, MAX_TEST_VALUE_WITH_BAR), edges
+            )[0]
+            found[t.kind(g.label)] = counts.tolist()
+    everything = np.sort((sign * values)[tested])
+    n = len(everything)
+    middle = np.linspace(0, n - 1, MAX_QUANTILE_POINTS).round().astype(np.intp)
+    ends = np.arange(min(n, EXTREME_VALUES_SHOWN))
+    shown = np.unique(np.concatenate([ends, middle, n - 1 - ends]))
+    return {
+        "test": test_symbol(report),
+        "critical": critical if np.isfinite(critical) else None,
+        "n": n,
+        "centres": ((edges[1:] + edges[:-1]) / 2).tolist(),
+        "histogram": found,
+        "normal": np.round(n * np.diff(ndtr(edges)), 3).tolist(),
+        "quantiles": np.round(ndtri((shown + 0.5) / n), 4).tolist(),
+        "sorted": np.round(everything[shown], 4).tolist(),
+        "redundancy": {
+            t.kind(g.label): np.histogram(
+                np.clip(rel.redundancy_numbers[g.rows], 0.0, 1.0), np.linspace(0, 1, 21)
+            )[0].tolist()
+            for g in groups
+        },
+    }
+
+
+def mean_photo_data(report: Report, t: Texts) -> list[dict[str, Any]]:
+    """Return the mean residuals in the cells of the image of each camera with image points."""
+    rows = image_rows(report.solution)
+    out = []
+    for name, corners in rows.areas.items():
+        camera, own = report.network.cameras[name], rows.of_camera(name)
+        mean = mean_photo(own, corners, cells_along_longer_side(own, corners))
+        enough = mean.count >= MIN_SHARE_OF_POINTS_ON_PAGE * mean.count.mean()
+        size = np.hypot(*mean.residual[enough].T)
+        side = float(mean.x_edges[1] - mean.x_edges[0])
+        typical = float(np.quantile(size, 0.9))
+        factor = readable_number(0.8 * side / typical) if typical > 0 else 1.0
+        down = -1.0 if camera.y_down_in_files else 1.0
+        ends = mean.centre[enough] + factor * mean.residual[enough]
+        y = mean.centre[enough, 1]
+        significant = mean.significant[enough]
+        key = f"{typical:.2g} {camera.unit}" if camera.unit != "m" else length_text(typical)
+        out.append(
+            {
+                "camera": name,
+                "unit": camera.unit,
+                "down": bool(down < 0),
+                "from": [mean.centre[enough, 0].tolist(), (down * y).tolist()],
+                "to": [ends[:, 0].tolist(), (down * ends[:, 1]).tolist()],
+                "count": mean.count[enough].tolist(),
+                "significant": significant.tolist(),
+                "multiple": factor_text(factor),
+                "text": t(
+                    "mean_photo.text",
+                    camera=name,
+                    n=len(own.row),
+                    cells=int(enough.sum()),
+                    red=int(significant.sum()),
+                    factor=factor_text(factor),
+                    typical=key,
+                ),
+            }
+        )
+    return out
+
+
+SYMBOLS_OF_PAGE = ("v", "sigma", "r", "test", "error", "mdb", "ellipse", "partners")
 """Symbols that the page explains."""
-NAMED = 8
+MAX_NAMES_IN_PLAN_TEXT = 8
 """Largest number of names in a sentence."""
 
 
-def html(report: Report, *, language: Language = "en", files: Sequence[str | Path] = ()) -> str:
+def adjustment_html(
+    report: Report, *, language: Language = "en", files: Sequence[str | Path] = ()
+) -> str:
     """Return the page of a report.
 
     Raises:
         InputError: as `write_report`.
     """
     t = Texts(language)
-    return rendered("page.html.j2", t, lambda: contents(report, t, files))
+    return rendered_page("page.html.j2", t, lambda: contents(report, t, files))
 
 
 def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str, Any]:
     """Return what the template fills in."""
-    plan = Plan(report, t)
-    view, drawn = scene(plan), plan.data()
-    numbers = statistics.statistics(report, t)
-    means = statistics.mean_photos(report, t)
-    calibrations, n_calibrations = unknowns.calibrations(report, t)
+    plan = PlanDrawing(report, t)
+    view, drawn = scene_data(plan), plan.data()
+    numbers = test_statistics(report, t)
+    means = mean_photo_data(report, t)
+    calibrations, n_calibrations = estimates.calibration_sheets(report, t)
     sections = {
         "groups": _section(
-            "groups", t, observations.groups, observations.components, report=report
+            "groups",
+            t,
+            observations.observation_groups_sheet,
+            observations.variance_components_sheet,
+            report=report,
         ),
-        "worst": _section("worst", t, observations.worst, snooping.causes, report=report),
+        "worst": _section(
+            "worst", t, observations.worst_observations_sheet, snooping.causes_sheet, report=report
+        ),
         "aside": _section(
             "aside",
             t,
-            snooping.rejected,
-            snooping.points_aside,
-            snooping.unresolved,
-            snooping.given,
+            snooping.rejected_observations_sheet,
+            snooping.rejected_points_sheet,
+            snooping.unresolved_observations_sheet,
+            snooping.given_values_sheet,
             report=report,
         ),
-        "points": _section("points", t, places.points, report=report),
+        "points": _section("points", t, estimates.points_sheet, report=report),
         "control": _section(
-            "control", t, observations.control, places.check_points, places.lines, report=report
+            "control",
+            t,
+            observations.control_sheet,
+            estimates.check_points_sheet,
+            estimates.lines_sheet,
+            report=report,
         ),
-        "photos": _section("photos", t, places.photos, report=report),
+        "photos": _section("photos", t, estimates.photos_sheet, report=report),
         "unknowns": _section(
-            "unknowns", t, unknowns.orientations, unknowns.shapes, unknowns.others, report=report
+            "unknowns",
+            t,
+            estimates.orientations_sheet,
+            estimates.shapes_sheet,
+            estimates.other_unknowns_sheet,
+            report=report,
         ),
-        "observations": _section("observations", t, observations.observations, report=report),
+        "observations": _section("observations", t, observations.observations_sheet, report=report),
     }
     anchors = {ident for ident, section in sections.items() if section.sheets}
     anchors |= {f"table-{s.id}" for section in sections.values() for s in section.sheets}
     anchors |= {"inputs", *(("cameras",) if calibrations else ())}
-    listed_files = inputs.files(files, t)
+    listed_files = rendering.input_files_sheet(files, t)
     every = [s for section in sections.values() for s in section.sheets]
     every += [c.sheet for c in calibrations]
     every += [listed_files] if listed_files else []
-    data: dict[str, Any] = {f"sheet-{s.id}": packed(s.data) for s in every}
-    data["plan"] = packed(drawn)
+    data: dict[str, Any] = {f"sheet-{s.id}": packed_json(s.data) for s in every}
+    data["plan"] = packed_json(drawn)
     if view is not None:
-        data["scene"] = packed(view)
+        data["scene"] = packed_json(view)
     if numbers is not None:
-        data["statistics"] = packed(numbers)
+        data["statistics"] = packed_json(numbers)
     if means:
-        data["mean-photos"] = packed(means)
+        data["mean-photos"] = packed_json(means)
     return {
         "title": t("title", name=report.network.name or t("unnamed")),
         "date": report.provenance.run.date,
-        "verdict": verdict(report, t),
-        "symbols": SYMBOLS,
+        "verdict": adjustment_verdict(report, t),
+        "symbols": SYMBOLS_OF_PAGE,
         "plan_click": t("plan.click"),
         "plan_text": _plan_text(plan, t),
-        "plan_note": capital(plan.words(plan.plane.note)),
+        "plan_note": capitalised(plan.words(plan.plane.note)),
         "has_plan": bool(len(plan.points) + len(plan.centres)),
         "has_r": report.reliability is not None,
         "scene_text": None if view is None else _scene_text(plan, view, t),
@@ -97,20 +227,20 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
         "means": [{"camera": m["camera"], "text": m["text"]} for m in means],
         "statistics": numbers,
         "statistics_text": None if numbers is None else _statistics_text(report, numbers, t),
-        "run": inputs.run(report, t),
+        "run": rendering.adjustment_provenance(report, t),
         "files": listed_files,
-        "protocol": render(report),
+        "protocol": render_text(report),
         "data": data,
     }
 
 
-def _section(ident: str, t: Texts, *makers: Any, report: Report) -> Section:
+def _section(ident: str, t: Texts, *makers: Any, report: Report) -> PageSection:
     """Return a part of the page with the tables that there are."""
     found = [made for make in makers if (made := make(report, t)) is not None]
-    return Section(ident, t(f"section.{ident}"), found)
+    return PageSection(ident, t(f"section.{ident}"), found)
 
 
-def _plan_text(plan: Plan, t: Texts) -> list[str]:
+def _plan_text(plan: PlanDrawing, t: Texts) -> list[str]:
     """Return the plan in words, for those who do not see it, and what it leaves out."""
     report, points = plan.report, len(plan.points)
     out = [t.number("plan.text", points, photos=len(plan.centres))]
@@ -130,13 +260,13 @@ def _plan_text(plan: Plan, t: Texts) -> list[str]:
         out.append(t("plan.held"))
     lost = plan.too_large()
     if lost:
-        out.append(t("plan.too_large", names=listed(lost, NAMED)))
+        out.append(t("plan.too_large", names=listed(lost, MAX_NAMES_IN_PLAN_TEXT)))
     if plan.schematic:
         out.append(t("plan.schematic"))
     return out
 
 
-def _scene_text(plan: Plan, view: dict[str, Any], t: Texts) -> str:
+def _scene_text(plan: PlanDrawing, view: dict[str, Any], t: Texts) -> str:
     rays = view["rays"]
     text = t("scene.text", points=len(plan.points), photos=len(plan.centres))
     if rays["shown"] < rays["all"]:
@@ -161,3 +291,80 @@ def _statistics_text(report: Report, numbers: dict[str, Any], t: Texts) -> dict[
             n=len(r),
         ),
     }
+
+
+def write_report(
+    solution: Solution | Congruence,
+    path: str | Path,
+    *,
+    language: Language = "en",
+    options: ReportOptions | None = None,
+    provenance: Provenance | None = None,
+    files: Sequence[str | Path] = (),
+    blocks: Sequence[BlockMotion] = (),
+) -> None:
+    """Write the report of an adjustment, or of two epochs, as one HTML file.
+
+    The extra ``report`` is required. The file opens in a browser by a double click and asks for
+    nothing from the network. It has: the verdict with its reasons; the plan, with error ellipses
+    and with the observations that are in doubt, and a view in three dimensions; groups of
+    observations; the worst observations and those that were set aside; points, control and check
+    points, photos, calibrations and other unknowns; all observations; the distribution of test
+    values and of redundancy; input files, versions, options, and the protocol as text. Tables sort,
+    filter and export CSV.
+
+    Of two epochs it has: the verdict; the plan of the displacements with their ellipses; the
+    displacements with test values and smallest detectable ones; the congruence tests of the
+    reference points; common motions and strains; the adjustments with the ratio of their variances.
+
+    The same arguments give the same file: a date stands in it only if ``provenance`` has one.
+
+    Args:
+        solution: the result of `adjust`, or of `congruence`.
+        path: the file, such as ``report.html``; one that is there is replaced.
+        language: ``en`` or ``de``. Sentences of the adjustment itself, such as the reason why an
+            iteration ended and the name of a likely cause, are English in both.
+        options: units, probabilities, tests, ellipses and lines, as for `protocol`. Without a
+            confidence, the plan shows ellipses of 95 % and the tables none. Of two epochs units and
+            confidence count.
+        provenance: data snooping or variance components that the solution comes from, and the run.
+        files: input files and folders, which the report lists with their SHA-256.
+        blocks: common motions of points of two epochs.
+
+    Raises:
+        InputError: the extra is not installed, the language is unknown, an input file cannot be
+            read, blocks are given for one adjustment, or the file cannot be written; an earlier one
+            has not changed then.
+    """
+    if isinstance(solution, Congruence):
+        stated = options or ReportOptions()
+        level = CONFIDENCE_OF_REGION if stated.confidence is None else stated.confidence
+        run = provenance or Provenance()
+        epochs = EpochsReport(solution, tuple(blocks), run, level, stated.units)
+        write_html(epochs, path, language=language, files=files)
+        return
+    if blocks:
+        raise InputError("blocks belong to the report of two epochs, of a result of congruence")
+    report = Report(solution, options or ReportOptions(), provenance or Provenance())
+    write_html(report, path, language=language, files=files)
+
+
+def write_html(
+    report: Report | EpochsReport,
+    path: str | Path,
+    *,
+    language: Language = "en",
+    files: Sequence[str | Path] = (),
+) -> None:
+    """Write a report as an HTML file, see `write_report`."""
+    # The figures behind them take long to import.
+    from .epochs_page import epochs_html
+
+    pass
+
+    target = Path(path)
+    if isinstance(report, EpochsReport):
+        text = epochs_html(report, language=language, files=files)
+    else:
+        text = adjustment_html(report, language=language, files=files)
+    write_files(target.parent, {target.name: text})

@@ -1,24 +1,338 @@
-"""How a page of HTML is made: its template, with scripts, libraries and texts of its language."""
+"""Parts of every page: language, tables, packed scripts and data, template, provenance.
+
+The scripts come from the installed packages: plotly.js (MIT) from ``plotly``, DataTables with
+jQuery (MIT) from ``itables``. Templates and style sheet are in the folder ``template`` beside
+this module.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import gzip
+import hashlib
+import json
+import platform
+from base64 import b64encode
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
 from importlib.resources import files as resources
-from typing import Any
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, get_args
 
 from ...control_characters import escaped
+from ...errors import InputError, Problem, system_reason
 from ...version import __version__
-from .language import Texts
-from .libraries import libraries, refuse_missing
-from .sheets import NONE, PAGE, Sheet
+from ..adjustment_report import Report
+from ..layout import percent
+from ..options import Run
+from . import english, german
 
-SCRIPTS = ("base.js", "tables.js", "plan.js", "figures.js")
+Language: TypeAlias = Literal["en", "de"]
+"""Languages of the report."""
+
+TEXTS_BY_LANGUAGE: dict[str, dict[str, str]] = {
+    "en": english.ENGLISH_TEXTS,
+    "de": german.GERMAN_TEXTS,
+}
+"""Texts by language and key."""
+KINDS_BY_LANGUAGE: dict[str, dict[str, str]] = {"en": {}, "de": german.GERMAN_KINDS}
+"""Names of kinds of observations and unknowns; one that is missing keeps its English name."""
+
+_WEIGHTED = "weighted "
+"""Beginning of the names of given values of unknowns as observations."""
+
+
+@dataclass(frozen=True)
+class Texts:
+    """The texts of one language.
+
+    Raises:
+        InputError: the language is unknown.
+    """
+
+    language: str
+    """``en`` or ``de``."""
+
+    def __post_init__(self) -> None:
+        """Check the language."""
+        if self.language not in TEXTS_BY_LANGUAGE:
+            valid = ", ".join(get_args(Language))
+            raise InputError(f"unknown language {self.language!r}; valid: {valid}")
+
+    def __call__(self, key: str, **figures: object) -> str:
+        """Return a text with its figures in place."""
+        text = TEXTS_BY_LANGUAGE[self.language][key]
+        return text.format(**figures) if figures else text
+
+    def number(self, key: str, n: int, **figures: object) -> str:
+        """Return a text about n things: ``key.one`` for a single one, else ``key.many``."""
+        return self(f"{key}.one" if n == 1 else f"{key}.many", n=n, **figures)
+
+    def script_texts(self) -> dict[str, str]:
+        """Return the texts that the script of the page shows."""
+        return {
+            k: text for k, text in TEXTS_BY_LANGUAGE[self.language].items() if k.startswith("js.")
+        }
+
+    def kind(self, label: str) -> str:
+        """Return the name of a kind, or of a group such as ``image, P31``."""
+        names = KINDS_BY_LANGUAGE[self.language]
+        name, comma, rest = label.partition(", ")
+        if name not in names and name.startswith(_WEIGHTED):
+            inner = name.removeprefix(_WEIGHTED)
+            name = f"{self('weighted')} {names[inner]}" if inner in names else name
+        return f"{names.get(name, name)}{comma}{rest}"
+
+    def kinds(self, kinds: Iterable[str]) -> str:
+        """Return the names of kinds as they are registered."""
+        return ", ".join(self.kind(k.replace("_", " ")) for k in kinds)
+
+
+REPORT_PACKAGES = ("jinja2", "plotly", "itables")
+"""Packages of the extra."""
+REPORT_PACKAGES_MISSING = "the report needs {names}: pip install 'factorgraph_adj[report]'"
+"""Message where some of them are not installed."""
+COMPRESSION_LEVEL = 6
+"""Level of compression of data; libraries, which stay the same, have the best one."""
+
+
+@dataclass(frozen=True)
+class Libraries:
+    """Packed scripts and styles."""
+
+    plotly: str
+    """plotly.js."""
+    tables: str
+    """DataTables with its extensions, a module of JavaScript."""
+    style: str
+    """Style sheet of DataTables."""
+
+
+def require_report_packages() -> None:
+    """Raise the packages that are not installed.
+
+    Raises:
+        InputError: some are not; the message says how to install them.
+    """
+    missing = [name for name in REPORT_PACKAGES if find_spec(name) is None]
+    if missing:
+        raise InputError(REPORT_PACKAGES_MISSING.format(names=", ".join(missing)))
+
+
+@cache
+def packed_libraries() -> Libraries:
+    """Return the scripts of the installed packages, packed once in a process."""
+    from plotly.offline import get_plotlyjs
+
+    folder = files("itables") / "html"
+    return Libraries(
+        _packed(get_plotlyjs().encode(), 9),
+        _packed((folder / "dt_bundle.js").read_bytes(), 9),
+        _packed((folder / "dt_bundle.css").read_bytes(), 9),
+    )
+
+
+def packed_json(data: Any) -> str:
+    """Return data as JSON, packed by gzip and written in base64, which needs no escaping."""
+    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return _packed(text.encode(), COMPRESSION_LEVEL)
+
+
+def _packed(data: bytes, level: int) -> str:
+    # No time stamp: the same report gives the same file.
+    return b64encode(gzip.compress(data, level, mtime=0)).decode("ascii")
+
+
+ColumnHead: TypeAlias = tuple[str, bool] | tuple[str, bool, str]
+"""Title of a column, whether it is numeric, and where needed its help."""
+ROWS_PER_PAGE = 25
+"""Number of rows that a table shows at a time, and has in a page whose script does not run."""
+LETTERS_OF_LONG_TEXT, MAX_CELLS_EXAMINED = 30, 1000
+"""Number of letters from which a text is long, and number of cells that are looked at."""
+NO_FIGURE = "–"
+"""What stands for a figure that there is not."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table."""
+
+    title: str
+    """Its heading, with the unit in brackets."""
+    values: Sequence[str]
+    """Its cells."""
+    numeric: bool = False
+    """Whether it is sorted as numbers and set flush right."""
+    help: str = ""
+    """What the heading means, in a sentence; empty where it says so itself."""
+    english: bool = False
+    """Whether its cells are words of the adjustment itself, English in every language."""
+
+    @property
+    def look(self) -> str:
+        """Class of its cells in the style sheet: ``number``, ``long`` for long texts, or none."""
+        if self.numeric:
+            return "number"
+        return (
+            "long"
+            if any(len(v) > LETTERS_OF_LONG_TEXT for v in self.values[:MAX_CELLS_EXAMINED])
+            else ""
+        )
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """One table of the report."""
+
+    id: str
+    """Name of the table in the page."""
+    caption: str
+    """What the rows are."""
+    columns: Sequence[Column]
+    """The columns, all of the same length."""
+    notes: Sequence[str] = field(default_factory=tuple)
+    """Sentences below the table."""
+    order: str = ""
+    """How the rows are ordered at first, for the caption; empty: as in the network."""
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.columns[0].values) if self.columns else 0
+
+    @property
+    def first(self) -> Iterator[tuple[str, ...]]:
+        """Rows that stand in the page before its script has run."""
+        return zip(*(c.values[:ROWS_PER_PAGE] for c in self.columns), strict=True)
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """What the script of the page needs."""
+        return {
+            "looks": [c.look for c in self.columns],
+            "english": [c.english for c in self.columns],
+            "columns": [list(c.values) for c in self.columns],
+        }
+
+
+def filled_sheet(
+    ident: str,
+    caption: str,
+    columns: Iterable[Column],
+    *,
+    notes: Sequence[str] = (),
+    order: str = "",
+) -> Sheet | None:
+    """Return a table without the columns that no row fills; None for a table without rows."""
+    kept = [c for c in columns if any(v not in ("", NO_FIGURE) for v in c.values)]
+    if not kept:
+        return None
+    return Sheet(ident, caption, kept, tuple(n for n in notes if n), order)
+
+
+def columns_from_rows(
+    heads: Sequence[ColumnHead], rows: Sequence[Sequence[str]], *, english: Collection[str] = ()
+) -> list[Column]:
+    """Return columns from rows of cells.
+
+    Args:
+        heads: title, whether the column is numeric, and its help, of each column.
+        rows: the cells, row by row.
+        english: titles of the columns whose cells are words of the adjustment itself.
+    """
+    cells = list(zip(*rows, strict=True)) if rows else [()] * len(heads)
+    return [
+        Column(head[0], values, head[1], head[2] if len(head) == 3 else "", head[0] in english)
+        for head, values in zip(heads, cells, strict=True)
+    ]
+
+
+MAX_FILES_LISTED = 200
+"""Largest number of files of a folder that are listed."""
+
+
+def input_files_sheet(paths: Sequence[str | Path], t: Texts) -> Sheet | None:
+    """Return the input files with their sizes and SHA-256.
+
+    Of a folder, the files in it and below are listed, those with a dot in front of their name
+    excepted.
+
+    Raises:
+        InputError: a file cannot be read, all of them at once.
+    """
+    rows, problems, more = [], [], 0
+    for path in paths:
+        found = _below(Path(path))
+        more += max(len(found) - MAX_FILES_LISTED, 0)
+        for file in found[:MAX_FILES_LISTED]:
+            try:
+                with file.open("rb") as stream:
+                    digest = hashlib.file_digest(stream, "sha256").hexdigest()
+                rows.append([str(file), str(file.stat().st_size), digest])
+            except OSError as error:
+                problems.append(Problem(f"cannot be read: {system_reason(error)}", str(file)))
+    if problems:
+        raise InputError(problems)
+    heads: list[ColumnHead] = [(t("col.file"), False), (t("col.bytes"), True), ("SHA-256", False)]
+    note = t("files.more", n=more) if more else ""
+    return filled_sheet("files", t("files.caption"), columns_from_rows(heads, rows), notes=[note])
+
+
+def _below(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    return sorted(
+        p
+        for p in path.rglob("*")
+        if p.is_file() and not any(part.startswith(".") for part in p.relative_to(path).parts)
+    )
+
+
+def adjustment_provenance(report: Report, t: Texts) -> list[tuple[str, str]]:
+    """Return what was run, with which options, and the versions of what computed it."""
+    options = report.options
+    tests = f"α0 = {percent(options.alpha)}, 1 − β = {percent(options.power)}"
+    variance = t(f"variance.{report.solution.variance}")
+    return run_provenance(
+        report.provenance.run, [("run.variance", variance), ("run.tests", tests)], t
+    )
+
+
+def run_provenance(run: Run, more: Sequence[tuple[str, str]], t: Texts) -> list[tuple[str, str]]:
+    """Return program, run and versions.
+
+    Args:
+        run: the run.
+        more: keys and texts of what else is told.
+        t: texts of the language.
+    """
+    parts = [
+        ("run.program", f"factorgraph_adj {__version__}"),
+        *((f"run.{name}", text) for name, text in asdict(run).items()),
+        *more,
+        ("run.versions", ", ".join(_versions())),
+    ]
+    return [(t(key), text) for key, text in parts if text]
+
+
+def _versions() -> list[str]:
+    out = [f"Python {platform.python_version()}"]
+    for name in ("numpy", "scipy", "gtsam", "plotly", "itables", "jinja2"):
+        try:
+            out.append(f"{name} {version(name)}")
+        except PackageNotFoundError:  # built from source, without metadata
+            out.append(name)
+    return out
+
+
+PAGE_SCRIPTS = ("base.js", "tables.js", "plan.js", "figures.js")
 """Scripts of a page, in the order in which they run."""
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A part of the page with tables."""
 
     id: str
@@ -31,7 +345,7 @@ class Section:
     """What it says without a table; empty: the part is left out."""
 
 
-def rendered(name: str, t: Texts, contents: Callable[[], Mapping[str, Any]]) -> str:
+def rendered_page(name: str, t: Texts, contents: Callable[[], Mapping[str, Any]]) -> str:
     """Return a page.
 
     Args:
@@ -42,7 +356,7 @@ def rendered(name: str, t: Texts, contents: Callable[[], Mapping[str, Any]]) -> 
     Raises:
         InputError: packages of the extra are missing, and what the function raises.
     """
-    refuse_missing()
+    require_report_packages()
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     def text_of(name: str) -> str:
@@ -61,15 +375,15 @@ def rendered(name: str, t: Texts, contents: Callable[[], Mapping[str, Any]]) -> 
         language=t.language,
         program=f"factorgraph_adj {__version__}",
         style=text_of("style.css"),
-        script="\n".join(text_of(name) for name in SCRIPTS),
-        libraries=libraries(),
-        page_rows=PAGE,
-        none=NONE,
-        script_texts=t.of_script(),
+        script="\n".join(text_of(name) for name in PAGE_SCRIPTS),
+        libraries=packed_libraries(),
+        page_rows=ROWS_PER_PAGE,
+        none=NO_FIGURE,
+        script_texts=t.script_texts(),
         **contents(),
     )
 
 
-def capital(text: str) -> str:
+def capitalised(text: str) -> str:
     """Return a text with a capital letter at its beginning."""
     return text[:1].upper() + text[1:]

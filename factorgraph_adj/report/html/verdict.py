@@ -1,4 +1,4 @@
-"""The verdict of the HTML report: lights with the reason in words, and the main figures."""
+"""The verdict on an adjustment or on two epochs: lights with reasons, main figures."""
 
 from __future__ import annotations
 
@@ -8,23 +8,25 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ...quality.check_points import check_points
-from ...quality.unit_weight import global_test
-from ..context import Report
-from ..doubts import (
-    by_chance,
-    doubts_about,
-    of_network,
+from ...quality.point_precision import check_points
+from ...statistical_tests import global_test
+from ...units import LENGTH
+from ..adjustment_report import Report
+from ..doubtful_results import (
+    doubts_of_network,
+    doubts_of_solution,
+    exceeded_by_chance,
     unknowns_left_out,
 )
-from ..layout import listed, percent
-from ..weakest import point_redundancy
-from .language import Texts
-from .observations import test_name
+from ..epochs_report import EpochsReport
+from ..layout import listed, percent, short
+from ..reliability import point_redundancy
+from .observations import test_symbol
+from .rendering import Texts
 
-Colour: TypeAlias = Literal["green", "amber", "red", "none"]
+LightColour: TypeAlias = Literal["green", "amber", "red", "none"]
 """State of a light; ``none``: nothing to judge."""
-NAMED = 8
+MAX_NAMES_IN_LIGHT = 8
 """Largest number of names in a sentence."""
 
 
@@ -32,7 +34,7 @@ NAMED = 8
 class Light:
     """One thing that was judged."""
 
-    colour: Colour
+    colour: LightColour
     """State."""
     title: str
     """What was judged."""
@@ -48,7 +50,7 @@ class Light:
 class Verdict:
     """What a reader needs first."""
 
-    colour: Colour
+    colour: LightColour
     """State of the whole."""
     text: str
     """What it means."""
@@ -58,7 +60,7 @@ class Verdict:
     """Name and value of the main figures."""
 
 
-def verdict(report: Report, t: Texts) -> Verdict:
+def adjustment_verdict(report: Report, t: Texts) -> Verdict:
     """Return the verdict; it is red if the protocol calls the result doubtful."""
     lights = [
         _ended(report, t),
@@ -74,7 +76,7 @@ def verdict(report: Report, t: Texts) -> Verdict:
         *_check(report, t),
     ]
     states = {light.colour for light in lights}
-    colour: Colour = "red" if report.doubts or "red" in states else "green"
+    colour: LightColour = "red" if report.doubts or "red" in states else "green"
     colour = "amber" if colour == "green" and "amber" in states else colour
     return Verdict(colour, t(f"verdict.{colour}"), lights, _figures(report, t))
 
@@ -129,14 +131,14 @@ def _tests(report: Report, t: Texts) -> Light:
     tested = int(np.isfinite(values).sum())
     if not tested:
         return Light("amber", title, t("light.tests.nothing"), link=link)
-    figures = {"name": test_name(report), "critical": f"{critical:.2f}"}
+    figures = {"name": test_symbol(report), "critical": f"{critical:.2f}"}
     figures["alpha"] = percent(report.options.alpha)
     above = int(np.sum(np.abs(values) > critical))
     if not above:
         return Light("green", title, t("light.tests.fine", **figures), link=link)
     text = t.number("light.tests.above", above, **figures)
     expected = report.options.alpha * tested
-    chance = by_chance(values, critical, report.options.alpha, report.redundancy_of_tau)
+    chance = exceeded_by_chance(values, critical, report.options.alpha, report.redundancy_of_tau)
     if expected >= 1 or chance:
         n = f"{expected:.0f}" if expected >= 1 else f"{expected:.1g}"
         text += " " + t("light.tests.chance", n=n)
@@ -163,7 +165,7 @@ def _cause(report: Report, t: Texts) -> list[Light]:
     found = report.causes
     if found is None:
         return []
-    if undecided := found.nothing_tells:
+    if undecided := found.undecided_sentences:
         link = "table-causes" if found.likelier else ""
         return [Light("red", t("light.cause"), t("light.cause.text.none"), undecided[0], link)]
     if (c := found.likeliest) is None:
@@ -195,20 +197,22 @@ def _controlled(report: Report, t: Texts) -> Light:
     lonely = np.flatnonzero((counts.rows > 0) & (counts.uncontrolled == counts.rows))
     names = report.solution.equations.unknowns["point"].names
     if len(lonely):
-        text += " " + t("light.controlled.points", names=listed([names[i] for i in lonely], NAMED))
+        text += " " + t(
+            "light.controlled.points", names=listed([names[i] for i in lonely], MAX_NAMES_IN_LIGHT)
+        )
     return Light("amber", title, text, link="groups")
 
 
 def _of_network(report: Report, t: Texts) -> list[Light]:
     """Return doubts for which no other light stands, as the adjustment words them."""
     told = {
-        *doubts_about(report.solution),
+        *doubts_of_solution(report.solution),
         *report.above_critical,
         *report.likelier,
-        *report.at_check_points,
+        *report.doubtful_check_points,
     }
     rest = [d for d in report.doubts if d not in told]
-    assert set(of_network(report.network)) <= set(rest) | told
+    assert set(doubts_of_network(report.network)) <= set(rest) | told
     return [Light("red", t("light.input"), t("light.input.text"), d, "inputs") for d in rest]
 
 
@@ -243,8 +247,8 @@ def _check(report: Report, t: Texts) -> list[Light]:
     )
     figures = {"rms": rms, "expected": expected, "unit": report.units.sigma_length}
     text = t.number("light.check.text", len(found.names), **figures)
-    doubts = report.at_check_points
-    colour: Colour = "red" if doubts else "none"
+    doubts = report.doubtful_check_points
+    colour: LightColour = "red" if doubts else "none"
     return [Light(colour, t("light.check"), text, "; ".join(doubts), "table-check")]
 
 
@@ -267,3 +271,177 @@ def _figures(report: Report, t: Texts) -> list[tuple[str, str]]:
         total = float(rel.redundancy_numbers.sum()) + rel.redundancy_of_extra_factors
         out.insert(6, (t("figure.sum_r"), f"{total:.3f}"))
     return [(name, value) for name, value in out if value]
+
+
+def epochs_verdict(report: EpochsReport, t: Texts) -> Verdict:
+    """Return the verdict; it is red if the protocol calls the displacements doubtful."""
+    lights = [
+        _tested(report, t),
+        *_epochs_unknowns_left_out(report, t),
+        _epochs_ended(report, t),
+        *_epochs_global_tests(report, t),
+        _ratio(report, t),
+        _reference(report, t),
+        _moved(report, t),
+        *_detectable(report, t),
+        *_blocks(report, t),
+    ]
+    n = len(report.found.moved)
+    figures = _epochs_figures(report, t)
+    if report.doubts:
+        return Verdict("red", t("verdict.epochs.red"), lights, figures)
+    if n:
+        return Verdict("amber", t.number("verdict.epochs.amber", n), lights, figures)
+    tested = len(report.found.stable) < len(report.found.displacements)
+    words = "verdict.epochs.green" if tested else "verdict.epochs.shape"
+    return Verdict("green", t(words), lights, figures)
+
+
+def sigma_length_text(report: EpochsReport, metres: float) -> str:
+    """Return a length in the unit of standard deviations."""
+    unit = report.units.sigma_length
+    return f"{short(metres / LENGTH[unit])} {unit}"
+
+
+def _tested(report: EpochsReport, t: Texts) -> Light:
+    """Say what the reference is, what was tested, and what was not."""
+    found = report.found
+    objects = [n for n in found.displacements if n not in found.reference]
+    groups = {"reference": found.reference, "objects": objects, "held": list(found.roles.held)}
+    groups |= {"not_compared": list(found.roles.not_compared)}
+    parts = [
+        t(f"light.tested.{group}", n=len(names), names=listed(names, MAX_NAMES_IN_LIGHT))
+        if names
+        else t(f"light.tested.{group}.none")
+        for group, names in groups.items()
+    ]
+    return Light("none", t("light.tested"), " ".join(p for p in parts if p))
+
+
+def _epochs_unknowns_left_out(report: EpochsReport, t: Texts) -> list[Light]:
+    return [
+        Light("amber", t("light.unknowns_left_out"), t("light.unknowns_left_out.text"), said)
+        for said in report.unknowns_left_out
+    ]
+
+
+def _epochs_ended(report: EpochsReport, t: Texts) -> Light:
+    title, link = t("light.epochs.ended"), "table-adjustments"
+    for s in report.found.solutions:
+        if not s.converged:
+            text = t("light.epochs.ended.no", name=s.network.name or t("unnamed"))
+            return Light("red", title, text, s.reason, link)
+    return Light("green", title, t("light.epochs.ended.yes"), link=link)
+
+
+def _epochs_global_tests(report: EpochsReport, t: Texts) -> list[Light]:
+    """Judge each adjustment by its own global test; estimated σ̂0 of both bear a wrong one."""
+    title, link = t("light.epochs.global"), "table-adjustments"
+    tests = [(s.network.name or t("unnamed"), global_test(s)) for s in report.found.solutions]
+    tests = [(name, test) for name, test in tests if test.redundancy > 0]
+    if not tests:
+        return []
+    level = percent(1 - tests[0][1].alpha)
+    wrong = [f"{name} (σ̂0 = {test.sigma0:.3f})" for name, test in tests if not test.accepted]
+    if not wrong:
+        sigma0 = ", ".join(f"{test.sigma0:.3f}" for _, test in tests)
+        text = t("light.epochs.global.fine", level=level, sigma0=sigma0)
+        return [Light("green", title, text, link=link)]
+    known = np.isinf(report.found.scale.freedom)
+    key = "light.epochs.global.known" if known else "light.epochs.global.wrong"
+    text = t(key, level=level, names=", ".join(wrong))
+    return [Light("red" if known else "amber", title, text, link=link)]
+
+
+def _ratio(report: EpochsReport, t: Texts) -> Light:
+    ratio, title, link = report.found.ratio, t("light.ratio"), "table-ratio"
+    if ratio is None:
+        return Light("none", title, t("light.ratio.none"))
+    figures = {"ratio": f"{ratio.ratio:.2f}", "critical": f"{ratio.critical:.2f}"}
+    if ratio.accepted:
+        return Light("green", title, t("light.ratio.accepted", **figures), link=link)
+    return Light("red", title, t("light.ratio.rejected", **figures), link=link)
+
+
+def _reference(report: EpochsReport, t: Texts) -> Light:
+    found, title, link = report.found, t("light.reference"), "table-steps"
+    test = found.global_test
+    if test is None:
+        return Light("none", title, t("light.reference.none"))
+    figures: dict[str, object] = {
+        "n": len(found.reference),
+        "value": f"{test.value:.2f}",
+        "critical": f"{test.critical:.2f}",
+    }
+    if test.accepted:
+        return Light("green", title, t("light.reference.kept", **figures), link=link)
+    if not found.steps[-1].test.accepted:
+        return Light("red", title, t("light.reference.lost", **figures), link=link)
+    figures["left"] = listed(
+        [n for n in found.reference if n not in found.stable], MAX_NAMES_IN_LIGHT
+    )
+    return Light("amber", title, t("light.reference.changed", **figures), link=link)
+
+
+def _moved(report: EpochsReport, t: Texts) -> Light:
+    found, title, link = report.found, t("light.moved"), "table-displacements"
+    moved, alpha = found.moved, percent(found.alpha)
+    if len(found.stable) == len(found.displacements):
+        return Light("none", title, t("light.moved.untested"), link=link)
+    if not moved:
+        return Light("green", title, t("light.moved.none", alpha=alpha), link=link)
+    largest = max(moved, key=lambda n: found.displacements[n].length)
+    text = t.number(
+        "light.moved.some",
+        len(moved),
+        alpha=alpha,
+        names=listed(moved, MAX_NAMES_IN_LIGHT),
+        size=sigma_length_text(report, found.displacements[largest].length),
+        largest=largest,
+    )
+    return Light("amber", title, text, link=link)
+
+
+def _detectable(report: EpochsReport, t: Texts) -> list[Light]:
+    loose = [x for x in report.found.displacements.values() if not x.stable]
+    if not loose:
+        return []
+    best, worst = (pick(loose, key=lambda x: x.detectable) for pick in (min, max))
+    text = t(
+        "light.detectable.text",
+        best=sigma_length_text(report, best.detectable),
+        best_name=best.name,
+        worst=sigma_length_text(report, worst.detectable),
+        worst_name=worst.name,
+        power=percent(report.found.power),
+    )
+    return [Light("none", t("light.detectable"), text, link="table-displacements")]
+
+
+def _blocks(report: EpochsReport, t: Texts) -> list[Light]:
+    out = []
+    for b in report.blocks:
+        figures = {"points": listed(b.points, MAX_NAMES_IN_LIGHT), "model": t(f"model.{b.model}")}
+        if b.fit is not None and not b.fit.accepted:
+            text = t("light.blocks.unfit", **figures)
+        elif b.motion.accepted:
+            text = t("light.blocks.kept", **figures)
+        else:
+            text = t("light.blocks.moved", **figures)
+        out.append(Light("none", t("light.blocks"), text, link="table-blocks"))
+    return out
+
+
+def _epochs_figures(report: EpochsReport, t: Texts) -> list[tuple[str, str]]:
+    found = report.found
+    freedom = found.scale.freedom
+    return [
+        (t("figure.compared"), str(len(found.displacements))),
+        (t("figure.reference"), str(len(found.reference))),
+        (t("figure.stable"), str(len(found.stable))),
+        (t("figure.moved"), str(len(found.moved))),
+        (t("figure.sigma_tests"), f"{float(np.sqrt(found.scale.variance)):.4f}"),
+        (t("figure.freedom"), t("known") if np.isinf(freedom) else f"{freedom:.0f}"),
+        ("α", percent(found.alpha)),
+        ("1 − β", percent(found.power)),
+    ]

@@ -1,13 +1,12 @@
 """Figures of an adjustment; the extra ``plot`` (matplotlib) is required."""
 
-from ..set_aside import set_aside
+from ..rejected_observations import set_aside
 from .displacements import plot_displacements
-from .growth import plot_growth
-from .histogram import plot_w
-from .images import plot_mean_photo, plot_photo_residuals, plot_photos
-from .network import plot_network
-from .save import save_plots
-from .statistics import plot_qq, plot_redundancy
+from .figure_files import save_plots
+from .network_plan import plot_network
+from .photo_residuals import plot_mean_photo, plot_photo_residuals, plot_photos
+from .precision_growth import plot_growth
+from .test_statistics import plot_qq, plot_redundancy, plot_w
 
 __all__ = [
     "plot_displacements",

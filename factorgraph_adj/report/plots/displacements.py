@@ -1,21 +1,29 @@
-"""The plan of two epochs: displacements with their ellipses, reference points and blocks."""
+"""The plan of two epochs: displacements with ellipses, reference points and blocks.
+
+The plan is that of the network of the first epoch, see
+`factorgraph_adj.report.plots.drawing_plane`. One factor exaggerates displacements and ellipses.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import pi
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...epochs.blocks import BlockMotion
+from ...epochs.block_motion import BlockMotion
 from ...epochs.comparison import Congruence
 from ...errors import InputError
-from ...types import Mask
-from ..epochs.context import EpochsReport
-from .displaced import EpochsDrawing
-from .names import Named, legend_with_names
-from .network import scales
-from .sights import lines_by_kinds
+from ...quality.error_ellipses import confidence_factor
+from ...types import Array, Mask
+from ..epochs_report import EpochsReport
+from .drawing_plane import DrawingPlane, drawing_plane_of
+from .network_plan import draw_axis_scales
+from .observation_lines import lines_by_kinds
+from .point_symbols import PlanNames, legend_with_names, plan_window
 from .style import (
     BLACK,
     BLUE,
@@ -23,15 +31,15 @@ from .style import (
     PALE,
     PURPLE,
     VERMILLION,
-    drawn,
-    exaggeration,
-    headline,
-    length,
+    checked_positive,
+    draw_scale_key,
+    exaggeration_text,
+    in_package_style,
+    length_text,
     new_figure,
-    positive,
-    readable,
-    scale_key,
+    readable_number,
     wrapped,
+    write_headline,
 )
 
 if TYPE_CHECKING:
@@ -39,20 +47,173 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MARKS = {
+SIZE_OF_LARGE_DISPLACEMENT = 0.12
+"""Size of a large displacement, or ellipse, in the larger side of the plan."""
+QUANTILE_OF_LARGE_DISPLACEMENT = 0.9
+"""Share of the displacements that are not larger than a large one."""
+MAX_DISPLACEMENT_DRAWN = 0.5
+"""Size from which a displacement, or an ellipse, is not drawn, in the larger side of the plan."""
+
+
+@dataclass(frozen=True, eq=False)
+class EpochsDrawing:
+    """Places, displacements and ellipses in the drawing plane of the first epoch."""
+
+    report: EpochsReport
+    """The comparison."""
+    chosen: float | None = None
+    """Factor of exaggeration; None: a round number that makes the displacements visible."""
+
+    @cached_property
+    def every(self) -> Array:
+        """Coordinates of all points of the first network, (m, 3) metres."""
+        return np.nan_to_num(self.report.found.solutions[0].state["point"])
+
+    @cached_property
+    def plane(self) -> DrawingPlane:
+        """Drawing plane."""
+        return drawing_plane_of(self.report.network.frame, self.every)
+
+    @cached_property
+    def others(self) -> Array:
+        """Places of all points of the first network, (m, 2)."""
+        return self.plane.coordinates(self.every)[:, :2]
+
+    @cached_property
+    def at(self) -> Array:
+        """Places of the compared points, (n, 2)."""
+        return self.plane.coordinates(self.report.places)[:, :2]
+
+    @property
+    def flat(self) -> bool:
+        """Whether displacements are horizontal, or have a horizontal part."""
+        return self.report.found.differences.axes != "z"
+
+    @property
+    def tall(self) -> bool:
+        """Whether displacements have a vertical part."""
+        return "z" in self.report.found.differences.axes
+
+    @cached_property
+    def schematic(self) -> bool:
+        """Whether there is no plan: heights alone, of points without plan coordinates."""
+        return not self.flat and not np.ptp(self.at, axis=0).any()
+
+    @cached_property
+    def vectors(self) -> Array:
+        """Displacements in the drawing, (n, 2) metres; heights alone point up and down."""
+        local = self.report.vectors @ self.plane.axes.T
+        if self.flat:
+            return np.asarray(local[:, :2])
+        return np.column_stack([np.zeros(len(local)), local[:, 2]])
+
+    @cached_property
+    def rises(self) -> Array:
+        """Vertical displacements, (n,) metres."""
+        return np.asarray((self.report.vectors @ self.plane.axes.T)[:, 2])
+
+    @cached_property
+    def intervals(self) -> Array:
+        """Half intervals of vertical displacements, (n,) metres."""
+        found = self.report.found
+        freedom = None if np.isinf(found.scale.freedom) else int(found.scale.freedom)
+        k = confidence_factor(1, self.report.confidence, redundancy=freedom)
+        every = np.array([x.covariance for x in found.displacements.values()]).reshape(-1, 3, 3)
+        up = self.plane.axes[2]
+        return np.asarray(k * np.sqrt(np.maximum(np.einsum("i,nij,j->n", up, every, up), 0.0)))
+
+    @cached_property
+    def ellipses(self) -> Array:
+        """Semi-axes, and direction of the first one from right to up, (n, 3).
+
+        Heights alone have an interval, which is upright.
+        """
+        if not self.flat:
+            upright = np.full(len(self.at), pi / 2)
+            return np.column_stack([self.intervals, np.zeros(len(self.at)), upright])
+        every = [(*e.semi_axes, pi / 2 - e.azimuth) for e in self.report.ellipses]
+        return np.array(every).reshape(-1, 3)
+
+    @cached_property
+    def limits(self) -> tuple[Array, Array]:
+        """Lower left and upper right corner of the plan."""
+        low, high, _ = plan_window(np.concatenate([self.at, self.others]))
+        if float(np.max(high - low)) < 1e-6:
+            return low - 1.0, high + 1.0
+        return low, high
+
+    @property
+    def extent(self) -> float:
+        """Larger side of the plan, metres."""
+        low, high = self.limits
+        return float(np.max(high - low))
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Larger one of displacement and semi-major axis of each point, (n,) metres."""
+        return np.asarray(np.maximum(np.linalg.norm(self.vectors, axis=1), self.ellipses[:, 0]))
+
+    @cached_property
+    def factor(self) -> float:
+        """Exaggeration of displacements and ellipses: one factor, so that they can be compared."""
+        if self.chosen is not None:
+            return self.chosen
+        sizes = self.sizes[self.sizes > 0]
+        if not len(sizes):
+            return 1.0
+        large = float(np.quantile(sizes, QUANTILE_OF_LARGE_DISPLACEMENT))
+        return readable_number(SIZE_OF_LARGE_DISPLACEMENT * self.extent / large)
+
+    @cached_property
+    def fits(self) -> Mask:
+        """Which displacements are small enough to be drawn, (n,)."""
+        return np.asarray(self.factor * self.sizes <= MAX_DISPLACEMENT_DRAWN * self.extent)
+
+    @cached_property
+    def reach(self) -> tuple[Array, Array]:
+        """Corners of the plan with all displacements and ellipses that are drawn."""
+        low, high = self.limits
+        ends = (self.at + self.factor * self.vectors)[self.fits]
+        size = 1.1 * self.factor * self.ellipses[self.fits, :1]
+        every = np.concatenate([[low, high], ends - size, ends + size])
+        return every.min(axis=0), every.max(axis=0)
+
+    @cached_property
+    def outlines(self) -> list[tuple[Array, Array]]:
+        """Each block as a closed line through its points, and how its motion moves this line.
+
+        Two arrays (m, 2) for each block: places, and displacements in metres.
+        """
+        axes = ["xyz".index(a) for a in self.report.found.differences.axes]
+        out = []
+        for b in self.report.blocks:
+            here = [self.report.names.index(n) for n in b.points]
+            model = np.zeros((len(here), 3))
+            model[:, axes] = self.report.vectors[np.ix_(here, axes)] - b.residuals
+            moved = model @ self.plane.axes.T
+            moved = moved[:, :2] if self.flat else np.column_stack([0.0 * moved[:, 2], moved[:, 2]])
+            at = self.at[here]
+            around = np.arctan2(*(at - at.mean(axis=0)).T[::-1])
+            order = np.argsort(around, kind="stable")
+            order = np.append(order, order[:1])
+            out.append((at[order], moved[order]))
+        return out
+
+
+EPOCH_POINT_SYMBOLS = {
     "stable": ("^", 34.0, BLUE, BLUE, "stable reference point"),
     "left": ("^", 34.0, "none", VERMILLION, "reference point that is not stable"),
     "moved": ("o", 18.0, VERMILLION, VERMILLION, "point that moved"),
     "kept": ("o", 14.0, BLACK, BLACK, "point without a significant displacement"),
 }
 """Marker, area, face, edge and name of each state of a point."""
-LONGEST_KEY = 0.12
+MAX_KEY_LENGTH = 0.12
 """Largest length of the bar of the scale key, in the larger side of the plan."""
-MOST_LABELS = 60
+MAX_HEIGHT_LABELS = 60
 """Largest number of points whose names stand below a diagram of heights."""
 
 
-@drawn
+@in_package_style
 def plot_displacements(
     found: Congruence,
     *,
@@ -86,7 +247,7 @@ def plot_displacements(
     if not 0 < confidence < 1:
         raise InputError(f"confidence must lie between 0 and 1, not {confidence}")
     if factor is not None:
-        positive(factor, "factor")
+        checked_positive(factor, "factor")
     report = EpochsReport(found, tuple(blocks), confidence=confidence)
     plan = EpochsDrawing(report, factor)
     both = plan.tall and not plan.schematic
@@ -100,11 +261,11 @@ def plot_displacements(
     name = " → ".join(s.network.name or "epoch" for s in found.solutions)
     if plan.schematic:
         _heights(axes, plan)
-        headline(axes, name, _below(report))
+        write_headline(axes, name, _below(report))
         _legend(figure, axes, plan, _state_entries(axes, plan), labels=False)
         return figure
     legend = _plan(axes, plan)
-    headline(axes, name, _below(report), width=across - 2.2)
+    write_headline(axes, name, _below(report), width=across - 2.2)
     if both:
         _heights(figure.add_subplot(rows[1]), plan)
     lost = [report.names[i] for i in np.flatnonzero(~plan.fits).tolist()]
@@ -129,7 +290,7 @@ def _legend(
 ) -> None:
     states = np.array(plan.report.states)
     first = (states == "left") | (states == "moved")
-    named = Named(plan.report.names, plan.at, first) if labels else None
+    named = PlanNames(plan.report.names, plan.at, first) if labels else None
     legend_with_names(figure, axes, legend, named, plan.report.doubts)
 
 
@@ -166,11 +327,11 @@ def _plan(axes: Axes, plan: EpochsDrawing) -> list[Artist]:
         legend += _vectors(axes, plan, mask, colour, what)
     legend += _state_entries(axes, plan)
     if plan.sizes.any():
-        key = readable(LONGEST_KEY * plan.extent / plan.factor)
+        key = readable_number(MAX_KEY_LENGTH * plan.extent / plan.factor)
         what = "displacements and ellipses" if plan.flat else "displacements and intervals"
-        label = f"{what}:\n{length(key)}, {exaggeration(plan.factor)}"
-        scale_key(axes, key * plan.factor, label, upright=not plan.flat)
-    scales(axes, plan.plane, plan.extent)
+        label = f"{what}:\n{length_text(key)}, {exaggeration_text(plan.factor)}"
+        draw_scale_key(axes, key * plan.factor, label, upright=not plan.flat)
+    draw_axis_scales(axes, plan.plane, plan.extent)
     return legend
 
 
@@ -181,7 +342,7 @@ def _state_entries(axes: Axes, plan: EpochsDrawing) -> list[Artist]:
     at = plan.at
     if plan.schematic:
         at = np.column_stack([np.arange(len(at)), 1000.0 * plan.rises])
-    for state, (marker, area, face, edge, label) in MARKS.items():
+    for state, (marker, area, face, edge, label) in EPOCH_POINT_SYMBOLS.items():
         own = states == state
         if own.any():
             found.append(
@@ -273,7 +434,7 @@ def _heights(axes: Axes, plan: EpochsDrawing) -> None:
         )
     axes.set_ylabel("rise [mm]")
     axes.set_xlim(-0.6, max(len(moved) - 0.4, 0.6))
-    if len(moved) <= MOST_LABELS:
+    if len(moved) <= MAX_HEIGHT_LABELS:
         axes.set_xticks(x, report.names, rotation=60 if len(moved) > 12 else 0)
     else:
         axes.set_xticks([])

@@ -12,19 +12,21 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from ...errors import InputError
 from ...quality.reliability import Reliability
 from ...solve.solution import Solution
-from ..doubts import above_critical, doubts_about, of_network
+from ..doubtful_results import doubts_of_network, doubts_of_solution, exceedance_doubts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MISSING = 'plots need matplotlib, which is not installed: pip install "factorgraph_adj[plot]"'
+MATPLOTLIB_MISSING = (
+    'plots need matplotlib, which is not installed: pip install "factorgraph_adj[plot]"'
+)
 
-DOUBTFUL = "DOUBTFUL RESULT"
+DOUBTFUL_RESULT = "DOUBTFUL RESULT"
 """Begin of the line over the figure of a result that is not to be trusted."""
-LETTER = 0.073
+LETTER_WIDTH_INCHES = 0.073
 """Mean width of a letter of that line, inches."""
-COMPUTED = 1e-6
+MAX_SIGMA0_OF_COMPUTED = 1e-6
 """Largest σ̂0 of computed readings, whose residuals are rounding errors. σ in wrong units make σ̂0
 1e-3 at least, which remains a doubt."""
 
@@ -36,7 +38,7 @@ ORANGE, SKY, GREEN, YELLOW = "#e69f00", "#56b4e9", "#009e73", "#f0e442"
 BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
 """Colours of Okabe & Ito, which colour-blind readers can distinguish."""
 
-STYLE: dict[str, Any] = {
+FIGURE_STYLE: dict[str, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.labelsize": 9.0,
@@ -61,7 +63,7 @@ STYLE: dict[str, Any] = {
 }
 
 
-def drawn(make: Callable[P, R]) -> Callable[P, R]:
+def in_package_style(make: Callable[P, R]) -> Callable[P, R]:
     """Make a function draw in the style of this package instead of the user's style.
 
     Raises:
@@ -73,10 +75,10 @@ def drawn(make: Callable[P, R]) -> Callable[P, R]:
         try:
             import matplotlib
         except ImportError:
-            raise InputError(MISSING) from None
+            raise InputError(MATPLOTLIB_MISSING) from None
         # DejaVu Sans, part of matplotlib, has σ̂, ᵀ and ∇; the user's font may have other scripts.
         fonts = ["DejaVu Sans", *matplotlib.rcParams["font.family"]]
-        style: Any = STYLE | {"font.family": list(dict.fromkeys(fonts))}
+        style: Any = FIGURE_STYLE | {"font.family": list(dict.fromkeys(fonts))}
         with matplotlib.rc_context(style), warnings.catch_warnings():
             # Names in scripts without a font are drawn as boxes; the adjustment is still valid.
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")
@@ -102,20 +104,20 @@ def _mark(figure: Any, drawn_from: Sequence[object]) -> None:
     solution = next((each for each in drawn_from if isinstance(each, Solution)), None)
     solution = rel.solution if solution is None and rel is not None else solution
     if solution is not None:
-        write_doubts(figure, doubts_of(solution, rel))
+        write_doubts(figure, doubts_of_result(solution, rel))
 
 
 def write_doubts(figure: Figure, doubts: Sequence[str]) -> None:
     """Write doubts over a figure, beside a legend at its right; once, however often it is asked."""
     before = figure.get_suptitle()
-    if not doubts or DOUBTFUL in before:
+    if not doubts or DOUBTFUL_RESULT in before:
         return
     legends = [each for each in figure.legends if getattr(each, "_outside_loc", None) == "right"]
     if legends:
         figure.draw_without_rendering()
     ends = [each.get_window_extent().x0 / figure.dpi for each in legends]
     room = min([figure.get_figwidth(), *ends])
-    text = fill(f"{DOUBTFUL}: {'; '.join(doubts)}", max(int(room / LETTER), 30))
+    text = fill(f"{DOUBTFUL_RESULT}: {'; '.join(doubts)}", max(int(room / LETTER_WIDTH_INCHES), 30))
     text = f"{before}\n{text}" if before else text
     figure.suptitle(text, x=0.01, ha="left", color=VERMILLION, fontsize=9.0)
 
@@ -123,28 +125,28 @@ def write_doubts(figure: Figure, doubts: Sequence[str]) -> None:
 def write_cause(figure: Figure, cause: str) -> None:
     """Write the likeliest cause under the doubts over a figure; nothing where there are none."""
     before = figure.get_suptitle()
-    if cause and DOUBTFUL in before:
+    if cause and DOUBTFUL_RESULT in before:
         width = max(len(line) for line in before.splitlines())
         text = f"{before}\n{fill(cause, width)}"
         figure.suptitle(text, x=0.01, ha="left", color=VERMILLION, fontsize=9.0)
 
 
-def doubts_of(solution: Solution, rel: Reliability | None) -> list[str]:
+def doubts_of_result(solution: Solution, rel: Reliability | None) -> list[str]:
     """Return why a result is doubtful; with its reliability, test values count too.
 
     Computed readings, those of a design, raise no doubts: that they fit too well is known.
     """
     if has_computed_readings(solution):
         return []
-    doubts = [*doubts_about(solution), *of_network(solution.network)]
+    doubts = [*doubts_of_solution(solution), *doubts_of_network(solution.network)]
     if rel is not None:
-        doubts += above_critical(rel.w, rel.critical_w, "w", rel.alpha)
+        doubts += exceedance_doubts(rel.w, rel.critical_w, "w", rel.alpha)
     return doubts
 
 
 def has_computed_readings(solution: Solution) -> bool:
     """Return whether all readings are computed from the coordinates, as those of a design are."""
-    return bool(solution.converged and solution.sigma0 < COMPUTED)
+    return bool(solution.converged and solution.sigma0 < MAX_SIGMA0_OF_COMPUTED)
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -154,17 +156,17 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def nothing(title: str, why: str) -> Figure:
+def empty_figure(title: str, why: str) -> Figure:
     """Return a figure with a message that explains why it is empty."""
     figure = new_figure(7.0, 2.5)
     axes = figure.add_subplot()
     axes.set_axis_off()
-    headline(axes, title)
+    write_headline(axes, title)
     axes.text(0.5, 0.5, fill(why, 80), ha="center", va="center", transform=axes.transAxes)
     return figure
 
 
-def headline(axes: Axes, title: str, below: str = "", *, width: float | None = None) -> None:
+def write_headline(axes: Axes, title: str, below: str = "", *, width: float | None = None) -> None:
     """Write a title over axes, and a line that describes the content under the title.
 
     Args:
@@ -187,7 +189,7 @@ def wrapped(text: str) -> str:
     return fill(text, 34, subsequent_indent="  ")
 
 
-def readable(value: float) -> float:
+def readable_number(value: float) -> float:
     """Return the largest number, 1, 2 or 5 times a power of ten, up to a positive value."""
     power = 10.0 ** floor(log10(value))
     # The tolerance accepts an exact power that rounding has made slightly smaller.
@@ -196,27 +198,27 @@ def readable(value: float) -> float:
     )
 
 
-def positive(value: float, what: str) -> float:
+def checked_positive(value: float, what: str) -> float:
     """Return a number greater than zero; InputError names a number that is not."""
     if not (value > 0 and isfinite(value)):
         raise InputError(f"{what} must be a number greater than zero, not {value}")
     return value
 
 
-def multiple(factor: float) -> str:
+def factor_text(factor: float) -> str:
     """Write a factor of exaggeration or reduction: × 2 000, ÷ 5."""
     sign, value = ("×", factor) if factor >= 1 else ("÷", 1 / factor)
     return f"{sign} {value:,.10g}".replace(",", "\u202f")
 
 
-def exaggeration(factor: float) -> str:
+def exaggeration_text(factor: float) -> str:
     """Describe the factor of exaggeration in words."""
     if factor == 1:
         return "in true size"
-    return f"{'exaggerated' if factor > 1 else 'reduced'} {multiple(factor)}"
+    return f"{'exaggerated' if factor > 1 else 'reduced'} {factor_text(factor)}"
 
 
-def length(metres: float) -> str:
+def length_text(metres: float) -> str:
     """Write a length in a readable unit."""
     for unit, size in (("km", 1e3), ("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
         if metres >= size * (1 - 1e-9):
@@ -226,7 +228,7 @@ def length(metres: float) -> str:
     return f"{metres / 1e-9:.3g} nm"
 
 
-def scale_key(
+def draw_scale_key(
     axes: Axes, size: float, label: str, *, upright: bool = False, above: bool = True
 ) -> None:
     """Draw a bar of known length with a label, outside the axes at their right end.
@@ -260,7 +262,7 @@ def scale_key(
     )
 
 
-def beside(figure: Figure, axes: Axes, lines: Sequence[str]) -> None:
+def legend_at_right(figure: Figure, axes: Axes, lines: Sequence[str]) -> None:
     """Put the legend and some lines of text to the right of the axes."""
     from matplotlib.lines import Line2D
 

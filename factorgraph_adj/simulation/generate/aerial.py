@@ -1,9 +1,10 @@
-"""Aerial blocks of vertical photos in strips."""
+"""Aerial blocks: vertical photos in strips and cross strips, as they were flown."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -11,9 +12,7 @@ from ...errors import Problem
 from ...rotation import world_R_camera
 from ...types import Array
 from ..parameters import number, path_of
-from .part import Part, Scene
-from .patterns import jittered_grid
-from .photos import Camera, add_photo
+from .scene import Camera, Part, Scene, add_photo, jittered_grid
 
 END_COLUMN = 0.5
 """Position of von Gruber's points of the end photos, as a fraction of the way from the nadir to the
@@ -164,3 +163,137 @@ class Aerial(Part):
             return jittered_grid(low, high, spacing, rng)
         count = round(self.points_per_photo * float(np.prod((high - low) / self.side)))
         return rng.uniform(low, high, (count, 2))
+
+
+@dataclass(frozen=True)
+class CrossStrips(Part):
+    """Strips of vertical photos along Y, over the points of earlier blocks flown along X.
+
+    One strip is over the middle of the points; two or more are spread from one edge to the other.
+    """
+
+    kind = "cross_strips"
+    prefix: str = "x"
+    """Prefix of the names of photos ``strip/place``."""
+    parts: tuple[int, ...] = number((), least=0)
+    """Earlier parts whose points are photographed; empty: all earlier parts."""
+    strips: int = number(1, least=1)
+    """Number of strips."""
+    forward_overlap: float = number(0.6, least=0, below=1)
+    """Overlap along the strips, as a fraction of the photo's side."""
+    height: float | None = number(None, above=0)
+    """Height above Z = 0, metres; None: the mean height of the earlier photos."""
+    camera: Camera = field(default_factory=Camera)
+    """The camera."""
+    centre_scatter: float = number(0.03, least=0, most=0.5)
+    """Scatter of the projection centres, as a fraction of the base."""
+    tilt_deg: float = number(1.0, least=0, most=20)
+    """Standard deviation of each angle of a photo, degrees."""
+
+    def problems(self, where: str) -> list[Problem]:
+        """Return the problems of the combination of fields."""
+        return [] if self.prefix else [Problem("must not be empty", path_of(where, "prefix"))]
+
+    def add_to(self, scene: Scene) -> None:
+        """Add camera, photos and image points; no points."""
+        scene.points.append([])
+        points = scene.points_of(self.parts)
+        x, height = scene.coordinates(points), self.height
+        if height is None:
+            flown = [n for strip in scene.strips_of(self.parts) for n in strip]
+            height = float(np.mean([np.array(scene.plan.photos[n].position)[2] for n in flown]))
+        self.camera.add_to(scene)
+        side = height / self.camera.c_mm * np.array(self.camera.format_mm)
+        # The x axis of photos points along the strip, as in the strips along X.
+        base = float(side[0]) * (1 - self.forward_overlap)
+        low, high = x[:, :2].min(axis=0), x[:, :2].max(axis=0)
+        edge = np.minimum(side[::-1] / 4, (high - low) / 2)
+        n = max(2, int(np.ceil((high - low - 2 * edge)[1] / base - 1e-9)) + 1)
+        ys = (low + high)[1] / 2 + base * (np.arange(n) - (n - 1) / 2)
+        xs = np.linspace((low + edge)[0], (high - edge)[0], self.strips)
+        if self.strips == 1:
+            xs = np.array([(low + high)[0] / 2])
+        rng, strips = scene.rng(0), []
+        for i, across in enumerate(xs.tolist()):
+            names = scene.photo_names(self.prefix, [f"{i + 1}/{k + 1}" for k in range(n)])
+            for name, along in zip(names, ys.tolist(), strict=True):
+                at = np.array([across, along, height])
+                at += rng.normal(0.0, 1.0, 3) * self.centre_scatter * base
+                omega, phi, kappa = rng.normal(0.0, 1.0, 3) * np.deg2rad(self.tilt_deg)
+                rotation = world_R_camera(omega, phi, kappa + np.pi * (0.5 + i % 2))
+                seen = np.flatnonzero(self.camera.sees(x, at, rotation)).tolist()
+                if len(seen) < 3:
+                    scene.fail("height", f"photo {name!r} sees {len(seen)} points; fly higher")
+                add_photo(scene, name, self.camera, at, rotation, [points[j] for j in seen])
+            strips.append(names[:: 1 - 2 * (i % 2)])
+        scene.strips[scene.number] = strips
+
+
+Known = Literal["free", "weighted", "held"]
+"""What an adjustment knows of an unknown: nothing, its value with a standard deviation, all."""
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """A photo in its strip."""
+
+    photo: str
+    """Its name."""
+    along: float
+    """Horizontal distance from the middle of the strip, metres, in the direction of flight."""
+    direction: Array
+    """Horizontal unit vector of the flight, (3,); zero in a strip of one photo."""
+
+
+def exposures(scene: Scene, strip: Sequence[str]) -> list[Exposure]:
+    """Return the photos of a strip with their true places along it."""
+    at = np.array([scene.plan.photos[n].position for n in strip], dtype=float)
+    line = (at[-1] - at[0]) * [1.0, 1.0, 0.0]
+    length = float(np.linalg.norm(line))
+    direction = line / length if length else line
+    along = (at - at.mean(axis=0)) @ direction
+    return [Exposure(n, float(s), direction) for n, s in zip(strip, along, strict=True)]
+
+
+def strips_kept(
+    scene: Scene, parts: Sequence[int], without: float, rng: np.random.Generator
+) -> list[list[Exposure]]:
+    """Return the photos of each strip that have readings.
+
+    Args:
+        scene: the scene.
+        parts: earlier parts; empty: all.
+        without: share of the photos of each strip that have none, rounded.
+        rng: stream by which they are drawn.
+    """
+    out = []
+    for strip in scene.strips_of(parts):
+        kept = len(strip) - round(without * len(strip))
+        chosen = sorted(rng.permutation(len(strip))[:kept].tolist())
+        flown = exposures(scene, strip)
+        out.append([flown[i] for i in chosen])
+    if not any(out):
+        scene.fail("without", f"is {without:g}, which leaves no photo with a reading")
+    return out
+
+
+def stated(true: Mapping[str, float], sigma: Mapping[str, float], known: Known) -> dict[str, Any]:
+    """Return the arguments by which a network states an unknown with true values.
+
+    Args:
+        true: values of the components that act, by name; all others are held at zero.
+        sigma: standard deviations by which they were drawn, the weights of weighted ones.
+        known: what an adjustment knows of them.
+    """
+    free = tuple(true) if known == "free" else ()
+    weights = {n: sigma[n] for n in true} if known == "weighted" else {}
+    return {"free": free, "values": dict(true), "sigma": weights}
+
+
+def drawn(sigma: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+    """Return normal values of the components whose standard deviation is not zero.
+
+    Every component takes its number from the stream, so that the others stay the same.
+    """
+    z = rng.standard_normal(len(sigma)).tolist()
+    return {n: s * e for (n, s), e in zip(sigma.items(), z, strict=True) if s > 0}

@@ -9,11 +9,9 @@ import numpy as np
 
 from ...errors import Problem
 from ...types import Array
+from ..measurement import look_at
 from ..parameters import number, path_of
-from ..simulate import look_at
-from .part import Part, Scene
-from .patterns import jittered_grid
-from .photos import Camera, add_photo
+from .scene import Camera, Part, Scene, add_photo, jittered_grid
 
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rotation by 90° about the axis of the camera."""

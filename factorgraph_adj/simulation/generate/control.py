@@ -10,8 +10,7 @@ from ...network.network import Network
 from ...observations import ControlPoint
 from ...types import Array
 from ..parameters import Parameters, number, path_of
-from .part import MILLIMETRE, Scene
-from .patterns import corners, perimeter, spread
+from .scene import MILLIMETRE, Scene, corners, perimeter, spread
 
 Pattern = Literal["full", "perimeter", "corners", "none", "named"]
 Axis = tuple[str, float]

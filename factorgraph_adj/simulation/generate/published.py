@@ -18,9 +18,7 @@ from ..el_hakim_1986 import (
 from ..industry_block import industry_block_plan
 from ..parameters import number
 from .aerial import Aerial
-from .part import MICROMETRE, MILLIMETRE, Part, Scene
-from .patterns import perimeter, round_lines
-from .photos import Camera
+from .scene import MICROMETRE, MILLIMETRE, Camera, Part, Scene, perimeter, round_lines
 
 
 def _isp_camera() -> Camera:

@@ -11,8 +11,8 @@ import numpy as np
 from ...errors import Problem
 from ...types import Array
 from ..parameters import number, path_of
-from .instruments import Level, TotalStation
-from .part import Part, Scene
+from .scene import Part, Scene
+from .terrestrial_additions import Level, TotalStation
 
 Line = tuple[str, str]
 Heights = Literal["zenith", "levelled", "none"]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.gnss.reference_frames import between
-from factorgraph_adj.io.gnss.write_dynaml import packed
+from factorgraph_adj.crs.terrestrial_frames import frame_transformation
+from factorgraph_adj.io.gnss.dynaml import packed_angle
 from factorgraph_adj.units import ARCSEC
 from tests.hostile.readers import judge
 from tests.support.places import data_dir
@@ -152,7 +152,7 @@ def test_orthometric_heights_are_an_option(tmp_path: Path) -> None:
 
 def test_itrf2014_moves_with_the_plate_and_gda2020_does_not() -> None:
     """GDA2020 Technical Manual 1.8, section 3.3.1: Alice Springs (ALIC) at epoch 2018.0."""
-    matrix, shift = between("ITRF2014", "GDA2020", 2018.0)
+    matrix, shift = frame_transformation("ITRF2014", "GDA2020", 2018.0)
     itrf = np.array([-4052052.6588, 4212835.9938, -2545104.6946])
     gda = np.array([-4052052.7373, 4212835.9835, -2545104.5867])
     np.testing.assert_allclose(matrix @ itrf + shift, gda, rtol=0, atol=1e-4)
@@ -160,7 +160,7 @@ def test_itrf2014_moves_with_the_plate_and_gda2020_does_not() -> None:
 
 def test_gda94_to_gda2020_is_that_of_the_manual() -> None:
     """GDA2020 Technical Manual 1.8, section 3.1.1: Alice Springs."""
-    matrix, shift = between("GDA94", "GDA2020", 2000.0)
+    matrix, shift = frame_transformation("GDA94", "GDA2020", 2000.0)
     gda94 = np.array([-4052051.7643, 4212836.2017, -2545106.0245])
     gda2020 = np.array([-4052052.7379, 4212835.9897, -2545104.5898])
     np.testing.assert_allclose(matrix @ gda94 + shift, gda2020, rtol=0, atol=1e-4)
@@ -168,8 +168,8 @@ def test_gda94_to_gda2020_is_that_of_the_manual() -> None:
 
 def test_there_and_back_between_frames() -> None:
     for by_gda94 in (False, True):
-        a, s = between("ITRF2008", "ITRF2020", 2016.5, by_gda94=by_gda94)
-        b, t = between("ITRF2020", "ITRF2008", 2016.5, by_gda94=by_gda94)
+        a, s = frame_transformation("ITRF2008", "ITRF2020", 2016.5, by_gda94=by_gda94)
+        b, t = frame_transformation("ITRF2020", "ITRF2008", 2016.5, by_gda94=by_gda94)
         np.testing.assert_allclose(a @ b, np.eye(3), atol=1e-15)
         np.testing.assert_allclose(a @ t + s, 0.0, atol=1e-12)
 
@@ -207,7 +207,7 @@ def test_what_is_wrong_is_told_with_its_line(
 
 @pytest.mark.parametrize("degrees", [0.0, 1e-12, 59.999999999999, 145.5, -36.56347, 359.99999])
 def test_packed_angles_carry_no_sixty(degrees: float) -> None:
-    text = packed(math.radians(degrees))
+    text = packed_angle(math.radians(degrees))
     whole, _, rest = text.lstrip("-").partition(".")
     minutes, seconds = int(rest[:2]), float(f"{rest[2:4]}.{rest[4:] or 0}")
     assert minutes < 60 and seconds < 60

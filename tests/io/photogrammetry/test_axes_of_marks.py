@@ -16,8 +16,8 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import TopocentricFrame
 from factorgraph_adj.graph.equations import compile_rows
 from factorgraph_adj.models.lens import NormalisedLens
-from factorgraph_adj.validate.check import check
-from factorgraph_adj.validate.preliminary.behind_cameras import behind_cameras
+from factorgraph_adj.validate.given_coordinates import points_behind_cameras
+from factorgraph_adj.validate.network_structure import check
 from tests.networks import photo_files
 
 WIDTH, HEIGHT, FOCAL = 2000, 1500, 1500.0
@@ -178,10 +178,10 @@ def test_check_tells_of_control_in_one_place() -> None:
 
 def test_check_tells_of_points_behind_cameras(tmp_path: Path, capsys) -> None:
     network = block(AXES["right"][0], one_place=False)
-    assert not list(behind_cameras(compile_rows(network)))
+    assert not list(points_behind_cameras(compile_rows(network)))
     high = (*CONTROL[2][:2], 70.0)
     network.points["G2"] = replace(network.points["G2"], coordinates=high)
-    (told,) = behind_cameras(compile_rows(network))
+    (told,) = points_behind_cameras(compile_rows(network))
     assert "the points of 3 image points lie behind the camera" in str(told)
     assert "G2" in str(told)
     fga.write_project(network, tmp_path / "project.toml")
@@ -195,4 +195,4 @@ def test_photos_turned_upside_down_have_all_points_behind() -> None:
     network = block(AXES["right"][0], one_place=False)
     for name, photo in network.photos.items():
         network.photos[name] = replace(photo, rotation=np.eye(3))
-    assert not list(behind_cameras(compile_rows(network)))
+    assert not list(points_behind_cameras(compile_rows(network)))

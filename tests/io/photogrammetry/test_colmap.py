@@ -18,7 +18,7 @@ from factorgraph_adj.io.photogrammetry.colmap_text import text_files
 from factorgraph_adj.models.lens import BrownLens, NoDistortion
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import exp_rotation, skew
-from factorgraph_adj.simulation.simulate import measure
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
 from tests.support.colmap import disturb, synthetic, written
 

@@ -13,10 +13,10 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.photogrammetry.metashape import read_metashape
-from factorgraph_adj.io.photogrammetry.metashape_reference import reference_of
-from factorgraph_adj.io.photogrammetry.metashape_write import write_metashape
+from factorgraph_adj.io.photogrammetry.metashape_reference import chunk_reference
+from factorgraph_adj.io.photogrammetry.metashape_writer import write_metashape
 from factorgraph_adj.models.lens import Lens
-from factorgraph_adj.models.rational_lens import RationalLens
+from factorgraph_adj.models.normalised_lens import RationalLens
 from factorgraph_adj.models.ray_lens import FisheyeLens
 from factorgraph_adj.solve.solution import Solution
 from tests.support.dbat_report import Report, read_report
@@ -457,12 +457,14 @@ def test_the_origin_of_points_on_both_sides_of_the_antimeridian_is_among_them():
         '298.257223563]],PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]]'
     )
     given = np.array([[179.999, -17.0, 100.0], [-179.998, -17.001, 120.0]])
-    frame = reference_of(wkt, given, "project").frame
+    frame = chunk_reference(wkt, given, "project").frame
     assert np.degrees(frame.longitude) == pytest.approx(-179.9995, abs=1e-9)
-    at = reference_of(wkt, given, "project").points(given)
+    at = chunk_reference(wkt, given, "project").points(given)
     assert np.abs(at).max() < 500.0
     given[:, 0] = [178.0, 179.0]
-    assert np.degrees(reference_of(wkt, given, "project").frame.longitude) == pytest.approx(178.5)
+    assert np.degrees(chunk_reference(wkt, given, "project").frame.longitude) == pytest.approx(
+        178.5
+    )
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.models.rational_lens import RationalLens
+from factorgraph_adj.models.normalised_lens import RationalLens
 from factorgraph_adj.models.ray_lens import FisheyeLens
 from tests.networks.pixel_block import pixel_block, projected
 

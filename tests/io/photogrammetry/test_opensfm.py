@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.approximate import approximate
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.rotation import log_rotation
+from factorgraph_adj.start.search import approximate
 from tests.networks.pixel_block import projected
 
 LATITUDE, LONGITUDE, HEIGHT = 52.5, 13.4, 40.0
@@ -233,7 +233,7 @@ def test_wrong_reconstructions_are_refused(folder: Path, old: str, new: str, mes
 @pytest.mark.parametrize("system", ["WGS84 UTM 33N", "EPSG:32633", "+proj=utm +zone=33"])
 def test_ground_control_in_a_grid_is_the_same(folder: Path, system: str) -> None:
     pytest.importorskip("pyproj")
-    from factorgraph_adj.crs.system import ReferenceSystem
+    from factorgraph_adj.crs.reference_system import ReferenceSystem
 
     network = fga.read(folder / "reconstruction.json")
     names = ("G0", "G1", "G2", "G3")

@@ -10,8 +10,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.io.survey.gsi_words import blocks
-from factorgraph_adj.io.survey.notes import Notes
+from factorgraph_adj.io.file_problems import SurveyProblems
+from factorgraph_adj.io.survey.gsi import gsi_blocks
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
 from factorgraph_adj.units import GON, LENGTH
 from tests.io.survey.field_files import MAPPING, columns, gsi, jobxml, landxml, sdr33, write
@@ -452,8 +452,8 @@ def test_the_circle_of_a_backsight_counts_where_no_raw_observation_repeats_it(tm
 )
 def test_lengths_of_gsi_are_the_floats_of_their_decimals(word, metres):
     """151.2, not 151.20000000000002, so that a project written from it reads as the book does."""
-    (block,) = blocks("*" + word + " ", Notes(Path("book.gsi")))
-    assert block.words[0].number(Notes(Path("book.gsi"))) == metres
+    (block,) = gsi_blocks("*" + word + " ", SurveyProblems(Path("book.gsi")))
+    assert block.words[0].number(SurveyProblems(Path("book.gsi"))) == metres
 
 
 def test_a_table_without_a_mapping_and_with_commas_says_what_to_state(tmp_path):

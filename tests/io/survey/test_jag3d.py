@@ -13,7 +13,7 @@ from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.survey.jag3d import is_jag3d
-from factorgraph_adj.io.survey.jag3d_model import radius_of
+from factorgraph_adj.io.survey.jag3d_model import gaussian_radius
 from factorgraph_adj.io.survey.jag3d_project import point_pairs
 from factorgraph_adj.observations import (
     CoordinateDifference,
@@ -282,7 +282,7 @@ def test_the_radius_is_that_of_the_sphere_of_gauss():
     e2 = 1 - (b / a) ** 2
     m = a * (1 - e2) / (1 - e2 * math.sin(f) ** 2) ** 1.5
     n = a / math.sqrt(1 - e2 * math.sin(f) ** 2)
-    assert math.isclose(radius_of(a, b, f), math.sqrt(m * n), rel_tol=1e-14)
+    assert math.isclose(gaussian_radius(a, b, f), math.sqrt(m * n), rel_tol=1e-14)
 
 
 # -- what takes part in a project ------------------------------------------------------------------

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.network.selection import without
 from factorgraph_adj.quality.causes.block_mistakes import block_mistakes
-from factorgraph_adj.quality.causes.image_names import ExchangedInPhoto, with_exchanged
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.quality.causes.exchanged_images import ImagePointExchange, with_exchanged_names
+from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.options import Provenance, ReportOptions
 from tests.networks.facade import CONTROL, FOCAL, facade
 from tests.support.shifted import shift_image
@@ -22,13 +22,13 @@ pytest.importorskip("poselib", reason="blocks are looked at from images alone, b
 
 
 def exchanged_images(network: Network) -> Network:
-    pair = ExchangedInPhoto("F3", ("N2", "N3"), ("", ""), 0.0, 0.0)
-    return with_exchanged(network, [pair])
+    pair = ImagePointExchange("F3", ("N2", "N3"), ("", ""), 0.0, 0.0)
+    return with_exchanged_names(network, [pair])
 
 
 def exchanged_twice(network: Network) -> Network:
-    pair = ExchangedInPhoto("F1", ("N5", "N8"), ("", ""), 0.0, 0.0)
-    return with_exchanged(exchanged_images(network), [pair])
+    pair = ImagePointExchange("F1", ("N5", "N8"), ("", ""), 0.0, 0.0)
+    return with_exchanged_names(exchanged_images(network), [pair])
 
 
 def wrong_sign(network: Network) -> Network:
@@ -145,8 +145,8 @@ def test_snooping_sets_exchanged_image_points_alone_aside(
     photo: str, pair: tuple[str, str]
 ) -> None:
     """Both where they bend the block, and where they lie side by side and nothing is bent."""
-    exchanged = ExchangedInPhoto(photo, pair, ("", ""), 0.0, 0.0)
-    found = fga.snoop(with_exchanged(facade(1), [exchanged]))
+    exchanged = ImagePointExchange(photo, pair, ("", ""), 0.0, 0.0)
+    found = fga.snoop(with_exchanged_names(facade(1), [exchanged]))
     ids = {f"{photo}/{name}" for name in pair}
     by_chance = {r.id for r in fga.snoop(without(facade(1), sorted(ids))).rejected}
     assert {r.id for r in found.rejected} == ids | by_chance

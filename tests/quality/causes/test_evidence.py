@@ -12,8 +12,8 @@ from scipy import special, stats
 import factorgraph_adj as fga
 from factorgraph_adj.observations import HeightDifference
 from factorgraph_adj.quality.causes.evidence import VarianceFactor, evidence
-from factorgraph_adj.quality.causes.search import Cause, explanations, ordered
-from factorgraph_adj.quality.causes.separable import SAME, separability_tolerance
+from factorgraph_adj.quality.causes.search import Cause, ordered_causes, sized_causes
+from factorgraph_adj.quality.causes.separability import MIN_T2_DIFFERENCE, separability_tolerance
 from tests.benchmarks.causes import adjusted
 from tests.networks.building_site import site
 
@@ -70,8 +70,8 @@ def test_an_estimated_sigma0_is_what_the_error_leaves_of_vtpv() -> None:
 
 
 def test_indifference_is_half_a_difference_of_t2() -> None:
-    assert separability_tolerance(100.0) == SAME / 2
-    assert separability_tolerance(1e7) > SAME / 2
+    assert separability_tolerance(100.0) == MIN_T2_DIFFERENCE / 2
+    assert separability_tolerance(1e7) > MIN_T2_DIFFERENCE / 2
 
 
 @pytest.mark.parametrize("estimated", [False, True])
@@ -80,7 +80,7 @@ def test_evidence_of_good_readings_has_an_exponential_distribution(estimated: bo
     found = []
     for seed in range(4):
         solution = fga.adjust(adjusted(*site(300 + seed)[:2]))
-        for c in explanations(solution):
+        for c in sized_causes(solution):
             if c.dof:
                 weight = VarianceFactor.left_by(solution, estimated=estimated, t2=c.t2, dof=c.dof)
                 found.append(evidence(c.t2 / weight.variance, c.dof, weight.freedom))
@@ -215,4 +215,4 @@ def test_causes_are_ordered_whatever_their_size(t2: float) -> None:
         Cause(f"cause {n}", "", (), (), none, none, size, 1, 0.0, (), rank=2 - n)
         for n, size in enumerate((1.0, t2, t2))
     ]
-    assert [c.cause for c in ordered(kinds)] == ["cause 2", "cause 1", "cause 0"]
+    assert [c.cause for c in ordered_causes(kinds)] == ["cause 2", "cause 1", "cause 0"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report.causes import given
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.gross_errors import given_values_section
 
 PLACES = {
     "A": (0.0, 0.0, 10.0),
@@ -71,7 +71,7 @@ def levelling(seed: int, *, factor: float = 1.0, off: float = 0.0) -> fga.Networ
 
 def said(network: fga.Network) -> str:
     solution = fga.adjust(network, variance="a-posteriori")
-    return " ".join("\n".join(given(Report(solution))).split())
+    return " ".join("\n".join(given_values_section(Report(solution))).split())
 
 
 def test_given_values_are_tested_with_the_estimated_variance() -> None:

@@ -10,9 +10,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import GnssPosition, GnssVector
-from factorgraph_adj.quality.causes.hypotheses import SIGHTS
-from factorgraph_adj.report.causes import likeliest
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.quality.causes.shared_errors import TOTAL_STATION_KINDS
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.gross_errors import most_probable_cause
 from tests.benchmarks.causes import adjusted
 from tests.networks.building_site import site
 
@@ -26,7 +26,7 @@ def spoiled(seed: int, heights: dict[str, float]) -> fga.Network:
     network, readings, _ = site(seed)
     out = adjusted(network, readings)
     for ident, o in out.observations.items():
-        if o.kind in SIGHTS and o.station in heights:  # type: ignore[attr-defined]
+        if o.kind in TOTAL_STATION_KINDS and o.station in heights:  # type: ignore[attr-defined]
             height = o.instrument_height * heights[o.station]  # type: ignore[attr-defined]
             out.observations[ident] = replace(o, instrument_height=height)  # type: ignore[call-arg]
     return out
@@ -42,9 +42,11 @@ def test_one_error_is_the_likeliest_cause_and_several_are_told_apart(seed: int) 
     assert found.alone(first)
     left, r = found.left(first)
     assert np.sqrt(left / r) == pytest.approx(fga.adjust(spoiled(seed, {})).sigma0, rel=0.05)
-    assert likeliest(Report(single)).startswith("likeliest cause: the height of the instrument")
+    assert most_probable_cause(Report(single)).startswith(
+        "likeliest cause: the height of the instrument"
+    )
     several = fga.adjust(spoiled(seed, {"S1": 1.05, "S2": 0.95, "S4": 1.06}))
-    text = likeliest(Report(several))
+    text = most_probable_cause(Report(several))
     assert text.startswith("one of several errors: the height of the instrument")
     assert " % of what vᵀPv is too large by" in text
 

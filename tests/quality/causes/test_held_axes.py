@@ -10,8 +10,8 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import HeightDifference, ImagePoint
-from factorgraph_adj.quality.causes.held_axes import axis_scales
-from factorgraph_adj.simulation.simulate import look_at, measure
+from factorgraph_adj.quality.causes.shared_error_tests import axis_scales
+from factorgraph_adj.simulation.measurement import look_at, measure
 
 NAME = "the scale of the given coordinates"
 

@@ -18,10 +18,15 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.quality.causes import search
-from factorgraph_adj.quality.causes.columns import beside, explain, gains, whitening
-from factorgraph_adj.quality.causes.hypotheses import hypotheses
 from factorgraph_adj.quality.causes.readings import Readings
-from factorgraph_adj.quality.causes.search import explanations
+from factorgraph_adj.quality.causes.search import sized_causes
+from factorgraph_adj.quality.causes.shared_error_tests import (
+    conditional_error_tests,
+    shared_error_tests,
+    t2_of_errors,
+    whitening_matrix,
+)
+from factorgraph_adj.quality.causes.shared_errors import shared_error_columns
 from tests.networks.building_site import site
 
 TARGET = "the centring of the target"
@@ -127,12 +132,12 @@ def test_an_error_beside_another_one_is_what_dense_matrices_say() -> None:
     network, readings, _ = site(0)
     network.add(*readings)
     solution = fga.adjust(network)
-    w = whitening(solution.equations)
-    every = list(hypotheses(Readings.of(solution.equations, solution.state)))
+    w = whitening_matrix(solution.equations)
+    every = list(shared_error_columns(Readings.of(solution.equations, solution.state)))
     columns = next(h for h in every if h.cause == "the centring of the instrument").columns[:, :4]
     z = csc_array(w @ columns)
     one, two = np.array([0, 1]), np.array([2, 3])
-    first, second, left = beside(solution, z, one, two)
+    first, second, left = conditional_error_tests(solution, z, one, two)
     system = solution.normal().system
     a = system.times(np.eye(solution.equations.unknowns.n_columns))
     m = np.eye(len(a)) - a @ solution.cofactor_times(a.T)
@@ -150,21 +155,21 @@ def test_the_places_with_the_largest_test_are_chosen(monkeypatch: pytest.MonkeyP
     solution = fga.adjust(network)
 
     def of_sights() -> list[search.Cause]:
-        found = explanations(solution, ())
+        found = sized_causes(solution, ())
         return [c for c in found if c.cause == TARGET and "seen from" in c.where]
 
     every = of_sights()
-    monkeypatch.setattr(search, "MOST", 3)
+    monkeypatch.setattr(search, "MAX_PLACES_OF_CAUSE", 3)
     few = of_sights()
     assert len(every) > len(few) == 3
     largest = sorted((c.t2 for c in every), reverse=True)[:3]
     assert sorted((c.t2 for c in few), reverse=True) == pytest.approx(largest)
-    w = whitening(solution.equations)
-    for h in hypotheses(Readings.of(solution.equations, solution.state)):
+    w = whitening_matrix(solution.equations)
+    for h in shared_error_columns(Readings.of(solution.equations, solution.state)):
         z, q = csc_array(w @ h.columns), len(h.sizes)
         groups = list(np.arange(z.shape[1]).reshape(-1, q))
-        t2 = [e.t2 for e in explain(solution, z, groups)]
-        assert gains(solution, z, q) == pytest.approx(np.nan_to_num(t2))
+        t2 = [e.t2 for e in shared_error_tests(solution, z, groups)]
+        assert t2_of_errors(solution, z, q) == pytest.approx(np.nan_to_num(t2))
 
 
 def test_a_target_beside_its_mark_for_all_is_listed_with_the_instrument_there() -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.quality.causes.hypotheses import hypotheses
 from factorgraph_adj.quality.causes.readings import Readings
 from factorgraph_adj.quality.causes.search import Causes
+from factorgraph_adj.quality.causes.shared_errors import shared_error_columns
 from tests.networks.mistaken import MISTAKES, levelling, long_sights
 
 MORE = pytest.mark.slow("ten more seeds of each mistake; short tests take the first ten of each")
@@ -71,7 +71,7 @@ def test_the_curvature_of_the_earth_changes_readings_in_both_faces_and_vertical_
     """C is what a reading is too large by with s = 1: ± h / 2R."""
     equations = fga.adjust(long_sights(0, 0.0)).equations
     readings = Readings.of(equations, equations.unknowns.start())
-    every = (h for h in hypotheses(readings) if h.cause.startswith("the curvature"))
+    every = (h for h in shared_error_columns(readings) if h.cause.startswith("the curvature"))
     (found,) = (h for h in every if h.where == ("everywhere",))
     for sign, name in ((1, "H0"), (-1, "H3"), (-1, "H4")):
         station = equations.unknowns["point"].number[name]

@@ -9,7 +9,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import GnssPosition
-from factorgraph_adj.quality.causes.whole_observations import best_whole_observation
+from factorgraph_adj.quality.causes.separability import best_whole_observation
 from tests.networks.mistaken import YARD, yard
 
 SIGMA = (0.006, 0.006, 0.01)

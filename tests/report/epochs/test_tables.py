@@ -11,10 +11,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.report.epochs.context import EpochsReport
-from factorgraph_adj.report.epochs.results import epochs_text
-from factorgraph_adj.report.epochs.tables import displacement_table
-from factorgraph_adj.report.epochs.text import render_congruence
+from factorgraph_adj.report.epochs_report import EpochsReport, displacement_table, render_congruence
+from factorgraph_adj.report.results_json import epochs_results_text
 from tests.networks import moved
 
 jsonschema = pytest.importorskip("jsonschema")
@@ -43,7 +41,7 @@ def test_results_are_as_their_schema_says(name):
     schema = fga.results_schema("epochs")
     jsonschema.Draft202012Validator.check_schema(schema)
     report = CASES[name]()
-    found = json.loads(epochs_text(report))
+    found = json.loads(epochs_results_text(report))
     jsonschema.validate(found, schema)
     assert (found["$schema"], found["format"]) == (schema["$id"], 1)
     assert [x["moved"] for x in found["displacements"]] == [

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.html.page import html
-from factorgraph_adj.report.html.write import write_report
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.html.page import adjustment_html, write_report
 from tests.networks.adjusted import ADJUSTED
 from tests.networks.image_blocks import aerial
 from tests.networks.mapped import geocentric
@@ -396,4 +395,6 @@ def test_the_report_of_roma_is_small_and_soon_ready(browser, tmp_path):
 )
 def test_the_text_of_a_page_is_the_same_as_the_file(folder):
     report = Report(fga.adjust(three_points()))
-    assert (folder / "three.html").read_text(encoding="utf-8") == html(report, language="de")
+    assert (folder / "three.html").read_text(encoding="utf-8") == adjustment_html(
+        report, language="de"
+    )

@@ -8,10 +8,10 @@ from string import Formatter
 import factorgraph_adj as fga
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import KINDS as OBSERVED
-from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.html import english, german
-from factorgraph_adj.report.html.language import Texts
-from factorgraph_adj.report.html.page import html
+from factorgraph_adj.report.html.page import adjustment_html
+from factorgraph_adj.report.html.rendering import Texts
 from tests.benchmarks.causes import adjusted
 from tests.networks.building_site import site
 from tests.networks.reported import three_points
@@ -36,18 +36,18 @@ def words(text: str) -> set[str]:
 
 
 def test_both_languages_have_the_same_texts_with_the_same_figures():
-    assert list(english.TEXTS) == list(german.TEXTS)
-    for key, text in english.TEXTS.items():
+    assert list(english.ENGLISH_TEXTS) == list(german.GERMAN_TEXTS)
+    for key, text in english.ENGLISH_TEXTS.items():
         figures = {name for _, name, _, _ in Formatter().parse(text) if name}
-        other = {name for _, name, _, _ in Formatter().parse(german.TEXTS[key]) if name}
+        other = {name for _, name, _, _ in Formatter().parse(german.GERMAN_TEXTS[key]) if name}
         assert figures == other, key
 
 
 def test_no_text_is_left_in_english():
-    for key, text in german.TEXTS.items():
+    for key, text in german.GERMAN_TEXTS.items():
         assert not words(text) & ENGLISH, (key, text)
         if len(words(text)) > 1 or len(max(words(text), default="")) > 4:
-            same = english.TEXTS[key].lower() == text.lower()
+            same = english.ENGLISH_TEXTS[key].lower() == text.lower()
             assert not same or text in SAME or key.startswith(("variance.", "col.", "symbol.")), (
                 key,
                 text,
@@ -77,18 +77,21 @@ def test_every_text_is_used_and_every_used_text_is_there():
     said = set(re.findall(r"""["']([a-z0-9_]+(?:\.[a-z0-9_]+)*)["']""", text))
     # Keys that are put together: of a number, and of what is in braces.
     begun = tuple(re.findall(r"""["'`]((?:[a-z]+\.)+)(?:\{|["'] ~)""", text))
-    for key in english.TEXTS:
+    for key in english.ENGLISH_TEXTS:
         plain = re.sub(r"\.(one|many)$", "", key)
         assert key in said or plain in said or key.startswith(begun), f"{key} is not used"
     for key in said:
-        if key.split(".")[0] in {k.split(".")[0] for k in english.TEXTS if "." in k} and "." in key:
-            known = key in english.TEXTS or f"{key}.one" in english.TEXTS
+        if (
+            key.split(".")[0] in {k.split(".")[0] for k in english.ENGLISH_TEXTS if "." in k}
+            and "." in key
+        ):
+            known = key in english.ENGLISH_TEXTS or f"{key}.one" in english.ENGLISH_TEXTS
             assert known or key.endswith((".csv", ".js", "table.sheet")), key
 
 
 def test_a_german_page_has_german_words_alone():
     for network in (three_points(), small_block()):
-        found = elements(html(Report(fga.adjust(network)), language="de"))
+        found = elements(adjustment_html(Report(fga.adjust(network)), language="de"))
         assert found[0].attributes["lang"] == "de"
         for e in found:
             if e.tag in ("h1", "h2", "h3", "th", "caption", "dt", "label", "button", "figcaption"):
@@ -100,7 +103,7 @@ def test_a_german_page_has_german_words_alone():
 
 def test_sentences_of_the_adjustment_are_marked_as_english():
     solution = fga.adjust(small_block(), max_iterations=1)
-    found = elements(html(Report(solution), language="de"))
+    found = elements(adjustment_html(Report(solution), language="de"))
     told = [e for e in found if e.text.strip() == solution.reason]
     assert told and told[-1].attributes["lang"] == "en"
     assert next(e for e in found if e.tag == "pre").attributes["lang"] == "en"
@@ -113,7 +116,7 @@ def test_causes_are_announced_in_german_and_marked_as_english():
         factor = {"S1": 1.05, "S2": 0.95, "S4": 1.06}.get(getattr(o, "station", ""))
         if factor and getattr(o, "instrument_height", None):
             wrong.observations[ident] = replace(o, instrument_height=factor * o.instrument_height)
-    page = html(Report(fga.adjust(wrong)), language="de")
+    page = adjustment_html(Report(fga.adjust(wrong)), language="de")
     assert "Einer von mehreren Fehlern" in page
     cells = [e for e in elements(page) if e.tag in ("td", "q")]
     said = [e for e in cells if words(e.text) & (ENGLISH - {"observations", "points"})]

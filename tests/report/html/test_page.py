@@ -13,13 +13,11 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.html.language import Texts
-from factorgraph_adj.report.html.page import html
-from factorgraph_adj.report.html.sheets import PAGE
-from factorgraph_adj.report.html.verdict import verdict
-from factorgraph_adj.report.html.write import write_report
-from factorgraph_adj.report.observation_tables import observations_table
+from factorgraph_adj.report.adjusted_observations import observations_table
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.html.page import adjustment_html, write_report
+from factorgraph_adj.report.html.rendering import ROWS_PER_PAGE, Texts
+from factorgraph_adj.report.html.verdict import adjustment_verdict
 from tests.networks.reported import NASTY, heights_alone, nasty_names, three_points
 from tests.networks.small_block import small_block
 from tests.support.pages import data_of, elements
@@ -38,7 +36,7 @@ def industry() -> Report:
 
 @cache
 def page(language: str = "en") -> str:
-    return html(industry(), language=language, files=[EXAMPLES / "industry_block"])
+    return adjustment_html(industry(), language=language, files=[EXAMPLES / "industry_block"])
 
 
 @cache
@@ -101,12 +99,12 @@ def test_the_page_has_the_first_rows_of_each_table_without_a_script():
     assert len(cells) > 1000
     rows = data_of(page(), "sheet-observations")["columns"]
     for shown, whole in zip(rows, rows, strict=True):
-        assert shown[:PAGE] == whole[:PAGE]
-    assert f"The first {PAGE} of {industry().solution.n_observations} rows." in page()
+        assert shown[:ROWS_PER_PAGE] == whole[:ROWS_PER_PAGE]
+    assert f"The first {ROWS_PER_PAGE} of {industry().solution.n_observations} rows." in page()
 
 
 def test_the_same_call_gives_the_same_file():
-    again = html(
+    again = adjustment_html(
         Report(industry().solution, industry().options), files=[EXAMPLES / "industry_block"]
     )
     assert again == page()
@@ -136,34 +134,34 @@ def test_the_input_files_have_the_hashes_of_their_bytes():
 
 @LONG
 def test_a_good_result_is_green_and_a_doubtful_one_red_as_in_the_protocol():
-    assert verdict(industry(), EN).colour == "green"
-    assert verdict(snooped(), EN).colour == "amber"
-    assert verdict(spoiled(), EN).colour == "red"
+    assert adjustment_verdict(industry(), EN).colour == "green"
+    assert adjustment_verdict(snooped(), EN).colour == "amber"
+    assert adjustment_verdict(spoiled(), EN).colour == "red"
     for report in (industry(), snooped(), spoiled()):
         doubtful = "DOUBTFUL RESULT" in fga.protocol(
             report.solution, report.options, report.provenance
         )
-        assert (verdict(report, EN).colour == "red") == doubtful
+        assert (adjustment_verdict(report, EN).colour == "red") == doubtful
 
 
 def test_a_light_says_how_many_test_values_are_above_the_critical_one():
     rel = fga.reliability(spoiled().solution)
     above = int(np.sum(np.abs(rel.w) > rel.critical_w))
-    light = next(x for x in verdict(spoiled(), EN).lights if x.title == "Test values")
+    light = next(x for x in adjustment_verdict(spoiled(), EN).lights if x.title == "Test values")
     assert light.colour == "red" and light.text.startswith(f"{above} observation")
-    text = html(spoiled())
+    text = adjustment_html(spoiled())
     assert f"of {above} test values above" in text or f"{above} of {above} test values" in text
 
 
 def test_the_worst_observation_is_the_spoiled_one_with_its_error():
-    kinds = column(html(spoiled()), "worst", "observation")
-    errors = column(html(spoiled()), "worst", "estimated error")
+    kinds = column(adjustment_html(spoiled()), "worst", "observation")
+    errors = column(adjustment_html(spoiled()), "worst", "estimated error")
     assert kinds[0].startswith("photo 1/P12")
     assert abs(abs(float(errors[0])) - 50.0) < 4 * 7.25
 
 
 def test_what_was_set_aside_stands_in_its_table_and_in_the_plan():
-    text = html(snooped())
+    text = adjustment_html(snooped())
     (what,) = column(text, "rejected", "observation")
     assert what.startswith("photo 1/P12")
     (aside,) = data_of(text, "plan")["aside"]
@@ -173,7 +171,7 @@ def test_what_was_set_aside_stands_in_its_table_and_in_the_plan():
 
 def test_an_iteration_that_did_not_end_is_said_first():
     solution = fga.adjust(fga.read_project(EXAMPLES / "industry_block"), max_iterations=1)
-    found = verdict(Report(solution), EN)
+    found = adjustment_verdict(Report(solution), EN)
     assert found.colour == "red" and found.lights[0].colour == "red"
     assert found.lights[0].told == solution.reason
 
@@ -184,9 +182,9 @@ def test_observations_that_nothing_controls_are_counted():
     network.add_point("B", (0.0, 0.0, 1.0), fixed="xy")
     network.add(fga.HeightDifference("A", "B", 1.0, sigma=0.001))
     report = Report(fga.adjust(network))
-    colours = {x.title: x.colour for x in verdict(report, EN).lights}
+    colours = {x.title: x.colour for x in adjustment_verdict(report, EN).lights}
     assert colours["Global test"] == "amber" and colours["Control"] == "amber"
-    assert html(report)
+    assert adjustment_html(report)
 
 
 # -- plan -----------------------------------------------------------------------------------------
@@ -206,7 +204,7 @@ def test_the_ellipses_of_the_plan_are_those_of_the_library():
 
 def test_the_plan_marks_the_observations_above_the_critical_value():
     report = spoiled()
-    rel, drawn = fga.reliability(report.solution), data_of(html(report), "plan")
+    rel, drawn = fga.reliability(report.solution), data_of(adjustment_html(report), "plan")
     rows = [d["row"] for d in drawn["doubts"]]
     assert sorted(rows) == np.flatnonzero(np.abs(rel.w) > rel.critical_w).tolist()
     assert drawn["doubtful"] and not data_of(page(), "plan")["doubtful"]
@@ -214,7 +212,7 @@ def test_the_plan_marks_the_observations_above_the_critical_value():
 
 def test_heights_alone_are_drawn_as_heights():
     report = Report(fga.adjust(heights_alone()))
-    text = html(report)
+    text = adjustment_html(report)
     drawn = data_of(text, "plan")
     assert drawn["schematic"] and max(drawn["points"]["height"]) > 0
     assert drawn["points"]["xy"][1] == np.round(report.solution.state["point"][:, 2], 4).tolist()
@@ -236,7 +234,7 @@ def test_a_point_has_the_largest_test_value_of_its_observations():
 
 
 def test_names_are_text_wherever_they_stand():
-    text = html(Report(fga.adjust(nasty_names())))
+    text = adjustment_html(Report(fga.adjust(nasty_names())))
     found = elements(text)
     scripts = [e.attributes.get("type") for e in found if e.tag == "script"]
     assert set(scripts) == {"application/json", "text/plain", "module"}
@@ -254,7 +252,7 @@ def test_names_are_text_wherever_they_stand():
 def test_without_the_extra_the_error_says_how_to_get_it(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "plotly", None)
     monkeypatch.setattr(
-        "factorgraph_adj.report.html.libraries.find_spec", lambda n: None if n == "plotly" else n
+        "factorgraph_adj.report.html.rendering.find_spec", lambda n: None if n == "plotly" else n
     )
     with pytest.raises(fga.InputError, match=r"plotly.*pip install 'factorgraph_adj\[report\]'"):
         write_report(industry().solution, tmp_path / "r.html")
@@ -287,7 +285,7 @@ def test_the_file_is_written_and_replaced_whole(tmp_path):
 
 
 def test_a_small_network_makes_a_small_file():
-    assert len(html(Report(fga.adjust(three_points())))) < 2.5e6
+    assert len(adjustment_html(Report(fga.adjust(three_points())))) < 2.5e6
 
 
 def test_every_file_of_the_page_goes_into_the_wheel():
@@ -303,11 +301,11 @@ def test_reports_of_other_solutions_are_made_too():
     """A-posteriori σ, a combined block with stations and check points, a solution read back."""
     network = small_block()
     for variance in ("a-priori", "a-posteriori"):
-        text = html(Report(fga.adjust(network, variance=variance)))
+        text = adjustment_html(Report(fga.adjust(network, variance=variance)))
         name = "w" if variance == "a-priori" else "τ"
         assert column(text, "observations", name)
         assert column(text, "orientations", "station")
     report = Report(fga.adjust(network))
     units = replace(report.options.units, length="mm", angle="dms", sigma_length="um")
-    text = html(replace(report, options=replace(report.options, units=units)))
+    text = adjustment_html(replace(report, options=replace(report.options, units=units)))
     assert column(text, "points", "x [mm]")

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.epochs.context import EpochsReport
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.epochs_report import EpochsReport
 from factorgraph_adj.report.html import page as page_module
 from factorgraph_adj.report.html.epochs_page import epochs_html
-from factorgraph_adj.report.html.page import html
+from factorgraph_adj.report.html.page import adjustment_html
 from tests.networks import moved
 from tests.networks.small_block import small_block
 from tests.support.pages import elements
@@ -67,7 +67,7 @@ def test_text_and_graphics_stand_out(theme):
 
 
 PAGES = {
-    "adjustment": lambda: html(Report(fga.adjust(small_block()))),
+    "adjustment": lambda: adjustment_html(Report(fga.adjust(small_block()))),
     "epochs": lambda: epochs_html(EpochsReport(moved.in_plan(), (moved.block(),))),
 }
 
@@ -106,7 +106,7 @@ def test_tables_have_captions_and_scopes_and_plots_have_words(page, most, figure
 
 
 def test_the_first_link_leads_to_the_content():
-    found = elements(html(Report(fga.adjust(small_block()))))
+    found = elements(adjustment_html(Report(fga.adjust(small_block()))))
     first = next(e for e in found if e.tag == "a")
     assert first.attributes == {"class": "skip", "href": "#main"}
     main = next(e for e in found if e.tag == "main")

@@ -1,1 +1,0 @@
-"""Orientation of blocks of photos from image points alone."""

@@ -1,0 +1,297 @@
+"""The commands ``check``, ``convert``, ``join``: networks without an adjustment."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+from ..errors import InputError, Problem, known
+from ..frames import LocalFrame
+from ..graph.equations import compile_rows
+from ..io.project import Project
+from ..io.readers import READERS, Reader
+from ..io.writers import WRITERS
+from ..network.joined_networks import Sets, join
+from ..report.doubtful_results import notes_of_network
+from ..start.choice_of_start import start_or_problems
+from ..validate.mistyped_names import mistyped_at_start
+from ..validate.network_structure import check
+from ..validate.preliminary_checks import named_mistakes, preliminary
+from ..validate.stated_values import wrong_line_lengths
+from .input import (
+    PROJECT_HELP,
+    add_project,
+    add_reading,
+    parsed_settings,
+    project_on_earth,
+    read_input,
+    stated_reference_system,
+)
+from .messages import (
+    EXIT_BAD_INPUT,
+    EXIT_DOUBTFUL,
+    EXIT_FINE,
+    print_problems,
+    print_warnings,
+    problem_lines,
+)
+
+
+def add_check(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    add_project(parser)
+    parser.add_argument(
+        "--all", action="store_true", help="list problems that repeat one by one, without limit"
+    )
+    parser.set_defaults(run=_check)
+
+
+def _check(options: argparse.Namespace) -> int:
+    try:
+        project = read_input(options)
+    except InputError as error:
+        print_problems(error.problems, every=options.all)
+        _hint_at_plan(options, len(error.problems))
+        return EXIT_BAD_INPUT
+    try:
+        refuse_problems(project)
+    except InputError as error:
+        print_problems(error.problems, every=options.all)
+        return EXIT_BAD_INPUT
+    network = project.network
+    content = (
+        f"{len(network.points)} points, {len(network.photos)} photos, {network.n_image_points} "
+        f"image points and {len(network.observations)} other observations"
+    )
+    length, angle = project.units.length, project.units.angle
+    start, without = start_or_problems(network)
+    found = [
+        *project.warnings,
+        *preliminary(network, length=length, angle=angle),
+        *([] if start is None else mistyped_at_start(network, start.state)),
+        *([] if start is None else wrong_line_lengths(compile_rows(network), start.state)),
+    ]
+    noted = [str(left) for left in network.left_out if not left.doubtful]
+    noted += notes_of_network(network)
+    name = network.name or "a network without a name"
+    if not found and not without:
+        print(f"{name}: no problems found in {content}; approximate values are there")
+        _print_notes(noted)
+        return EXIT_FINE
+    print(f"{name}: {content}")
+    if found:
+        n = len(found)
+        print(
+            f"{n} doubt{'s' * (n != 1)} about files, readings or given values; nothing was changed:"
+        )
+        for line in problem_lines(found, every=options.all):
+            print(line)
+    if without:
+        print("adjust will find no approximate values for:")
+        for line in problem_lines(without, every=options.all):
+            print(line)
+    _print_notes(noted)
+    return EXIT_DOUBTFUL
+
+
+def _print_notes(noted: Sequence[str]) -> None:
+    """Print what is no doubt: what the reader left out, as it always does, and copied returns."""
+    for one in noted:
+        print(f"note: {one}")
+
+
+def refuse_problems(project: Project) -> None:
+    """Raise all problems of a network that can be found before the adjustment.
+
+    Raises:
+        InputError: the network has problems; those of points and photos state file and line.
+    """
+    problems = check(project.network, sources=project.sources)
+    if problems:
+        # Points behind cameras are a symptom; images with y the wrong way are the cause. So is a
+        # table that is not read because of its name.
+        length, angle = project.units.length, project.units.angle
+        causes = [
+            Problem(str(f)) for f in named_mistakes(project.network, length=length, angle=angle)
+        ]
+        raise InputError([*project.warnings, *causes, *problems])
+
+
+def _hint_at_plan(options: argparse.Namespace, n_problems: int) -> None:
+    """Print that a design needs no readings, if the input lacks readings."""
+    try:
+        read_input(options, readings=False)
+    except InputError as error:
+        if len(error.problems) >= n_problems:
+            return
+    print(
+        "If nothing is measured yet: a design needs no readings for `factorgraph-adj plan`.",
+        file=sys.stderr,
+    )
+
+
+def add_convert(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    add_project(parser)
+    add_writing(parser)
+    parser.set_defaults(run=_convert)
+
+
+def add_writing(parser: argparse.ArgumentParser) -> None:
+    """Add the file to write, its format and options."""
+    parser.add_argument("out", metavar="OUT", help=f"a file: {WRITERS}")
+    parser.add_argument(
+        "--to",
+        choices=[w.name for w in WRITERS.entries],
+        metavar="FORMAT",
+        help="the format to write, where the suffix does not tell it: "
+        + ", ".join(w.name for w in WRITERS.entries),
+    )
+    parser.add_argument(
+        "--with",
+        dest="writing",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="an option of the writer of the format; may be repeated",
+    )
+
+
+def _convert(options: argparse.Namespace) -> int:
+    writing = parsed_settings(options.writing, "--with")
+    writer = WRITERS.of(Path(options.out), options.to)  # before a long reading
+    project = read_input(options)
+    print_warnings(project.warnings)
+    WRITERS.write(project.network, options.out, format=options.to, options=writing)
+    network = project.network
+    if writer.alone:
+        print(f"{options.out}: {writer.alone} of {options.project}, and nothing else of it")
+        return EXIT_FINE
+    print(
+        f"{options.out}: {len(network.points)} points, {len(network.photos)} photos, "
+        f"{network.n_image_points} image points and {len(network.observations)} other "
+        f"observations of {options.project}"
+    )
+    return EXIT_FINE
+
+
+def add_join(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.epilog = (
+        "--set FILE:KEY=VALUE is an option of the reader of one file, --set KEY=VALUE of "
+        "every reader that has it; --frame is geocentric unless stated"
+    )
+    parser.add_argument("files", metavar="FILE", nargs="+", help=PROJECT_HELP)
+    add_writing(parser)
+    add_reading(parser)
+    parser.add_argument(
+        "--sets",
+        choices=get_args(Sets),
+        default="apart",
+        help="whether sets of directions of one name at one station, in several files, are set-ups "
+        "of their own (apart)",
+    )
+    parser.set_defaults(run=_join)
+
+
+def _join(options: argparse.Namespace) -> int:
+    writing = parsed_settings(options.writing, "--with")
+    WRITERS.of(Path(options.out), options.to)  # before a long reading
+    projects = _read(options)
+    for project in projects:
+        print_warnings(project.warnings)
+    network = _joined(projects, options).network
+    WRITERS.write(network, options.out, format=options.to, options=writing)
+    print(
+        f"{options.out}: {len(network.points)} points, {len(network.photos)} photos, "
+        f"{network.n_image_points} image points and {len(network.observations)} other "
+        f"observations of {len(projects)} files"
+    )
+    return EXIT_FINE
+
+
+def _read(options: argparse.Namespace) -> list[Project]:
+    """Read the files, each with the options that concern it; all problems are raised at once."""
+    stated_reference_system(options)
+    problems: list[Problem] = []
+    out: list[Project] = []
+    readers: dict[str, Reader] = {}
+    for file in options.files:
+        if file in readers:
+            problems.append(Problem("is named twice: a file is joined once", file))
+        elif not Path(file).exists():
+            problems.append(Problem("no such file or folder", file))
+        else:
+            readers[file] = READERS.reader(Path(file), options.read_as)
+    if problems:
+        raise InputError(problems)
+    of_file = _settings_of(options.reading, readers)
+    for file, reader in readers.items():
+        own = copy(options)
+        own.reading = of_file[file]
+        if not reader.own_grid:  # the grid is left when all its files are joined
+            own.crs, own.geoid, own.heights, own.frame, own.grid = None, None, None, None, []
+        try:
+            out.append(read_input(own, file))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return out
+
+
+def _settings_of(given: Sequence[str], readers: dict[str, Reader]) -> dict[str, list[str]]:
+    """Return the settings KEY=VALUE of each file.
+
+    Raises:
+        InputError: a setting names a file that is not joined, or an option that no reader has.
+    """
+    out: dict[str, list[str]] = {file: [] for file in readers}
+    problems = []
+    for text in given:
+        key, equals, value = text.partition("=")
+        file, _, option = key.rpartition(":")
+        if file and file not in readers:
+            what = f"{text!r} is of no file that is joined; known: {known(readers, meant=file)}"
+            problems.append(Problem(what, "--set"))
+            continue
+        own = [file] if file else [f for f, r in readers.items() if option in r.options]
+        if not own:
+            valid = dict.fromkeys(o for r in readers.values() for o in r.options)
+            what = f"no reader of these files has the option {option!r}; they have: "
+            problems.append(Problem(what + known(valid, meant=option), "--set"))
+        for f in own:
+            out[f].append(f"{option}{equals}{value}")
+    if problems:
+        raise InputError(problems)
+    return out
+
+
+def _joined(projects: Sequence[Project], options: argparse.Namespace) -> Project:
+    """Return the project of all: files in a grid together, then with those on the Earth.
+
+    A book of a level has no plan, so that it leaves the grid with the points of the others.
+    """
+    system = stated_reference_system(options)
+    local = [p for p in projects if isinstance(p.network.frame, LocalFrame)]
+    if system is None or not local:
+        local = list(projects)
+    rest = [p for p in projects if not any(p is q for q in local)]
+    sources = {k: v for p in reversed(projects) for k, v in p.sources.items()}
+    first = replace(
+        local[0],
+        network=join((p.network for p in local), sets=options.sets),
+        sources=sources,
+    )
+    if system is not None:
+        grid = parsed_settings(options.grid, "--grid")
+        first = project_on_earth(first, system, grid, options.frame or "geocentric")
+    if not rest:
+        return first
+    networks = [first.network, *(p.network for p in rest)]
+    return replace(first, network=join(networks, sets=options.sets))

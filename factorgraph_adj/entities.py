@@ -1,0 +1,319 @@
+"""Points, cameras, photos and parameters: their classes, and the checks of parameters.
+
+A `Network` holds these entities by name and checks the names by which they refer to others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from .constructors import ChecksArguments
+from .errors import InputError, Problem, similar
+from .models.lens import Lens
+from .models.variables import UnknownKind
+from .types import Array, Index, Mask
+
+REFRACTION_OF_THE_NETWORK = ""
+"""Name of the refraction group for observations without a named group."""
+
+
+@dataclass(frozen=True)
+class Point(metaclass=ChecksArguments):
+    """An object point."""
+
+    name: str
+    """Name."""
+    coordinates: tuple[float, float, float]
+    """Given or approximate coordinates, metres; NaN where unknown."""
+    fixed: tuple[bool, bool, bool] = (False, False, False)
+    """Whether each component is held."""
+    sigma: tuple[float, float, float] | None = None
+    """Standard deviations of weighted components, metres; infinite for free components."""
+    datum: bool = False
+    """Whether the point carries the datum of a free network."""
+    check: tuple[float, float, float] | None = None
+    """Reference coordinates of a check point, metres, for comparison only; NaN where unknown."""
+    side_shot: bool = False
+    """Whether one sight without a check gives the point, which then bears on no other."""
+
+    @property
+    def held(self) -> str:
+        """Names of the held components: ``xy``, empty for a free point."""
+        return "".join(a for a, fixed in zip("xyz", self.fixed, strict=True) if fixed)
+
+
+Origin: TypeAlias = Literal["centre", "upper left", "lower left"]
+"""Place of the origin of image coordinates on the sensor."""
+ORIGINS: tuple[Origin, ...] = get_args(Origin)
+_LOWER_LEFT: dict[Origin, tuple[float, float]] = {
+    "centre": (-0.5, -0.5),
+    "upper left": (0.0, -1.0),
+    "lower left": (0.0, 0.0),
+}
+"""Lower left corner of the sensor for each origin, in widths and heights of the sensor, y up."""
+
+
+@dataclass(frozen=True)
+class Camera(metaclass=ChecksArguments):
+    """A camera: lens model, calibration values, and which values are estimated."""
+
+    name: str
+    """Name."""
+    lens: Lens
+    """Lens model."""
+    values: tuple[float, ...]
+    """Calibration parameters in the order of ``lens.names``, image units."""
+    fixed: tuple[bool, ...]
+    """Whether each parameter is held."""
+    sigma: tuple[float, ...]
+    """Standard deviations of weighted parameters, image units; infinite for free parameters."""
+    unit: str = "mm"
+    """Unit of image coordinates, for reports: mm, px …"""
+    per_photo: bool = False
+    """Whether every photo has a calibration of its own."""
+    format: tuple[float, float] | None = None
+    """Width and height of the sensor, image units; None where unknown."""
+    origin: Origin = "centre"
+    """Place of the origin of image coordinates on the sensor; y points up in any case."""
+    y_down_in_files: bool = False
+    """Whether y of image coordinates, and y0, point down in files and reports; values in memory
+    have y up."""
+
+    def corners(self) -> tuple[Array, Array] | None:
+        """Return lower left and upper right corner of the sensor, image units; None if unknown.
+
+        With the origin at the upper left corner, y is 0 at the upper edge and −height at the
+        lower edge: files with ``y_axis = "down"`` have the opposite sign.
+        """
+        if self.format is None:
+            return None
+        low = np.multiply(_LOWER_LEFT[self.origin], self.format)
+        return low, low + self.format
+
+    def sign_in_files(self, parameter: str) -> float:
+        """Return the factor from a value in memory to files and reports: −1 for y0 with y down."""
+        return -1.0 if self.y_down_in_files and parameter == "y0" else 1.0
+
+
+@dataclass(frozen=True)
+class Photo(metaclass=ChecksArguments):
+    """A photo: its camera and its exterior orientation."""
+
+    name: str
+    """Name."""
+    camera: str
+    """Name of its camera."""
+    position: tuple[float, float, float] | None = None
+    """Approximate, weighted or fixed projection centre, metres."""
+    rotation: Array | None = None
+    """world_R_camera (3, 3), axes of the camera x right, y down, z forward."""
+    fixed: tuple[bool, ...] = (False,) * 6
+    """Six flags of held components: three rotations (all or none), X, Y, Z of the centre."""
+    sigma_position: tuple[float, float, float] | None = None
+    """Standard deviations of a weighted projection centre, metres."""
+    sigma_attitude: float | None = None
+    """Standard deviation of a weighted attitude about each axis, radians."""
+
+
+@dataclass(frozen=True)
+class Parameter(metaclass=ChecksArguments):
+    """An unknown besides points, photos and cameras, such as a coefficient of refraction."""
+
+    values: tuple[float, ...]
+    """Start or given values of the components, SI; NaN where unknown."""
+    fixed: tuple[bool, ...]
+    """Whether each component is held."""
+    sigma: tuple[float, ...]
+    """Standard deviations of weighted components, SI; infinite for free components."""
+    constants: tuple[float, ...] = ()
+    """Constants of the kind, see `UnknownKind.constants`."""
+    origin: str = ""
+    """Name of the point at which the unknown has its origin; empty: none."""
+
+
+@dataclass
+class ImageTable:
+    """Image coordinates in columns, because networks have many of them."""
+
+    photo: list[Index] = field(default_factory=list)
+    """Number of the photo of each row, (n,)."""
+    point: list[Index] = field(default_factory=list)
+    """Number of the point of each row, (n,)."""
+    xy: list[Array] = field(default_factory=list)
+    """Measured coordinates (n, 2)."""
+    sigma: list[Array] = field(default_factory=list)
+    """Standard deviations (n, 2)."""
+    ids: dict[int, str] = field(default_factory=dict)
+    """Ids that differ from photo/point, by row."""
+    sources: dict[int, str] = field(default_factory=dict)
+    """Sources by row."""
+    size: int = 0
+    """Number of rows."""
+
+    def copy(self) -> ImageTable:
+        """Return an independent table; both share the arrays of rows, which never change."""
+        return replace(
+            self,
+            photo=list(self.photo),
+            point=list(self.point),
+            xy=list(self.xy),
+            sigma=list(self.sigma),
+            ids=dict(self.ids),
+            sources=dict(self.sources),
+        )
+
+    def kept(self, keep: Mask) -> ImageTable:
+        """Return a table of the rows with ``keep`` (n,) true."""
+        new = np.cumsum(keep) - 1
+        out = ImageTable()
+        out.append(*(c[keep] for c in self.columns()))  # type: ignore[arg-type]
+        out.ids = {int(new[r]): v for r, v in self.ids.items() if keep[r]}
+        out.sources = {int(new[r]): v for r, v in self.sources.items() if keep[r]}
+        return out
+
+    def append(self, photo: Index, point: Index, xy: Array, sigma: Array) -> None:
+        """Add rows."""
+        self.photo.append(photo)
+        self.point.append(point)
+        self.xy.append(xy)
+        self.sigma.append(sigma)
+        self.size += len(photo)
+
+    def columns(self) -> tuple[Index, Index, Array, Array]:
+        """Return photo (n,), point (n,), coordinates (n, 2) and sigma (n, 2)."""
+        if not self.photo:
+            none = np.zeros(0, dtype=np.intp)
+            return none, none, np.zeros((0, 2)), np.zeros((0, 2))
+        if len(self.photo) > 1:
+            self.photo = [np.concatenate(self.photo)]
+            self.point = [np.concatenate(self.point)]
+            self.xy = [np.concatenate(self.xy)]
+            self.sigma = [np.concatenate(self.sigma)]
+        return self.photo[0], self.point[0], self.xy[0], self.sigma[0]
+
+
+def triple(value: Any, what: str, where: str) -> tuple[float, float, float]:
+    """Return three floats; NaN allowed for unknown components."""
+    try:
+        out = tuple(float(v) for v in value)
+    except (TypeError, ValueError):
+        raise InputError(Problem(f"{what} must be three numbers, not {value!r}", where)) from None
+    if len(out) != 3:
+        raise InputError(Problem(f"{what} must be three numbers, not {len(out)}", where))
+    if any(np.isinf(v) for v in out):
+        raise InputError(Problem(f"{what} must be finite, not {out}", where))
+    return out
+
+
+def sigmas(value: Any, size: int, where: str) -> tuple[float, ...]:
+    """Return ``size`` standard deviations > 0; infinity means no weight."""
+    if value is None:
+        return (np.inf,) * size
+    try:
+        given = np.asarray(value if np.ndim(value) else [value] * size, dtype=float)
+    except (TypeError, ValueError):
+        given = np.zeros(0)
+    if given.shape != (size,) or np.any(np.isnan(given)) or np.any(given <= 0):
+        raise InputError(
+            Problem(f"standard deviations must be {size} numbers > 0, not {value!r}", where)
+        )
+    return tuple(given.tolist())
+
+
+Key: TypeAlias = str | tuple[str, ...]
+"""Key of an unknown in a network: one name, or several names such as station and set."""
+
+
+def parameter_name(key: Key) -> str:
+    """Return the key of an unknown as one name; several names are joined by ``/``."""
+    return key if isinstance(key, str) else "/".join(key)
+
+
+def parameter_key(kind: UnknownKind, attribute: str, observation: object) -> Key:
+    """Return the key by which an observation refers to a parameter.
+
+    The name is empty if the observation names no parameter. Further names of the key, such as
+    the station of a set of directions, are the attributes of the observation with these names.
+    """
+    name: str = getattr(observation, attribute) or ""
+    if kind.table is None or len(kind.table.keys) == 1:
+        return name
+    return (*(getattr(observation, key) for key in kind.table.keys[:-1]), name)
+
+
+def parameter(
+    kind: UnknownKind,
+    values: Sequence[float],
+    fixed: bool | Iterable[str],
+    sigma: float | Sequence[float] | Mapping[str, float] | None,
+    where: str,
+) -> Parameter:
+    """Return a checked unknown of a kind, with free, weighted and held components.
+
+    Args:
+        kind: record of the kind.
+        values: values of the components, SI.
+        fixed: whether all components are held, or the names of the held components.
+        sigma: standard deviations of weighted components: one for all, one for each (infinite:
+            no weight), or some by name.
+        where: name of the unknown in messages.
+    """
+    given = tuple(float(v) for v in values)
+    size = len(given)
+    if not (size == kind.size or (kind.variable_size and 0 < size < kind.size)):
+        raise InputError(
+            Problem(f"it needs {kind.size} values ({', '.join(kind.names())}), not {size}", where)
+        )
+    found = kind.absent != "found"  # whether a value that is not given is found by the adjustment
+    open_start = [found and bool(np.isnan(c.start)) for c in kind.components[:size]]
+    if any(np.isinf(v) or (np.isnan(v) and not o) for v, o in zip(given, open_start, strict=True)):
+        raise InputError(Problem(f"values must be finite, not {given}", where))
+    if fixed is True and sigma is not None:
+        raise InputError(Problem("either fixed or sigma, not both", where))
+    names = kind.names(size)
+    if isinstance(sigma, Mapping):
+        _refuse_unknown(sigma, names, "sigma", where)
+        weights = sigmas([sigma.get(n, np.inf) for n in names], size, where)
+    else:
+        weights = sigmas(sigma, size, where)
+    if isinstance(fixed, bool):
+        held = (fixed,) * size
+    else:
+        chosen = set(fixed)
+        _refuse_unknown(chosen, names, "fixed", where)
+        held = tuple(n in chosen for n in names)
+    both = [n for n, h, s in zip(names, held, weights, strict=True) if h and np.isfinite(s)]
+    if both:
+        raise InputError(Problem(f"{', '.join(both)}: either fixed or sigma, not both", where))
+    if kind.single_turns:
+        turns = tuple(bool(np.isfinite(s)) for s in weights[:3])
+        if any(turns) and turns not in ((True,) * 3, (True, True, False)):
+            what = "weight rx and ry, the tilts, or all three rotations: they do not commute"
+            raise InputError(Problem(what, where))
+    elif kind.rotates:
+        for what, flags in (("hold", held), ("weight", [bool(np.isfinite(s)) for s in weights])):
+            if any(flags[:3]) != all(flags[:3]):
+                raise InputError(
+                    Problem(f"{what} all three rotations or none: they do not commute", where)
+                )
+    return Parameter(given, held, weights)
+
+
+def _refuse_unknown(given: Iterable[str], names: Sequence[str], what: str, where: str) -> None:
+    wrong = sorted(set(given) - set(names))
+    if wrong:
+        raise InputError(
+            Problem(
+                f"{what} must name some of {', '.join(names)}, not {', '.join(wrong)}"
+                f"{similar(wrong[0], names)}",
+                where,
+            )
+        )
+
+
+FREE_ORIENTATION = Parameter((np.nan,), (False,), (np.inf,))
+"""Free orientation unknown, whose start value is computed from the directions."""

@@ -1,1 +1,0 @@
-"""Field books: readings as they were taken, reduced to observations."""

@@ -1,0 +1,257 @@
+"""JSON as nodes that know their place: a problem of a value names its file and line.
+
+Python's fast reader reads the text and keeps no places. For a problem the text is scanned again
+along the path to the value, which gives its line.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from json.decoder import scanstring  # type: ignore[attr-defined]
+from typing import Any, TypeAlias
+
+from ..errors import InputError, Problem, similar
+from .text_files import encoding_problem
+
+JsonPath: TypeAlias = tuple[str | int, ...]
+"""Keys and indices from the root to a value."""
+
+_BLANK = " \t\n\r"
+_NO_NUMBER = re.compile(r"[:\[,]\s*-?(NaN|Infinity|\d{4300})")
+"""What Python's reader takes for a number, and JSON does not have; or too many digits."""
+_DECODER = json.JSONDecoder()
+
+
+@dataclass(frozen=True)
+class JsonNode:
+    """A value of a JSON file."""
+
+    value: Any
+    """The value."""
+    file: JsonFile
+    """The file."""
+    path: JsonPath = ()
+    """Where it stands."""
+
+    @property
+    def where(self) -> str:
+        """Name of the file and line."""
+        return f"{self.file.name}:{self.file.line(self.path)}"
+
+    @property
+    def title(self) -> str:
+        """Path in words, for messages."""
+        return "/".join(map(str, self.path)) or "the document"
+
+    def fail(self, what: str) -> InputError:
+        """Return an error about the value."""
+        return InputError(Problem(what, self.where))
+
+    def get(self, key: str) -> JsonNode | None:
+        """Return a member of an object; None if it is absent.
+
+        Raises:
+            InputError: the value is no object.
+        """
+        members = self.members()
+        found = members.get(key, _ABSENT)
+        return None if found is _ABSENT else JsonNode(found, self.file, (*self.path, key))
+
+    def need(self, key: str) -> JsonNode:
+        """Return a member of an object.
+
+        Raises:
+            InputError: the value is no object, or has no such member.
+        """
+        found = self.get(key)
+        if found is None:
+            others = [str(k) for k in self.members()]
+            raise self.fail(f"{self.title} has no {key!r}{similar(key, others)}")
+        return found
+
+    def members(self) -> Mapping[str, Any]:
+        """Return the members of an object.
+
+        Raises:
+            InputError: the value is none.
+        """
+        if not isinstance(self.value, dict):
+            raise self.fail(f"{self.title} must be an object, not {_shown(self.value)}")
+        return self.value
+
+    def items(self) -> Iterator[tuple[str, JsonNode]]:
+        """Iterate over the members of an object: key and value."""
+        for key, value in self.members().items():
+            yield key, JsonNode(value, self.file, (*self.path, key))
+
+    def list(self) -> Iterator[JsonNode]:
+        """Iterate over the elements of an array.
+
+        Raises:
+            InputError: the value is none.
+        """
+        if not isinstance(self.value, list):
+            raise self.fail(f"{self.title} must be an array, not {_shown(self.value)}")
+        return (JsonNode(v, self.file, (*self.path, i)) for i, v in enumerate(self.value))
+
+    def text(self) -> str:
+        """Return a text.
+
+        Raises:
+            InputError: the value is none.
+        """
+        if not isinstance(self.value, str):
+            raise self.fail(f"{self.title} must be a text, not {_shown(self.value)}")
+        return self.value
+
+    def number(self, *, positive: bool = False, largest: float = 1e12) -> float:
+        """Return a number.
+
+        Raises:
+            InputError: the value is none, is larger than ``largest``, or is not positive where it
+                must be.
+        """
+        value = self.value
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.fail(f"{self.title} must be a number, not {_shown(value)}")
+        if not abs(value) <= largest:
+            raise self.fail(f"{self.title} must be finite, at most {largest:g}")
+        if positive and not value > 0:
+            raise self.fail(f"{self.title} must be greater than zero, not {value:g}")
+        return float(value)
+
+    def numbers(self, size: int) -> tuple[float, ...]:
+        """Return ``size`` numbers of an array.
+
+        Raises:
+            InputError: the value is none.
+        """
+        found = list(self.list())
+        if len(found) != size:
+            raise self.fail(f"{self.title} needs {size} numbers, not {len(found)}")
+        return tuple(n.number() for n in found)
+
+    def integer(self) -> int:
+        """Return a whole number of at most 64 bits.
+
+        Raises:
+            InputError: the value is none.
+        """
+        value = self.value
+        if isinstance(value, bool) or not isinstance(value, int) or not abs(value) < 2**64:
+            raise self.fail(f"{self.title} must be a whole number, not {_shown(value)}")
+        return value
+
+    def truth(self) -> bool:
+        """Return true or false.
+
+        Raises:
+            InputError: the value is neither.
+        """
+        if not isinstance(self.value, bool):
+            raise self.fail(f"{self.title} must be true or false, not {_shown(self.value)}")
+        return self.value
+
+
+_ABSENT = object()
+
+
+@dataclass(frozen=True)
+class JsonFile:
+    """The text of a JSON file."""
+
+    name: str
+    """Name in messages."""
+    content: str
+    """The text."""
+
+    def line(self, path: JsonPath) -> int:
+        """Return the line of the value at a path, counted from 1."""
+        at = 0
+        for key in path:
+            at = self._inside(self._blank(at), key)
+        return self.content.count("\n", 0, self._blank(at)) + 1
+
+    def _blank(self, at: int) -> int:
+        """Return the place of the next character that is not blank."""
+        while at < len(self.content) and self.content[at] in _BLANK:
+            at += 1
+        return at
+
+    def _inside(self, at: int, key: str | int) -> int:
+        """Return the place of a member or element of what begins at a place."""
+        text = self.content
+        last, count = at, 0
+        at += 1
+        while True:
+            at = self._blank(at)
+            if isinstance(key, str):
+                if text[at : at + 1] != '"':
+                    return last
+                name, at = scanstring(text, at + 1, True)
+                at = self._blank(self._blank(at) + 1)  # behind the colon
+                if name == key:
+                    last = at  # the last one of a repeated name counts
+            elif count == key:
+                return at
+            _, at = _DECODER.raw_decode(text, at)
+            count += 1
+            at = self._blank(at)
+            if text[at : at + 1] != ",":
+                return last
+            at += 1
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= 40 else text[:37] + "…"
+
+
+def parse_json(content: bytes | str, name: str) -> JsonNode:
+    """Return the root of a JSON text.
+
+    Args:
+        content: the text; bytes are UTF-8.
+        name: name of its file in messages.
+
+    Raises:
+        InputError: the text is not JSON (with the line), has a number that is not finite, or a
+            name twice in one object.
+    """
+    try:
+        text = content if isinstance(content, str) else content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(encoding_problem(error.object, error.start, name)) from None
+    twice: list[str] = []
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        out = dict(pairs)
+        if len(out) < len(pairs):
+            seen: set[str] = set()
+            for key, _ in pairs:
+                if key in seen:
+                    twice.append(key)
+                seen.add(key)
+        return out
+
+    def refuse(word: str) -> float:
+        raise ValueError(f"{word} is not a finite number")
+
+    try:
+        value = json.loads(text, object_pairs_hook=unique, parse_constant=refuse)
+    except json.JSONDecodeError as error:
+        raise InputError(Problem(f"is not JSON: {error.msg}", f"{name}:{error.lineno}")) from None
+    except RecursionError:
+        raise InputError(Problem("is nested too deeply", name)) from None
+    except ValueError as error:
+        found = _NO_NUMBER.search(text)
+        line = text.count("\n", 0, found.start(1) if found else 0) + 1
+        raise InputError(Problem(f"is not JSON: {str(error)[:80]}", f"{name}:{line}")) from None
+    if twice:
+        line = text.count("\n", 0, text.find(json.dumps(twice[0], ensure_ascii=False))) + 1
+        what = f"the name {twice[0]!r} stands twice in one object"
+        raise InputError(Problem(what, f"{name}:{line}"))
+    return JsonNode(value, JsonFile(name, text))

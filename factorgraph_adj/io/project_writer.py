@@ -1,0 +1,395 @@
+"""Writer of projects: reading a written project gives the same network to the bit."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from ..control_characters import problems_of_names
+from ..entities import Camera, Photo, Point, parameter_key
+from ..errors import InputError, Problem
+from ..frames import Frame, GeocentricFrame, LocalFrame
+from ..models.variables import UnknownKind, parameter_kinds
+from ..network.network import Network
+from ..rotation import TURN_ABOUT_X, omega_phi_kappa, world_R_camera
+from ..types import Array
+from ..units import LENGTH
+from . import numbers, observation_records
+from .crs_section import crs_section_lines
+from .csv_tables import write_table
+from .file_transaction import write_files
+from .numbers import Units
+from .observation_fields import ImageAxes, observation_columns
+from .observation_tables import COVARIANCE_COLUMNS, DOUBT_COLUMNS, IMAGE_COLUMNS
+from .parameter_tables import parameter_columns, parameter_records, parameter_table
+from .unknowns_tables import (
+    ATTITUDE_COLUMNS,
+    CHECK_COLUMNS,
+    PHOTO_COLUMNS,
+    POINT_COLUMNS,
+    POSE_PARTS,
+    POSE_WORDS,
+    ROTATION_COLUMNS,
+)
+
+
+def project_toml_lines(
+    network: Network, units: Units, files: Iterable[str], folder: Path | None = None
+) -> Iterator[str]:
+    """Return the lines of the TOML file of a project whose tables are ``files``, in a folder."""
+    yield f"name = {_text(network.name)}"
+    yield f"datum = {_text(network.datum)}"
+    yield ""
+    yield "[frame]"
+    yield from _frame(network.frame, units)
+    yield from crs_section_lines(network.crs, _text, folder)
+    yield ""
+    yield "[units]"
+    for f in fields(Units):
+        yield f"{f.name} = {_text(getattr(units, f.name))}"
+    yield ""
+    yield "[files]"
+    for file in files:
+        yield f"{file.removesuffix('.csv')} = {_text(file)}"
+    for camera in network.cameras.values():
+        yield ""
+        yield from _camera(camera)
+
+
+def _frame(frame: Frame, units: Units) -> Iterator[str]:
+    if isinstance(frame, LocalFrame):
+        yield 'kind = "local"'
+        yield f"axes = {_text(frame.axes)}"
+        yield f"curvature = {'true' if frame.curvature else 'false'}"
+        yield f"radius = {_float(frame.radius)}"
+        yield f"origin = [{', '.join(_decimal(v, units.length) for v in frame.origin)}]"
+        return
+    yield f'kind = "{"geocentric" if isinstance(frame, GeocentricFrame) else "topocentric"}"'
+    yield f"ellipsoid = {_text(frame.ellipsoid_name)}"
+    yield f"radius = {_float(frame.radius)}"
+    if not isinstance(frame, GeocentricFrame):
+        yield f"latitude = {_text(numbers.write_quantity(frame.latitude, units.geographic))}"
+        yield f"longitude = {_text(numbers.write_quantity(frame.longitude, units.geographic))}"
+        yield f"height = {_decimal(frame.height, units.length)}"
+
+
+def _decimal(value: float, unit: str) -> str:
+    """Return a TOML number, or quoted text if a float cannot hold all digits."""
+    text = numbers.write_quantity(value, unit)
+    return repr(float(text)) if numbers.parse_quantity(float(text), unit) == value else _text(text)
+
+
+def camera_record(camera: Camera) -> dict[str, object]:
+    """Return the keys of a camera, a table [[camera]]; a held parameter is written as a number."""
+    lens = camera.lens
+    options = {f.name: getattr(lens, f.name) for f in fields(lens)}
+    options = {k: float(v) if type(v) is int else v for k, v in options.items()}
+    out: dict[str, object] = {
+        "name": camera.name,
+        "lens": {"model": lens.kind, **options} if options else lens.kind,
+        "unit": camera.unit,
+    }
+    if camera.y_down_in_files:
+        out["y_axis"] = "down"
+    if camera.per_photo:
+        out["per_photo"] = True
+    if camera.format is not None:
+        out |= {"format": list(camera.format), "origin": camera.origin}
+    parameters: dict[str, object] = {}
+    rows = zip(lens.names, camera.values, camera.fixed, camera.sigma, strict=True)
+    for name, value, fixed, sigma in rows:
+        value = camera.sign_in_files(name) * value
+        if fixed:
+            parameters[name] = float(value)
+        elif math.isfinite(sigma):
+            parameters[name] = {"value": float(value), "sigma": float(sigma)}
+        else:
+            parameters[name] = {"value": float(value), "free": True}
+    return out | {"parameters": parameters}
+
+
+def _camera(camera: Camera) -> Iterator[str]:
+    record = camera_record(camera)
+    parameters = cast(dict[str, object], record.pop("parameters"))
+    yield "[[camera]]"
+    yield from (f"{name} = {toml_value(value)}" for name, value in record.items())
+    yield "[camera.parameters]"
+    yield from (f"{name} = {toml_value(value)}" for name, value in parameters.items())
+
+
+def toml_value(value: object) -> str:
+    """Return a value as TOML: text, true or false, a number, a list, or an inline table."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    return _text(value) if isinstance(value, str) else _float(cast(float, value))
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _float(value: float) -> str:
+    return repr(float(value))
+
+
+Records = Iterator[dict[str, str]]
+
+
+def write_project(network: Network, path: str | Path, *, units: Units | None = None) -> None:
+    """Write a network as a TOML file with CSV tables beside it; an error writes no file.
+
+    `read_project` gives back the same points, unknowns and observations in the same order,
+    every float64 to the bit, whatever the units.
+
+    Args:
+        network: the network.
+        path: the TOML file; the tables go into its folder, which is created if missing.
+        units: units of the files; metres, gon and degrees by default.
+
+    Raises:
+        InputError: a name or a unit cannot be written to a file, or the folder cannot be
+            written to; no file has changed.
+    """
+    path = Path(path)
+    if path.suffix != ".toml":
+        raise InputError(Problem("a project is a .toml file", str(path)))
+    files = network_files(network, units=units, toml=path.name, folder=path.parent)
+    write_files(path.parent, files)
+
+
+def network_files(
+    network: Network,
+    *,
+    units: Units | None = None,
+    toml: str = "project.toml",
+    folder: Path | None = None,
+) -> dict[str, str]:
+    """Return the project files of a network: texts by file name.
+
+    Args:
+        network: the network; it may have no observations.
+        units: units of the files; metres, gon and degrees by default.
+        toml: name of the TOML file.
+        folder: where the files will be; a geoid there is named without its folder.
+
+    Raises:
+        InputError: a name or a unit cannot be written to a file.
+    """
+    units = units or Units()
+    check_names(network)
+    files: dict[str, str] = {}
+    for name, columns, rows in (
+        ("points", POINT_COLUMNS, (point_record(p, units) for p in network.points.values())),
+        ("photos", PHOTO_COLUMNS, (photo_record(f, units) for f in network.photos.values())),
+        ("images", IMAGE_COLUMNS, _images(network)),
+        ("observations", observation_columns(), _observations(network, units)),
+        ("covariances", COVARIANCE_COLUMNS, _covariances(network)),
+        ("doubts", DOUBT_COLUMNS, _doubts(network)),
+        *(
+            (parameter_table(k).file, parameter_columns(k), _parameters(network, k, units))
+            for k in parameter_kinds()
+        ),
+    ):
+        found = list(rows)
+        if found or name == "points":
+            files[f"{name}.csv"] = write_table(columns, found)
+    files[toml] = "\n".join(project_toml_lines(network, units, list(files), folder)) + "\n"
+    return files
+
+
+def check_names(network: Network) -> None:
+    """Refuse names that a CSV cell cannot hold, and units that readers do not know."""
+    named: tuple[tuple[str, Iterable[str]], ...] = (
+        ("point", network.points),
+        ("photo", network.photos),
+        ("camera", network.cameras),
+        *(
+            (k.noun, (n if isinstance(n, str) else n[-1] for n in network.of_kind(k.name)))
+            for k in parameter_kinds()
+        ),
+        ("observation", network.observations),
+        ("image point", network.images.ids.values()),
+    )
+    problems = [
+        Problem("a name with blanks at its ends cannot be written", f"{what} {n!r}")
+        for what, names in named
+        for n in names
+        if n != n.strip()
+    ]
+    problems += [p for what, names in named for p in problems_of_names(names, what)]
+    problems += [
+        Problem(
+            f"unit {c.unit!r} cannot be written; valid: px, {', '.join(LENGTH)}", f"camera {n!r}"
+        )
+        for n, c in network.cameras.items()
+        if c.unit not in ("px", *LENGTH)
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+# -- tables ---------------------------------------------------------------------------------------
+
+
+def _sigma_columns(
+    sigma: Iterable[float] | None, axes: Iterable[str], unit: str, prefix: str = "sigma"
+) -> dict[str, str]:
+    """Return σ columns of weighted components: one common column if all σ are equal."""
+    given = dict(zip(axes, sigma or (), strict=False))
+    if given and len(set(given.values())) == 1 and math.isfinite(next(iter(given.values()))):
+        return {f"{prefix}_{unit}": numbers.write_quantity(next(iter(given.values())), unit)}
+    return {
+        f"{prefix}_{a}_{unit}": numbers.write_quantity(s, unit)
+        for a, s in given.items()
+        if math.isfinite(s)
+    }
+
+
+def _known_fields(names: Iterable[str], values: Iterable[float], unit: str) -> dict[str, str]:
+    """Return the fields of the known values."""
+    return {
+        n: numbers.write_quantity(v, unit)
+        for n, v in zip(names, values, strict=True)
+        if not math.isnan(v)
+    }
+
+
+def point_record(point: Point, units: Units) -> dict[str, str]:
+    """Return the fields of a point, a row of points.csv; some may be empty."""
+    out = {"name": point.name, **_known_fields("xyz", point.coordinates, units.length)}
+    out["fixed"] = point.held
+    out["datum"] = "yes" if point.datum else ""
+    out["side_shot"] = "yes" if point.side_shot else ""
+    out |= _sigma_columns(point.sigma, "xyz", units.sigma_length)
+    if point.check is not None:
+        out |= _known_fields(CHECK_COLUMNS, point.check, units.length)
+    return out
+
+
+def photo_record(photo: Photo, units: Units, *, angles: bool = True) -> dict[str, str]:
+    """Return the fields of a photo, a row of photos.csv; some may be empty.
+
+    Args:
+        photo: the photo.
+        units: units of the fields.
+        angles: write the rotation as ω, φ, κ if they reproduce it to the bit; otherwise write
+            the matrix.
+    """
+    out = {"name": photo.name, "camera": photo.camera}
+    if photo.position is not None:
+        out |= _known_fields("xyz", photo.position, units.length)
+    if photo.rotation is not None:
+        turned = exact_angles(photo.rotation) if angles else None
+        if turned is not None:
+            out |= _known_fields(ATTITUDE_COLUMNS, turned, units.angle)
+        else:
+            out |= _known_fields(ROTATION_COLUMNS, photo.rotation.ravel().tolist(), "")
+    held = tuple(part for part, fixed in zip(POSE_PARTS, photo.fixed, strict=True) if fixed)
+    words = {parts: word for word, parts in POSE_WORDS.items()}
+    out["fixed"] = words.get(held, " ".join(held))
+    out |= _sigma_columns(photo.sigma_position, "xyz", units.sigma_length)
+    if photo.sigma_attitude is not None:
+        name = f"sigma_attitude_{units.sigma_angle}"
+        out[name] = numbers.write_quantity(photo.sigma_attitude, units.sigma_angle)
+    return out
+
+
+def exact_angles(rotation: Array) -> tuple[float, float, float] | None:
+    """Return ω, φ, κ (rad) that reproduce this world_R_camera to the bit; None if none do.
+
+    Angles computed from a matrix are correct to a few units of the last place. If the matrix was
+    made from angles, these angles are among the neighbouring floats.
+    """
+    start = omega_phi_kappa(rotation)
+    near = [a + np.arange(-4, 5) * np.spacing(abs(a)) for a in start]
+    r = rotation @ TURN_ABOUT_X
+    cosine = np.cos(near[1])
+    for phi, c in zip(near[1], cosine, strict=True):
+        if np.sin(phi) != r[0, 2]:
+            continue
+        kappas = near[2][(c * np.cos(near[2]) == r[0, 0]) & (-c * np.sin(near[2]) == r[0, 1])]
+        omegas = near[0][(-np.sin(near[0]) * c == r[1, 2]) & (np.cos(near[0]) * c == r[2, 2])]
+        for omega in omegas.tolist():
+            for kappa in kappas.tolist():
+                if np.array_equal(world_R_camera(omega, float(phi), kappa), rotation):
+                    return omega, float(phi), kappa
+    return None
+
+
+def _images(network: Network) -> Records:
+    photos, points = list(network.photos), list(network.points)
+    cameras = [network.cameras[f.camera] for f in network.photos.values()]
+    unit = [c.unit for c in cameras]
+    up = [-1.0 if c.y_down_in_files else 1.0 for c in cameras]
+    photo, point, xy, sigma = (c.tolist() for c in network.images.columns())
+    written = {s: numbers.write_quantity(s) for s in {s for pair in sigma for s in pair}}
+    for row, (f, p, (x, y), (sx, sy)) in enumerate(zip(photo, point, xy, sigma, strict=True)):
+        out = {"photo": photos[f], "point": points[p], "x": repr(x), "y": repr(up[f] * y)}
+        if sx == sy:
+            out[f"sigma_{unit[f]}"] = written[sx]
+        else:
+            out[f"sigma_x_{unit[f]}"], out[f"sigma_y_{unit[f]}"] = written[sx], written[sy]
+        ident = network.images.ids.get(row)
+        yield out if ident is None else out | {"id": ident}
+
+
+def _observations(network: Network, units: Units) -> Records:
+    for ident, o in network.observations.items():
+        yield observation_records.observation_record(o, id=ident, units=units, axes=ImageAxes())
+
+
+def _covariances(network: Network) -> Records:
+    for number, (ids, covariance) in enumerate(network.clusters, start=1):
+        members = [(i, c) for i in ids for c in network.observations[i].component_names()]
+        for i, (id1, c1) in enumerate(members):
+            for j, (id2, c2) in enumerate(members):
+                value = float(covariance[i, j])
+                mirrored = float(covariance[j, i])
+                if j < i and value == mirrored:
+                    continue
+                if value == 0 and mirrored == 0 and i != j:
+                    continue
+                yield {
+                    "cluster": str(number),
+                    "id": id1,
+                    "component": c1,
+                    "id2": id2,
+                    "component2": c2,
+                    "covariance_si": numbers.write_quantity(value),
+                }
+
+
+def _doubts(network: Network) -> Records:
+    """Write each doubt in its first row, and an observation that it is about in each row."""
+    for number, doubt in enumerate(network.doubts, start=1):
+        said = {"where": doubt.where, "what": doubt.what}
+        for ident in doubt.ids or ("",):
+            yield {"doubt": str(number), "id": ident, **said}
+            said = {}
+
+
+def _parameters(network: Network, kind: UnknownKind, units: Units) -> Records:
+    """Write all unknowns of a kind in order, unless the observations imply the same free ones."""
+    stated = network.of_kind(kind.name)
+    if kind.absent == "found" and all(math.isnan(p.values[0]) for p in stated.values()):
+        found = [
+            parameter_key(kind, attribute, o)
+            for o in network.observations.values()
+            for name, attribute in o.record.parameters
+            if name == kind.name
+        ]
+        if list(dict.fromkeys(found)) == list(stated):
+            return
+    yield from parameter_records(network, kind, units)

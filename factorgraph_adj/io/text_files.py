@@ -1,0 +1,240 @@
+"""Text files that people write, UTF-8 and TOML: problems name the line.
+
+Python's reader of TOML keeps no places. A problem of a TOML file names its table, and its text
+names the key concerned; `TomlPlaces` finds the line from both.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, Problem
+from ..files import MAX_KEY_PARTS, MAX_TOML_BYTES, opened, read_bytes
+
+QUOTED_CHARACTERS = 8
+"""Number of characters before one of another encoding that a message quotes."""
+DECIMAL_COMMA = re.compile(r"[=,\[]\s*([+-]?\d+,\d+)\s*(?=[,}\]#]|$)")
+"""A number with a decimal comma in a line that is not TOML."""
+
+
+_KEY_PART = r"(?:[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
+_LONG_KEY = re.compile(
+    rf"(?<![\w\-\"'.]){_KEY_PART}(?:[ \t]*+\.[ \t]*+{_KEY_PART}){{{MAX_KEY_PARTS}}}"
+)
+_LONG_NUMBER = re.compile(r"[0-9][0-9_]{4000}")
+
+MAX_RECOGNITION_BYTES = 65_536
+"""Largest number of bytes at the beginning of a file by which its format is recognised."""
+
+
+def file_beginning(path: Path, size: int = MAX_RECOGNITION_BYTES) -> bytes:
+    """Return the first bytes of a file, by which its format is recognised; b'' if unreadable."""
+    try:
+        with opened(path) as stream:
+            return stream.read(size)
+    except (OSError, InputError):
+        return b""
+
+
+def read_text(path: Path, name: str = "") -> str:
+    """Return the text of a UTF-8 file, without a byte order mark.
+
+    Args:
+        path: the file.
+        name: its name in messages; default: the path for a file that cannot be read, otherwise
+            the name of the file.
+
+    Raises:
+        InputError: the file cannot be read, or is not UTF-8.
+    """
+    found = read_bytes(path, name)
+    name = name or path.name
+    try:
+        text = found.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(encoding_problem(error.object, error.start, name)) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def last_line_number(text: str) -> int:
+    """Return the number of the last line that is not blank, from 1."""
+    return text.rstrip().count("\n") + 1
+
+
+def encoding_problem(found: bytes, at: int, name: str) -> Problem:
+    """Return the problem of text in another encoding.
+
+    Args:
+        found: the bytes of the file.
+        at: index of the first byte that is not UTF-8.
+        name: name of the file in messages.
+    """
+    if found.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return Problem("is UTF-16 text: save it as UTF-8", name)
+    before = found[:at]
+    begun = max(before.rfind(b"\n") + 1, at - QUOTED_CHARACTERS)
+    quoted = found[begun : at + 1].decode("latin-1").strip()
+    what = (
+        f"is not UTF-8 text (byte {at}): the last character of {quoted!r} is in another encoding, "
+        "such as Latin-1 (Windows-1252); save the file as UTF-8 (of a spreadsheet: as CSV UTF-8)"
+    )
+    line = re.sub(rb"\r\n?", b"\n", before).count(b"\n") + 1
+    return Problem(what, f"{name}:{line}")
+
+
+def parse_toml(text: str, name: str) -> dict[str, Any]:
+    """Return the document of a TOML text.
+
+    Args:
+        text: the text.
+        name: name of its file in messages.
+
+    Raises:
+        InputError: the text is not TOML; the problem has the line.
+    """
+    if len(text) > MAX_TOML_BYTES:
+        what = f"has {len(text)} characters; valid: at most {MAX_TOML_BYTES} for TOML"
+        raise InputError(Problem(what, name))
+    if found := _LONG_KEY.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        what = f"a key has more than {MAX_KEY_PARTS} parts: {found[0][:40]!r} …"
+        raise InputError(Problem(what, f"{name}:{line}"))
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        at = re.search(r"line (\d+)", str(error))
+        what, where = (
+            f"is not TOML: {error}",
+            f"{name}:{last_line_number(text)}",
+        )  # the end is wrong
+        if at is not None:
+            where = f"{name}:{at[1]}"
+            comma = DECIMAL_COMMA.search(text.split("\n")[int(at[1]) - 1])
+            if comma is not None:
+                right = comma[1].replace(",", ".")
+                what = f"{comma[1]} is not a number: write a decimal point, {right} ({what})"
+        raise InputError(Problem(what, where)) from None
+    except RecursionError:
+        raise InputError(Problem("is nested too deeply", name)) from None
+    except ValueError:  # a whole number has thousands of digits
+        found = _LONG_NUMBER.search(text)
+        line = text.count("\n", 0, found.start() if found else 0) + 1
+        what = f"is not TOML: a number has more than {sys.get_int_max_str_digits()} digits"
+        raise InputError(Problem(what, f"{name}:{line}")) from None
+
+
+_HEADER = re.compile(r"\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
+_BARE = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
+_KEY = re.compile(rf"\s*({_BARE}(?:\s*\.\s*{_BARE})*)\s*=")
+_DOTTED_PART = re.compile(r"\"([^\"]*)\"|'([^']*)'|([\w-]+)")
+_TABLE = re.compile(r"\[\[?([^\[\]]+?)\]\]?|^: (\w+)")
+_NAMED = re.compile(r"\s'([^']*)'|\s(\d+)\b")
+_WORD = re.compile(r"[\w-]+")
+_INLINE = re.compile(r"[{,]\s*([\w-]+)\s*=")
+"""Keys of a table that is written in one line."""
+
+
+@dataclass
+class _Section:
+    """A table of the file: its name, the line of its header and those of its keys."""
+
+    name: str
+    line: int
+    keys: dict[str, int] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)
+
+
+class TomlPlaces:
+    """The tables and keys of a TOML text, with their lines."""
+
+    def __init__(self, text: str, name: str) -> None:
+        """Find tables and keys.
+
+        Args:
+            text: the text.
+            name: name of its file in messages.
+        """
+        self.name = name
+        self.sections = [_Section("", 1)]
+        for number, line in enumerate(text.split("\n"), 1):
+            header, key = _HEADER.match(line), _KEY.match(line)
+            if header is not None:
+                self.sections.append(_Section(_plain_name(header[1]), number))
+            elif key is not None:
+                here, name = self.sections[-1], _plain_name(key[1])
+                here.texts.setdefault(name, line[key.end() :])
+                for part in (name, *_INLINE.findall(line, key.end())):
+                    here.keys.setdefault(part, number)
+
+    def placed(self, problem: Problem) -> Problem:
+        """Return a problem of the file with its line; problems that have one stay as they are."""
+        where = problem.where
+        if where.startswith("["):  # a table without its file
+            where = f"{self.name}: {where}"
+        if where != self.name and not where.startswith(f"{self.name}: "):
+            return problem
+        rest = where[len(self.name) :]
+        line = self._line(rest, problem.what)
+        return Problem(problem.what, f"{self.name}:{line}{rest}")
+
+    @contextmanager
+    def placing(self) -> Iterator[None]:
+        """Give the problems of an InputError inside their lines."""
+        try:
+            yield
+        except InputError as error:
+            raise InputError(map(self.placed, error.problems)) from None
+
+    def _line(self, rest: str, what: str) -> int:
+        """Return the line of the key that a message is about, or of its table."""
+        own = _NAMED.sub(" ", _TABLE.sub(" ", rest))
+        words = list(dict.fromkeys(_WORD.findall(f"{what.split(';')[0]} {own}")))
+        sections = self._sections(rest)
+        for word in words:
+            for section in sections:
+                if word in section.keys:
+                    return section.keys[word]
+        if sections and sections[0].name:
+            return sections[0].line
+        by_header = [s for s in self.sections if s.name and s.name.split(".")[-1] in words]
+        return by_header[0].line if by_header else 1
+
+    def _sections(self, rest: str) -> list[_Section]:
+        """Return the tables that a place names, the one with the name that it states first."""
+        found = _TABLE.search(rest)
+        if found is None:
+            return self.sections[:1]
+        title = _plain_name(found[1] or found[2])
+        fitting = [s for s in self.sections if s.name == title]
+        inside = [s for s in self.sections if s.name.startswith(f"{title}.")]
+        named = _NAMED.match(rest, found.end())
+        if named is not None and named[2] is not None:
+            number = int(named[2])
+            return fitting[number - 1 : number] or fitting
+        if named is not None:
+            own = [s for s in fitting if named[1] in s.texts.get("name", "")]
+            begun = own[0].line if own else 0
+            return own + [s for s in inside if s.line > begun] or fitting
+        return fitting + inside or self.sections[:1]
+
+
+def read_toml(path: Path) -> tuple[dict[str, Any], TomlPlaces]:
+    """Return the document of a TOML file, and the places of its keys.
+
+    Raises:
+        InputError: the file cannot be read, or is not TOML.
+    """
+    text = read_text(path)
+    return parse_toml(text, path.name), TomlPlaces(text, path.name)
+
+
+def _plain_name(name: str) -> str:
+    """Return a dotted name without quotation marks and blanks."""
+    return ".".join(a or b or c for a, b, c in _DOTTED_PART.findall(name))

@@ -1,0 +1,331 @@
+"""XML as a tree of elements with line numbers; numbers, names and problems of elements."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.parsers import expat
+
+from ..errors import InputError, Problem, known
+from ..files import (
+    MAX_DEPTH,
+    MAX_ELEMENTS,
+    MAX_TAG_BYTES,
+    MIN_BYTES_OF_ATTRIBUTE,
+    MIN_BYTES_OF_ELEMENT,
+    PIECE_BYTES,
+    SPARE_ELEMENTS,
+    read_pieces,
+)
+from .file_problems import FileProblems, SurveyProblems
+from .text_files import file_beginning
+
+MAX_SHARED_VALUES = 100_000
+"""Number of different short values, and of different lists of names, that elements share: names of
+points and standard deviations come again and again."""
+MAX_SHARED_CHARACTERS = 16
+"""Largest number of letters of a value that is shared."""
+
+
+@dataclass(slots=True, eq=False)
+class Element:
+    """An element of an XML file; a large file has millions, so that it takes little memory."""
+
+    tag: str
+    """Name, without namespace."""
+    line: int
+    """Line of the start tag, counted from 1."""
+    names: tuple[str, ...] = ()
+    """Names of the attributes, without namespace."""
+    values: tuple[str, ...] = ()
+    """Their values, stripped of blanks at both ends."""
+    children: Sequence[Element] = ()
+    """Elements inside, in order."""
+    text: str = ""
+    """Text directly inside the element, without the text of its children."""
+    end: int = 0
+    """Line of the end tag."""
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """Attributes by name."""
+        return dict(zip(self.names, self.values, strict=True))
+
+    def all(self, tag: str) -> Iterator[Element]:
+        """Iterate over the children with a name."""
+        return (c for c in self.children if c.tag == tag)
+
+    def first(self, tag: str) -> Element | None:
+        """Return the first child with a name; None if there is none."""
+        return next(self.all(tag), None)
+
+    def walk(self) -> Iterator[Element]:
+        """Iterate over this element and all its descendants, in the order of the file."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
+
+
+def read_xml(path: Path) -> Element:
+    """Read an XML file piece by piece; return its root.
+
+    Raises:
+        InputError: the file cannot be read; or see `parse_xml`.
+    """
+    return _parsed(read_pieces(path), path.name)
+
+
+def parse_xml(content: bytes, name: str) -> Element:
+    """Return the root of an XML text.
+
+    Args:
+        content: the text.
+        name: name of its file in messages.
+
+    Raises:
+        InputError: the text is not well-formed, declares entities, or has more elements or longer
+            tags than any survey (with the line).
+    """
+    pieces = (content[i : i + PIECE_BYTES] for i in range(0, len(content), PIECE_BYTES))
+    return _parsed(pieces, name)
+
+
+def _parsed(pieces: Iterable[bytes], name: str) -> Element:
+    """Return the root of an XML text in pieces, within the bounds of `_refuse_bounds`."""
+    root: list[Element] = []
+    stack: list[Element] = []
+    children: list[list[Element]] = [root]
+    names: dict[tuple[str, ...], tuple[str, ...]] = {}
+    values: dict[str, str] = {}
+    texts: list[list[str]] = []  # joined once: entities can make millions of pieces
+    size = elements = attributes = 0
+    parser = expat.ParserCreate(namespace_separator=" ")
+
+    def start(tag: str, stated: dict[str, str]) -> None:
+        nonlocal elements, attributes
+        if len(stack) >= MAX_DEPTH:
+            what = f"is nested too deeply: an element has {MAX_DEPTH} others around it at most"
+            raise InputError(Problem(what, f"{name}:{parser.CurrentLineNumber}"))
+        elements += 1
+        attributes += len(stated)
+        element = Element(_name(tag), parser.CurrentLineNumber)
+        if stated:
+            element.names = _shared_names(names, tuple(stated))
+            element.values = tuple(_shared_value(values, v.strip()) for v in stated.values())
+        children[-1].append(element)
+        children.append([])
+        stack.append(element)
+        texts.append([])
+
+    def end(_: str) -> None:
+        element = stack.pop()
+        element.text, element.end = "".join(texts.pop()), parser.CurrentLineNumber
+        element.children = children.pop() or ()
+        if element.end == element.line:
+            element.end = element.line  # one number
+
+    def characters(text: str) -> None:
+        texts[-1].append(text)
+
+    def entity(entity: str, *_: object) -> None:
+        what = f"declares the entity {entity!r}, which is not read: write its text where it stands"
+        raise InputError(Problem(what[:200], f"{name}:{parser.CurrentLineNumber}"))
+
+    parser.EntityDeclHandler = entity
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = characters
+    parser.buffer_text = True
+    try:
+        for piece in pieces:
+            parser.Parse(piece, False)
+            size += len(piece)
+            where = f"{name}:{parser.CurrentLineNumber}"
+            _refuse_bounds(size, elements, attributes, size - parser.CurrentByteIndex, where)
+        parser.Parse(b"", True)
+    except expat.ExpatError as error:
+        raise InputError(
+            Problem(
+                f"is not well-formed XML: {expat.ErrorString(error.code)}",
+                f"{name}:{error.lineno}",
+            )
+        ) from None
+    except (ValueError, LookupError) as error:  # the encoding is unknown or multi-byte
+        raise InputError(Problem(f"is not readable XML: {error}", f"{name}:1")) from None
+    return root[0]
+
+
+def _shared_value(known: dict[str, str], value: str) -> str:
+    """Return a value; one object for all elements that have the same short one."""
+    if len(value) > MAX_SHARED_CHARACTERS:
+        return value
+    return (
+        known.setdefault(value, value)
+        if len(known) < MAX_SHARED_VALUES
+        else known.get(value, value)
+    )
+
+
+def _shared_names(
+    known: dict[tuple[str, ...], tuple[str, ...]], stated: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Return names without namespaces; one object for all elements that have the same."""
+    found = known.get(stated)
+    if found is None:
+        found = tuple(map(_name, stated))
+        if len(known) < MAX_SHARED_VALUES:
+            known[stated] = found
+    return found
+
+
+def _name(stated: str) -> str:
+    """Return a name without namespace; one object for all elements that have it."""
+    return sys.intern(stated.rsplit(" ", 1)[-1])
+
+
+def _refuse_bounds(size: int, elements: int, attributes: int, unfinished: int, where: str) -> None:
+    """Refuse a text whose tree needs much more memory than the text itself, while it is read.
+
+    Args:
+        size: size of the text so far, bytes.
+        elements: number of its elements.
+        attributes: number of their attributes.
+        unfinished: size of what begins a tag without its end, bytes.
+        where: file and line.
+    """
+    for n, what, each in (
+        (elements, "elements", MIN_BYTES_OF_ELEMENT),
+        (attributes, "attributes", MIN_BYTES_OF_ATTRIBUTE),
+    ):
+        most = min(MAX_ELEMENTS, SPARE_ELEMENTS + size // each)
+        if n > most:
+            text = f"has {n} {what} in its first {size} bytes; valid: at most {most}"
+            raise InputError(Problem(text, where))
+    if unfinished > MAX_TAG_BYTES:
+        raise InputError(Problem(f"has a tag of more than {MAX_TAG_BYTES} bytes", where))
+
+
+def element_at(element: Element, *tags: str) -> Element | None:
+    """Return the element at the end of a path of tags."""
+    at: Element | None = element
+    for tag in tags:
+        at = None if at is None else next(at.all(tag), None)
+    return at
+
+
+def text_at(element: Element, *tags: str) -> str:
+    """Return the text at the end of a path of tags; '' where there is none."""
+    found = element_at(element, *tags)
+    return "" if found is None else found.text.strip()
+
+
+def number_at(
+    notes: SurveyProblems, element: Element, *tags: str, scale: float = 1.0
+) -> float | None:
+    """Return the number at the end of a path of tags; None where it is absent or empty."""
+    found = element_at(element, *tags)
+    text = "" if found is None else found.text.strip()
+    if found is None or not text:
+        return None
+    return notes.finite(found.line, text, f"<{found.tag}>", scale)
+
+
+def attribute_number(
+    notes: SurveyProblems, element: Element, name: str, scale: float = 1.0
+) -> float | None:
+    """Return the number in an attribute; None where it is absent or empty."""
+    text = element.attributes.get(name, "")
+    return notes.finite(element.line, text, name, scale) if text else None
+
+
+def root_with_tag(path: Path, tag: str) -> Element | None:
+    """Return the root of a file if it has a tag; otherwise None."""
+    root = read_xml(path)
+    return root if root.tag == tag else None
+
+
+def begins_with_element(path: Path, tag: bytes) -> bool:
+    """Return whether an element is named at the beginning of an XML file."""
+    return b"<" + tag in file_beginning(path)
+
+
+def nan_for_none(value: float | None) -> float:
+    """Return a number, NaN for None."""
+    return math.nan if value is None else value
+
+
+class XmlSource(FileProblems):
+    """An XML file: its elements and the problems found in it so far."""
+
+    def __init__(self, path: str | Path, root: str) -> None:
+        """Read the file.
+
+        Args:
+            path: the file.
+            root: name of its root element.
+
+        Raises:
+            InputError: the file cannot be read, is not XML, or has another root.
+        """
+        super().__init__(Path(path))
+        self.root = read_xml(self.path)
+        self.last = self.root.end
+        if self.root.tag != root:
+            self.add(self.root.line, f"the root element must be <{root}>, not <{self.root.tag}>")
+            self.raise_all()
+
+    def refuse_children(self, element: Element, valid: Mapping[str, Sequence[str]]) -> None:
+        """Note the descendants that may not stand where they stand.
+
+        Args:
+            element: the element.
+            valid: names of the children by name of the parent; others may have any.
+        """
+        for e in element.walk():
+            if e.children and e.text.strip():
+                self.add(e.line, f"<{e.tag}> has the text {e.text.strip()[:40]!r} beside elements")
+            for child in e.children:
+                if e.tag in valid and child.tag not in valid[e.tag]:
+                    can = known(valid[e.tag], meant=child.tag, most=40)
+                    self.add(child.line, f"<{child.tag}> cannot stand in <{e.tag}>; valid: {can}")
+
+    def child(self, element: Element, tag: str) -> Element | None:
+        """Return the one child of a name; note a problem where there are none or several."""
+        found = list(element.all(tag))
+        if len(found) == 1:
+            return found[0]
+        self.add(element.line, f"<{element.tag}> needs one <{tag}>, not {len(found)}")
+        return None
+
+    def text(self, element: Element, tag: str, default: str | None = None) -> str:
+        """Return the text of a child; note a problem where it is missing or empty."""
+        found = next(element.all(tag), None)
+        text = "" if found is None else found.text.strip()
+        if text:
+            return text
+        if default is None:
+            self.add((found or element).line, f"<{element.tag}> needs <{tag}>")
+            return ""
+        return default
+
+    def value(
+        self,
+        element: Element,
+        tag: str,
+        *,
+        default: float | None = None,
+        positive: bool = False,
+    ) -> float:
+        """Return the number of a child; note a problem and return NaN where it is none."""
+        found = next(element.all(tag), None)
+        text = "" if found is None else found.text.strip()
+        if not text and default is not None:
+            return default
+        if not text:
+            self.add((found or element).line, f"<{element.tag}> needs <{tag}>, a number")
+            return math.nan
+        line = (found or element).line
+        return self.number(line, f"<{tag}>", text, positive=positive)

@@ -1,0 +1,242 @@
+"""Which of the arriving observations stay, by the policy, and what their verdicts say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ..graph.dependence import Variable
+from ..ledger.row_store import Unit
+from ..ledger.verdicts import Gain, Outcome, Verdict
+from ..quality.group_tests import LeaveOneOutFigures, LeaveOneOutTests, critical_t2
+from ..types import Array, Index, Mask
+
+MAX_GAINS = 300
+"""Largest number of units of one arrival for which it is worked out what each adds to its points.
+"""
+ROUNDING = 1e-9
+"""Eigenvalue of M, and part of σ, that are rounding."""
+SINGULAR_REDUNDANCY = 1e-5
+"""Eigenvalue of M up to which rows are all that determines something: without them its standard
+deviation would be more than 300 times as large."""
+ALIKE = 1e-6
+"""Relative difference of test values up to which they are equal: of units that control each other
+alone the first one fails, however numbers are rounded."""
+MIN_MOTION = 1e-2
+"""Movement relative to the conditional standard deviation from which on a variable takes part in a
+motion that nothing determines."""
+
+
+class PointCovariance(NamedTuple):
+    """A point in a system of equations."""
+
+    columns: Index
+    """Its columns; none for a constant."""
+    free: Mask
+    """Which of its coordinates are free, (3,)."""
+    variance: Array
+    """Variances of its coordinates, (3,)."""
+
+
+class JointTest(Protocol):
+    """Arriving units in one system of equations with everything else."""
+
+    @property
+    def units(self) -> Sequence[Unit]:
+        """The units."""
+        ...
+
+    @property
+    def raw(self) -> Sequence[Array]:
+        """L of each unit with Σ = L Lᵀ, (d, d)."""
+        ...
+
+    def tested(self) -> LeaveOneOutTests:
+        """Return the units, to be tested against everything else."""
+        ...
+
+    def anew(self) -> JointTest:
+        """Return the units, to be tested where everything is by now."""
+        ...
+
+    def spread(self, i: int, columns: Index) -> Array:
+        """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""
+        ...
+
+    def place(self, name: str) -> PointCovariance:
+        """Return a point with all units in."""
+        ...
+
+    def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
+        """Return which of new variables combinations (d, n) of a unit's rows determine."""
+        ...
+
+
+@dataclass
+class Decision:
+    """What happens to tested units, by their numbers."""
+
+    stay: list[int]
+    """Units that stay."""
+    out: dict[int, LeaveOneOutFigures] = field(default_factory=dict)
+    """Units that failed their test, with their figures at that moment."""
+    back: list[int] = field(default_factory=list)
+    """Units that contradict each other: the next ones may tell which is wrong."""
+    loose: set[Variable] = field(default_factory=set)
+    """Variables that only those determined."""
+
+
+def decide(
+    joint: JointTest,
+    alpha: float,
+    fixed: Mask,
+    new: Collection[Variable],
+    touching: Callable[[int, Collection[Variable]], bool],
+) -> Decision:
+    """Leave out units one by one, the one with the largest T²/critical first.
+
+    Args:
+        joint: the units.
+        alpha: probability of a false alarm of one test.
+        fixed: which units stay whatever their tests say, (n,).
+        new: variables that enter with them.
+        touching: returns whether a unit touches any of some variables.
+    """
+    tested = joint.tested()
+    out = Decision(stay=list(range(len(tested.rows))))
+    while out.stay:
+        ratios = np.where(fixed, 0.0, tested.ratios(alpha))[out.stay]
+        if not ratios.max() > 1.0:
+            break
+        worst = int(np.argmax(ratios >= (1.0 - ALIKE) * ratios.max()))
+        i = out.stay[worst]
+        values, vectors = np.linalg.eigh(tested.block(i))
+        tied = vectors[:, values <= SINGULAR_REDUNDANCY]
+        lost = joint.held_by(i, tied, new) if tied.shape[1] else set()
+        # Without it something is not determined: whatever joins that goes back to waiting.
+        gone = [j for j in out.stay if touching(j, lost)]
+        if gone:
+            out.back += gone
+            out.loose |= lost
+        else:  # what nothing joins any more was lost with others before
+            gone = [i]
+            out.out[i] = tested.figures(joint.raw, np.array([i]))
+        for j in gone:
+            tested.leave_out(j)
+        out.stay = [j for j in out.stay if j not in gone]
+    return out
+
+
+def left_out(
+    joint: JointTest, decision: Decision, outcome: Outcome, alpha: float, given: Collection[str]
+) -> Iterator[Verdict]:
+    """Iterate over the verdicts on the units that failed their tests.
+
+    Args:
+        joint: the units.
+        decision: what happens to them.
+        outcome: what becomes of those that failed.
+        alpha: probability of a false alarm of one test.
+        given: ids of observations that did not wait before.
+    """
+    for i, figures in decision.out.items():
+        yield from _tested(joint.units[i], outcome, figures, 0, alpha, given, ())
+
+
+def accepted(
+    joint: JointTest, alpha: float, given: Collection[str], *, gains: bool
+) -> Iterator[Verdict]:
+    """Iterate over the verdicts on units that all stay.
+
+    Args:
+        joint: the units.
+        alpha: probability of a false alarm of one test.
+        given: ids of observations that did not wait before.
+        gains: whether verdicts say what each unit adds to its points; not for more than
+            `MOST_GAINS` units.
+    """
+    if not joint.units:
+        return
+    tested = joint.tested()
+    figures = tested.figures(joint.raw, np.arange(len(joint.units)))
+    told = gains and len(joint.units) <= MAX_GAINS
+    for i, unit in enumerate(joint.units):
+        added = tuple(_gains(joint, i, tested.block(i))) if told else ()
+        yield from _tested(unit, "accepted", figures, i, alpha, given, added)
+
+
+def untested(unit: Unit, outcome: Outcome, lacks: str = "", cause: str = "") -> list[Verdict]:
+    """Return the verdicts on a unit that was not tested."""
+    return [
+        Verdict(
+            i,
+            o.kind,
+            o.label(),
+            outcome,
+            o.component_names(),
+            lacks=lacks,
+            points=unit.points,
+            cause=cause,
+        )
+        for i, o in zip(unit.ids, unit.observations, strict=True)
+    ]
+
+
+def _tested(
+    unit: Unit,
+    outcome: Outcome,
+    figures: LeaveOneOutFigures,
+    number: int,
+    alpha: float,
+    given: Collection[str],
+    gains: tuple[Gain, ...],
+) -> Iterator[Verdict]:
+    """Iterate over the verdicts on a tested unit, by its number among the figures."""
+    at, dof = 0, int(figures.dof[number])
+    critical = critical_t2(alpha, dof)
+    for ident, o in zip(unit.ids, unit.observations, strict=True):
+        names = o.component_names()
+        part = slice(at, at + len(names))
+        at = part.stop
+        yield Verdict(
+            ident,
+            o.kind,
+            o.label(),
+            outcome,
+            names,
+            figures.innovation[number, part],
+            figures.sigma[number, part],
+            figures.w[number, part],
+            figures.redundancy_numbers[number, part],
+            float(figures.t2[number]),
+            dof,
+            critical,
+            entered=unit.ids[0] not in given,
+            points=unit.points,
+            gains=gains,
+        )
+
+
+def _gains(joint: JointTest, i: int, m: Array) -> Iterator[Gain]:
+    """Iterate over what a unit adds to its points: without it, Q + Q Aᵀ M⁻¹ A Q.
+
+    Args:
+        joint: all units.
+        i: its number.
+        m: M of the unit, (d, d).
+    """
+    values, vectors = np.linalg.eigh(m)
+    on = values > ROUNDING
+    for name in dict.fromkeys(joint.units[i].points):
+        columns, free, variance = joint.place(name)
+        if not len(columns):
+            continue
+        variance = np.maximum(variance, 0.0)
+        turned = joint.spread(i, columns) @ vectors
+        more = (turned[:, on] ** 2 / values[on]).sum(axis=1)
+        lost = (np.abs(turned[:, ~on]) > ROUNDING * np.sqrt(variance)[:, None]).any(axis=1)
+        before = np.where(free, np.where(lost, np.inf, np.sqrt(variance + more)), 0.0)
+        yield Gain(name, before, np.where(free, np.sqrt(variance), 0.0))

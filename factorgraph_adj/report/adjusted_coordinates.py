@@ -1,0 +1,466 @@
+"""Adjusted points, check points, photos and lines: coordinates, σ and error ellipses.
+
+Error ellipses of points and ellipsoids of projection centres are given if the options ask for
+them, and so are adjusted lines between pairs of places with their relative error ellipses.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from math import isfinite, nan, sqrt
+from typing import Any
+
+import numpy as np
+
+from ..io.csv_tables import write_columns
+from ..quality.derived_quantities import AdjustedLine
+from ..quality.error_ellipses import confidence_factor
+from ..quality.point_precision import Place, place_variable
+from ..quality.point_precision import check_points as compare
+from ..types import Array
+from ..units import ANGLE, decimal, format_angle, format_turn
+from .adjustment_report import Report
+from .layout import (
+    decimals,
+    exponent,
+    paragraph,
+    percent,
+    rms,
+    short,
+    table,
+    title,
+    without_empty_columns,
+)
+from .observation_rows import all_digits, observation_scale
+
+DECIMALS_OF_AZIMUTH = {
+    "rad": 4,
+    "mrad": 1,
+    "gon": 1,
+    "mgon": -2,
+    "cc": -3,
+    "deg": 1,
+    "arcmin": 0,
+    "arcsec": -2,
+}
+"""Decimals of azimuths and dips of ellipses by unit; further digits are not significant."""
+
+
+def region_factor(report: Report, dimension: int) -> float:
+    """Return the factor from standard deviations to a region of the requested confidence."""
+    s = report.solution
+    estimated = s.variance == "a-posteriori" and s.redundancy > 0
+    known = s.redundancy if estimated else None
+    return confidence_factor(dimension, report.options.confidence, redundancy=known)
+
+
+def height_half_widths(report: Report) -> dict[str, float]:
+    """Return half the confidence interval of each point's height, metres."""
+    solution = report.solution
+    at = solution.state["point"]
+    up = solution.network.frame.basis(at, np.zeros((len(at), 2))).enu[:, 2]
+    variance = np.einsum("ni,nij,nj->n", up, solution.point_covariances, up)
+    found = region_factor(report, 1) * np.sqrt(np.maximum(variance, 0.0))
+    names = solution.equations.unknowns["point"].names
+    return dict(zip(names, found.tolist(), strict=True))
+
+
+def angle_unit(report: Report) -> str:
+    """Return the unit of azimuths in tables; it is decimal degrees for degrees-minutes-seconds."""
+    return report.units.angle if report.units.angle in ANGLE else "deg"
+
+
+def rounded_azimuth(report: Report, angle: float) -> str:
+    """Write an azimuth or dip with the decimals of `DECIMALS_OF_AZIMUTH`."""
+    if report.units.angle == "dms":
+        return format_angle(angle, "dms", 0)
+    digits = DECIMALS_OF_AZIMUTH[report.units.angle]
+    value = round(angle / ANGLE[report.units.angle], digits)
+    return decimal(value, max(digits, 0))
+
+
+def ellipse_columns(report: Report, places: int) -> tuple[list[str], dict[str, list[str]], str]:
+    """Return header, cells by point and a note that explains the confidence figures of points.
+
+    The figures are ellipses if plan coordinates are unknown, intervals if only heights are.
+
+    Args:
+        report: a report with a confidence.
+        places: decimals of lengths.
+    """
+    if report.options.confidence is None:
+        return [], {}, ""
+    unit, level = report.units.sigma_length, percent(report.options.confidence)
+    given = report.network.points
+    names = [n for n in given if report.free("point", n)]
+    write = partial(_length, report=report, places=places)
+    if all(given[n].fixed[0] and given[n].fixed[1] for n in names):
+        widths = height_half_widths(report)
+        note = f"  ± z: {level} interval, {region_factor(report, 1):.3f} σ"
+        return [f"± z [{unit}]"], {n: [write(widths[n])] for n in names}, note
+    cells = {}
+    for name in names:
+        e = report.ellipses[name]
+        azimuth = rounded_azimuth(report, e.azimuth) if e.semi_axes[0] > 0 else ""
+        cells[name] = [*(write(a) for a in e.semi_axes), azimuth]
+    header = [f"a [{unit}]", f"b [{unit}]", f"azimuth a [{report.units.angle}]"]
+    k = region_factor(report, 2)
+    note = f"  a, b: {level} error ellipses in the horizon, {k:.3f} × standard ellipse"
+    if any(0 < report.ellipses[n].factor < k - 1e-9 for n in names):
+        note += f"; {region_factor(report, 1):.3f} × where an axis is held"
+    return header, cells, note
+
+
+def _length(metres: float, *, report: Report, places: int) -> str:
+    return f"{metres / report.small:.{places}f}"
+
+
+def centre_ellipsoids_section(report: Report) -> list[str]:
+    """Return the section of error ellipsoids of the projection centres."""
+    if report.options.confidence is None or not report.ellipsoids:
+        return []
+    sizes = (a / report.small for e in report.ellipsoids.values() for a in e.semi_axes)
+    places = decimals(sizes, default=2, most=5)
+    names, note = report.cut(list(report.ellipsoids), "photos", "photos.csv")
+    rows = []
+    for name in names:
+        e = report.ellipsoids[name]
+        cells = [name]
+        for size, azimuth, dip in zip(e.semi_axes, e.azimuths, e.dips, strict=True):
+            angles = (
+                [rounded_azimuth(report, azimuth), rounded_azimuth(report, dip)]
+                if size > 0
+                else ["", ""]
+            )
+            cells += [f"{size / report.small:.{places}f}", *angles]
+        rows.append(cells)
+    unit, angle = report.units.sigma_length, report.units.angle
+    header = ["photo"]
+    for axis in "abc":
+        header += [f"{axis} [{unit}]", f"azimuth [{angle}]", "dip"]
+    heading = (
+        f"Projection centres: {percent(report.options.confidence)} error ellipsoids, "
+        f"{region_factor(report, 3):.3f} × standard ellipsoid"
+    )
+    return [*title(heading), *table(header, rows), *note]
+
+
+# -- columns of tables ----------------------------------------------------------------------------
+
+
+def point_ellipse_columns(report: Report) -> dict[str, list[str]]:
+    """Return the columns of points.csv; empty without a confidence."""
+    if report.options.confidence is None:
+        return {}
+    small, angle = report.units.sigma_length, angle_unit(report)
+    ellipses, widths = report.ellipses, height_half_widths(report)
+    names = list(report.network.points)
+    return {
+        "confidence": [f"{report.options.confidence:g}"] * len(names),
+        f"ellipse_major_{small}": [figure(ellipses[n].semi_axes[0] / report.small) for n in names],
+        f"ellipse_minor_{small}": [figure(ellipses[n].semi_axes[1] / report.small) for n in names],
+        f"ellipse_azimuth_{angle}": [figure(ellipses[n].azimuth / ANGLE[angle]) for n in names],
+        f"height_half_width_{small}": [figure(widths[n] / report.small) for n in names],
+    }
+
+
+def photo_ellipsoid_columns(report: Report) -> dict[str, list[str]]:
+    """Return the columns of photos.csv; empty without a confidence."""
+    if report.options.confidence is None:
+        return {}
+    small, angle = report.units.sigma_length, angle_unit(report)
+    names, found = list(report.network.photos), report.ellipsoids
+    out = {"confidence": [f"{report.options.confidence:g}" if n in found else "" for n in names]}
+    for i in range(3):
+        for what, unit, size in (
+            ("semi_axes", small, report.small),
+            ("azimuths", angle, ANGLE[angle]),
+            ("dips", angle, ANGLE[angle]),
+        ):
+            noun = {"semi_axes": "axis", "azimuths": "azimuth", "dips": "dip"}[what]
+            out[f"ellipsoid_{noun}{i + 1}_{unit}"] = [
+                figure(getattr(found[n], what)[i] / size) if n in found else "" for n in names
+            ]
+    return out
+
+
+def figure(value: float) -> str:
+    """Return a derived figure with enough digits for further use; empty if not finite.
+
+    >>> figure(-0.0), figure(float("nan"))
+    ('0', '')
+    """
+    return f"{value + 0.0:.9g}" if isfinite(value) else ""
+
+
+NOT_AT_A_MINIMUM = (
+    "not converged: standard deviations belong to the place where the iteration stopped; at a "
+    "minimum they may be several times larger or smaller"
+)
+"""What is said of the precision of a result that is none."""
+
+
+def points_section(report: Report) -> list[str]:
+    """Return adjusted coordinates with their standard deviations, RMS and weakest point."""
+    given = {n: p for n, p in report.network.points.items() if not p.side_shot}
+    names = [n for n in given if report.free("point", n)]
+    if not names:
+        return []
+    sigmas = {n: [s / report.small for s in report.sigmas[n]] for n in names}
+    places, _ = decimals_of_points(report)
+    axes = [i for i in range(3) if not all(given[n].fixed[i] for n in names)]
+    out = [*title("Adjusted coordinates"), *_coordinates(report, list(given), axes)]
+    if not report.solution.converged:
+        out.append(f"  {NOT_AT_A_MINIMUM}")
+    if len(names) > 1:
+        free = {i: [sigmas[n][i] for n in names if not given[n].fixed[i]] for i in axes}
+        mean = ", ".join(f"σ{'xyz'[i]} {rms(each):.{places}f}" for i, each in free.items())
+        worst = max(names, key=lambda n: sum(s * s for s in sigmas[n]))
+        out.append(
+            f"  root mean square {mean} {report.units.sigma_length}; weakest point {worst}: "
+            f"{sqrt(sum(s * s for s in sigmas[worst])):.{places}f} {report.units.sigma_length}"
+        )
+    return out
+
+
+def side_shots_section(report: Report) -> list[str]:
+    """Return the side shots: points that follow from the adjusted ones, and bear on none."""
+    given = report.network.points
+    names = [n for n, p in given.items() if p.side_shot and report.free("point", n)]
+    if not names:
+        return []
+    axes = [i for i in range(3) if not all(given[n].fixed[i] for n in names)]
+    heading = title("Side shots: computed from the adjusted points; nothing checks them")
+    return [*heading, *_coordinates(report, names, axes)]
+
+
+def _coordinates(report: Report, names: list[str], axes: list[int]) -> list[str]:
+    """Return the table of the coordinates of some points, with their standard deviations."""
+    solution, units, given = report.solution, report.units, report.network.points
+    places, digits = decimals_of_points(report)
+    shown, note = report.cut(names, "points", "points.csv")
+    figures, cells, meaning = ellipse_columns(report, places)
+    rows = []
+    for name in shown:
+        xyz, fixed = solution.point(name).tolist(), given[name].fixed
+        place = [decimal(xyz[i] / report.metre, digits) for i in axes]
+        sigmas = [s / report.small for s in report.sigmas[name]]
+        sigma = ["held" if fixed[i] else f"{sigmas[i]:.{places}f}" for i in axes]
+        rows.append([name, *place, *sigma, *cells.get(name, [""] * len(figures))])
+    header = ["point", *(f"{'xyz'[i]} [{units.length}]" for i in axes)]
+    header += [f"σ{'xyz'[i]} [{units.sigma_length}]" for i in axes]
+    return [*table([*header, *figures], rows), *note, *([meaning] if meaning else [])]
+
+
+def decimals_of_points(report: Report) -> tuple[int, int]:
+    """Return the decimals of σ of points, and those of coordinates, which show as much."""
+    names = (n for n in report.network.points if report.free("point", n))
+    sigmas = (s / report.small for n in names for s in report.sigmas[n])
+    places = decimals(sigmas, default=2, most=5)
+    return places, min(max(places + exponent(report.metre / report.small * 1.0001), 0), 9)
+
+
+def check_points_section(report: Report) -> list[str]:
+    """Return the differences at check points, whose coordinates are known, and their RMS."""
+    found = compare(report.solution)
+    if not found.names:
+        return []
+    differences = (found.differences / report.small).tolist()
+    known = [abs(v) for three in differences for v in three if isfinite(v)]
+    places = decimals(known, default=2, most=5)
+
+    def row(name: str, values: Array | list[float]) -> list[str]:
+        return [name, *(decimal(v, places) if isfinite(v) else "" for v in values)]
+
+    rows = [row(name, d) for name, d in zip(found.names, differences, strict=True)]
+    shown, note = report.cut(rows, "check points", "points.csv")
+    total = row("RMS", found.rms / report.small)
+    expected = row("RMS σ", found.rms_sigma / report.small)
+    header = ["check point", *(f"d{a} [{report.units.sigma_length}]" for a in "xyz")]
+    heading = title("Check points: adjusted − known coordinates, which took no part")
+    return [*heading, *table(header, [*shown, total, expected]), *note]
+
+
+def photos_section(report: Report) -> list[str]:
+    """Return exterior orientation, standard deviations, number of points and RMS of each photo."""
+    network, units = report.network, report.units
+    if not network.photos:
+        return []
+    counts, norms = image_statistics_by_photo(report)
+    digits = {"dms": 1, "rad": 6, "mrad": 3, "mgon": 1, "cc": 0, "arcsec": 0}.get(units.angle, 4)
+    names, note = report.cut(list(network.photos), "photos", "photos.csv")
+    rows = []
+    for name in names:
+        pose = report.poses[name]
+        place = [decimal(v / report.metre, 4) for v in pose.position]
+        angles = [format_angle(v, units.angle, digits) for v in pose.angles]
+        rows.append(
+            [
+                name,
+                str(counts[name]),
+                f"{norms[name]:.2f}" if counts[name] else "–",
+                *place,
+                *angles,
+            ]
+        )
+        if not report.free("pose", name):
+            rows.append(["", "", "", *["held"] * 6])
+            continue
+        about = [s / report.radian for s in pose.sigma_angles]
+        centre = [s / report.small for s in pose.sigma_position]
+        sigmas = zip(
+            [*centre, *about], held_components_of_pose(network.photos[name].fixed), strict=True
+        )
+        label = f"σ [{units.sigma_length}, {units.sigma_angle}]"
+        rows.append(["", "", label, *("held" if held else short(s) for s, held in sigmas)])
+    header = ["photo", "points", "RMS v/σ", *(f"{a} [{units.length}]" for a in ("X0", "Y0", "Z0"))]
+    header += [f"{a} [{units.angle}]" for a in "ωφκ"]
+    stopped = [] if report.solution.converged else [f"  {NOT_AT_A_MINIMUM}"]
+    return [*title("Photos"), *table(header, rows), *note, *stopped]
+
+
+def held_components_of_pose(fixed: tuple[bool, ...]) -> tuple[bool, ...]:
+    """Return whether X0, Y0, Z0, ω, φ, κ are held; an angle is held if all rotations are."""
+    return (*fixed[3:], *[all(fixed[:3])] * 3)
+
+
+def image_statistics_by_photo(report: Report) -> tuple[dict[str, int], dict[str, float]]:
+    """Return number of image points and RMS v/σ of each photo."""
+    names = list(report.network.photos)
+    counts, squares = dict.fromkeys(names, 0), dict.fromkeys(names, 0.0)
+    normalised = report.solution.observations.normalised
+    for block in report.solution.equations.blocks:
+        if block.kind != "image":
+            continue
+        v = normalised[block.rows].reshape(block.observed.shape)
+        each = (v * v).sum(axis=1).tolist()
+        for photo, square in zip(block.variables[0][1].tolist(), each, strict=True):
+            counts[names[photo]] += 1
+            squares[names[photo]] += square
+    return counts, {n: sqrt(squares[n] / (2 * c)) if c else nan for n, c in counts.items()}
+
+
+def place_name(place: Place) -> str:
+    """Return the name of a point, or of the photo of a projection centre."""
+    return place_variable(place)[1]
+
+
+def lines_section(report: Report) -> list[str]:
+    """Return distances, azimuths and rises with σ, and relative error ellipses."""
+    found = report.lines
+    if not found:
+        return []
+    units = report.units
+    shown, note = report.cut(list(found), "lines", "relative.csv")
+    plan, heights = _dimensions(report)
+    length, angle = observation_scale("m", units), observation_scale("rad", units)
+    fine = decimals((x.sigma_distance / report.small for x in shown), default=2, most=5)
+    digits = max(fine + length.further_decimals, 0)
+    sigmas = (x.sigma_azimuth / angle.size for x in shown)
+    turned = max(decimals(sigmas, default=2, most=5) + angle.further_decimals, 0)
+    rows = []
+    for x in shown:
+        row = [place_name(x.a), place_name(x.b)]
+        row += [decimal(x.distance / report.metre, digits), _small(x.sigma_distance, report, fine)]
+        row += [f"{x.ppm:.1f}" if isfinite(x.ppm) else ""]
+        if plan:
+            there = isfinite(x.azimuth)
+            row += [format_turn(x.azimuth, units.angle, turned) if there else ""]
+            row += [short(x.sigma_azimuth / angle.size) if there else ""]
+        if heights:
+            row += [decimal(x.rise / report.metre, digits), _small(x.sigma_rise, report, fine)]
+        if plan:
+            row += [_small(a, report, fine) for a in x.ellipse.semi_axes]
+            row += [
+                rounded_azimuth(report, x.ellipse.azimuth) if x.ellipse.semi_axes[0] > 0 else ""
+            ]
+        rows.append(row)
+    small = units.sigma_length
+    header = ["from", "to", f"distance [{units.length}]", f"σ [{small}]", "ppm"]
+    header += [f"azimuth [{units.angle}]", f"σ [{units.sigma_angle}]"] if plan else []
+    header += [f"rise [{units.length}]", f"σ [{small}]"] if heights else []
+    header += [f"a [{small}]", f"b [{small}]", "azimuth a"] if plan else []
+    header, rows = without_empty_columns(header, rows)
+    out = [*title("Adjusted lines, from mark to mark"), *table(header, rows, left=2), *note]
+    return [*out, *paragraph(_words(report, plan=plan, heights=heights))]
+
+
+def _dimensions(report: Report) -> tuple[bool, bool]:
+    """Return whether plan coordinates, and heights, of any point are unknown."""
+    free = [p.fixed for p in report.network.points.values()]
+    frame_is_flat = report.geographic is None
+    plan = any(not (f[0] and f[1]) for f in free) or not frame_is_flat
+    return plan, any(not f[2] for f in free) or not frame_is_flat
+
+
+def _small(metres: float, report: Report, places: int) -> str:
+    return f"{metres / report.small:.{places}f}" if isfinite(metres) else ""
+
+
+def _words(report: Report, *, plan: bool, heights: bool) -> str:
+    words = ["distance: slope distance"]
+    if heights:
+        words.append("rise: height difference along the vertical of the midpoint")
+    if plan:
+        words.append("azimuth: clockwise from north, at the first place")
+        k, asked = region_factor(report, 2), report.options.confidence
+        level = "standard ellipses" if asked is None else f"{percent(asked)} ellipses"
+        words.append(f"a, b: relative {level}, {k:.3f} × standard ellipse")
+    return "; ".join(words)
+
+
+def lines_table(report: Report) -> str:
+    """Return relative.csv; empty if the options ask for no lines."""
+    found, small, angle = report.lines, report.units.sigma_length, angle_unit(report)
+    if not found:
+        return ""
+    length = report.units.length
+
+    def sizes(values: list[float]) -> list[str]:
+        return [figure(v / report.small) for v in values]
+
+    def turns(values: list[float]) -> list[str]:
+        return [all_digits(v, angle) if isfinite(v) else "" for v in values]
+
+    confidence = report.options.confidence
+    return write_columns(
+        {
+            "from": [place_name(x.a) for x in found],
+            "to": [place_name(x.b) for x in found],
+            "distance": [all_digits(x.distance, length) for x in found],
+            "rise": [all_digits(x.rise, length) for x in found],
+            "unit": [length] * len(found),
+            f"sigma_distance_{small}": sizes([x.sigma_distance for x in found]),
+            "ppm": [figure(x.ppm) for x in found],
+            f"sigma_rise_{small}": sizes([x.sigma_rise for x in found]),
+            f"azimuth_{angle}": turns([x.azimuth for x in found]),
+            f"sigma_azimuth_{report.units.sigma_angle}": [
+                figure(x.sigma_azimuth / report.radian) for x in found
+            ],
+            "confidence": ["" if confidence is None else f"{confidence:g}"] * len(found),
+            f"ellipse_major_{small}": sizes([x.ellipse.semi_axes[0] for x in found]),
+            f"ellipse_minor_{small}": sizes([x.ellipse.semi_axes[1] for x in found]),
+            f"ellipse_azimuth_{angle}": [figure(x.ellipse.azimuth / ANGLE[angle]) for x in found],
+        }
+    )
+
+
+def line_record(line: AdjustedLine) -> dict[str, Any]:
+    """Return a line for results.json, in metres and radians."""
+    e = line.ellipse
+    return {
+        "from": place_name(line.a),
+        "to": place_name(line.b),
+        "distance": line.distance,
+        "sigma_distance": line.sigma_distance,
+        "azimuth": line.azimuth,
+        "sigma_azimuth": line.sigma_azimuth,
+        "rise": line.rise,
+        "sigma_rise": line.sigma_rise,
+        "ellipse": {
+            "semi_axes": list(e.semi_axes),
+            "azimuth": e.azimuth,
+            "confidence": e.confidence,
+            "factor": e.factor,
+        },
+    }

@@ -1,0 +1,389 @@
+"""A comparison of two epochs: its points, its text report, its table of displacements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ..epochs.alternative_explanations import identical_readings_note as identical
+from ..epochs.block_motion import BlockMotion
+from ..epochs.comparison import Congruence, Displacement
+from ..epochs.congruence_tests import HypothesisTest
+from ..io.csv_tables import write_all_columns
+from ..io.numbers import Units
+from ..network.network import Network
+from ..quality.error_ellipses import ErrorEllipse
+from ..solve.solution import Solution
+from ..statistical_tests import CONFIDENCE_OF_REGION
+from ..types import Array
+from ..units import ANGLE, LENGTH, decimal_angle
+from .doubtful_results import unknowns_left_out
+from .layout import listed, paragraph, short, table, title
+from .options import Provenance
+
+EPOCH_WORDS = {1: ("common",), 2: ("first", "second")}
+"""Words for the adjustments, by their number."""
+
+
+@dataclass(frozen=True, eq=False)
+class EpochsReport:
+    """What protocol, figures, pages and exports of two epochs need."""
+
+    found: Congruence
+    """The comparison."""
+    blocks: Sequence[BlockMotion] = ()
+    """Common motions of points."""
+    provenance: Provenance = field(default_factory=Provenance)
+    """The run."""
+    confidence: float | None = CONFIDENCE_OF_REGION
+    """Probability of the ellipses of displacements; None: standard ellipses."""
+    units: Units = field(default_factory=Units)
+    """Units of figures that people read."""
+
+    @property
+    def network(self) -> Network:
+        """The network of the first epoch."""
+        return self.found.network
+
+    @property
+    def unknowns_left_out(self) -> tuple[str, ...]:
+        """Sentences on what nothing determines, and was left out of each epoch."""
+        return left_out_of_epochs(self.found.solutions)
+
+    @cached_property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the displacements are doubtful; empty if nothing speaks against them."""
+        return tuple(_doubts(self.found))
+
+    @cached_property
+    def ellipses(self) -> tuple[ErrorEllipse, ...]:
+        """Ellipses of the displacements in plan, in the order of the displacements."""
+        return self.found.ellipses(confidence=self.confidence)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the points, in the first epoch."""
+        return list(self.found.displacements)
+
+    @cached_property
+    def places(self) -> Array:
+        """Places of the points in the first epoch, (n, 3) metres."""
+        every = self.found.displacements.values()
+        return np.array([x.place for x in every]).reshape(-1, 3)
+
+    @cached_property
+    def vectors(self) -> Array:
+        """Displacements, (n, 3) metres."""
+        every = self.found.displacements.values()
+        return np.array([x.vector for x in every]).reshape(-1, 3)
+
+    @cached_property
+    def states(self) -> tuple[str, ...]:
+        """What each point is, one of `STATES`."""
+        found = self.found
+        out = []
+        for name, x in found.displacements.items():
+            if x.stable:
+                out.append("stable")
+            elif name in found.reference:
+                out.append("left")
+            else:
+                out.append("moved" if x.moved else "kept")
+        return tuple(out)
+
+
+EPOCH_POINT_STATES = ("stable", "left", "moved", "kept")
+"""A point of a comparison is a stable reference point, a reference point that left the reference,
+an object point that moved, or one that did not move significantly."""
+
+
+def left_out_of_epochs(solutions: Sequence[Solution]) -> tuple[str, ...]:
+    """Return sentences on the unknowns that were left out of each epoch."""
+    return tuple(
+        f"{which} epoch: {said}"
+        for which, solution in zip(EPOCH_WORDS[len(solutions)], solutions, strict=True)
+        for said in unknowns_left_out(solution.network)
+    )
+
+
+def _doubts(found: Congruence) -> Iterator[str]:
+    for which, solution in zip(EPOCH_WORDS[len(found.solutions)], found.solutions, strict=True):
+        if not solution.converged:
+            yield f"the {which} adjustment did not converge: {solution.reason}"
+    ratio = found.ratio
+    if ratio is not None and not ratio.accepted:
+        yield (
+            f"the variances of the epochs do not agree, F {ratio.ratio:.2f} > {ratio.critical:.2f}"
+        )
+    for name, size in found.held_apart.items():
+        yield (
+            f"point {name!r} is held in both epochs, {1000 * size:.2f} mm apart: all "
+            "displacements refer to it"
+        )
+    yield from found.alternatives
+    if found.steps and not found.steps[-1].test.accepted:
+        yield "no set of reference points kept its shape"
+
+
+COLUMNS_WITHOUT_UNIT = ("name", "stable", "test_value", "critical", "moved")
+"""Columns that are no lengths."""
+
+
+def displacement_table(report: EpochsReport) -> str:
+    """Return the displacements as CSV, with the ellipse of each displacement in plan.
+
+    Lengths and angles are in the units of the report, which stand in the names of the columns. The
+    ellipse lies in the horizon of the point; its azimuth is clockwise from north.
+    """
+    columns = report.found.table()
+    length, angle = report.units.sigma_length, decimal_angle(report.units.angle)
+    metres, radians = LENGTH[length], ANGLE[angle]
+    table: dict[str, list[object]] = {}
+    for c in columns:
+        if c in COLUMNS_WITHOUT_UNIT:
+            table[c] = list(columns[c])
+        else:
+            table[f"{c}_{length}"] = [x / metres for x in columns[c]]
+    for i, axis in enumerate(("major", "minor")):
+        table[f"ellipse_{axis}_{length}"] = [e.semi_axes[i] / metres for e in report.ellipses]
+    table[f"ellipse_azimuth_{angle}"] = [e.azimuth / radians for e in report.ellipses]
+    table["confidence"] = [report.confidence] * len(report.ellipses)
+    return write_all_columns({c: [_cell(v) for v in values] for c, values in table.items()})
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool | np.bool_):
+        return str(value).lower()
+    return value if isinstance(value, str) else repr(float(value))  # type: ignore[arg-type]
+
+
+MAX_NAMES_IN_EPOCHS_TEXT = 12
+"""Largest number of names in a sentence."""
+
+
+def render_congruence(found: Congruence, *, blocks: Sequence[BlockMotion] = ()) -> str:
+    """Return the protocol of the comparison of two epochs as text.
+
+    Args:
+        found: the comparison.
+        blocks: common motions of points, which are listed too.
+    """
+    lines = [*title("Two epochs"), *_tested(found), "", *_variances(found), ""]
+    if found.steps:
+        lines += [*title("Reference points"), *_reference(found), ""]
+    lines += [*title("Displacements"), *_displacements(found)]
+    if blocks:
+        lines += ["", *title("Common motions"), *(line for b in blocks for line in _block(b))]
+    return "\n".join(lines) + "\n"
+
+
+def _tested(found: Congruence) -> list[str]:
+    """Say what the reference is, and what was tested and what was not."""
+    n, objects = len(found.reference), [x for x in found.displacements if x not in found.reference]
+    same = identical(*found.solutions) if len(found.solutions) == 2 else ""
+    held = list(found.roles.held)
+    datum = "the points held in both epochs" if held else "the datum of the adjustments"
+    out = paragraph(same) if same else []
+    for said in found.alternatives:
+        out += paragraph(f"ATTENTION: {said}.")
+    for said in left_out_of_epochs(found.solutions):
+        out += paragraph(f"The {said}.")
+    if n:
+        out += paragraph(
+            f"Reference, tested together for a change of shape: {_points(found.reference)}. "
+            "Common points are reference points unless they are named as objects."
+        )
+    else:
+        out += paragraph(f"Reference: {datum}, without a test.")
+    if objects:
+        out += paragraph(f"Tested one by one against the reference: {_points(objects)}.")
+    else:
+        out += paragraph("No point was tested as an object: none is named.")
+    if held:
+        out += paragraph(
+            f"Held in both epochs, and taken as stable without a test: {_points(held)}."
+        )
+    reasons: dict[str, list[str]] = {}
+    for name, why in found.roles.not_compared.items():
+        reasons.setdefault(why, []).append(name)
+    for why, names in reasons.items():
+        out += paragraph(f"NOT compared, {why}: {_points(names)}.")
+    return out
+
+
+def _points(names: Sequence[str]) -> str:
+    count = f"{len(names)} point" if len(names) == 1 else f"{len(names)} points"
+    return f"{count}, {listed(names, MAX_NAMES_IN_EPOCHS_TEXT)}"
+
+
+def _variances(found: Congruence) -> list[str]:
+    ratio = found.ratio
+    out: list[str] = []
+    if ratio is not None:
+        same = "agree" if ratio.accepted else "DO NOT AGREE"
+        out += paragraph(
+            f"σ̂0 {ratio.sigma0[0]:.3f} (r {ratio.redundancy[0]}) and {ratio.sigma0[1]:.3f} "
+            f"(r {ratio.redundancy[1]}): the variances {same}, their ratio {ratio.ratio:.2f} has "
+            f"the critical value {ratio.critical:.2f}."
+        )
+        if not ratio.accepted:
+            out += paragraph(
+                "One epoch is less accurate than its weights say: find out which, before its "
+                "displacements are believed."
+            )
+    if np.isinf(found.scale.freedom):
+        out += paragraph("The tests take σ0 = 1 as known.")
+    else:
+        out += paragraph(
+            f"The tests take σ̂0 = {np.sqrt(found.scale.variance):.3f} of both epochs together, "
+            f"{found.scale.freedom:.0f} degrees of freedom."
+        )
+    return out
+
+
+def _reference(found: Congruence) -> list[str]:
+    first = found.steps[0].test
+    kept = "kept" if first.accepted else "DID NOT keep"
+    out = paragraph(
+        f"The {len(found.reference)} reference points {kept} their shape: {_words(first)}."
+    )
+    if len(found.steps) > 1:
+        rows = [
+            (
+                listed(s.left, MAX_NAMES_IN_EPOCHS_TEXT) or "—",
+                listed(s.back, MAX_NAMES_IN_EPOCHS_TEXT) or "—",
+                f"{s.test.value:.2f}",
+                f"{s.test.critical:.2f}",
+                FIT_WORDS[s.test.accepted] if s.test.freedom[0] else "—",
+            )
+            for s in found.steps[1:]
+        ]
+        out += ["", *table(("left", "came back", "T of the others", "critical", "fits"), rows)]
+    if found.stable and not found.steps[-1].test.accepted:
+        out += paragraph(
+            "No set of reference points that could be tested kept its shape: the displacements "
+            "below refer to points that moved against each other."
+        )
+    if found.scale_change is not None:
+        s = found.scale_change
+        told = "significant" if s.significant else "not significant"
+        if first.accepted or s.rest.accepted:
+            out += paragraph(
+                f"Scale of the second epoch relative to the first, from all reference points: {s}, "
+                f"{told}; {_words(s.test)}."
+            )
+        else:
+            out += paragraph(f"No common scale explains the change: {_words(s.rest)}.")
+    if found.stable:
+        kept = "Stable" if found.steps[-1].test.accepted else "Left in the reference"
+        out += paragraph(f"{kept}: {listed(found.stable, MAX_NAMES_IN_EPOCHS_TEXT)}.")
+    else:
+        out += paragraph(
+            "No reference point is stable: the displacements below refer to the points held in "
+            "both epochs, or to the observations that carry the datum."
+        )
+    return out
+
+
+def _words(test: HypothesisTest) -> str:
+    degrees = "degree" if test.freedom[0] == 1 else "degrees"
+    return (
+        f"T = {test.value:.2f}, critical {test.critical:.2f} "
+        f"({test.freedom[0]} {degrees} of freedom, p {_p(test.p_value)})"
+    )
+
+
+def _p(value: float) -> str:
+    return "< 0.0001" if value < 1e-4 else f"{value:.4f}"
+
+
+def _displacements(found: Congruence) -> list[str]:
+    every = list(found.displacements.values())
+    axes = found.differences.axes
+    out = paragraph(_moved(found))
+    header = ["point", *(f"d{a} [mm]" for a in axes), *(f"σ d{a}" for a in axes), "length"]
+    header += ["T", "critical", "moved", "detectable [mm]"]
+    rows = [_row(x, axes) for x in every]
+    note = (
+        f"detectable: the displacement that is found with a probability of {found.power:.0%} in "
+        "the direction in which it is hardest to find. Stable points are compared with the other "
+        "stable ones."
+    )
+    if any(x.verdict == "doubtful" for x in every):
+        note += (
+            " doubtful: a point of the reference whose own test rejects; where the reference kept "
+            f"its shape, one in {1 / found.alpha:.0f} of those that kept their places is."
+        )
+    return [*out, "", *table(header, rows), "", *paragraph(note)]
+
+
+def _moved(found: Congruence) -> str:
+    """Say which points moved, of those that were tested."""
+    alpha = f"with α = {found.alpha:g} for each"
+    loose = len(found.displacements) - len(found.stable)
+    if found.moved:
+        moved = listed(found.moved, MAX_NAMES_IN_EPOCHS_TEXT)
+        return f"{len(found.moved)} of {loose} points that may have moved did, {alpha}: {moved}."
+    if loose:
+        return (
+            f"None of the {loose} points tested against the reference moved significantly, {alpha}."
+        )
+    kept = found.steps[-1].test.accepted
+    shape = "kept their shape" if kept else "did not keep their shape"
+    return f"No point was tested against the reference. The reference points {shape}, see above."
+
+
+def _row(x: Displacement, axes: str) -> list[str]:
+    at = ["xyz".index(a) for a in axes]
+    return [
+        x.name,
+        *(f"{1000 * x.vector[i]:.2f}" for i in at),
+        *(f"{1000 * x.sigmas[i]:.2f}" for i in at),
+        f"{1000 * x.length:.2f}",
+        f"{x.test.value:.2f}",
+        f"{x.test.critical:.2f}",
+        DISPLACEMENT_VERDICT_WORDS[x.verdict],
+        f"{1000 * x.detectable:.2f}",
+    ]
+
+
+FIT_WORDS = {True: "yes", False: "no"}
+"""Words for the test of the points that are left; a test of no points says nothing."""
+DISPLACEMENT_VERDICT_WORDS = {
+    "stable": "stable",
+    "doubtful": "doubtful",
+    "moved": "yes",
+    "kept": "no",
+    "untested": "not tested",
+}
+"""Words for the verdict of a displacement."""
+PARAMETER_UNITS = {"t": ("mm", 1e3), "r": ("µrad", 1e6), "s": ("ppm", 1e6), "e": ("ppm", 1e6)}
+"""Unit of a parameter of a common motion by its first letter, and its number in the unit of SI."""
+
+
+def _block(b: BlockMotion) -> list[str]:
+    moved = "DID NOT move" if b.motion.accepted else "moved"
+    out = paragraph(
+        f"{listed(b.points, MAX_NAMES_IN_EPOCHS_TEXT)}: the block {moved}, {b.model}; {_words(b.motion)}."
+    )
+    if b.fit is None:
+        out += paragraph("Its points have no redundancy to test whether they moved like this.")
+    else:
+        fits = "moved" if b.fit.accepted else "DID NOT move"
+        out += paragraph(f"Its points {fits} like this: {_words(b.fit)}.")
+    rows = []
+    for name, value, sigma in zip(b.names, b.values.tolist(), b.sigmas.tolist(), strict=True):
+        unit, size = PARAMETER_UNITS[name[0]]
+        rows.append((f"{name} [{unit}]", short(size * value), short(size * sigma)))
+    out += ["", *table(("parameter", "value", "σ"), rows)]
+    if b.model == "affine":
+        strains, axes = b.principal_strains()
+        told = (
+            f"{1e6 * e:.1f} ppm along ({', '.join(f'{v:.3f}' for v in axis)})"
+            for e, axis in zip(strains.tolist(), axes.tolist(), strict=True)
+        )
+        out += paragraph(f"Principal strains: {'; '.join(told)}.")
+    return out

@@ -1,0 +1,263 @@
+"""Latitude, longitude, height, and coordinates in the grid of the reference system.
+
+Both are sections of the text report and columns of points.csv and photos.csv.
+"""
+
+from __future__ import annotations
+
+from math import log10, pi
+
+import numpy as np
+
+from ..frames import MEAN_EARTH_RADIUS, LocalFrame
+from ..types import Array
+from ..units import ANGLE, decimal, format_angle
+from .adjusted_coordinates import decimals_of_points
+from .adjusted_observations import figures
+from .adjustment_report import Report
+from .layout import exponent, paragraph, table, title
+from .observation_rows import without_trailing_zeros
+
+EAST_NORTH_UP = ("east", "north", "up")
+ANGLE_DIGIT_TOLERANCE = 0.1
+"""Part of a decimal by which the last digit of an angle may be coarser than that of a length."""
+RESOLVED_DECIMALS = 8
+"""Decimals of a metre that latitude, longitude and height have in tables: they are computed from
+X Y Z, of which float64 resolves 1e-9 m at the distance of the Earth's centre."""
+GEOGRAPHIC_UNIT_NAMES = {"dms": "degrees-minutes-seconds", "deg": "decimal degrees", "gon": "gon"}
+"""Names of units of latitudes and longitudes."""
+
+
+def geographic_section(report: Report) -> list[str]:
+    """Return latitude, longitude and height of the points with σ in east, north and up."""
+    frame, found, given = report.network.frame, report.geographic, report.network.points
+    names = [n for n in given if report.free("point", n)]
+    if found is None or isinstance(frame, LocalFrame) or not names:
+        return []
+    number = report.solution.equations.unknowns["point"].number
+    places, digits = decimals_of_points(report)
+    unit, length, small = report.units.geographic, report.units.length, report.units.sigma_length
+    fine = angle_digits(unit, digits, report.metre)
+    shown, note = report.cut(list(given), "points", "points.csv")
+    rows = []
+    for name in shown:
+        i = number[name]
+        angles = (float(a[i]) for a in (found.latitude, found.longitude))
+        sigma = [f"{s / report.small:.{places}f}" for s in found.sigma[i].tolist()]
+        rows.append(
+            [
+                name,
+                *(format_angle(a, unit, fine) for a in angles),
+                decimal(float(found.height[i]) / report.metre, digits),
+                *(sigma if report.free("point", name) else ["held"] * 3),
+            ]
+        )
+    header = ["point", f"latitude [{unit}]", f"longitude [{unit}]", f"height [{length}]"]
+    header += [f"σ {a} [{small}]" for a in EAST_NORTH_UP]
+    words = (
+        f"latitude (north positive) and longitude (east positive) in {GEOGRAPHIC_UNIT_NAMES.get(unit, unit)}, "
+        "height above the ellipsoid; σ along east, north and up at the point"
+    )
+    heading = f"Latitude, longitude and ellipsoidal height ({frame.ellipsoid_name})"
+    return [*title(heading), *table(header, rows), *note, *paragraph(words)]
+
+
+def angle_digits(unit: str, digits: int, metre: float) -> int:
+    """Return the decimals of a latitude that show as much as ``digits`` decimals of a length.
+
+    Args:
+        unit: unit of the latitude.
+        digits: decimals of the length.
+        metre: unit of the length, metres.
+    """
+    one = MEAN_EARTH_RADIUS * ANGLE["arcsec" if unit == "dms" else unit] / metre
+    return max(int(-(-(digits + log10(one) - ANGLE_DIGIT_TOLERANCE) // 1)), 0)
+
+
+def geographic_columns(report: Report) -> dict[str, list[str]]:
+    """Return the columns of points.csv; none in a local frame."""
+    found = report.geographic
+    if found is None:
+        return {}
+    unit, small = report.units.geographic, report.units.sigma_length
+    length, metre = report.units.length, report.metre
+    fine, digits = (
+        angle_digits(unit, RESOLVED_DECIMALS, 1.0),
+        max(RESOLVED_DECIMALS + exponent(metre), 0),
+    )
+
+    def angles(values: Array) -> list[str]:
+        return [without_trailing_zeros(format_angle(v, unit, fine), unit) for v in values.tolist()]
+
+    out = {
+        "latitude": angles(found.latitude),
+        "longitude": angles(found.longitude),
+        "geographic_unit": [unit] * len(found.height),
+        "height": [
+            without_trailing_zeros(decimal(v / metre, digits), length)
+            for v in found.height.tolist()
+        ],
+    }
+    return out | {
+        f"sigma_{a}_{small}": figures(found.sigma[:, i] / report.small)
+        for i, a in enumerate(EAST_NORTH_UP)
+    }
+
+
+GRID_COLUMNS = ("easting", "northing", "grid_height")
+"""Columns of tables, where ``height`` is the ellipsoidal one."""
+RESOLUTION_IN_TEXT_RAD, RESOLUTION_IN_TABLES_RAD = 1e-6, 1e-9
+"""Resolution of the convergence and of ω, φ, κ in the protocol and in tables, radians."""
+
+
+def reference_system_line(report: Report) -> list[str]:
+    """Return the line of the overview that names the reference system."""
+    system = report.network.crs
+    if system is None:
+        return []
+    if report.no_grid:
+        return [f"  system         {system.definition}"]
+    return [f"  system         {system.name}; heights: {system.vertical}"]
+
+
+def grid_section(report: Report) -> list[str]:
+    """Return easting, northing and height with σ, convergence and factors of the points."""
+    found, system = report.grid, report.network.crs
+    if system is None or isinstance(report.network.frame, LocalFrame):
+        return []
+    if found is None:
+        return [*title("Grid coordinates"), *paragraph(f"none: {report.no_grid}")]
+    if not found.names:
+        return []
+    places, digits = decimals_of_points(report)
+    p, angle = found.places, report.units.angle
+    shown, note = report.cut(list(found.names), "points", "points.csv")
+    number = {n: i for i, n in enumerate(found.names)}
+    rows = []
+    for name in shown:
+        i = number[name]
+        sigma = [f"{s / report.small:.{places}f}" for s in p.sigma[i].tolist()]
+        rows.append(
+            [
+                name,
+                *(decimal(v / report.metre, digits) for v in p.coordinates[i].tolist()),
+                *(sigma if report.free("point", name) else ["held"] * 3),
+                _signed(float(p.convergence[i]), angle),
+                f"{(p.scale[i] - 1.0) * 1e6:+.1f}",
+                f"{(p.combined[i] - 1.0) * 1e6:+.1f}",
+            ]
+        )
+    length, small = report.units.length, report.units.sigma_length
+    header = ["point", *(f"{a} [{length}]" for a in "ENH"), *(f"σ {a} [{small}]" for a in "ENH")]
+    header += [f"γ [{angle}]", "k−1 [ppm]", "c−1 [ppm]"]
+    words = (
+        f"{system.name}; heights: {system.vertical}. γ is the azimuth of grid north, k the scale "
+        "of the projection, c the combined factor: length in the grid / level length at the point"
+    )
+    return [*title("Grid coordinates"), *table(header, rows), *note, *paragraph(words)]
+
+
+def grid_photos_section(report: Report) -> list[str]:
+    """Return easting, northing and height of the photos, and ω, φ, κ from the axes of the grid."""
+    found = report.grid_photos
+    if found is None or isinstance(report.network.frame, LocalFrame) or not found.names:
+        return []
+    places, digits = decimals_of_points(report)
+    angle, length = report.units.angle, report.units.length
+    small, small_angle = report.units.sigma_length, report.units.sigma_angle
+    shown, note = report.cut(list(found.names), "photos", "photos.csv")
+    rows = []
+    for i, name in enumerate(shown):
+        sigma = [f"{s / report.small:.{places}f}" for s in found.places.sigma[i].tolist()]
+        turns = [f"{s / report.radian:.2f}" for s in found.sigma_angles[i].tolist()]
+        at = found.places.coordinates[i].tolist()
+        shown_angles = (_signed(v, angle) for v in found.angles[i].tolist())
+        rows.append([name, *(decimal(v / report.metre, digits) for v in at), *shown_angles])
+        if report.free("pose", name):
+            rows.append([f"σ [{small}, {small_angle}]", *sigma, *turns])
+    header = ["photo", *(f"{a} [{length}]" for a in "ENH"), *(f"{a} [{angle}]" for a in "ωφκ")]
+    words = "ω, φ, κ count from easting, northing and the vertical at the photo"
+    heading = "Exterior orientation in the grid"
+    return [*title(heading), *table(header, rows), *note, *paragraph(words)]
+
+
+def _signed(value: float, unit: str, fine: float = RESOLUTION_IN_TEXT_RAD) -> str:
+    """Return an angle from −π to π to some fine."""
+    wrapped = (value + pi) % (2.0 * pi) - pi
+    one = ANGLE["arcsec" if unit == "dms" else unit]
+    return format_angle(wrapped, unit, max(int(-np.floor(np.log10(fine / one))), 0))
+
+
+def grid_columns(report: Report) -> dict[str, list[str]]:
+    """Return the columns of points.csv; none without grid coordinates."""
+    found = report.grid
+    if found is None or isinstance(report.network.frame, LocalFrame):
+        return {}
+    p, length, angle = found.places, report.units.length, report.units.angle
+    digits, small = max(RESOLVED_DECIMALS + exponent(report.metre), 0), report.units.sigma_length
+    out = {
+        a: [
+            without_trailing_zeros(decimal(v / report.metre, digits), length)
+            for v in p.coordinates[:, i].tolist()
+        ]
+        for i, a in enumerate(GRID_COLUMNS)
+    }
+    out |= {
+        f"sigma_{a}_{small}": figures(p.sigma[:, i] / report.small)
+        for i, a in enumerate(GRID_COLUMNS)
+    }
+    out["undulation"] = [
+        without_trailing_zeros(decimal(v / report.metre, digits), length) for v in p.undulation
+    ]
+    out[f"convergence_{angle if angle != 'dms' else 'deg'}"] = figures(
+        p.convergence / ANGLE["deg" if angle == "dms" else angle]
+    )
+    return out | {
+        "scale": [f"{v:.10f}" for v in p.scale.tolist()],
+        "combined_factor": [f"{v:.10f}" for v in p.combined.tolist()],
+    }
+
+
+def grid_photo_columns(report: Report) -> dict[str, list[str]]:
+    """Return the columns of photos.csv; none without grid coordinates."""
+    found = report.grid_photos
+    if found is None or isinstance(report.network.frame, LocalFrame):
+        return {}
+    p, length, angle = found.places, report.units.length, report.units.angle
+    small, small_angle = report.units.sigma_length, report.units.sigma_angle
+    digits = max(RESOLVED_DECIMALS + exponent(report.metre), 0)
+    out = {
+        a: [
+            without_trailing_zeros(decimal(v / report.metre, digits), length)
+            for v in p.coordinates[:, i].tolist()
+        ]
+        for i, a in enumerate(GRID_COLUMNS)
+    }
+    about = ("omega", "phi", "kappa")
+    for i, a in enumerate(about):
+        out[f"{a}_grid"] = [
+            _signed(v, angle, RESOLUTION_IN_TABLES_RAD) for v in found.angles[:, i].tolist()
+        ]
+    out |= {
+        f"sigma_{a}_{small}": figures(p.sigma[:, i] / report.small)
+        for i, a in enumerate(GRID_COLUMNS)
+    }
+    return out | {
+        f"sigma_{a}_grid_{small_angle}": figures(found.sigma_angles[:, i] / report.radian)
+        for i, a in enumerate(about)
+    }
+
+
+def grid_record(report: Report, number: int) -> dict[str, object]:
+    """Return the fields of a point in results.json, metres and radians; none without a grid."""
+    found = report.grid
+    if found is None or isinstance(report.network.frame, LocalFrame):
+        return {}
+    p = found.places
+    return {
+        "grid": p.coordinates[number].tolist(),
+        "sigma_grid": p.sigma[number].tolist(),
+        "convergence": float(p.convergence[number]),
+        "scale": float(p.scale[number]),
+        "combined_factor": float(p.combined[number]),
+    }

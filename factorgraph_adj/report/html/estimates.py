@@ -1,0 +1,426 @@
+"""Tables of estimates: points, photos, lines, calibrations, other unknowns, shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from ...graph.variables import camera_of_calibration
+from ...models.variables import UNKNOWNS
+from ...quality.point_precision import check_points as compare
+from ...units import ANGLE, decimal, decimal_angle, format_angle, format_turn
+from ..adjusted_coordinates import (
+    decimals_of_points,
+    ellipse_columns,
+    held_components_of_pose,
+    image_statistics_by_photo,
+    place_name,
+    rounded_azimuth,
+)
+from ..adjustment_report import Report
+from ..geodetic_coordinates import angle_digits
+from ..layout import decimals, percent, short, with_sigma
+from ..plots.point_symbols import point_status
+from ..reliability import point_redundancy
+from ..unknowns import STRONG_CORRELATION, unknown_components
+from .rendering import NO_FIGURE, Column, ColumnHead, Sheet, Texts, columns_from_rows, filled_sheet
+
+NEW_POINT = "new"
+"""What a point is that is nothing else."""
+POINT_STATES = ("held", "part", "known", "check", "datum", "station", NEW_POINT, "side_shot")
+"""Keys of what a point may be; the first that fits is shown, and `NEW` where none does."""
+
+
+def point_states(report: Report) -> list[str]:
+    """Return the key of what each point is, one of `STATES`."""
+    status = point_status(report.solution)
+    out = np.full(len(report.network.points), NEW_POINT, dtype=object)
+    for key in reversed([k for k in POINT_STATES if k != NEW_POINT]):
+        out[getattr(status, key)] = key
+    return [str(k) for k in out]
+
+
+def largest_tests(report: Report) -> np.ndarray:
+    """Return the largest |w| or |τ| of the observations of each point; NaN without any, (n,)."""
+    out = np.full(len(report.network.points), np.nan)
+    values = report.tests[0]
+    if not len(values):
+        return out
+    for block in report.solution.equations.blocks:
+        size = np.abs(values[block.rows].reshape(block.observed.shape))
+        largest = np.fmax.reduce(size, axis=1)
+        for kind, index in block.variables:
+            if kind == "point":
+                np.fmax.at(out, index, largest)
+    return out
+
+
+def points_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return adjusted coordinates with standard deviations, ellipses and redundancy."""
+    network, units, given = report.network, report.units, report.network.points
+    places, digits = decimals_of_points(report)
+    x = report.solution.state["point"] / report.metre
+    columns = [
+        Column(t("col.point"), list(given)),
+        Column(t("col.state"), [t(f"state.{k}") for k in point_states(report)]),
+    ]
+    for i, a in enumerate("xyz"):
+        values = [decimal(v, digits) for v in x[:, i].tolist()]
+        columns.append(Column(f"{a} [{units.length}]", values, True))
+    if not report.singular:
+        sigmas = np.array([report.sigmas[n] for n in given]).reshape(-1, 3) / report.small
+        for i, a in enumerate("xyz"):
+            held = [p.fixed[i] for p in given.values()]
+            cells = [
+                t("held") if h else f"{s:.{places}f}"
+                for h, s in zip(held, sigmas[:, i].tolist(), strict=True)
+            ]
+            columns.append(Column(f"σ{a} [{units.sigma_length}]", cells, True))
+        header, cells_of, _ = ellipse_columns(report, places)
+        for i, head in enumerate(header):
+            values = [cells_of[n][i] if n in cells_of else "" for n in given]
+            title = head.replace("azimuth", t("col.azimuth"))
+            columns.append(Column(title, values, True, t("help.ellipse")))
+        columns += _geographic(report, t, digits)
+    if report.reliability is not None:
+        counts = point_redundancy(report.reliability)
+        mean = counts.redundancy / np.maximum(counts.rows, 1)
+        columns += [
+            Column(t("col.scalars"), [str(n) for n in counts.rows.tolist()], True),
+            Column(
+                t("col.mean_r"),
+                [
+                    f"{max(v, 0.0):.2f}" if n else NO_FIGURE
+                    for v, n in zip(mean.tolist(), counts.rows.tolist(), strict=True)
+                ],
+                True,
+                t("help.r"),
+            ),
+            Column(
+                f"max |{'τ' if report.pope else 'w'}|",
+                [f"{v:.2f}" if isfinite(v) else NO_FIGURE for v in largest_tests(report).tolist()],
+                True,
+                t("help.test"),
+            ),
+        ]
+    notes = [t("points.reference")] if report.solution.datum is not None else []
+    if report.options.confidence is not None:
+        notes.append(t("points.ellipses", level=percent(report.options.confidence)))
+    if not network.points:
+        return None
+    return filled_sheet("points", t("points.caption"), columns, notes=notes)
+
+
+def _geographic(report: Report, t: Texts, digits: int) -> list[Column]:
+    found = report.geographic
+    if found is None:
+        return []
+    unit, small = report.units.geographic, report.units.sigma_length
+    fine = angle_digits(unit, digits, report.metre)
+    out = []
+    for key, values in (("col.latitude", found.latitude), ("col.longitude", found.longitude)):
+        cells = [format_angle(v, unit, fine) for v in values.tolist()]
+        out.append(Column(f"{t(key)} [{unit}]", cells, unit != "dms"))
+    heights = [decimal(v / report.metre, digits) for v in found.height.tolist()]
+    out.append(Column(f"{t('col.height')} [{report.units.length}]", heights, True))
+    for i, a in enumerate("ENU"):
+        sigmas = [short(v) for v in (found.sigma[:, i] / report.small).tolist()]
+        out.append(Column(f"σ{a} [{small}]", sigmas, True))
+    return out
+
+
+def check_points_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return the differences at check points, with mean, RMS and expected RMS as notes."""
+    if report.singular:
+        return None
+    found = compare(report.solution)
+    if not found.names:
+        return None
+    unit = report.units.sigma_length
+    d = found.differences / report.small
+    places = decimals(np.abs(d[np.isfinite(d)]).tolist(), default=2, most=5)
+
+    def cell(value: float) -> str:
+        return decimal(value, places) if isfinite(value) else NO_FIGURE
+
+    columns = [Column(t("col.point"), list(found.names))]
+    for i, a in enumerate("xyz"):
+        columns.append(Column(f"d{a} [{unit}]", [cell(v) for v in d[:, i].tolist()], True))
+    for name, values in (
+        (f"√(dx²+dy²) [{unit}]", np.hypot(d[:, 0], d[:, 1])),
+        (f"√(dx²+dy²+dz²) [{unit}]", np.sqrt(np.sum(d**2, axis=1))),
+    ):
+        columns.append(Column(name, [cell(v) for v in values.tolist()], True))
+    for i, a in enumerate("xyz"):
+        ratio = found.normalised[:, i].tolist()
+        cells = [decimal(v, 2) if isfinite(v) else NO_FIGURE for v in ratio]
+        columns.append(Column(f"d{a}/σ", cells, True, t("help.check_ratio")))
+
+    def three(values: np.ndarray) -> str:
+        return ", ".join(cell(v) for v in (values / report.small).tolist())
+
+    note = t(
+        "check.note",
+        unit=unit,
+        mean=three(found.mean),
+        rms=three(found.rms),
+        expected=three(found.rms_sigma),
+    )
+    return filled_sheet("check", t("check.caption"), columns, notes=[note])
+
+
+def photos_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return exterior orientations with their standard deviations, points and RMS."""
+    network, units = report.network, report.units
+    if not network.photos:
+        return None
+    counts, norms = image_statistics_by_photo(report)
+    digits = {"dms": 1, "rad": 6, "mrad": 3, "mgon": 1, "cc": 0, "arcsec": 0}.get(units.angle, 4)
+    rows = []
+    for name, photo in network.photos.items():
+        rms = f"{norms[name]:.2f}" if counts[name] else NO_FIGURE
+        cells = [name, photo.camera, str(counts[name]), rms]
+        if report.singular:
+            rows.append(cells)
+            continue
+        pose = report.poses[name]
+        cells += [decimal(v / report.metre, 4) for v in pose.position]
+        sigmas = [s / report.small for s in pose.sigma_position]
+        sigmas += [s / report.radian for s in pose.sigma_angles]
+        all_held = not report.free("pose", name)
+        held = [all_held or h for h in held_components_of_pose(photo.fixed)]
+        shown = [t("held") if h else short(s) for s, h in zip(sigmas, held, strict=True)]
+        angles = [format_angle(v, units.angle, digits) for v in pose.angles]
+        rows.append([*cells, *shown[:3], *angles, *shown[3:]])
+    number = units.angle != "dms"
+    heads: list[ColumnHead] = [(t("col.photo"), False), (t("col.camera"), False)]
+    heads += [(t("col.image_points"), True), ("RMS v/σ", True)]
+    if not report.singular:
+        names = ("X0", "Y0", "Z0")
+        heads += [(f"{a} [{units.length}]", True) for a in names]
+        heads += [(f"σ {a} [{units.sigma_length}]", True) for a in names]
+        heads += [(f"{a} [{units.angle}]", number) for a in "ωφκ"]
+        heads += [(f"σ {a} [{units.sigma_angle}]", True) for a in "ωφκ"]
+    return filled_sheet("photos", t("photos.caption"), columns_from_rows(heads, rows))
+
+
+def lines_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return adjusted distances, azimuths and rises with relative error ellipses."""
+    units, small = report.units, report.units.sigma_length
+    rows = []
+    for x in report.lines:
+        azimuth = format_turn(x.azimuth, units.angle, 5) if isfinite(x.azimuth) else NO_FIGURE
+        a, b = x.ellipse.semi_axes
+        rows.append(
+            [
+                place_name(x.a),
+                place_name(x.b),
+                decimal(x.distance / report.metre, 5),
+                short(x.sigma_distance / report.small),
+                short(x.ppm),
+                azimuth,
+                short(x.sigma_azimuth / report.radian),
+                decimal(x.rise / report.metre, 5),
+                short(x.sigma_rise / report.small),
+                short(a / report.small),
+                short(b / report.small),
+                rounded_azimuth(report, x.ellipse.azimuth) if a > 0 else NO_FIGURE,
+            ]
+        )
+    heads: list[ColumnHead] = [
+        (t("col.from"), False),
+        (t("col.to"), False),
+        (f"{t('col.distance')} [{units.length}]", True),
+        (f"σ [{small}]", True),
+        ("ppm", True),
+        (f"{t('col.azimuth')} [{units.angle}]", units.angle != "dms"),
+        (f"σ [{units.sigma_angle}]", True),
+        (f"{t('col.rise')} [{units.length}]", True),
+        (f"σ [{small}]", True),
+        (f"a [{small}]", True),
+        (f"b [{small}]", True),
+        (f"{t('col.azimuth')} a [{units.angle}]", units.angle != "dms"),
+    ]
+    level = report.options.confidence
+    note = t("lines.standard") if level is None else t("points.ellipses", level=percent(level))
+    return filled_sheet("lines", t("lines.caption"), columns_from_rows(heads, rows), notes=[note])
+
+
+MAX_CALIBRATIONS_SHOWN = 20
+"""Largest number of calibrations that have a table and a matrix of their own."""
+
+
+@dataclass(frozen=True)
+class CalibrationCorrelations:
+    """Correlations of the free parameters of a calibration."""
+
+    names: Sequence[str]
+    """Parameters, k."""
+    cells: Sequence[Sequence[tuple[str, bool]]]
+    """Correlation as text, and whether it is strong, k rows of k."""
+
+
+@dataclass(frozen=True)
+class CalibrationSheet:
+    """A calibration as the report shows it."""
+
+    name: str
+    """Name of the camera, or camera@photo."""
+    camera: str
+    """Name of its camera."""
+    sheet: Sheet
+    """Its parameters."""
+    correlations: CalibrationCorrelations | None
+    """Their correlations; None for fewer than two free parameters."""
+
+
+def calibration_sheets(report: Report, t: Texts) -> tuple[list[CalibrationSheet], int]:
+    """Return the first calibrations, and the number of all."""
+    if report.singular:
+        return [], 0
+    names = list(report.calibrations)
+    shown = enumerate(names[:MAX_CALIBRATIONS_SHOWN])
+    return [_calibration(report, t, i, name) for i, name in shown], len(names)
+
+
+def _calibration(report: Report, t: Texts, number: int, name: str) -> CalibrationSheet:
+    camera, e, rows = camera_of_calibration(report.network, name), report.calibrations[name], []
+    for i, parameter in enumerate(e.names):
+        value, sigma = float(e.values[i]), float(e.sigmas[i])
+        if camera.fixed[i]:
+            if value != 0.0 or i < 3:
+                rows.append([parameter, f"{value + 0.0:.8g}", t("held"), NO_FIGURE, NO_FIGURE, ""])
+            continue
+        given = float(camera.values[i])
+        change = decimal((value - given) / sigma, 1) if sigma > 0 and isfinite(given) else NO_FIGURE
+        tested = report.tested("calibration", name, parameter)
+        test, verdict = NO_FIGURE, ""
+        if tested is not None and (tested.additional or tested.weighted):
+            test = decimal(tested.t, 2)
+            verdict = t("significant" if tested.significant else "not_significant")
+            verdict = f"{t('weighted')}, {verdict}" if tested.weighted else verdict
+        rows.append([parameter, with_sigma(value, sigma), f"{sigma:.2g}", change, test, verdict])
+    heads: list[ColumnHead] = [
+        (t("col.parameter"), False),
+        (f"{t('col.value')} [{camera.unit}]", True),
+        ("σ", True),
+        (t("col.change"), True, t("help.change")),
+        ("t", True, t("help.t")),
+        (t("col.verdict"), False),
+    ]
+    found = report.significance
+    note = ""
+    if found is not None:
+        level = percent(1 - found.alpha)
+        note = t("calibration.note", critical=f"{found.critical:.2f}", level=level)
+    caption = t("calibration.caption", name=name, lens=camera.lens.kind, unit=camera.unit)
+    made = filled_sheet(
+        f"calibration-{number}", caption, columns_from_rows(heads, rows), notes=[note]
+    )
+    assert made is not None, "a calibration has parameters"
+    return CalibrationSheet(
+        name, camera.name, made, _correlations(e.names, e.correlation, camera.fixed)
+    )
+
+
+def _correlations(
+    names: Sequence[str], matrix: np.ndarray, fixed: Sequence[bool]
+) -> CalibrationCorrelations | None:
+    free = [i for i, held in enumerate(fixed) if not held]
+    if len(free) < 2:
+        return None
+    strong = (np.abs(matrix) >= STRONG_CORRELATION) & ~np.eye(len(matrix), dtype=bool)
+    cells = [[(decimal(float(matrix[i, j]), 2), bool(strong[i, j])) for j in free] for i in free]
+    return CalibrationCorrelations([names[i] for i in free], cells)
+
+
+def orientations_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return the orientation unknowns of the sets of directions."""
+    if report.singular:
+        return None
+    units, rows = report.units, []
+    digits = {"dms": 2, "deg": 6, "rad": 8, "mgon": 2, "cc": 1, "arcsec": 2}.get(units.angle, 5)
+    for station, chosen in report.network.orientations:
+        e = report.solution.orientation(station, chosen)
+        free = report.free("orientation", f"{station}/{chosen}")
+        sigma = short(float(e.sigmas[0]) / report.radian) if free else t("held")
+        rows.append([station, chosen, format_turn(float(e.values[0]), units.angle, digits), sigma])
+    heads: list[ColumnHead] = [
+        (t("col.station"), False),
+        (t("col.set"), False),
+        (f"{t('col.orientation')} [{units.angle}]", units.angle != "dms"),
+        (f"σ [{units.sigma_angle}]", True),
+    ]
+    return filled_sheet("orientations", t("orientations.caption"), columns_from_rows(heads, rows))
+
+
+def other_unknowns_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return refraction, verticals, distance meters, frames and further kinds of unknowns."""
+    if report.singular:
+        return None
+    rows = []
+    for u in unknown_components(report):
+        value, sigma = u.value / u.size, u.sigma / u.size
+        held = u.state == "held"
+        tested = report.tested(u.kind, u.name, u.component)
+        test, verdict = NO_FIGURE, t(f"unknown.{u.state}")
+        if tested is not None:
+            test = decimal(tested.t, 2)
+            verdict += f", {t('significant' if tested.significant else 'not_significant')}"
+        shown = f"{value + 0.0:.5g}" if held else with_sigma(value, sigma)
+        cells = [t.kind(UNKNOWNS[u.kind].title), u.name, u.sign, shown]
+        rows.append([*cells, t("held") if held else short(sigma), u.unit, test, verdict])
+    heads: list[ColumnHead] = [
+        (t("col.kind"), False),
+        (t("col.name"), False),
+        (t("col.parameter"), False),
+        (t("col.value"), True),
+        ("σ", True),
+        (t("col.unit"), False),
+        ("t", True, t("help.t")),
+        (t("col.state"), False),
+    ]
+    return filled_sheet("others", t("others.caption"), columns_from_rows(heads, rows))
+
+
+def shapes_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return planes, lines, circles and other shapes as engineers state them."""
+    units, rows = report.units, []
+    angle = decimal_angle(units.angle)
+    for s in report.shapes:
+        sigma = np.sqrt(np.maximum(np.diag(s.covariance), 0.0)) / report.small
+        axis = "" if np.isnan(s.axis).any() else " ".join(decimal(float(v), 5) for v in s.axis)
+        sizes = []
+        for size in s.sizes:
+            turn = UNKNOWNS[size.kind].components[0].quantity == "angle"
+            unit, one = (angle, ANGLE[angle]) if turn else (units.length, report.metre)
+            sizes.append(f"{size.attribute} {with_sigma(size.value / one, size.sigma / one)}")
+            sizes[-1] += f" ± {short(size.sigma / one)} {unit}"
+        rows.append(
+            [
+                s.name,
+                t.kind(s.shape),
+                str(s.points),
+                *(decimal(float(v) / report.metre, 5) for v in s.place),
+                *(short(float(v)) for v in sigma),
+                axis,
+                "; ".join(sizes),
+                short(s.rms / report.small),
+                short(s.largest / report.small),
+            ]
+        )
+    heads: list[ColumnHead] = [
+        (t("col.shape"), False),
+        (t("col.kind"), False),
+        (t("col.points"), True),
+        *((f"{a} [{units.length}]", True) for a in "XYZ"),
+        *((f"σ{a} [{units.sigma_length}]", True) for a in "XYZ"),
+        (t("col.axis"), False),
+        (t("col.size"), False),
+        (f"RMS v [{units.sigma_length}]", True),
+        (f"max v [{units.sigma_length}]", True),
+    ]
+    return filled_sheet("shapes", t("shapes.caption"), columns_from_rows(heads, rows))

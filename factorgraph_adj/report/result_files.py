@@ -1,0 +1,487 @@
+"""A solution, or that of a network in parts, as files: text, results.json, CSV tables.
+
+The names of the columns, or a column beside the value, state the units of CSV tables.
+results.json has metres, radians and image units throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from math import isfinite, nan
+from pathlib import Path
+
+import numpy as np
+
+from ..control_characters import escaped
+from ..errors import known
+from ..graph.variables import camera_of_calibration
+from ..io.csv_tables import write_columns, write_table
+from ..io.file_transaction import write_files
+from ..io.numbers import Units
+from ..models.variables import UNKNOWNS, VariableKind
+from ..parts.solution import PartResult, PartsSolution
+from ..quality.derived_quantities import place_of_frame
+from ..quality.variance_components import VarianceComponents
+from ..solve.solution import Solution
+from ..statistical_tests import global_test
+from ..units import decimal
+from . import image_axes
+from .adjusted_coordinates import (
+    figure,
+    image_statistics_by_photo,
+    lines_table,
+    photo_ellipsoid_columns,
+    point_ellipse_columns,
+)
+from .adjusted_observations import figures, observations_table, snooping_table
+from .adjustment_report import Report
+from .doubtful_results import unknowns_left_out
+from .frames_and_shapes import measured_frames, shapes_table
+from .geodetic_coordinates import geographic_columns, grid_columns, grid_photo_columns
+from .gross_errors import unit_of_error
+from .layout import LINE_WIDTH, paragraph, table, title
+from .observation_rows import ReportRows, all_digits
+from .options import Provenance, ReportOptions, Run
+from .results_json import results_text
+from .text import render_text, run_lines
+from .unknowns import unknown_components
+
+MAX_REPEATED_LISTED = 20
+"""Largest number of repeated observations that a protocol lists."""
+MEGABYTE = 1e6
+"""Bytes of a megabyte."""
+MILLIMETRE = 1e-3
+"""Metres of a millimetre."""
+
+
+def parts_protocol(solution: PartsSolution, run: Run | None = None) -> str:
+    """Return the protocol of an adjustment in parts: the whole, its parts, the largest tests."""
+    sections = (
+        _whole_network(solution, run or Run()),
+        [line for said in unknowns_left_out(solution) for line in paragraph(said)],
+        _repeated(solution),
+        _part_rows(solution),
+        _part_tests(solution),
+    )
+    lines = [line.rstrip() for section in sections if section for line in [*section, ""]]
+    return escaped("\n".join(lines[:-1]) + "\n")
+
+
+def write_parts(solution: PartsSolution, folder: str | Path, run: Run | None = None) -> None:
+    """Write protocol.txt, points.csv, unknowns.csv and observations.csv; an error writes none.
+
+    Args:
+        solution: the result of `adjust_parts`.
+        folder: the folder; it is created if missing.
+        run: file, date and options of the run.
+
+    Raises:
+        InputError: the folder cannot be written to; no file has changed.
+    """
+    points: dict[str, list[str]] = {}
+    unknowns: dict[str, list[str]] = {}
+    observations: dict[str, list[str]] = {}
+    seen: set[str] = set()
+    for name, part in solution.results():
+        _add(unknowns, _part_unknowns(name, part, seen))
+        _add(points, _part_points(name, part, seen))
+        _add(observations, _part_observations(name, part))
+    write_files(
+        folder,
+        {
+            "protocol.txt": parts_protocol(solution, run),
+            "points.csv": write_columns(points),
+            "unknowns.csv": write_columns(unknowns) if unknowns["name"] else None,
+            "observations.csv": write_columns(observations),
+        },
+    )
+
+
+# -- protocol -------------------------------------------------------------------------------------
+
+
+def _whole_network(s: PartsSolution, run: Run) -> list[str]:
+    test = global_test(s)
+    kinds = ", ".join(
+        f"{n} {UNKNOWNS[kind].noun}{'s' * (n != 1)}" for kind, n in s.junctions.by_kind().items()
+    )
+    ended = "converged" if s.converged else "NOT CONVERGED"
+    largest = max(p.memory for p in s.quality.parts)
+    name = s.name or known((job.part.name for job in s.jobs), most=4)
+    out = [
+        f"Adjustment of {name} in {len(s.jobs)} part{'s' * (len(s.jobs) != 1)}",
+        "=" * LINE_WIDTH,
+        *run_lines(run, width=22),
+        f"  observations n        {s.n_observations}",
+        f"  unknowns u            {s.n_unknowns}",
+        f"  redundancy n − u      {s.redundancy}; redundancy numbers sum to "
+        f"{s.sum_of_redundancy_numbers:.6f}",
+        f"  junctions             {kinds or 'none'}; {s.junctions.n_columns} components",
+        f"  iterations            {s.iterations}, {ended}: {s.reason}",
+        "  second places         "
+        + ("; ".join(s.second_places) or "none found; points that parts share are not examined"),
+        f"  vᵀPv                  {s.vtpv:.6g}",
+    ]
+    if test.redundancy <= 0:
+        out.append("  σ̂0                    no redundancy: no observation checks another")
+    else:
+        verdict = "accepted" if test.accepted else "REJECTED"
+        out += [
+            f"  σ̂0                    {test.sigma0:.5f} (a priori 1)",
+            f"  global test           {verdict}: χ², two-sided, {100 * (1 - test.alpha):.0f} %, "
+            f"{test.lower:.4f} ≤ σ̂0 ≤ {test.upper:.4f}",
+        ]
+    scaled = s.quality.totals.variance_factor
+    how = "a priori" if scaled == 1.0 else f"a posteriori: multiplied by {scaled**0.5:.5f}"
+    return [
+        *out,
+        f"  precision             all σ of unknowns are {how}",
+        f"  traffic               {s.received / MEGABYTE:.1f} MB from the parts, "
+        f"{s.sent / MEGABYTE:.1f} MB to them",
+        *([f"  memory of a process   {largest / MEGABYTE:.0f} MB at most"] if largest else []),
+    ]
+
+
+def _repeated(s: PartsSolution) -> list[str]:
+    if not s.repeated:
+        return []
+    note = "They agree in unknowns and all digits. Each counts: leave out what is the same."
+    rows = [[part, label] for part, label in s.repeated[:MAX_REPEATED_LISTED]]
+    more = len(s.repeated) - MAX_REPEATED_LISTED
+    return [
+        *title("Observations that several parts have"),
+        *table(["part", "observation"], rows, left=2),
+        *([f"  … and {more} more"] if more > 0 else []),
+        *paragraph(note),
+    ]
+
+
+def _part_rows(s: PartsSolution) -> list[str]:
+    rows = [
+        [
+            job.part.name,
+            str(b.n_rows),
+            str(b.n_unknowns),
+            str(len(columns)),
+            f"{q.redundancy:.3f}",
+            str(q.uncontrolled),
+            f"{max((abs(t.w) for t in q.largest), default=0.0):.2f}",
+        ]
+        for job, b, columns, q in zip(
+            s.jobs, s.begun, s.junctions.columns, s.quality.parts, strict=True
+        )
+    ]
+    header = ["part", "scalars", "own u", "junction u", "Σr", "not controlled", "max |w|"]
+    return [*title("Parts"), *table(header, rows)]
+
+
+def _part_tests(s: PartsSolution) -> list[str]:
+    rows = [
+        [part, t.label, decimal(t.w, 2), decimal(t.redundancy, 2)] for part, t in s.largest_tests
+    ]
+    return [*title("Largest test values"), *table(["part", "observation", "w", "r"], rows)]
+
+
+# -- tables ---------------------------------------------------------------------------------------
+
+
+def _add(columns: dict[str, list[str]], more: dict[str, list[str]]) -> None:
+    for name, texts in more.items():
+        columns.setdefault(name, []).extend(texts)
+
+
+def _part_points(name: str, part: PartResult, seen: set[str]) -> dict[str, list[str]]:
+    """Return the points of a part that no earlier part has."""
+    names = part.equations.unknowns["point"].names
+    on = [i for i, n in enumerate(names) if n not in seen]
+    seen.update(names)
+    x = part.state["point"][on]
+    sigma = np.sqrt(np.maximum(np.einsum("nii->ni", part.covariances["point"][on]), 0.0))
+    return {
+        "part": [name] * len(on),
+        "name": [names[i] for i in on],
+        **{a: [decimal(v, 6) for v in x[:, i].tolist()] for i, a in enumerate("xyz")},
+        **{f"sigma_{a}_mm": figures(sigma[:, i] / MILLIMETRE) for i, a in enumerate("xyz")},
+    }
+
+
+def _part_unknowns(name: str, part: PartResult, seen: set[str]) -> dict[str, list[str]]:
+    """Return the other unknowns of a part that no earlier part has, SI or image units."""
+    rows: list[tuple[str, str, str, str, str]] = []
+    tables = part.equations.unknowns
+    for kind, t in tables.tables.items():
+        if kind == "point":
+            continue
+        for number in np.flatnonzero(t.offset >= 0).tolist():
+            label = f"{kind} {t.names[number]}"
+            if label in seen:
+                continue
+            seen.add(label)
+            e = part.unknown(kind, number)
+            names, values, sigma = e.names, e.values, e.sigmas
+            sign = image_axes.signs_in_files(part.equations.network, kind, t.names[number], names)
+            values = values if sign is None else sign * values
+            for c, component in enumerate(names):
+                value = all_digits(float(values[c]))
+                rows.append((kind, t.names[number], component, value, f"{sigma[c]:.6g}"))
+    columns = ("kind", "name", "component", "value", "sigma")
+    found = {c: [row[i] for row in rows] for i, c in enumerate(columns)}
+    return {"part": [name] * len(rows), **found}
+
+
+def _part_observations(name: str, part: PartResult) -> dict[str, list[str]]:
+    """Return the observations of a part, SI and image units."""
+    ids: list[str] = []
+    labels: list[str] = []
+    components: list[str] = []
+    kinds: list[str] = []
+    units: list[str] = []
+    for block in part.equations.blocks:
+        d = block.dimension
+        ids += [block.ids[i] for i in range(block.n) for _ in range(d)]
+        labels += [block.labels(i) for i in range(block.n) for _ in range(d)]
+        components += [block.component(i, c) for i in range(block.n) for c in range(d)]
+        kinds += [block.kind] * (block.n * d)
+        units += [block.unit] * (block.n * d)
+    residuals = part.residuals()
+    sign = ReportRows(part.equations, residuals, Units()).signs()
+    return {
+        "part": [name] * len(ids),
+        "id": ids,
+        "observation": labels,
+        "kind": kinds,
+        "component": components,
+        "unit": units,
+        "residual": figures(sign * residuals),
+        "sigma": figures(part.equations.sigmas()),
+        "redundancy_number": figures(part.redundancy_numbers),
+        "w": figures(sign * part.w),
+        "smallest_detectable": figures(part.mdb),
+        "estimated_error": figures(sign * part.estimated_errors),
+    }
+
+
+UNKNOWN_COLUMNS = (
+    *("kind", "name", "component", "value", "sigma", "unit", "state"),
+    *("t", "significant"),
+)
+GIVEN_VALUE_COLUMNS = (
+    *("kind", "name", "component", "error", "sigma", "unit", "w"),
+    *("t2_together", "dof_together"),
+)
+RESULT_FILES = (
+    *("protocol.txt", "results.json", "observations.csv", "points.csv", "unknowns.csv"),
+    *("photos.csv", "shapes.csv", "relative.csv", "snooping.csv", "unknowns_left_out.csv"),
+    *("variance_components.csv", "given_values.csv"),
+)
+"""Files of a solution; those that it has no content for are removed."""
+COVARIANCE_PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
+
+
+def write_solution(
+    solution: Solution,
+    folder: str | Path,
+    options: ReportOptions | None = None,
+    provenance: Provenance | None = None,
+) -> None:
+    """Write protocol.txt, results.json and the CSV tables into a folder; an error writes none.
+
+    The tables have a header line with units in the names of the columns, such as ``sigma_x_mm``:
+    coordinates in metres or the unit of the project, angles in its unit of angles. Numbers are
+    written with the digits that bring the double precision back, so that they can be read as data;
+    latitudes, longitudes and heights, which are computed from X Y Z, to 10 nm. The
+    protocol rounds. `reference/command` lists every file and its columns. `adjust --out` writes the
+    same files.
+
+    Args:
+        solution: the result of `adjust`.
+        folder: the folder; it is created if missing, and files of an earlier solution are replaced.
+        options: as for `protocol`; the folder of the tables is set to ``folder``.
+        provenance: as for `protocol`.
+
+    Raises:
+        InputError: the folder cannot be written to; no file has changed.
+    """
+    there = replace(options or ReportOptions(), tables=str(folder))
+    write_tables(Report(solution, there, provenance or Provenance()), folder)
+
+
+def write_tables(report: Report, folder: str | Path) -> None:
+    """Write the files of a report, see `write_solution`."""
+    files: dict[str, str | None] = dict.fromkeys(RESULT_FILES)
+    files |= {
+        "protocol.txt": render_text(report),
+        "results.json": results_text(report),
+        "observations.csv": observations_table(report),
+        "shapes.csv": shapes_table(report) or None,
+        "relative.csv": lines_table(report) or None,
+        "snooping.csv": snooping_table(report) or None,
+        "unknowns_left_out.csv": _left_out_table(report)
+        if report.network.unknowns_left_out
+        else None,
+        "given_values.csv": _given_table(report) if report.given else None,
+    }
+    if report.components is not None:
+        files["variance_components.csv"] = _components_table(report.components)
+    if not report.singular:
+        files["points.csv"] = _points_table(report)
+        files["unknowns.csv"] = write_table(UNKNOWN_COLUMNS, _unknowns(report))
+        if report.network.photos:
+            files["photos.csv"] = _photos_table(report)
+    write_files(folder, files)
+
+
+# -- CSV ------------------------------------------------------------------------------------------
+
+
+def _left_out_table(report: Report) -> str:
+    gone = report.network.unknowns_left_out
+    columns = {name: [getattr(x, name) for x in gone] for name in ("kind", "name", "why")}
+    return write_columns(columns | {"observations": [" ".join(x.ids) for x in gone]})
+
+
+def _points_table(report: Report) -> str:
+    solution, length, small = report.solution, report.units.length, report.units.sigma_length
+    given = report.network.points
+    found = solution.state["point"]
+    columns = {"name": list(given)}
+    columns |= {
+        a: [all_digits(v, length) for v in found[:, i].tolist()] for i, a in enumerate("xyz")
+    }
+    columns["unit"] = [length] * len(given)
+    variances = np.maximum(np.einsum("nii->ni", solution.point_covariances), 0.0)
+    for i, a in enumerate("xyz"):
+        columns[f"sigma_{a}_{small}"] = figures(np.sqrt(variances[:, i]) / report.small)
+    for pair in COVARIANCE_PAIRS:
+        i, j = ("xyz".index(a) for a in pair)
+        covariance = solution.point_covariances[:, i, j] / report.small**2
+        columns[f"covariance_{pair}_{small}2"] = figures(covariance)
+    columns |= geographic_columns(report)
+    columns |= grid_columns(report)
+    columns |= point_ellipse_columns(report)
+    if any(p.side_shot for p in given.values()):
+        columns["side_shot"] = ["yes" if p.side_shot else "" for p in given.values()]
+    none = (nan, nan, nan)
+    check = np.array([p.check or none for p in given.values()], dtype=float).reshape(-1, 3)
+    for i, a in enumerate("xyz"):
+        columns[f"check_d{a}_{small}"] = figures((found[:, i] - check[:, i]) / report.small)
+    return write_columns(columns)
+
+
+def _photos_table(report: Report) -> str:
+    counts, norms = image_statistics_by_photo(report)
+    length, angle = report.units.length, report.units.angle
+    small, small_angle = report.units.sigma_length, report.units.sigma_angle
+    names = list(report.network.photos)
+    poses = [report.poses[n] for n in names]
+    columns = {"name": names, "camera": [f.camera for f in report.network.photos.values()]}
+    columns |= {a: [all_digits(p.position[i], length) for p in poses] for i, a in enumerate("xyz")}
+    columns["unit"] = [length] * len(names)
+    about = ("omega", "phi", "kappa")
+    columns |= {a: [all_digits(p.angles[i], angle) for p in poses] for i, a in enumerate(about)}
+    columns["angle_unit"] = [angle] * len(names)
+    for i, a in enumerate("xyz"):
+        columns[f"sigma_{a}_{small}"] = [figure(p.sigma_position[i] / report.small) for p in poses]
+    for i, a in enumerate(about):
+        sigmas = [figure(p.sigma_angles[i] / report.radian) for p in poses]
+        columns[f"sigma_{a}_{small_angle}"] = sigmas
+    columns |= grid_photo_columns(report)
+    columns |= photo_ellipsoid_columns(report)
+    columns["image_points"] = [str(counts[n]) for n in names]
+    columns["normalised_rms"] = [figure(norms[n]) for n in names]
+    return write_columns(columns)
+
+
+def _given_table(report: Report) -> str:
+    rows = []
+    for v in report.given:
+        t2 = figure(v.together.t2)
+        for i, (component, one) in enumerate(zip(v.components, v.apart, strict=True)):
+            unit, symbol = unit_of_error(report, v.sizes[i])
+            error, sigma = (figure(float(x[0]) / unit) for x in (one.error, one.sigma))
+            w = figure(float(v.w[i]))
+            dof = str(v.together.dof)
+            cells = (v.kind, v.name, component, error, sigma, symbol, w, t2, dof)
+            rows.append(dict(zip(GIVEN_VALUE_COLUMNS, cells, strict=True)))
+    return write_table(GIVEN_VALUE_COLUMNS, rows)
+
+
+def _components_table(found: VarianceComponents) -> str:
+    return write_columns(
+        {
+            "group": [c.name for c in found.components],
+            "scalars": [str(c.n) for c in found.components],
+            "redundancy": [figure(c.redundancy) for c in found.components],
+            "factor": [figure(c.factor) for c in found.components],
+            "sigma_factor": [figure(c.sigma) for c in found.components],
+            "freedom": [figure(c.freedom) for c in found.components],
+            "p_value": [figure(c.p_value) for c in found.components],
+            "lower_95": [figure(c.interval()[0]) for c in found.components],
+            "upper_95": [figure(c.interval()[1]) for c in found.components],
+            "state": [c.state for c in found.components],
+            "note": [c.note for c in found.components],
+        }
+    )
+
+
+def _unknowns(report: Report) -> Iterator[dict[str, str]]:
+    """Iterate over calibrations, orientation unknowns and small unknowns, by component."""
+    for name in report.calibrations:
+        camera = camera_of_calibration(report.network, name)
+        e = report.calibrations[name]
+        for i, parameter in enumerate(e.names):
+            weighted = isfinite(camera.sigma[i]) and not camera.fixed[i]
+            state = "held" if camera.fixed[i] else "weighted" if weighted else "free"
+            yield {
+                "kind": "calibration",
+                "name": name,
+                "component": parameter,
+                "value": all_digits(float(e.values[i])),
+                "sigma": figure(float(e.sigmas[i])),
+                "unit": camera.unit,
+                "state": state,
+                **_test(report, "calibration", name, parameter),
+            }
+    for (station, chosen), given in report.network.orientations.items():
+        found = report.solution.orientation(station, chosen)
+        yield {
+            "kind": "orientation",
+            "name": f"{station}/{chosen}",
+            "component": "orientation",
+            "value": all_digits(float(found.values[0]), "rad"),
+            "sigma": figure(float(found.sigmas[0])),
+            "unit": "rad",
+            "state": "held" if given.fixed[0] else "free",
+        }
+    for u in unknown_components(report):
+        yield {
+            "kind": u.kind,
+            "name": u.name,
+            "component": u.component,
+            "value": all_digits(u.value, u.unit),
+            "sigma": figure(u.sigma / u.size),
+            "unit": u.unit,
+            "state": u.state,
+            **_test(report, u.kind, u.name, u.component),
+        }
+    length = report.units.length
+    for name in measured_frames(report):
+        place = place_of_frame(report.solution, name)
+        for component, value, sigma in zip(place.names, place.values, place.sigmas, strict=True):
+            yield {
+                "kind": "frame",
+                "name": name,
+                "component": component,
+                "value": all_digits(float(value), length),
+                "sigma": figure(float(sigma) / report.metre),
+                "unit": length,
+                "state": "computed" if sigma > 0 else "held",
+            }
+
+
+def _test(report: Report, kind: VariableKind, name: str, component: str) -> dict[str, str]:
+    tested = report.tested(kind, name, component)
+    if tested is None:
+        return {}
+    return {"t": figure(tested.t), "significant": "yes" if tested.significant else "no"}

@@ -1,0 +1,490 @@
+"""results.json of an adjustment and of two epochs: results for programs, in SI units.
+
+``results.schema.json`` and ``epochs.schema.json`` beside this module describe every member.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+
+from ..crs.reference_system import ReferenceSystem
+from ..epochs.block_motion import BlockMotion
+from ..epochs.congruence_tests import HypothesisTest
+from ..frames import Frame, GeocentricFrame, LocalFrame
+from ..graph.variables import camera_of_calibration
+from ..quality.causes.evidence import Cause
+from ..quality.rejections import Rejected, Snooping, Unresolved
+from ..statistical_tests import global_test
+from ..version import __version__
+from .adjusted_coordinates import line_record
+from .adjustment_report import Report
+from .doubtful_results import notes_of_network, notes_of_solution
+from .epochs_report import EpochsReport
+from .geodetic_coordinates import grid_record
+from .layout import finite_json, json_text
+from .unknowns import unknown_components
+
+RESULTS_FORMAT = 2
+"""Version of results.json; it grows with every change that a reader could stumble over."""
+RESULTS_SCHEMA = "https://github.com/factorgraph-adj/factorgraph_adj/results-2.schema.json"
+"""Name of the schema of the format."""
+COVARIANCE_ORDER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Rows and columns of the covariance of a point in the order xx, xy, xz, yy, yz, zz."""
+
+
+def results_text(report: Report) -> str:
+    """Return results.json."""
+    return json_text(finite_json(results_record(report))) + "\n"
+
+
+def results_record(report: Report) -> dict[str, Any]:
+    """Return the content of results.json."""
+    s, network = report.solution, report.network
+    test = global_test(s)
+    run = {name: text for name, text in asdict(report.provenance.run).items() if text}
+    return {
+        "$schema": RESULTS_SCHEMA,
+        "format": RESULTS_FORMAT,
+        "program": f"factorgraph_adj {__version__}",
+        **({"run": run} if run else {}),
+        "name": network.name,
+        "units": {"length": "m", "angle": "rad"},
+        **frame_record(network.frame),
+        **({} if network.crs is None else {"reference_system": system_record(network.crs)}),
+        "converged": s.converged,
+        "reason": s.reason,
+        "iterations": s.iterations,
+        **({"start": list(s.begun)} if s.begun else {}),
+        **({"left_out": [str(left) for left in network.left_out]} if network.left_out else {}),
+        **({"extrapolated": asdict(s.extrapolated)} if s.extrapolated.count else {}),
+        "n_observations": s.n_observations,
+        "n_unknowns": s.n_unknowns,
+        "datum": "given" if s.datum is None else "free",
+        "datum_defect": s.datum_defect,
+        "redundancy": s.redundancy,
+        "vtpv": s.vtpv,
+        "sigma0": s.sigma0,
+        "variance": s.variance,
+        "global_test": {**asdict(test), "accepted": test.accepted},
+        "doubts": list(report.doubts),
+        **(
+            {"notes": notes}
+            if (notes := [*notes_of_solution(s), *notes_of_network(network)])
+            else {}
+        ),
+        **(
+            {"unknowns_left_out": [asdict(x) for x in network.unknowns_left_out]}
+            if network.unknowns_left_out
+            else {}
+        ),
+        "observation_groups": [
+            {
+                "kind": g.label,
+                "number": g.observations,
+                "scalars": g.scalars,
+                "normalised_rms": g.normalised_rms,
+                "largest": g.largest,
+            }
+            for g in report.rows.groups()
+        ],
+        "reliability": _reliability(report),
+        "causes": [] if report.causes is None else [_cause(c) for c in report.causes.likelier],
+        "undecided": [] if report.causes is None else list(report.causes.undecided),
+        **({} if report.snooping is None else {"snooping": _snooping(report, report.snooping)}),
+        **({} if report.components is None else {"variance_components": _components(report)}),
+        **({} if report.significance is None else {"parameters": _parameters(report)}),
+        **({} if report.singular else _unknown_values(report)),
+        **({"relative": [line_record(x) for x in report.lines]} if report.lines else {}),
+        "observations": _observations(report),
+    }
+
+
+def frame_record(frame: Frame) -> dict[str, Any]:
+    """Return the kind of a frame and its parameters, metres and radians."""
+    kind = "local" if isinstance(frame, LocalFrame) else "topocentric"
+    kind = "geocentric" if isinstance(frame, GeocentricFrame) else kind
+    stated = {f.name: getattr(frame, f.name) for f in fields(frame) if f.init}
+    of_frame = {n: list(v) if isinstance(v, tuple) else v for n, v in stated.items()}
+    return {"frame": kind, "frame_parameters": of_frame}
+
+
+def system_record(system: ReferenceSystem) -> dict[str, Any]:
+    """Return how a reference system was stated."""
+    stated = {
+        "definition": system.definition,
+        "geoid": system.geoid,
+        "heights": system.heights,
+        "datum": system.datum,
+        "parameters": None if system.parameters is None else asdict(system.parameters),
+    }
+    return {n: v for n, v in stated.items() if v is not None}
+
+
+def _observations(report: Report) -> dict[str, Sequence[Any]]:
+    """Return every scalar observation as columns, in the order of observations.csv."""
+    rows = report.rows.all()
+    sign = np.array([r.sign for r in rows], dtype=float)
+    sigmas = report.solution.observations.sigmas
+    columns: dict[str, Any] = dict(report.rows.identities)
+    del columns["unit"]
+    columns |= {
+        "observed": [r.observed for r in rows],
+        "residual": [r.residual for r in rows],
+        "adjusted": [r.adjusted for r in rows],
+        "sigma": sigmas.tolist(),
+    }
+    rel = report.reliability
+    if rel is not None:
+        columns |= {
+            "redundancy_number": rel.redundancy_numbers.tolist(),
+            "w": (sign * rel.w).tolist(),
+            "tau": (sign * rel.tau).tolist(),
+            "mdb": rel.mdb.tolist(),
+            "estimated_error": (sign * rel.estimated_errors).tolist(),
+            "controlled": rel.controlled.tolist(),
+        }
+    columns["source"] = [r.source for r in rows]
+    return columns
+
+
+def _reliability(report: Report) -> dict[str, Any]:
+    rel = report.reliability
+    if rel is None:
+        return {"reason": report.no_reliability}
+    r = rel.redundancy_numbers
+    values, critical = report.tests
+    size = np.where(np.isfinite(values), np.abs(values), 0.0)
+    above = np.flatnonzero(size > critical)
+    above = above[np.argsort(-size[above], kind="stable")][: report.options.most]
+    return {
+        "alpha": rel.alpha,
+        "power": rel.power,
+        "delta0": rel.delta0,
+        "critical_w": rel.critical_w,
+        "critical_tau": rel.critical_tau,
+        "test": "pope" if report.pope else "baarda",
+        "largest": float(size.max(initial=0.0)),
+        "above_critical": int(np.sum(size > critical)),
+        "uncontrolled": int(np.sum(~rel.controlled)),
+        "redundancy_number": {
+            "sum": float(r.sum()) + rel.redundancy_of_extra_factors,
+            "minimum": float(r.min()),
+            "mean": float(r.mean()),
+            "maximum": float(r.max()),
+        },
+        "observations": [
+            {
+                "kind": g.label,
+                "scalars": g.scalars,
+                "sum": float(r[g.rows].sum()),
+                "minimum": float(r[g.rows].min()),
+                "mean": float(r[g.rows].mean()),
+                "maximum": float(r[g.rows].max()),
+                "uncontrolled": int(np.sum(~rel.controlled[g.rows])),
+            }
+            for g in report.rows.groups()
+        ],
+        "suspects": [
+            {
+                "id": row.id,
+                "component": row.component,
+                "test_value": row.sign * float(values[row.number]),
+                "redundancy_number": float(r[row.number]),
+                "estimated_error": row.sign * float(rel.estimated_errors[row.number]),
+                "mdb": float(rel.mdb[row.number]),
+            }
+            for row in report.rows.at(above.tolist())
+        ],
+    }
+
+
+def _cause(c: Cause) -> dict[str, Any]:
+    return {
+        "cause": c.cause,
+        "where": c.where,
+        "components": list(c.components),
+        "quantities": list(c.sizes),
+        "error": c.error.tolist(),
+        "sigma": c.sigma.tolist(),
+        "t2": c.t2,
+        "dof": c.dof,
+        "critical": c.critical,
+        "ids": list(c.ids),
+    }
+
+
+def _snooping(report: Report, found: Snooping) -> dict[str, Any]:
+    def shown(r: Rejected | Unresolved) -> dict[str, Any]:
+        sign, found = report.sign_in_report(r), asdict(r)
+        turned = ("test", "estimated_error", "final_error", "final_test")
+        return found | {n: sign * found[n] for n in turned if n in found}
+
+    return {
+        "test": found.test,
+        "alpha": found.reliability.alpha,
+        "critical": found.critical,
+        "reason": found.reason,
+        "rounds": [asdict(r) for r in found.rounds],
+        "rejected": [
+            shown(r) | {"inseparable": [{"what": o, "correlation": c} for o, c in r.inseparable]}
+            for r in found.rejected
+        ],
+        "readmitted": list(found.readmitted),
+        "points_set_aside": [asdict(p) | {"rays": list(p.rays)} for p in found.points_set_aside],
+        "unresolved": [shown(u) for u in found.unresolved],
+    }
+
+
+def _components(report: Report) -> dict[str, Any]:
+    found = report.components
+    assert found is not None
+    return {
+        "converged": found.converged,
+        "reason": found.reason,
+        "iterations": found.iterations,
+        "exact": found.exact,
+        "components": [
+            {**asdict(c), "freedom": c.freedom, "p_value": c.p_value} for c in found.components
+        ],
+        "correlation": found.correlation.tolist(),
+    }
+
+
+def _parameters(report: Report) -> dict[str, Any]:
+    found = report.significance
+    assert found is not None
+    return {
+        "alpha": found.alpha,
+        "critical": found.critical,
+        "tests": [
+            {
+                "kind": p.kind,
+                "name": p.name,
+                "component": p.component,
+                "reference": p.reference,
+                "t": p.t,
+                "significant": p.significant,
+                "variance_inflation": p.variance_inflation,
+            }
+            for p in found.parameters
+        ],
+        "overparametrised": list(found.overparametrised),
+    }
+
+
+def _unknown_values(report: Report) -> dict[str, Any]:
+    s, network = report.solution, report.network
+    return {
+        "points": {
+            name: {
+                "xyz": xyz,
+                "sigma": list(report.sigmas[name]),
+                "covariance": [float(s.point_covariances[i, j, k]) for j, k in COVARIANCE_ORDER],
+                **_geographic(report, i),
+                **_ellipse(report, name),
+                **grid_record(report, i),
+                **({"side_shot": True} if network.points[name].side_shot else {}),
+            }
+            for i, (name, xyz) in enumerate(
+                zip(network.points, s.state["point"].tolist(), strict=True)
+            )
+        },
+        "photos": {name: _pose(report, name) for name in network.photos},
+        "calibrations": {name: _calibration(report, name) for name in report.calibrations},
+        "orientations": [
+            {"station": station, "set": chosen, **_estimate(s.orientation(station, chosen))}
+            for station, chosen in network.orientations
+        ],
+        "others": [
+            {
+                "kind": u.kind,
+                "name": u.name,
+                "component": u.component,
+                "value": u.value,
+                "sigma": u.sigma,
+            }
+            for u in unknown_components(report)
+        ],
+    }
+
+
+def _geographic(report: Report, number: int) -> dict[str, Any]:
+    found = report.geographic
+    if found is None:
+        return {}
+    return {
+        "latitude": float(found.latitude[number]),
+        "longitude": float(found.longitude[number]),
+        "height": float(found.height[number]),
+        "sigma_east_north_up": found.sigma[number].tolist(),
+    }
+
+
+def _ellipse(report: Report, name: str) -> dict[str, Any]:
+    """Return the error ellipse of a point where the options ask for it."""
+    e = report.ellipses.get(name)
+    if e is None:
+        return {}
+    return {
+        "ellipse": {
+            "confidence": e.confidence,
+            "semi_axes": list(e.semi_axes),
+            "azimuth": e.azimuth,
+        }
+    }
+
+
+def _pose(report: Report, name: str) -> dict[str, Any]:
+    pose = report.poses[name]
+    return {
+        "position": list(pose.position),
+        "world_R_camera": pose.rotation.tolist(),
+        "omega_phi_kappa": list(pose.angles),
+        "sigma_position": list(pose.sigma_position),
+        "sigma_omega_phi_kappa": list(pose.sigma_angles),
+    }
+
+
+def _calibration(report: Report, name: str) -> dict[str, Any]:
+    e = report.calibrations[name]
+    camera = camera_of_calibration(report.network, name)
+    return {
+        "lens": camera.lens.kind,
+        "y_axis": "down" if camera.y_down_in_files else "up",
+        "unit": e.unit,
+        "parameters": list(e.names),
+        "values": e.values.tolist(),
+        "sigma": e.sigmas.tolist(),
+        "correlation": e.correlation.tolist(),
+    }
+
+
+def _estimate(e: Any) -> dict[str, float]:
+    return {"value": float(e.values[0]), "sigma": float(e.sigmas[0])}
+
+
+EPOCHS_FORMAT = 1
+"""Version of the file; it grows with every change that a reader could stumble over."""
+EPOCHS_SCHEMA = "https://github.com/factorgraph-adj/factorgraph_adj/epochs-1.schema.json"
+"""Name of the schema of the format."""
+
+
+def epochs_results_text(report: EpochsReport) -> str:
+    """Return results.json of two epochs."""
+    return (
+        json.dumps(finite_json(epochs_results_record(report)), indent=1, ensure_ascii=False) + "\n"
+    )
+
+
+def epochs_results_record(report: EpochsReport) -> dict[str, Any]:
+    """Return the content of results.json of two epochs."""
+    found, network = report.found, report.network
+    run = {name: text for name, text in asdict(report.provenance.run).items() if text}
+    ratio = found.ratio
+    return {
+        "$schema": EPOCHS_SCHEMA,
+        "format": EPOCHS_FORMAT,
+        "program": f"factorgraph_adj {__version__}",
+        **({"run": run} if run else {}),
+        "units": {"length": "m", "angle": "rad"},
+        **frame_record(network.frame),
+        **({} if network.crs is None else {"reference_system": system_record(network.crs)}),
+        "doubts": list(report.doubts),
+        "adjustments": [
+            {
+                "name": s.network.name,
+                "converged": s.converged,
+                "n_observations": s.n_observations,
+                "n_unknowns": s.n_unknowns,
+                "datum_defect": s.datum_defect,
+                "redundancy": s.redundancy,
+                "vtpv": s.vtpv,
+                "sigma0": s.sigma0,
+                **(
+                    {"unknowns_left_out": [asdict(x) for x in s.network.unknowns_left_out]}
+                    if s.network.unknowns_left_out
+                    else {}
+                ),
+            }
+            for s in found.solutions
+        ],
+        "variance_ratio": None
+        if ratio is None
+        else {"ratio": ratio.ratio, "critical": ratio.critical, "accepted": ratio.accepted},
+        "sigma0_of_tests": found.scale.variance**0.5,
+        "freedom_of_sigma0": found.scale.freedom,
+        "alpha": found.alpha,
+        "power": found.power,
+        "axes": found.differences.axes,
+        "reference": list(found.reference),
+        "stable": list(found.stable),
+        "held": list(found.roles.held),
+        "not_compared": [
+            {"name": name, "reason": why} for name, why in found.roles.not_compared.items()
+        ],
+        "steps": [
+            {"left": list(s.left), "back": list(s.back), "test": record_of_test(s.test)}
+            for s in found.steps
+        ],
+        "displacements": _displacements(report),
+        "blocks": [_block(b) for b in report.blocks],
+    }
+
+
+def record_of_test(test: HypothesisTest) -> dict[str, Any]:
+    """Return a test by its members."""
+    return {
+        "value": test.value,
+        "critical": test.critical,
+        "freedom": list(test.freedom),
+        "p_value": test.p_value,
+        "accepted": test.accepted,
+    }
+
+
+def _displacements(report: EpochsReport) -> list[dict[str, Any]]:
+    found = report.found
+    later = dict(zip(found.differences.names, found.differences.later, strict=True))
+    every = zip(found.displacements.values(), report.states, report.ellipses, strict=True)
+    return [
+        {
+            "name": x.name,
+            "name_later": later[x.name],
+            "state": state,
+            "place": x.place.tolist(),
+            "vector": x.vector.tolist(),
+            "covariance": [float(x.covariance[i, j]) for i, j in COVARIANCE_ORDER],
+            "length": x.length,
+            "test": record_of_test(x.test),
+            "moved": x.moved,
+            "detectable": x.detectable,
+            "hardest": x.hardest.tolist(),
+            "ellipse": {
+                "semi_axes": list(e.semi_axes),
+                "azimuth": e.azimuth,
+                "confidence": report.confidence,
+            },
+        }
+        for x, state, e in every
+    ]
+
+
+def _block(b: BlockMotion) -> dict[str, Any]:
+    out: dict[str, Any] = {
+        "points": list(b.points),
+        "model": b.model,
+        "centre": b.centre.tolist(),
+        "parameters": dict(zip(b.names, b.values.tolist(), strict=True)),
+        "sigmas": dict(zip(b.names, b.sigmas.tolist(), strict=True)),
+        "fit": None if b.fit is None else record_of_test(b.fit),
+        "motion": record_of_test(b.motion),
+    }
+    if b.model == "affine":
+        strains, axes = b.principal_strains()
+        out["principal_strains"] = {"values": strains.tolist(), "axes": axes.tolist()}
+    return out

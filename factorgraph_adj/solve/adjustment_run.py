@@ -1,0 +1,335 @@
+"""An adjustment under way: its equations, state and datum, and what it does not determine.
+
+An adjustment searches for datum defects where it begins, and for undetermined unknowns after a poor
+pivot and where it ends without a minimum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import DatumError, InputError, Problem, SingularError
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..models.base import Linearised
+from ..models.variables import UNKNOWNS
+from ..types import Array, Mask
+from .added_factors import NO_ADDED_FACTORS, AddedFactors
+from .datum_defects import Defect, FreeDatum, find_defects, minimal_datum
+from .datum_motions import zero_length_blocks
+from .gauss_newton_steps import NO_EXTRAPOLATIONS, ExtrapolationRecord
+from .inner_constraints import datum_columns
+from .linearised_equations import LinearisedEquations, sum_of_squares
+from .normal_equations import NormalEquations, Solver
+from .undetermined_unknowns import (
+    MAX_UNKNOWNS_IN_MESSAGE,
+    describe_defects,
+    undetermined_combinations,
+    undetermined_error,
+)
+
+
+@dataclass(frozen=True)
+class ShapeMisfit:
+    """What a shape was like when it was fitted anew without a smaller vᵀPv."""
+
+    excess: float
+    """Excess of vᵀPv of its rows over what chance explains, in units of its deviation."""
+    rows: int
+    """Number of its rows."""
+
+
+@dataclass
+class AdjustmentRun:
+    """The changing values of an adjustment under way."""
+
+    solver: Solver
+    """How normal equations are factorised."""
+    extra: AddedFactors
+    """Factors that the user added."""
+    state: State
+    """Present values of all variables."""
+    start: State
+    """Values x₀ that inner constraints refer to."""
+    began: State
+    """Values at which the adjustment began."""
+    free: bool
+    """Whether a free network is asked for."""
+    constraint: Array
+    """Terms that a minimal datum adds to the diagonal of N, (n_columns,)."""
+    datum: FreeDatum | None = None
+    """Inner constraints of a free network, once its defects are known."""
+    defects: tuple[Defect, ...] = ()
+    """Datum defects that were found."""
+    at_solution: NormalEquations | None = None
+    """Normal equations at the state; none: they have not been made."""
+    smallest_pivot: float = 0.0
+    """Smallest pivot of the last undamped step, relative to its diagonal element of N; 0: there was
+    no undamped step."""
+    drifting: tuple[tuple[str, str], ...] = ()
+    """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
+    weighted: bool = False
+    """Whether observations have factors on their weights."""
+    damped: bool = False
+    """Whether a step was damped, so that the start was not near the minimum."""
+    may_end_undetermined: bool = False
+    """Whether an iteration that ends where something is not determined that was at the start has
+    not converged; otherwise it is a `DatumError`."""
+    last: tuple[State, Mapping[int, Linearised]] | None = None
+    """The state of the last vᵀPv and what `Equations.evaluated` returned for it, until a state is
+    linearised: the evaluation of an accepted step is the next linearisation."""
+    made: NormalEquations | None = None
+    """Normal equations at the state at which it begins; none: they have not been made."""
+    extrapolated: ExtrapolationRecord = NO_EXTRAPOLATIONS
+    """The extrapolations that were taken."""
+    looked: Mapping[str, ShapeMisfit] = field(default_factory=dict)
+    """Shapes that were fitted anew in vain, by name, see `shapes_anew`."""
+
+    @classmethod
+    def at(
+        cls,
+        equations: Equations,
+        state: State,
+        start: State,
+        *,
+        free: bool,
+        extra: AddedFactors = NO_ADDED_FACTORS,
+        solver: Solver | None = None,
+    ) -> AdjustmentRun:
+        """Begin an adjustment at a state; ``solver``: of the same network with other weights."""
+        extra = extra.at(equations, state)
+        constraint = np.zeros(equations.unknowns.n_columns)
+        if solver is None:
+            solver = Solver.of(equations, extra.rows)
+        run = cls(solver.reweighted(equations), extra, state, start, state, free, constraint)
+        run.made, solver.made = solver.made, None
+        return run
+
+    @property
+    def equations(self) -> Equations:
+        """The observation equations."""
+        return self.solver.equations
+
+    def unobserved(self, normal: NormalEquations) -> Mask:
+        """Return the free components that no observation touches, (n_columns,)."""
+        return self.equations.unknowns.free & (normal.diagonal <= 0)
+
+    def normal_at(self, state: State) -> NormalEquations:
+        """Return the normal equations at any state."""
+        last, self.last = self.last, None
+        made, self.made = self.made, None
+        if made is not None and made.state is state:
+            return made
+        evaluated = last[1] if last is not None and last[0] is state else None
+        extra = self.extra.at(self.equations, state).rows
+        return NormalEquations(self.solver, state, extra, evaluated)
+
+    def gradient_at(self, state: State) -> Array:
+        """Return AᵀPv at any state, (n_columns,).
+
+        Raises:
+            InputError: an observation cannot be computed there.
+        """
+        extra = self.extra.at(self.equations, state).rows
+        return LinearisedEquations(self.equations, state, extra).gradient()
+
+    def whitened(self, state: State) -> Array:
+        """Return whitened residuals at any state, extra rows at the end, (rows,).
+
+        Raises:
+            InputError: an observation cannot be computed there.
+        """
+        extra = self.extra.at(self.equations, state).rows
+        return np.concatenate([self.equations.residuals(state), *(e.residual for e in extra)])
+
+    def vtpv(self, state: State) -> float:
+        """Return vᵀPv; infinite where an observation cannot be computed."""
+        try:
+            self.last = None
+            evaluated = self.equations.evaluated(state)
+            v = self.equations.residuals(state, evaluated=evaluated)
+        except InputError:
+            return np.inf
+        self.last = state, evaluated
+        extra = self.extra.at(self.equations, state).rows
+        value = sum_of_squares(v, *(e.residual for e in extra))
+        return value if np.isfinite(value) else np.inf
+
+
+GROSS_RMS = 30.0
+"""Root mean square of v/σ above which a state is far from the minimum: nothing that is singular
+there tells what the observations determine."""
+FITTING_RMS = 3.0
+"""Root mean square of v/σ up to which readings fit where an iteration ended. Above it gross errors
+or poor start values have led it there."""
+
+
+def misfits_grossly(normal: NormalEquations) -> bool:
+    """Return whether residuals say that a state is far from the minimum."""
+    return normal.system.vtpv > GROSS_RMS**2 * normal.solver.equations.n_rows
+
+
+def settle_datum(run: AdjustmentRun, normal: NormalEquations) -> None:
+    """Find the datum defects; hold a minimal datum in a free network, otherwise raise an error.
+
+    Raises:
+        DatumError: unknowns have no observations; or the network has datum defects and no free
+            network is asked for, or has them in several parts.
+    """
+    unknowns = run.equations.unknowns
+    if np.any(run.unobserved(normal)):
+        raise_undetermined(run, normal)
+    defects = find_defects(normal.system, run.state, normal.diagonal, free=run.free)
+    run.defects = tuple(defects)
+    if run.free:
+        refuse_shrinking(run, normal, sum(d.size for d in defects))
+    if not defects:
+        return
+    if not run.free:
+        error = undetermined_error(normal.system, normal.diagonal, defects)
+        if error is not None:
+            raise error
+    if len(defects) > 1:
+        lines = describe_defects(unknowns, defects)
+        raise DatumError(
+            "\n  ".join(["a free network must be connected", *lines]),
+            defect=sum(d.size for d in defects),
+        )
+    motions = defects[0].motions
+    columns = datum_columns(run.equations, motions)
+    held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
+    run.constraint = np.zeros_like(run.constraint)  # a run that goes on chooses anew
+    run.constraint[held] = normal.diagonal[held]
+    run.datum = FreeDatum(motions, columns)
+
+
+def refuse_shrinking(run: AdjustmentRun, normal: NormalEquations, known: int) -> None:
+    """Raise an error if a free network has no minimum, as its residuals in metres shrink with it.
+
+    Args:
+        run: the adjustment.
+        normal: its normal equations.
+        known: number of its datum defects.
+
+    Raises:
+        DatumError: nothing in the network has a length.
+    """
+    found = list(zero_length_blocks(normal.system))
+    if not found:
+        return
+    every = find_defects(normal.system, run.state, normal.diagonal, free=True, shrinking=True)
+    size = sum(d.size for d in every)
+    scaled = any("scale" in d.names() for d in every)
+    if not scaled or (size == known and any("scale" in d.names() for d in run.defects)):
+        return
+    counts = ", ".join(f"{int(zero.sum())} {b.kind.replace('_', ' ')}" for b, zero in found)
+    raise DatumError(
+        "nothing in the free network has a length, so that it has no size at which it fits best: "
+        f"residuals in metres ({counts}) are lengths that should be zero, and shrink with the "
+        "network\n  give it a length: a distance, two control points, a known size of a shape "
+        "(hold its size), or a frame of known scale",
+        defect=size,
+    )
+
+
+def refuse_undetermined(run: AdjustmentRun, normal: NormalEquations) -> None:
+    """Raise an error that names the undetermined unknowns, after a poor pivot.
+
+    Rounding gives a singular N a small pivot instead of zero, and its step is then arbitrary.
+    """
+    try:
+        factor = normal.factorise(run.constraint)
+    except SingularError:
+        raise_undetermined(run, normal)
+        return
+    filled = [] if run.datum is None else [d.at(run.equations, run.state) for d in run.defects]
+    known = undetermined_combinations(normal.system, normal.diagonal, factor, filled)
+    if known.shape[1]:
+        raise_undetermined(run, normal, known)
+
+
+def raise_undetermined(
+    run: AdjustmentRun, normal: NormalEquations, known: Array | None = None
+) -> None:
+    """Raise an error that names the undetermined unknowns; ``known`` as in `undetermined`."""
+    error = find_undetermined(run, normal, known)
+    try:
+        if error is not None:
+            raise error from None
+    finally:
+        del error  # otherwise frame and traceback keep each other and all their objects alive
+
+
+def describe_lost_determinacy(run: AdjustmentRun, normal: NormalEquations) -> str:
+    """Return what nothing determines where an iteration ended; empty if all is determined.
+
+    Raises:
+        DatumError: the same is not determined where the iteration began, so that it is the network
+            that does not determine it, or the run may not go astray. Otherwise gross errors, or
+            poor start values, have led to a place where points lie upon one another, or far away.
+    """
+    error = find_undetermined(run, normal)
+    if error is None:
+        return ""
+    if not run.may_end_undetermined or normal.system.vtpv <= FITTING_RMS**2 * run.equations.n_rows:
+        raise_undetermined(run, normal)  # readings that fit do not determine it
+    try:
+        began = run.normal_at(run.began)
+        if find_undetermined(run, began) is None:
+            named = error.names or tuple(name for _, name in error.unknowns)
+            listed = f": {', '.join(map(str, named[:MAX_UNKNOWNS_IN_MESSAGE]))}" if named else ""
+            return f"where it ended something is not determined that was at the start{listed}"
+    except InputError:
+        pass
+    raise_undetermined(run, normal)
+    return ""
+
+
+def find_undetermined(
+    run: AdjustmentRun, normal: NormalEquations, known: Array | None = None
+) -> DatumError | None:
+    """Return an error that names the undetermined unknowns; none: all are determined."""
+    if run.datum is not None:
+        free, defects = True, [d.at(run.equations, run.state) for d in run.defects]
+    else:
+        defects = find_defects(normal.system, run.state, normal.diagonal, free=run.free)
+        # Inner constraints would fill the defect, if all else were determined.
+        free = run.free and len(defects) < 2
+    return undetermined_error(normal.system, normal.diagonal, defects, free=free, known=known)
+
+
+def raise_overflow(run: AdjustmentRun) -> None:
+    """Raise an error that names the observations for which vᵀPv is not finite."""
+    v = run.equations.residuals(run.state)
+    with np.errstate(over="ignore"):
+        bad = np.flatnonzero(~np.isfinite(v * v))[:MAX_UNKNOWNS_IN_MESSAGE]
+    bad = bad if len(bad) else np.argsort(-np.abs(v))[:1]
+    raise InputError(
+        [
+            Problem(
+                f"its residual is {abs(v[r]):.3g} σ: vᵀPv with it is not a finite number"
+                if np.isfinite(v[r])
+                else "its residual is not a finite number",
+                run.equations.label(int(r)),
+            )
+            for r in bad
+        ]
+    )
+
+
+def drift_reason(run: AdjustmentRun, bound: float) -> str:
+    """Return the reason of an iteration that ended while unknowns still moved without gain."""
+    names = [f"{UNKNOWNS[kind].noun} {name!r}" for kind, name in run.drifting]
+    listed = ": " + ", ".join(names[:MAX_UNKNOWNS_IN_MESSAGE]) if names else ""
+    more = (
+        f" and {len(names) - MAX_UNKNOWNS_IN_MESSAGE} more"
+        if len(names) > MAX_UNKNOWNS_IN_MESSAGE
+        else ""
+    )
+    return (
+        f"vᵀPv hardly decreases any more, yet unknowns still move (by up to {bound:.2g} σ): "
+        f"some of them are nearly undetermined{listed}{more}"
+    )

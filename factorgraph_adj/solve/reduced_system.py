@@ -1,0 +1,410 @@
+"""Places of the unknowns in the reduced system: nodes of equal width, and a border.
+
+A photo with the calibration that no other photo has is a node. Where the terrestrial side is
+eliminated in dense fronts too (`Layers.in_fronts`), each of its points is a node, together with the
+orientation unknowns and the vertical at the point; further ones, and those at held points, are
+nodes of their own, and so are frames, sizes and levels, and drifts and mounts that few photos have,
+if there are more than a few. What touches everything is the border: calibrations that several
+photos share, distance meters, refraction.
+
+Where GTSAM eliminates the terrestrial side, its remainder over the columns of photos is added here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..graph.equations import Equations
+from ..graph.variables import State, Variables
+from ..models.variables import UNKNOWNS, VariableKind
+from ..types import Array, Index, Mask
+from .datum_motions import stations_of
+from .elimination_layers import Layers, first_point
+from .fronts import BlockMatrix
+from .nested_dissection import BlockPattern, Front, dissect
+
+
+class NodePlaces:
+    """Nodes of some columns each, padded to equal width, and a border of full columns."""
+
+    n: int = 0
+    """Number of nodes."""
+    width: int = 1
+    """Number of columns of a node."""
+    side: int = 0
+    """Number of columns of the border."""
+
+    def __init__(self, n_columns: int) -> None:
+        """Begin without any place for some number of columns."""
+        self._n_columns = n_columns
+        self._structure: tuple[Index, BlockPattern, list[Front]] | None = None
+
+    def _settle(
+        self, node: Index, position: Index, column: Index, border: Index, kept: Index
+    ) -> None:
+        """Put columns into their places.
+
+        Args:
+            node: node of each place that is not in the border, (k,).
+            position: place in its node, (k,).
+            column: column at the place, −1 for held ones, (k,).
+            border: column at each place of the border, −1 for held ones.
+            kept: columns that are not eliminated, (m,).
+        """
+        self.width = max(int(position.max(initial=-1)) + 1, 1)
+        columns = np.full((self.n, self.width), -1, dtype=np.intp)
+        columns[node, position] = column
+        self.side = len(border)
+        self.columns: Index = np.concatenate([columns.ravel(), border])
+        """Column at each place, −1 for held components and padding."""
+        self.place_of: Index = np.full(self._n_columns, -1, dtype=np.intp)
+        """Place of each column, −1 for others."""
+        on = self.columns >= 0
+        self.place_of[self.columns[on]] = np.flatnonzero(on)
+        self.held: Mask = ~on
+        """Places that are held or padding."""
+        self.kept: Index = self.place_of[kept]
+        """Places that are not eliminated, (m,)."""
+
+    def structure(self, pairs: Index, positions: Array) -> tuple[BlockPattern, list[Front]]:
+        """Return the blocks of the reduced system and its fronts; they are made once.
+
+        Args:
+            pairs: pairs of nodes with a block, the first one smaller, n a + b each, (p,).
+            positions: where the nodes are, (n, 3), metres.
+        """
+        codes = np.unique(pairs)
+        if self._structure is None or not np.array_equal(self._structure[0], codes):
+            first, second = np.divmod(codes, max(self.n, 1))
+            pattern = BlockPattern(self.n, self.width, self.side, first, second)
+            self._structure = (codes, pattern, self._fronts(pattern, positions))
+        return self._structure[1:]
+
+    def _fronts(self, pattern: BlockPattern, positions: Array) -> list[Front]:
+        """Return the fronts, with what is kept in the root."""
+        last = np.unique(self.kept[self.kept < self.n * self.width] // self.width)
+        return dissect(pattern, positions, last)
+
+    def add_diagonal(self, matrix: BlockMatrix, extra: Array) -> None:
+        """Add terms (n_columns,) to the diagonal, in place."""
+        added = np.where(self.held, 0.0, extra[np.maximum(self.columns, 0)])
+        n, w = self.n, self.width
+        i, j = np.arange(w), np.arange(self.side)
+        matrix.diagonal[:, i, i] += added[: n * w].reshape(n, w)
+        matrix.corner[j, j] += added[n * w :]
+
+    def hold(self, matrix: BlockMatrix) -> None:
+        """Give held places a one on the diagonal and zeros elsewhere, in place."""
+        if not self.held.any():
+            return
+        n, w = self.n, self.width
+        free = (~self.held).astype(float)
+        nodes, border = free[: n * w].reshape(n, w), free[n * w :]
+        first, second = matrix.pattern.first, matrix.pattern.second
+        matrix.diagonal *= nodes[:, :, None] * nodes[:, None, :]
+        matrix.pairs *= nodes[first][:, :, None] * nodes[second][:, None, :]
+        matrix.side *= nodes[:, :, None] * border
+        matrix.corner *= border[:, None] * border
+        i, j = np.arange(w), np.arange(self.side)
+        matrix.diagonal[:, i, i] += 1.0 - nodes
+        matrix.corner[j, j] += 1.0 - border
+
+
+MAX_POINT_NODE_COLUMNS = 8
+"""Largest number of columns of the node of a point: its coordinates, and some unknowns at it."""
+
+
+@dataclass(frozen=True)
+class SharedCalibration:
+    """A calibration that several photos share."""
+
+    number: int
+    """Number of the calibration."""
+    side: slice
+    """Its columns of the border: the parameters that are free in any calibration of its block."""
+
+
+class Nodes(NodePlaces):
+    """The places of unknowns in the reduced system."""
+
+    def __init__(self, equations: Equations, layers: Layers) -> None:
+        """Give every unknown of the third layer a place."""
+        super().__init__(layers.unknowns.n_columns)
+        self.layers = layers
+        self._nodes: list[Index] = []
+        self._positions: list[Index] = []
+        self._columns: list[Index] = []
+        self._border: list[Index] = [np.zeros(0, dtype=np.intp)]
+        self._stands: list[Index] = []
+        self._middles: list[dict[VariableKind, csr_array]] = []
+        self._photos(equations)
+        if layers.in_fronts:
+            self._points(equations)
+            self._alone(equations)
+        node, position, column = (
+            np.concatenate([np.zeros(0, dtype=np.intp), *x])
+            for x in (self._nodes, self._positions, self._columns)
+        )
+        self._settle(node, position, column, np.concatenate(self._border), layers.kept)
+        lost = np.flatnonzero(layers.cameras & layers.unknowns.free & (self.place_of < 0))
+        if len(lost):
+            kind, name, component = layers.unknowns.describe(int(lost[0]))
+            raise AssertionError(f"{kind} {name!r} {component} has no place: please report this")
+
+    def _put(self, node: Index, position: Index, column: Index) -> None:
+        """Put columns at positions in nodes, (k,) each."""
+        self._nodes.append(node)
+        self._positions.append(position)
+        self._columns.append(column)
+
+    def _photos(self, equations: Equations) -> None:
+        """Give every photo a node and every shared calibration columns of the border."""
+        unknowns = self.layers.unknowns
+        pose, lens = unknowns["pose"], unknowns["calibration"]
+        free = unknowns.free & self.layers.cameras
+        photos: dict[int, tuple[int, int] | None] = {}
+        if self.layers.in_fronts:  # photos without rays are unknowns too
+            on = np.flatnonzero(pose.offset >= 0)
+            photos |= dict.fromkeys(on[self.layers.cameras[pose.offset[on]]].tolist())
+        for place in equations.rays:
+            (_, photo), (_, calibration), (_, point) = equations.blocks[place].variables
+            keep = self.layers.reduced[point]
+            if self.layers.in_fronts:
+                keep = np.ones(len(point), dtype=bool)
+            numbers, first = np.unique(photo[keep], return_index=True)
+            cameras = calibration[keep][first]
+            for f, k in zip(numbers.tolist(), cameras.tolist(), strict=True):
+                photos[f] = (k, place)
+        self.photos: Index = np.array(sorted(photos), dtype=np.intp)
+        """Number of the photo of each of the first nodes."""
+        self.node: dict[VariableKind, Index] = {"pose": np.full(len(pose.names), -1, dtype=np.intp)}
+        """Node of each variable, by kind; −1: none."""
+        self.node["pose"][self.photos] = np.arange(len(self.photos))
+        self.cameras: list[SharedCalibration] = []
+        self.camera_of: dict[int, int] = {}
+        """Place of each shared calibration in ``cameras``."""
+        self.n = len(self.photos)
+        at = 0
+        for node, f in enumerate(self.photos.tolist()):
+            own = _free_columns(free, int(pose.offset[f]), np.arange(6))
+            camera = photos[f]
+            if camera is not None:
+                k, place = camera
+                chunks = equations.rays[place]
+                of_lens = _free_columns(free, int(lens.offset[k]), chunks.lens_free)
+                if k in chunks.alone:
+                    own = np.concatenate([own, of_lens])
+                elif k not in self.camera_of:
+                    self.camera_of[k] = len(self.cameras)
+                    self.cameras.append(SharedCalibration(k, slice(at, at + len(of_lens))))
+                    self._border.append(of_lens)
+                    at += len(of_lens)
+            self._put(np.full(len(own), node), np.arange(len(own)), own)
+
+    def _points(self, equations: Equations) -> None:
+        """Give every terrestrial point a node; other unknowns stand there or in the border."""
+        unknowns = self.layers.unknowns
+        table = unknowns["point"]
+        mine = np.flatnonzero((table.offset >= 0) & ~self.layers.reduced)
+        mine = mine[self.layers.cameras[table.offset[mine]]]
+        node = np.full(len(table.names), -1, dtype=np.intp)
+        node[mine] = self.n + np.arange(len(mine))
+        self.node["point"] = node
+        self.n += len(mine)
+        places = table.offset[mine, None] + np.arange(3)
+        columns = np.where(unknowns.free[places], places, -1)
+        self._put(np.repeat(node[mine], 3), np.tile(np.arange(3), len(mine)), columns.ravel())
+        self._stands.append(mine)
+        filled = np.full(self.n, 3, dtype=np.intp)
+        placed = np.zeros(unknowns.n_columns + 1, dtype=bool)
+        placed[np.concatenate(self._columns + self._border)] = True  # −1 is the last one
+        for kind, other in unknowns.tables.items():
+            on = np.flatnonzero(other.offset >= 0)
+            on = on[self.layers.cameras[other.offset[on]]]
+            if kind == "calibration":  # photos have brought those that are used
+                every = np.arange(other.free.shape[1])
+                columns = np.minimum(other.offset[on][:, None] + every, unknowns.n_columns - 1)
+                has = every < other.size[on][:, None]
+                on = on[~(placed[columns] & has).any(axis=1)]
+            if kind in ("point", "pose") or not len(on):
+                continue
+            if UNKNOWNS[kind].at_point:
+                self._at_points(other, on, stations_of(equations, kind, on), node, filled)
+                filled = np.concatenate(
+                    [filled, np.full(self.n - len(filled), MAX_POINT_NODE_COLUMNS)]
+                )
+                continue
+            on = np.setdiff1d(on, self.layers.alone.get(kind, ()))
+            for number in on.tolist():
+                size = np.arange(other.size[number])
+                self._border.append(_free_columns(unknowns.free, int(other.offset[number]), size))
+
+    def _at_points(
+        self, table: Variables, on: Index, points: Index, node: Index, filled: Index
+    ) -> None:
+        """Put variables into the nodes of their points, or into nodes of their own.
+
+        Every node has the width of the widest one: a station with hundreds of sets of directions
+        must not make all others as wide. Held points have no node.
+
+        Args:
+            table: the variables of one kind.
+            on: numbers of the variables, (k,).
+            points: number of the point of each, (k,).
+            node: node of each point, −1: none.
+            filled: number of columns of each node, changed in place.
+        """
+        order = np.argsort(points, kind="stable")
+        on, points = on[order], points[order]
+        largest = int(table.size[on].max(initial=0))
+        at = node[points]
+        rank = np.arange(len(points)) - np.searchsorted(points, points)
+        start = np.where(at >= 0, filled[np.maximum(at, 0)] + rank * largest, 0)
+        alone = (at < 0) | (start + largest > max(MAX_POINT_NODE_COLUMNS, 3 + largest))
+        start[alone] = 0
+        at = np.where(alone, self.n + np.cumsum(alone) - 1, at)
+        np.add.at(filled, at[~alone], largest)
+        self.n += int(alone.sum())
+        self._stands.append(points[alone])
+        free = self.layers.unknowns.free
+        for c in range(largest):
+            has = c < table.size[on]
+            column = table.offset[on[has]] + c
+            self._put(at[has], start[has] + c, np.where(free[column], column, -1))
+
+    def _alone(self, equations: Equations) -> None:
+        """Give the variables that are nodes alone their nodes, in the middle of what they meet."""
+        free = self.layers.unknowns.free
+        for kind, numbers in self.layers.alone.items():
+            table = self.layers.unknowns[kind]
+            on = numbers[self.layers.cameras[table.offset[numbers]]]
+            if not len(on):
+                continue
+            for i, number in enumerate(on.tolist()):
+                own = table.offset[number] + np.arange(table.size[number])
+                own = own[free[own]]
+                self._put(np.full(len(own), self.n + i), np.arange(len(own)), own)
+            self.n += len(on)
+            self._middles.append(_around(equations, kind, on))
+
+    def places(self, kind: VariableKind, numbers: Index) -> Index:
+        """Return the place of every component of some variables (m, k); −1: held, or none."""
+        table = self.layers.unknowns[kind]
+        offset = table.offset[numbers][:, None] + np.arange(table.free.shape[1])
+        has = (table.offset[numbers] >= 0)[:, None]
+        has = has & (np.arange(table.free.shape[1]) < table.size[numbers][:, None])
+        return np.where(has, self.place_of[np.where(has, offset, 0)], -1)
+
+    def positions(self, state: State) -> Array:
+        """Return the projection centres and points of the nodes, (n, 3) metres.
+
+        A node without a point stands in the middle of the points that its observations join, or
+        of their photos.
+        """
+        at = {"point": state["point"], "pose": state["pose"][:, 9:]}
+        middles = []
+        for incidence in self._middles:
+            sums = sum(times @ at[kind] for kind, times in incidence.items())
+            count = sum(times.sum(axis=1) for times in incidence.values())
+            middles.append(sums / np.maximum(count, 1.0)[:, None])
+        centres = at["pose"][self.photos]
+        return np.concatenate([centres, *(at["point"][p] for p in self._stands), *middles])
+
+
+def _around(
+    equations: Equations, kind: VariableKind, numbers: Index
+) -> dict[VariableKind, csr_array]:
+    """Return how often variables of a kind meet each point, and each photo where there is none.
+
+    Args:
+        equations: the network.
+        kind: kind of the variables.
+        numbers: their numbers, (k,).
+
+    Returns:
+        A matrix (k, number of points) and one (k, number of photos).
+    """
+    table = equations.unknowns[kind]
+    local = np.full(len(table.names), -1, dtype=np.intp)
+    local[numbers] = np.arange(len(numbers))
+    out = {
+        other: csr_array((len(numbers), len(equations.unknowns[other].names)))
+        for other in ("point", "pose")
+    }
+    for block in equations.blocks:
+        target = first_point(block)
+        if target is None:
+            photos = (j for j, (what, _) in enumerate(block.variables) if what == "pose")
+            target = next(photos, None)
+        if target is None:
+            continue
+        other, met = block.variables[target]
+        for what, index in block.variables:
+            if what == kind:
+                on = np.flatnonzero(local[index] >= 0)
+                places = (local[index[on]], met[on])
+                times = csr_array((np.ones(len(on)), places), shape=out[other].shape)
+                out[other] = out[other] + times
+    return out
+
+
+def _free_columns(free: Mask, offset: int, components: Index) -> Index:
+    """Return the columns of components of a variable; −1 for held ones."""
+    if offset < 0:
+        return np.full(len(components), -1, dtype=np.intp)
+    columns = offset + components
+    return np.where(free[columns], columns, -1).astype(np.intp)
+
+
+@dataclass(frozen=True)
+class EliminationRemainder:
+    """Normal equations over some columns of photos and shared calibrations."""
+
+    columns: Index
+    """The columns, (m,)."""
+    normal: Array
+    """Their normal matrix, (m, m)."""
+
+    def touched(self, nodes: NodePlaces) -> Index:
+        """Return the nodes that the columns belong to."""
+        place = nodes.place_of[self.columns]
+        inside = (place >= 0) & (place < nodes.n * nodes.width)
+        return np.unique(place[inside] // nodes.width)
+
+    def add_to(self, nodes: NodePlaces, matrix: BlockMatrix) -> None:
+        """Add the normal matrix to the reduced system."""
+        w, inner = nodes.width, nodes.n * nodes.width
+        place = nodes.place_of[self.columns]
+        on = place >= 0
+        place, normal = place[on], self.normal[np.ix_(on, on)]
+        own = self.touched(nodes)
+        k = len(own)
+        at = np.where(
+            place < inner,
+            w * np.searchsorted(own, place // w) + place % w,
+            w * k + place - inner,
+        )
+        whole = np.zeros((w * k + nodes.side,) * 2)
+        whole[np.ix_(at, at)] = normal
+        blocks = whole[: w * k, : w * k].reshape(k, w, k, w)
+        d = np.arange(k)
+        matrix.diagonal[own] += blocks[d, :, d, :]
+        i, j = np.triu_indices(k, 1)
+        if len(i):
+            matrix.pairs[matrix.find(own[i], own[j])] += blocks[i, :, j, :]
+        matrix.side[own] += whole[: w * k, w * k :].reshape(k, w, nodes.side)
+        matrix.corner += whole[w * k :, w * k :]
+
+
+def joined_node_pairs(nodes: NodePlaces, remainders: Sequence[EliminationRemainder]) -> Index:
+    """Return the pairs of nodes that remainders join, n a + b each, (k,)."""
+    code = [np.zeros(0, dtype=np.intp)]
+    for r in remainders:
+        own = r.touched(nodes)
+        i, j = np.triu_indices(len(own), 1)
+        code.append(own[i] * nodes.n + own[j])
+    return np.unique(np.concatenate(code))

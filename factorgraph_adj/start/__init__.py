@@ -1,0 +1,1 @@
+"""Start values of adjustments: approximate values, and photos from image points alone."""
