@@ -13,7 +13,6 @@ from typing import Any, Literal
 
 from ...crs.reference_system import ReferenceSystem
 from ...errors import InputError, Problem, known
-from ...frames import LocalFrame
 from ...network.grid.transformation import Azimuths, Distances
 from ...network.network import Network
 from ...observations import (
@@ -30,8 +29,11 @@ from ..file_problems import SurveyProblems
 from ..text_files import read_text
 from .star_net_lines import (
     ANGLE_DATA_TYPES,
+    DATA_TYPES,
+    GRID_DATA_TYPES,
     HEIGHTS_IN_2D,
     LINES_BEHIND_DATA_OFF,
+    REFUSED_DATA_TYPES,
     SIMPLE_DATA_TYPES,
     VALUES_MISSING,
     Sigma,
@@ -39,11 +41,11 @@ from .star_net_lines import (
     apply_inline_option,
 )
 from .star_net_network import (
-    problems_with_point_lines,
+    StarNetContent,
+    grid_network,
+    local_network,
     set_grid_coordinates,
     star_net_grid_system,
-    station_horizons,
-    topocentric_network,
 )
 from .star_net_options import SETTING_CHOICES, StarNetOptions, star_net_options
 from .star_net_points import (
@@ -53,16 +55,6 @@ from .star_net_points import (
     StarNetVectors,
     placed_side_shots,
 )
-
-REFUSED_DATA_TYPES = {
-    "G": "give G1 to G3",
-    "GT": "geoid heights and deflections: use geoid=",
-    "GH": "geoid heights and deflections: use geoid=",
-}
-"""Data types of STAR*NET that the reader refuses, and why."""
-GRID_DATA_TYPES = ("CH", "EH", "P", "PH", "G0", "G1", "G2", "G3")
-"""Data types that need the reference system of a project in a grid."""
-DATA_TYPES = ("C", "E", *SIMPLE_DATA_TYPES, "L", "DB", "DE", "TB", "TE", *GRID_DATA_TYPES)
 
 
 def read_star_net(
@@ -477,45 +469,16 @@ class _Reader:
                 self.values.demand(1, "elevation_of_project")
         self.values.note_missing()
         self.notes.raise_all()
-        return (
-            self._local(adjustment)
-            if self.system is None
-            else self._in_grid(
-                self.system, adjustment, azimuths=azimuths, horizontal_distances=distances
-            )
+        read = StarNetContent(
+            self.values.options,
+            self.points,
+            self.vectors,
+            tuple(self.observations),
+            self.refractions,
+            self.notes,
         )
-
-    def _local(self, adjustment: str) -> Network:
-        """Return the network of a local project: curvature and refraction are one coefficient."""
-        network = self._plain(adjustment, LocalFrame(radius=self.values.options.earth_radius))
-        for group, coefficient in self.refractions.items():
-            network.set_refraction(group, value=2.0 * coefficient - 1.0, fixed=True)
-        self._observe_in(network, self.observations)
-        return network
-
-    def _in_grid(self, system: ReferenceSystem, adjustment: str, **options: Any) -> Network:
-        """Return the network of a project in a grid, in a topocentric frame."""
-        network = self._plain(adjustment, LocalFrame())
-        for group, coefficient in self.refractions.items():
-            network.set_refraction(group, value=2.0 * coefficient, fixed=True)
-        with problems_with_point_lines(self.points, self.notes):
-            vectors = self.vectors.observations(
-                lambda names: station_horizons(network, system, names)
-            )
-        self.notes.raise_all()
-        self._observe_in(network, [*self.observations, *vectors])
-        return topocentric_network(network, system, self.points, self.notes, **options)
-
-    def _plain(self, adjustment: str, frame: LocalFrame) -> Network:
-        held = self.points.anything_held(adjustment)
-        network = Network(self.path.stem, frame=frame, datum="given" if held else "free")
-        network.left_out += self.notes.left.told().values()
-        height = (self.values.options.elevation_of_project or 0.0) * self.values.options.metres
-        self.points.add_to(network, adjustment, height if self.system is not None else 0.0)
-        return network
-
-    def _observe_in(self, network: Network, observations: Sequence[Observation]) -> None:
-        try:
-            network.add(*observations)
-        except InputError as error:
-            raise InputError([p.at(self.path.name) for p in error.problems]) from None
+        if self.system is None:
+            return local_network(read, adjustment)
+        return grid_network(
+            read, self.system, adjustment, azimuths=azimuths, horizontal_distances=distances
+        )

@@ -37,6 +37,16 @@ SIMPLE_DATA_TYPES = {
     "T": ("angle", "distance", "vertical"),
 }
 """Observations of the data types, in their order on a line."""
+REFUSED_DATA_TYPES = {
+    "G": "give G1 to G3",
+    "GT": "geoid heights and deflections: use geoid=",
+    "GH": "geoid heights and deflections: use geoid=",
+}
+"""Data types of STAR*NET that the reader refuses, and why."""
+GRID_DATA_TYPES = ("CH", "EH", "P", "PH", "G0", "G1", "G2", "G3")
+"""Data types that need the reference system of a project in a grid."""
+DATA_TYPES = ("C", "E", *SIMPLE_DATA_TYPES, "L", "DB", "DE", "TB", "TE", *GRID_DATA_TYPES)
+"""All data types of STAR*NET that the reader knows."""
 ANGLE_DATA_TYPES = ("A", "M", "SS")
 """Data types whose stations are at, from and to."""
 DMS_PATTERN = re.compile(r"([+-]?)(\d+)-(\d+)(?:-(\d+(?:\.\d*)?))?", re.ASCII)

@@ -1,20 +1,96 @@
-"""Network of a STAR*NET project in a grid: grid coordinates, heights, topocentric frame."""
+"""Network of a STAR*NET project, local or in a grid."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ...crs.reference_system import ReferenceSystem
 from ...errors import InputError
+from ...frames import LocalFrame
 from ...network.grid.conversion import from_grid
 from ...network.network import Network
+from ...observations import Observation
 from ...types import Array
 from ..file_problems import SurveyProblems
-from .star_net_points import StarNetPoint, StarNetPoints
+from .star_net_options import StarNetOptions
+from .star_net_points import StarNetPoint, StarNetPoints, StarNetVectors
+
+
+@dataclass(frozen=True)
+class StarNetContent:
+    """What the data files of a project hold."""
+
+    options: StarNetOptions
+    """Settings of the project."""
+    points: StarNetPoints
+    """Points, with grid coordinates where the project has a reference system."""
+    vectors: StarNetVectors
+    """GPS vectors."""
+    observations: tuple[Observation, ...]
+    """All observations besides the vectors."""
+    refractions: Mapping[str, float]
+    """Coefficient of refraction of STAR*NET by refraction group."""
+    notes: SurveyProblems
+    """Problems of the files, and rows that are left out."""
+
+
+def local_network(read: StarNetContent, adjustment: str) -> Network:
+    """Return the network of a local project: curvature and refraction are one coefficient.
+
+    Raises:
+        InputError: observations are no network.
+    """
+    network = _points_network(read, adjustment, LocalFrame(radius=read.options.earth_radius), 0.0)
+    for group, coefficient in read.refractions.items():
+        network.set_refraction(group, value=2.0 * coefficient - 1.0, fixed=True)
+    _add_observations(network, read.observations, read.notes)
+    return network
+
+
+def grid_network(
+    read: StarNetContent, system: ReferenceSystem, adjustment: str, **options: Any
+) -> Network:
+    """Return the network of a project in a grid, in a topocentric frame.
+
+    Raises:
+        InputError: as `from_grid`, with file and line of points and observations.
+    """
+    height = (read.options.elevation_of_project or 0.0) * read.options.metres
+    network = _points_network(read, adjustment, LocalFrame(), height)
+    for group, coefficient in read.refractions.items():
+        network.set_refraction(group, value=2.0 * coefficient, fixed=True)
+    with _problems_with_point_lines(read.points, read.notes):
+        vectors = read.vectors.observations(lambda names: _station_horizons(network, system, names))
+    read.notes.raise_all()
+    _add_observations(network, [*read.observations, *vectors], read.notes)
+    sources = {("point", n): read.notes.place(p.line) for n, p in read.points.points.items()}
+    with _problems_with_point_lines(read.points, read.notes):
+        return from_grid(network, system, vectors="geocentric", sources=sources, **options)
+
+
+def _points_network(
+    read: StarNetContent, adjustment: str, frame: LocalFrame, height: float
+) -> Network:
+    """Return the network of the points; those of a 2D project have the height, in metres."""
+    held = read.points.anything_held(adjustment)
+    network = Network(read.notes.path.stem, frame=frame, datum="given" if held else "free")
+    network.left_out += read.notes.left.told().values()
+    read.points.add_to(network, adjustment, height)
+    return network
+
+
+def _add_observations(
+    network: Network, observations: Sequence[Observation], notes: SurveyProblems
+) -> None:
+    try:
+        network.add(*observations)
+    except InputError as error:
+        raise InputError([p.at(notes.path.name) for p in error.problems]) from None
 
 
 def star_net_grid_system(crs: ReferenceSystem | str, geoid: str | float | None) -> ReferenceSystem:
@@ -87,7 +163,7 @@ def _plan_of(system: ReferenceSystem, geodetic: Array, names: list[str]) -> Arra
     return plain.from_geodetic(geodetic[:, 0], geodetic[:, 1], level, names)[:, :2]
 
 
-def station_horizons(network: Network, system: ReferenceSystem, names: list[str]) -> Array:
+def _station_horizons(network: Network, system: ReferenceSystem, names: list[str]) -> Array:
     """Return east, north and up of stations as rows, geocentric, (n, 3, 3).
 
     Stations without coordinates have the horizon of the middle of the others, which is wrong by the
@@ -112,25 +188,8 @@ def station_horizons(network: Network, system: ReferenceSystem, names: list[str]
     return np.stack([east, north, up], axis=1)
 
 
-def topocentric_network(
-    network: Network,
-    system: ReferenceSystem,
-    points: StarNetPoints,
-    notes: SurveyProblems,
-    **options: Any,
-) -> Network:
-    """Return the network of grid coordinates in a topocentric frame.
-
-    Raises:
-        InputError: as `from_grid`, with file and line of points and observations.
-    """
-    sources = {("point", n): notes.place(p.line) for n, p in points.points.items()}
-    with problems_with_point_lines(points, notes):
-        return from_grid(network, system, vectors="geocentric", sources=sources, **options)
-
-
 @contextmanager
-def problems_with_point_lines(points: StarNetPoints, notes: SurveyProblems) -> Iterator[None]:
+def _problems_with_point_lines(points: StarNetPoints, notes: SurveyProblems) -> Iterator[None]:
     """Put file and line before problems of points."""
     try:
         yield
