@@ -87,19 +87,19 @@ class CommandParser(SuggestingParser):
 _TEXT = io.TextIOWrapper
 
 COMMAND_MODULES = {
-    "adjust": ("adjust", "add_adjust", "adjust a project and print the protocol"),
-    "plot": ("adjust", "add_plot", "adjust a project and draw it"),
+    "adjust": ("adjustment", "add_adjust", "adjust a project and print the protocol"),
+    "plot": ("adjustment", "add_plot", "adjust a project and draw it"),
     "stream": (
         "stream",
         "add_stream",
         "adjust observations as they arrive on standard input, one JSON line each",
     ),
-    "plan": ("plan", "add_plan", "what a design will give; it needs no readings"),
-    "propose": ("plan", "add_propose", "the cheapest additions that meet the targets"),
-    "check": ("check", "add_check", "find every problem of the input"),
-    "convert": ("convert", "add_convert", "read a network in one format, write another"),
-    "join": ("join", "add_join", "read several files of one object, write one network"),
-    "compare": ("compare", "add_compare", "adjust two epochs and tell what moved"),
+    "plan": ("design", "add_plan", "what a design will give; it needs no readings"),
+    "propose": ("design", "add_propose", "the cheapest additions that meet the targets"),
+    "check": ("network_files", "add_check", "find every problem of the input"),
+    "convert": ("network_files", "add_convert", "read a network in one format, write another"),
+    "join": ("network_files", "add_join", "read several files of one object, write one network"),
+    "compare": ("comparison", "add_compare", "adjust two epochs and tell what moved"),
 }
 """Module, function that adds the arguments, and what each command does."""
 

@@ -39,7 +39,7 @@ def add_exports(parser: argparse.ArgumentParser) -> None:
         metavar="[FORMAT:]FILE",
         action="append",
         default=[],
-        help=f"write the result for other programs, by the suffix: {format_list()}; may be repeated",
+        help=f"write the result for other programs, by suffix: {format_list()}; may be repeated",
     )
     parser.add_argument(
         "--with",

@@ -365,6 +365,3 @@ def _fill_missing(progress: SearchState, state: State) -> None:
     lost: Mask = np.any(np.isnan(state["frame"]), axis=1)
     state["frame"] = np.where(lost[:, None], progress.frame, state["frame"])
     state["mount"] = np.where(np.isnan(progress.mount), state["mount"], progress.mount)
-
-
-__all__ = ["approximate", "partial_approximation"]

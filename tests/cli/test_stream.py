@@ -238,7 +238,7 @@ def test_nothing_after_stop_is_read(yard, here):
 
 def test_a_line_without_an_end_does_not_fill_the_memory(yard, here, monkeypatch):
     for module in (cli_stream, sys.modules["factorgraph_adj.service.requests"]):
-        monkeypatch.setattr(module, "LONGEST", 1000)
+        monkeypatch.setattr(module, "MAX_LINE_BYTES", 1000)
     assert MAX_LINE_BYTES > 1000
     good = json.dumps(ARRIVALS[0])
     fits = good + " " * (999 - len(good))  # and the end of the line

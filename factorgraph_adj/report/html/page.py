@@ -28,6 +28,7 @@ from ..plots.style import factor_text, length_text, readable_number
 from ..text import render_text
 from . import estimates, observations, rendering
 from . import observations as snooping
+from .epochs_page import epochs_html
 from .observations import test_symbol
 from .plan import PlanDrawing, scene_data
 from .rendering import Language, PageSection, Texts, capitalised, packed_json, rendered_page
@@ -357,11 +358,6 @@ def write_html(
     files: Sequence[str | Path] = (),
 ) -> None:
     """Write a report as an HTML file, see `write_report`."""
-    # The figures behind them take long to import.
-    from .epochs_page import epochs_html
-
-    pass
-
     target = Path(path)
     if isinstance(report, EpochsReport):
         text = epochs_html(report, language=language, files=files)
