@@ -1,8 +1,8 @@
 """Solutions for other programs: formats by suffix, results.json, arrays of xarray.
 
-A new format needs one function that writes a solution, and one line in `EXPORT_FORMATS`. A solution can be
-written in every format of a network as well, with adjusted values for given ones. results.json has
-everything that an adjustment found. Labelled arrays require the extra ``xarray``.
+A new format needs one function that writes a solution, and one line in `EXPORT_FORMATS`. A
+solution can be written in every format of a network as well, with adjusted values for given ones.
+results.json has everything that an adjustment found. Labelled arrays require the extra ``xarray``.
 """
 
 from __future__ import annotations

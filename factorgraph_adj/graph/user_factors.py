@@ -1,4 +1,4 @@
-"""Factors of users: made by functions of named unknowns, and linearised in the network's columns."""
+"""Factors of users: made by functions of named unknowns, linearised in the network's columns."""
 
 from __future__ import annotations
 

@@ -262,7 +262,9 @@ def taken_back(state: IncrementalState, rules: Options) -> IncrementalState:
 
 
 def missed_step(state: IncrementalState) -> float:
-    """Return the bound of the step that linear rows miss, relative to σ; see `solve.marginalisation`.
+    """Return the bound of the step that linear rows miss, relative to σ.
+
+    See `factorgraph_adj.solve.marginalisation`:
 
     √(gᵀQg) + ρ with the cofactors Q of the state; infinite where it is not known.
 
@@ -295,8 +297,8 @@ def doubt(state: IncrementalState, rules: Options) -> str:
     if np.isinf(missed):
         return (
             "what was retired had observations in common with so much of the rest, more than "
-            f"{MAX_SECOND_DERIVATIVE_UNKNOWNS} components at once, that it is not known what their linear rows miss: "
-            "settle(all=True) takes them back"
+            f"{MAX_SECOND_DERIVATIVE_UNKNOWNS} components at once, that it is not known what their "
+            "linear rows miss: settle(all=True) takes them back"
         )
     return (
         "what remains has moved since others were retired, whose linear rows may miss "

@@ -423,8 +423,8 @@ def _whole_lines(data: bytes, path: Path) -> tuple[list[dict[str, Any]], str, in
         raise InputError(Problem(what, str(path)))
     if header["journal"] != JOURNAL_VERSION or isinstance(header["journal"], bool):
         what = (
-            f"is a journal of version {header['journal']!r}; valid: {JOURNAL_VERSION}. The version of the "
-            "program that wrote it can resume it, and save what is in the graph as a project"
+            f"is a journal of version {header['journal']!r}; valid: {JOURNAL_VERSION}. The version "
+            "of the program that wrote it can resume it, and save what is in the graph as a project"
         )
         raise InputError(Problem(what, str(path)))
     torn, keep = "", len(data)

@@ -1,9 +1,9 @@
 """New unknowns beside a base: what has become known since it was made.
 
-They border the low-rank update, see `factorgraph_adj.solve.low_rank_update`: nothing is known of them but
-what the rows say that touch them. Each stands at the value where these rows were linearised; the
-update says how far it has moved since. Rows are watched: what their linear forms miss moves
-estimates by at most √Σ|Δv|² of σ.
+They border the low-rank update, see `factorgraph_adj.solve.low_rank_update`: nothing is known of
+them but what the rows say that touch them. Each stands at the value where these rows were
+linearised; the update says how far it has moved since. Rows are watched: what their linear forms
+miss moves estimates by at most √Σ|Δv|² of σ.
 
 """
 

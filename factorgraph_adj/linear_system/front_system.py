@@ -1,9 +1,9 @@
 """The linear system: an adjusted network, and the rows that joined or left it since.
 
 The base is a batch solution at a minimum. Beside it stands one low-rank update
-(`factorgraph_adj.solve.low_rank_update`) with the rows of arrivals between known variables and of removals.
-Estimates and cofactors are those of both together, to first order; `linearisation_error` says how
-far that is valid. A system is a value: every change returns another one.
+(`factorgraph_adj.solve.low_rank_update`) with the rows of arrivals between known variables and of
+removals. Estimates and cofactors are those of both together, to first order; `linearisation_error`
+says how far that is valid. A system is a value: every change returns another one.
 
 """
 

@@ -1,9 +1,9 @@
 """What linear forms miss: when a base has to be made again.
 
-A look (`factorgraph_adj.solve.linear_base`) says what the linear forms of a base miss of the gradient,
-and by how much variances have changed; between two looks both are predicted. Where the step that is
-left comes near the promise, the state follows the gradient; where variances do, or where that is
-not enough, only a new base is near enough to the minimum.
+A look (`factorgraph_adj.solve.linear_base`) says what the linear forms of a base miss of the
+gradient, and by how much variances have changed; between two looks both are predicted. Where the
+step that is left comes near the promise, the state follows the gradient; where variances do, or
+where that is not enough, only a new base is near enough to the minimum.
 
 In small networks all observations are linearised again after every change: the Gauss-Newton step
 from there is what the system lacks, and its cofactors are compared with those of that place.

@@ -2,8 +2,8 @@
 
 A photo that arrives in a block of thousands touches some hundred points. With all observations of
 these points it is a small network of its own; what everything else says of its cameras stands in
-the last adjustment of the whole (`factorgraph_adj.solve.added_factors`). Its adjustment is that of the
-whole network, where the rest is linear, and the rest follows the cameras of the section:
+the last adjustment of the whole (`factorgraph_adj.solve.added_factors`). Its adjustment is that of
+the whole network, where the rest is linear, and the rest follows the cameras of the section:
 
     dx = K d,  K = Q_·T Q_TT⁻¹,   Q'_ab = Q_ab + K_a (Q'_TT − Q_TT) K_bᵀ.
 

@@ -1,4 +1,4 @@
-"""Observed attitudes of photos and carriers, inclinometers, directions in instrument axes (FRAMES F8, F13)."""
+"""Attitudes of photos and carriers, inclinometers, directions in instruments (FRAMES F8, F13)."""
 
 from __future__ import annotations
 

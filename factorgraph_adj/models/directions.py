@@ -1,4 +1,4 @@
-"""Directions in the object: verticals, lines between two points, the zenith and bodies at infinity."""
+"""Directions in the object: verticals, lines between points, the zenith and bodies at infinity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Heights above the reference surface, above surfaces of equal pressure and above water (FRAMES F9)."""
+"""Heights above the reference surface, surfaces of equal pressure and of water (FRAMES F9)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Image coordinates by the collinearity equations (eq. 1), their axes, and straight lines in images."""
+"""Image coordinates by the collinearity equations (eq. 1), their axes, straight lines in images."""
 
 from __future__ import annotations
 

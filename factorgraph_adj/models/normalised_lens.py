@@ -1,4 +1,7 @@
-"""Lens models in normalised coordinates: affinity, rational distortion, and Brown's model about a centre of its own."""
+"""Lens models in normalised coordinates.
+
+Affinity, rational distortion, and Brown's model about a centre of its own.
+"""
 
 from __future__ import annotations
 

@@ -18,12 +18,13 @@ import numpy as np
 from ..rotation import exp_rotation, log_rotation, right_jacobian_inverse
 from ..types import Array, Index, Mask
 from .base import within
+from .datum_motions import Motions
 
 Quantity: TypeAlias = Literal["length", "angle", "ppm", "number"]
 """Quantity of a component: metres, radians, a ratio shown in millionths, or a plain number."""
 Held: TypeAlias = Callable[[Array, Array, Mask, Array], Array]
 """(stored values (n, s), G (n, k, 7), held components (n, k), places that stay (n, 3)) → G."""
-MoveBy: TypeAlias = Callable[["motions.Motions", Array, Index], Array]
+MoveBy: TypeAlias = Callable[[Motions, Array, Index], Array]
 """(motions, stored values (n, s), numbers (n,) of the points of the unknowns) → G (n, k, 7)."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")

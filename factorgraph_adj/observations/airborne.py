@@ -1,4 +1,7 @@
-"""Observations from aircraft: attitudes, angles, antennas, directions to the zenith and to bodies at infinity."""
+"""Observations from aircraft.
+
+Attitudes, angles, antennas, directions to the zenith and to bodies at infinity.
+"""
 
 from __future__ import annotations
 

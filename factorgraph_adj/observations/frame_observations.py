@@ -1,4 +1,4 @@
-"""Observations in frames of their own: models, strips, scanners, trackers, bodies with instruments."""
+"""Observations in their own frames: models, strips, scanners, trackers, bodies with instruments."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Covariances of a design, updated for added or removed rows.
 
 Q are the cofactors of those unknowns that the rows touch. `Update` of
-`factorgraph_adj.solve.low_rank_update` gives the changes by the rows. With the loss Q − Q' of cofactors,
+`factorgraph_adj.solve.low_rank_update` gives the changes by the rows. With the loss Q − Q' of
+cofactors,
 
     r' = r + l (Q − Q') a                   redundancy number of an observation i, a = AᵀPe_i
     ∇x = Q' a ∇',  ∇' = δ0 / √(P_ii − aᵀQ'a)

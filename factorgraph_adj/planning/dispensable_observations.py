@@ -1,10 +1,10 @@
 """Search for observations of a design that can be left out while its targets are still met.
 
-This is the reverse of `factorgraph_adj.planning.proposals`. Observations are removed one by one, each
-time the observation with the largest cost per loss; the loss is the change of the sum of
-figure/limit over all items. `Update` of `factorgraph_adj.solve.low_rank_update` gives the changes by the
-removal of rows from the cofactors h = A Q Aᵀ of all observed functions. For an observation that
-some unknown needs to be determined, h has an eigenvalue 1: the update is not reliable, and the
+This is the reverse of `factorgraph_adj.planning.proposals`. Observations are removed one by one,
+each time the observation with the largest cost per loss; the loss is the change of the sum of
+figure/limit over all items. `Update` of `factorgraph_adj.solve.low_rank_update` gives the changes
+by the removal of rows from the cofactors h = A Q Aᵀ of all observed functions. For an observation
+that some unknown needs to be determined, h has an eigenvalue 1: the update is not reliable, and the
 observation stays.
 """
 

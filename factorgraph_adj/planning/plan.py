@@ -1,4 +1,4 @@
-"""Precision and reliability of a design before any reading, and the displacements that it detects."""
+"""Precision and reliability of a design before any reading, and displacements that it detects."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ Motion: TypeAlias = Literal[
     "rotation about z",
     "scale",
 ]
-"""The seven motions of a similarity transformation, in the order of `solve.datum_defects.MOTION_NAMES`."""
+"""The motions of a similarity transformation; order as in `solve.datum_defects.MOTION_NAMES`."""
 
 IGNORED_WEIGHT = 1e-60
 """Factor on the weights of an observation that takes it out of the adjustment."""

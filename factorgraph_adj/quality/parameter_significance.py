@@ -112,8 +112,9 @@ class TestedParameter:
             verdict = "differs from" if self.significant else "agrees with"
             verdict += " its given value"
         return (
-            f"{label_text(self.label)} = {self.value:.6g} ± {self.sigma:.2g}: |t| = {abs(self.t):.2f}"
-            f" from {self.reference:.6g}, {verdict} (limit {self.critical:.2f})"
+            f"{label_text(self.label)} = {self.value:.6g} ± {self.sigma:.2g}: "
+            f"|t| = {abs(self.t):.2f} from {self.reference:.6g}, {verdict} "
+            f"(limit {self.critical:.2f})"
         )
 
 

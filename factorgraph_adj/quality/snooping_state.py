@@ -6,7 +6,8 @@ the next round. The weights of more rows become negligible, and the equations ar
 structure that they have (`readjust`).
 
 The update takes the whitened rows B of the observations out of the linear model of the solution,
-see `factorgraph_adj.solve.low_rank_update`: with G = Q Bᵀ and −D = M, the redundancy matrix of the rows,
+see `factorgraph_adj.solve.low_rank_update`: with G = Q Bᵀ and −D = M, the redundancy matrix of the
+rows,
 
     dx = −G D⁻¹ v_B,   Pv' = P (v + A dx),   P Q'_vv P = P Q_vv P + P A G D⁻¹ Gᵀ Aᵀ P,
 

@@ -367,7 +367,8 @@ PARAMETER_UNITS = {"t": ("mm", 1e3), "r": ("µrad", 1e6), "s": ("ppm", 1e6), "e"
 def _block(b: BlockMotion) -> list[str]:
     moved = "DID NOT move" if b.motion.accepted else "moved"
     out = paragraph(
-        f"{listed(b.points, MAX_NAMES_IN_EPOCHS_TEXT)}: the block {moved}, {b.model}; {_words(b.motion)}."
+        f"{listed(b.points, MAX_NAMES_IN_EPOCHS_TEXT)}: the block {moved}, {b.model}; "
+        f"{_words(b.motion)}."
     )
     if b.fit is None:
         out += paragraph("Its points have no redundancy to test whether they moved like this.")

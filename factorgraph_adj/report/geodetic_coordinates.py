@@ -55,7 +55,8 @@ def geographic_section(report: Report) -> list[str]:
     header = ["point", f"latitude [{unit}]", f"longitude [{unit}]", f"height [{length}]"]
     header += [f"σ {a} [{small}]" for a in EAST_NORTH_UP]
     words = (
-        f"latitude (north positive) and longitude (east positive) in {GEOGRAPHIC_UNIT_NAMES.get(unit, unit)}, "
+        "latitude (north positive) and longitude (east positive) in "
+        f"{GEOGRAPHIC_UNIT_NAMES.get(unit, unit)}, "
         "height above the ellipsoid; σ along east, north and up at the point"
     )
     heading = f"Latitude, longitude and ellipsoidal height ({frame.ellipsoid_name})"

@@ -286,7 +286,8 @@ def _others(found: Snooping) -> list[str]:
         again = {r.id for r in found.rejected}
         names = [f"{i} (rejected again)" if i in again else i for i in found.readmitted]
         out += paragraph(
-            f"readmitted, since the clean solution agrees with them: {listed(names, MAX_READMITTED_NAMED)}"
+            "readmitted, since the clean solution agrees with them: "
+            f"{listed(names, MAX_READMITTED_NAMED)}"
         )
     return out
 

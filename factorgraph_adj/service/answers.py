@@ -1,7 +1,7 @@
 """Answers of the stream: JSON values in the units of the project.
 
-The names are those of the CSV tables of a solution (`factorgraph_adj.report.result_files`). The stream
-writes numbers that are not finite as null.
+The names are those of the CSV tables of a solution (`factorgraph_adj.report.result_files`). The
+stream writes numbers that are not finite as null.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Simulated blocks: aerial ones of any size, and a geocentric one with every kind of observation."""
+"""Simulated blocks: aerial ones of any size, a geocentric one with every kind of observation."""
 
 from __future__ import annotations
 

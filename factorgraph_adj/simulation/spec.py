@@ -1,4 +1,4 @@
-"""The spec of a simulation: all parameters of a simulated network, read from and written to TOML."""
+"""The spec of a simulation: all parameters of a simulated network, in TOML files."""
 
 from __future__ import annotations
 

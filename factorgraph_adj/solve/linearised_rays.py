@@ -131,7 +131,10 @@ POINT_PARTIALS = slice(3, 6)
 
 @dataclass(frozen=True)
 class LinearRays:
-    """Image coordinates, linearised; it answers as `factorgraph_adj.solve.linearised_equations.LinearBlock`."""
+    """Image coordinates, linearised.
+
+    The interface is that of `factorgraph_adj.solve.linearised_equations.LinearBlock`.
+    """
 
     chunks: ImageChunks
     """The rays in chunks."""

@@ -98,8 +98,8 @@ LOWER_MINIMUM_NOTE = (
 )
 """Addition to the reason of such an adjustment."""
 GROSS_ERRORS_NOTE = (
-    f"the root mean square of v/σ is above {GROSS_RMS:.0f}, so that gross errors or wrong start values "
-    "are likely: adjust --snoop, or fga.snoop, looks for the observations"
+    f"the root mean square of v/σ is above {GROSS_RMS:.0f}, so that gross errors or wrong start "
+    "values are likely: adjust --snoop, or fga.snoop, looks for the observations"
 )
 """Addition to the reason of an adjustment that ended far from a minimum."""
 MAX_PULLS_AHEAD = 3

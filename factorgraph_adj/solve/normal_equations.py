@@ -150,8 +150,9 @@ def covariance_refusal(system: LinearisedEquations, factor: Factorisation, diago
     )
     return (
         "no covariances: the normal equations are so close to singular that rounding would change"
-        f" variances by {factor.uncertainty:.1g} of their value ({MAX_PROBE_ERROR:.0e} is allowed); weakest"
-        f" are {names}: observe them better (longer bases, more rays, distances), or hold them"
+        f" variances by {factor.uncertainty:.1g} of their value ({MAX_PROBE_ERROR:.0e} is allowed);"
+        f" weakest are {names}: observe them better (longer bases, more rays, distances), or hold"
+        " them"
     )
 
 

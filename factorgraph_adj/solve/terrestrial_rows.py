@@ -238,7 +238,10 @@ SPOKE_ROWS_AT_ONCE = 20_000
 
 @dataclass(frozen=True)
 class Spokes:
-    """Spokes in the order of their nodes; the interface of `factorgraph_adj.solve.point_rays.RayPart`."""
+    """Spokes in the order of their nodes.
+
+    The interface is that of `factorgraph_adj.solve.point_rays.RayPart`.
+    """
 
     rows: slice
     """Numbers of the spokes among all rays and spokes."""

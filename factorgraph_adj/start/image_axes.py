@@ -92,7 +92,8 @@ def problems_of_marks(network: Network, poses: Array | None = None) -> tuple[Pro
         problems.append(
             Problem(
                 f"the rays of the marks of {len(several)} known points miss their points by "
-                f"{np.rad2deg(stated):.1f}°, and {AXES_IN_WORDS[cause]} by {np.rad2deg(best):.2g}°; valid: "
+                f"{np.rad2deg(stated):.1f}°, and {AXES_IN_WORDS[cause]} by "
+                f"{np.rad2deg(best):.2g}°; valid: "
                 "image coordinates along the axes of the format, such as pixels from the upper "
                 "left corner of the image, y down",
                 where.rpartition(":")[0] or where,

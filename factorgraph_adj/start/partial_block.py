@@ -211,8 +211,8 @@ class PartialBlock:
         """Find points with three rays or more from two of them, where most do not agree.
 
         The ray with the largest miss of all is not always the wrong one. So every pair of at most
-        `GrowthRules.paired` rays of a point is tried, and the one counts with which most rays agree; of
-        several the one with the smallest misses.
+        `GrowthRules.paired` rays of a point is tried, and the one counts with which most rays
+        agree; of several the one with the smallest misses.
         """
         v = self.views
         rows = np.flatnonzero(self.wanted & self.posed[v.photo] & ~self.placed[v.point])

@@ -98,8 +98,8 @@ def reason_not_oriented(every: int, of_block: int, alone: int, *, centred: bool)
     found = f"{of_block} of its {every} image points belong to points of the block"
     if of_block >= GROWTH.least_at_end:
         return (
-            f"{found}, and fewer than {GROWTH.least_at_end} of them fit one pose: are they named as "
-            "in the other photos, and is the calibration that of this photo?"
+            f"{found}, and fewer than {GROWTH.least_at_end} of them fit one pose: are they named "
+            "as in the other photos, and is the calibration that of this photo?"
         )
     lone = f" ({alone} to points that no other photo sees)" if alone else ""
     if centred:
@@ -154,8 +154,8 @@ def reason_no_pair(views: Views, rays: IdealRays) -> str:
             at = int(np.argmax(common.data))
             pair = f", {views.photos[common.row[at]]} and {views.photos[common.col[at]]}"
         return (
-            f"{lead}two photos have at most {most} points in common{pair}, and {MIN_PAIR_POINTS} are "
-            "needed: has a point the same name in all photos? otherwise measure more points in "
+            f"{lead}two photos have at most {most} points in common{pair}, and {MIN_PAIR_POINTS} "
+            "are needed: has a point the same name in all photos? otherwise measure more points in "
             "several photos"
         )
     order = np.argsort(-common.data, kind="stable")[:MAX_PHOTOS_IN_MESSAGE]

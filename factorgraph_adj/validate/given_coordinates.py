@@ -246,8 +246,8 @@ def _origin(network: Network) -> Iterator[Finding]:
     far = np.nan_to_num(far)
     if len(far) and far.max() > MAX_ORIGIN_DISTANCE_M:
         yield Finding(
-            f"{int((far > MAX_ORIGIN_DISTANCE_M).sum())} points lie far from the origin of the curved frame, the "
-            f"farthest {names[int(far.argmax())]!r}",
+            f"{int((far > MAX_ORIGIN_DISTANCE_M).sum())} points lie far from the origin of the "
+            f"curved frame, the farthest {names[int(far.argmax())]!r}",
             "give the frame an origin in the middle of the network",
             float(far.max()) / 1e3,
             MAX_ORIGIN_DISTANCE_M / 1e3,

@@ -96,7 +96,8 @@ def open_project(path: Path) -> OpfProject:
                     raise resource.fail(f"the project has {name} twice; valid: one calibration")
                 resources[name] = _document(_resource_path(path.parent, resource.need("uri")), name)
             elif form not in (GLTF_FORMAT, BUFFER_FORMAT) and not form.startswith(EXTENSION_PREFIX):
-                what = f"format {form!r} of {kind} is not read; valid: {JSON_FORMAT.format('…')}, {GLTF_FORMAT}"
+                valid = f"{JSON_FORMAT.format('…')}, {GLTF_FORMAT}"
+                what = f"format {form!r} of {kind} is not read; valid: {valid}"
                 raise resource.need("format").fail(what)
     return OpfProject(path, root, resources, tuple(clouds))
 

@@ -45,7 +45,9 @@ from .jag3d_model import (
     sigma_along,
 )
 
-ObservationFunction: TypeAlias = "Callable[[Conversion, Group, Row], Observation]"
+ObservationFunction: TypeAlias = (
+    "Callable[[Conversion, ObservationGroup, ObservationRow], Observation]"
+)
 
 
 def _direction(made: Conversion, group: ObservationGroup, row: ObservationRow) -> Observation:

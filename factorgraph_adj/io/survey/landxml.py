@@ -139,7 +139,8 @@ class _Reader:
             what = f"linearUnit {linear!r}; valid: {known(LINEAR_UNITS, meant=linear)}"
             self.book.notes.add(children[0].line, what)
         if self.angle not in (*ANGULAR_UNITS, PACKED_ANGLE_UNIT):
-            what = f"angularUnit {self.angle!r}; valid: {known([*ANGULAR_UNITS, PACKED_ANGLE_UNIT], meant=self.angle)}"
+            valid = known([*ANGULAR_UNITS, PACKED_ANGLE_UNIT], meant=self.angle)
+            what = f"angularUnit {self.angle!r}; valid: {valid}"
             self.book.notes.add(children[0].line, what)
         self.length = LINEAR_UNITS.get(linear, 1.0)
 

@@ -183,7 +183,8 @@ class Causes(Shown):
         """Return whether no other error need be looked for after a cause.
 
         With it as an unknown the global test is accepted, or it explains `NEARLY_ALL` of the
-        excess, `MIN_SHARE_OF_LARGE_CAUSE` beyond the linear model. Of an estimated σ0 nobody knows an excess.
+        excess, `MIN_SHARE_OF_LARGE_CAUSE` beyond the linear model. Of an estimated σ0 nobody knows
+        an excess.
         """
         left, r = self.left(c)
         if not c.sizes or np.isfinite(c.freedom) or r <= 0:

@@ -159,7 +159,7 @@ MAX_POINTS_ALL_NAMED = 1000
 MAX_NAMES_TRIED = 300
 """Number of names that are tried; important points are tried in any number."""
 MAX_IMPORTANT_POINTS_NAMED = 60
-"""Largest number of important points that are named in a plan of more than `MAX_POINTS_ALL_NAMED` points."""
+"""Largest number of important points named in a plan of more than `MAX_POINTS_ALL_NAMED` points."""
 MIN_LEGEND_LINE_WIDTH = 1.2
 """Smallest width of a line in the legend; lines of large networks are thinner in the plan."""
 

@@ -1,4 +1,4 @@
-"""GNSS positions, INS attitudes, and heights from air pressure and water for photos of earlier parts."""
+"""GNSS positions, INS attitudes, heights from pressures of air and water, for earlier photos."""
 
 from __future__ import annotations
 
