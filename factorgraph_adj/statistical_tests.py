@@ -112,6 +112,8 @@ POWER_OF_TEST = 0.80
 """Probability 1 − β0 with which a gross error of the smallest detectable size is found."""
 CONFIDENCE_OF_REGION = 0.95
 """Probability with which an error ellipse or an interval covers the truth."""
+SIGMA_PER_MEDIAN_DEVIATION = 1.4826
+"""Ratio of σ to the median absolute deviation of a normal distribution."""
 
 
 class AdjustmentFigures(Protocol):

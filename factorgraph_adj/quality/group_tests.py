@@ -47,8 +47,9 @@ from ..types import Array, Index, Mask
 from .error_effects import weighted_rows
 
 MIN_CONTROLLED_SHARE = 1e-6
-"""Redundancy number, or eigenvalue of M, up to which nothing else controls a row; the value is that
-of `factorgraph_adj.quality.group_tests.MIN_CONTROLLED_SHARE`."""
+"""Share of an error in the residuals above which an observation counts as controlled: a redundancy
+number, or an eigenvalue of M. Below this share the smallest detectable error is more than 4000 σ,
+and rounding errors dominate."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,6 +52,7 @@ from ..start.choice_of_start import (
     with_doubtful_image_points,
 )
 from ..start.start_values import Start
+from ..statistical_tests import SIGMA_PER_MEDIAN_DEVIATION
 from ..types import Array, Mask
 from .reliability import Reliability, reliability
 
@@ -62,8 +63,6 @@ START_REASON = "the approximate values"
 """Reason of a solution that is only where an estimation begins."""
 MIN_ROBUST_WEIGHT = 1e-6
 """Smallest γ. It keeps every unknown determined; an error of 1000 σ has the effect of 0.001 σ."""
-SIGMA_PER_MEDIAN_DEVIATION = 1.4826
-"""Ratio of σ to the median absolute deviation of a normal distribution."""
 MIN_ROBUST_REDUNDANCY = 0.01
 """Smallest redundancy number r in t; the small residuals of observations with a smaller r depend
 mainly on the γ of other observations."""

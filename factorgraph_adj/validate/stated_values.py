@@ -29,7 +29,7 @@ from ..models.unknown import UnknownKind
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
 from ..observations import Direction, HorizontalDistance, Observation, SlopeDistance, VerticalAngle
-from ..quality.robust_estimation import SIGMA_PER_MEDIAN_DEVIATION
+from ..statistical_tests import SIGMA_PER_MEDIAN_DEVIATION
 from ..types import Array, Index
 from ..units import significant
 from .findings import MIN_FIT_IMPROVEMENT, TOLERANCE_FACTOR, Finding
