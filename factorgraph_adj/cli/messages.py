@@ -32,7 +32,7 @@ EXIT_INTERRUPTED = 130
 MAX_PROBLEMS_OF_KIND = 10
 """Largest number of problems of one kind that are listed one by one."""
 PROBLEMS_OF_REPEATED_KIND = 3
-"""Number of problems that are listed of a kind with more than `MANY`."""
+"""Number of problems that are listed of a kind with more than `MAX_PROBLEMS_OF_KIND`."""
 MAX_PLACES_NAMED = 6
 """Largest number of places of the others that are listed."""
 
@@ -112,7 +112,7 @@ def problem_lines(problems: Sequence[object], *, every: bool = False) -> list[st
     Args:
         problems: the problems.
         every: whether each has a line; otherwise those that repeat are summed up, and at most
-            `MOST_PROBLEMS` lines are returned.
+            `MAX_PROBLEM_LINES` lines are returned.
     """
     lines = [str(p) for p in problems] if every else summarised_problems(problems)
     lines = [escaped(line) for line in lines]

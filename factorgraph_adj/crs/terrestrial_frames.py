@@ -88,7 +88,7 @@ def frame_transformation(
             instead of ITRF2014: 4 nrad and 1 ppb of difference in 2015.
 
     Raises:
-        KeyError: a frame is not in `FRAMES`.
+        KeyError: a frame is not in `TERRESTRIAL_FRAMES`.
     """
     a, s = _from_itrf2014(source, epoch, by_gda94)
     b, t = _from_itrf2014(target, epoch, by_gda94)

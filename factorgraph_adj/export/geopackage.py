@@ -432,7 +432,7 @@ def _add_layer(connection: sqlite3.Connection, layer: Layer, srs: int, date: str
 def geometry_blobs(
     shapes: Sequence[Array | None], geometry: Geometry, srs: int
 ) -> list[bytes | None]:
-    """Return shapes as `blob` does, those with equal numbers of vertices at once."""
+    """Return shapes as `geometry_blob` does, those with equal numbers of vertices at once."""
     out: list[bytes | None] = [None] * len(shapes)
     by_size: dict[int, list[int]] = {}
     for i, shape in enumerate(shapes):

@@ -94,7 +94,7 @@ class MapScaling:
 
 
 def plain_column(values: Sequence[Any]) -> list[Any]:
-    """Return values of Python as `plain` does; most columns have values of one type."""
+    """Return values of Python as `plain_value` does; most columns have values of one type."""
     types = set(map(type, values))
     if types == {float}:
         return [v + 0.0 if isfinite(v) else None for v in values]

@@ -40,8 +40,8 @@ def inner_constraints(
 
     B spans the motions that no observation notices at the start. As nothing pulls at them, v is
     zero at the minimum whatever σ is. With the weights P of all observations of a coordinate,
-    1/σ² = `STIFFEST` max Σ P: σ² is what covariances have too much along these motions, and
-    GTSAM's Cholesky takes no more.
+    1/σ² = `MAX_CONSTRAINT_WEIGHT_RATIO` max Σ P: σ² is what covariances have too much along these
+    motions, and GTSAM's Cholesky takes no more.
 
     Args:
         system: the network, linearised at its start.
@@ -126,8 +126,8 @@ def build_graph(
     The error of the graph is ½ vᵀPv, with the weights of the start values and without robust
     weights. GTSAM's optimisers, its ``Marginals`` and ``ISAM2`` take it as it comes: calibrations
     are divided by their scales (`KeyMap.scale`), held components are not pulled at, and rigid ties
-    weigh no more than GTSAM's Cholesky can take (`STIFFEST`). Each factor is a callback of the
-    models of this library, for which GTSAM's optimisers copy all values: up to some thousand
+    weigh no more than GTSAM's Cholesky can take (`MAX_TIE_WEIGHT_RATIO`). Each factor is a callback
+    of the models of this library, for which GTSAM's optimisers copy all values: up to some thousand
     variables they are of use; beyond that iterate with ``graph.linearize(values)``, or take
     `adjust`, which uses the same models on whole arrays.
 
@@ -172,7 +172,7 @@ def build_graph(
 def with_eased_ties(
     equations: Equations, system: LinearisedEquations, diagonal: Array
 ) -> Equations:
-    """Return equations whose ties weigh no more than `STIFFEST` says."""
+    """Return equations whose ties weigh no more than `MAX_TIE_WEIGHT_RATIO` says."""
     _, shares = eased_ties(system, diagonal)
     factors = np.minimum(shares[: equations.n_rows] ** 2 * MAX_TIE_WEIGHT_RATIO, 1.0)
     return equations if (factors == 1.0).all() else equations.reweighted(factors)

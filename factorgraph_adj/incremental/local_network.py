@@ -158,8 +158,8 @@ def oriented_block(
         problems: what has none.
 
     Returns:
-        None: no photo without a pose has `LEAST_COMMON` points in common with another one, or none
-        could be oriented.
+        None: no photo without a pose has `MIN_PAIR_POINTS` points in common with another one, or
+        none could be oriented.
     """
     lost: Mask = np.asarray(np.isnan(state["pose"]).any(axis=1))
     if not lost.any() or not _common(equations.network, lost):

@@ -148,8 +148,8 @@ def write_columns(columns: Mapping[str, Sequence[str]]) -> str:
 def write_all_columns(columns: Mapping[str, Sequence[str]]) -> str:
     """Return CSV text of columns.
 
-    Text that a spreadsheet would take for a formula has an apostrophe before it, which `plain`
-    removes; control characters are escapes.
+    Text that a spreadsheet would take for a formula has an apostrophe before it, which
+    `unguarded_cell` removes; control characters are escapes.
     """
     header = _cells(list(columns))
     lines = [",".join(header), *map(",".join, zip(*map(_cells, columns.values()), strict=True))]

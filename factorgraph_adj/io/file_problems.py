@@ -132,7 +132,7 @@ class FileProblems:
             line: where it stands.
             name: what it is, for the message.
             text: its digits.
-            positive: whether it must be > 0 (at least `SMALLEST`), as a standard deviation.
+            positive: whether it must be > 0 (at least `MIN_FILE_SIGMA`), as a standard deviation.
             least: its lower bound.
         """
         value = parse_number(text.strip())

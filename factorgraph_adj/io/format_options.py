@@ -29,7 +29,7 @@ def arguments_of(function: Callable[..., object], options: Mapping[str, Any]) ->
 
     Args:
         function: the function.
-        options: values of its options by name, as `fitting` returns them.
+        options: values of its options by name, as `fitting_options` returns them.
 
     Raises:
         InputError: a group refuses the value of a field.

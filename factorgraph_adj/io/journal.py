@@ -4,11 +4,12 @@ The first line is the header ``{"journal": 4, …}``, every further line one ent
 line counts as recorded when all of it is in the file. Whatever stops the process, the file
 holds whole lines and at most one torn line at its end, which is found and left out on opening.
 
-Every line ends with ``"line"``, its number from 1, and ``"chain"``, the first `DIGITS` hexadecimal
-digits of SHA-256 of the chain of the line before it (empty before the first) and of the line up to
-its own. A line that is missing, stands twice, was changed or comes from another journal breaks the
-chain, and is refused on opening. Lines that are missing at the end break nothing: the journal is
-then that of an earlier moment. While a journal is open, its file is looked at before every entry.
+Every line ends with ``"line"``, its number from 1, and ``"chain"``, the first `CHAIN_DIGITS`
+hexadecimal digits of SHA-256 of the chain of the line before it (empty before the first) and of the
+line up to its own. A line that is missing, stands twice, was changed or comes from another journal
+breaks the chain, and is refused on opening. Lines that are missing at the end break nothing: the
+journal is then that of an earlier moment. While a journal is open, its file is looked at before
+every entry.
 """
 
 from __future__ import annotations

@@ -153,7 +153,7 @@ def _parse_dms(text: str) -> float:
 
 
 def write_quantity(value: float, unit: str = "") -> str:
-    """Write a value with the fewest digits that `parse` reads back exactly (15 or more)."""
+    """Write a value with the fewest digits (15 or more) that `parse_quantity` reads exactly."""
     if unit == "dms":
         return _write_dms(value)
     if value == 0:

@@ -207,7 +207,7 @@ def new_path(folder: Path) -> Path:
 
 @contextmanager
 def folders_in_use(paths: Sequence[Path]) -> Iterator[None]:
-    """Keep `recover` from folders of this process."""
+    """Keep `recover_folder` from folders of this process."""
     names = {p.name for p in paths}
     _FOLDERS_IN_USE.update(names)
     try:
@@ -396,7 +396,7 @@ def _stale_list(path: Path) -> WritingFolder | None:
 
 
 def _folder_list(path: Path) -> WritingFolder | None:
-    """Return the list of a folder; None if there is none that can be followed. See `_listed`."""
+    """Return the list of a folder; None if none can be followed. See `_stale_list`."""
     if path.is_symlink() or (path / OLD_FILES).is_symlink():
         return None
     try:

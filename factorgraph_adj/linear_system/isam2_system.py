@@ -387,7 +387,7 @@ def _most_rays(rules: Options) -> int:
 
 @dataclass(frozen=True, eq=False)
 class EnteredRows:
-    """Units that have entered a tree, as `test_statistics.Joint`."""
+    """Units that have entered a tree, as `arrival_decisions.JointTest`."""
 
     tree: LinearISAM2
     """The tree with them."""

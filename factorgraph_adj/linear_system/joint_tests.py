@@ -31,7 +31,7 @@ from .linear_forms import LinearForms, rows_of, stacked
 
 @dataclass(frozen=True, eq=False)
 class RowsBesideBase:
-    """Units as rows beside a system, as `test_statistics.Joint`."""
+    """Units as rows beside a system, as `arrival_decisions.JointTest`."""
 
     system: FrontSystem
     """The system without them."""
@@ -138,7 +138,7 @@ ROWS_PER_SOLUTION = 64
 
 @dataclass(frozen=True, eq=False)
 class RowsInBase:
-    """Units and their rows in a factorised network, as `test_statistics.Joint`."""
+    """Units and their rows in a factorised network, as `arrival_decisions.JointTest`."""
 
     normal: NormalEquations
     """The normal equations, the units among them."""

@@ -427,7 +427,7 @@ def _left(solution: Solution) -> float:
 
 
 def notices_motion(a: Array | csr_array, motions: Array) -> bool:
-    """Return whether rows notice motions: |A g| > `NOTICED` Σ|A||g|.
+    """Return whether rows notice motions: |A g| > `MIN_NOTICED_MOTION` Σ|A||g|.
 
     Args:
         a: partials of the rows, (k, m).

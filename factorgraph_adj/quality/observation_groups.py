@@ -226,8 +226,9 @@ def _refuse_split(solution: Solution, groups: ObservationGroups) -> None:
 EXACT_ROWS = 2000
 """Scalar observations up to which R is computed as a whole."""
 MAX_PROBES_OF_ITERATION, PROBES_OF_RESULT = 2, 64
-"""Numbers of random sign vectors in larger networks: at most `FEW` for each group during the
-iteration, `MANY` for all groups together at its end, but at least one for each group."""
+"""Numbers of random sign vectors in larger networks: at most `MAX_PROBES_OF_ITERATION` for each
+group during the iteration, `PROBES_OF_RESULT` for all groups together at its end, but at least one
+for each group."""
 MAX_WEIGHT_LOG_CHANGE = 0.1
 """Largest change of ln f² since the probes with which S still gives standard deviations: the
 elements of S beside its diagonal change by this part of their value, the diagonal follows r."""

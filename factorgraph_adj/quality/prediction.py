@@ -4,11 +4,11 @@ For an observation l with covariance Σ, computed from the solution as f(x̂) wi
 
     d = f(x̂) − l,   D = Σ + A Q Aᵀ        innovation and its cofactors (σ0 = 1)
 
-`statistics` of `factorgraph_adj.solve.low_rank_update` gives the test values w of the components of
-l, T² of all components together, and their redundancy numbers. To first order, w equals the test
-value of the observation in an adjustment that includes it: in that adjustment P Q_vv P of its rows
-is D⁻¹, and Pv is D⁻¹ d. If other members of its correlated group are in the solution, an
-observation is predicted given their residuals, with the conditional covariance.
+`innovation_statistics` of `factorgraph_adj.solve.low_rank_update` gives the test values w of the
+components of l, T² of all components together, and their redundancy numbers. To first order, w
+equals the test value of the observation in an adjustment that includes it: in that adjustment P
+Q_vv P of its rows is D⁻¹, and Pv is D⁻¹ d. If other members of its correlated group are in the
+solution, an observation is predicted given their residuals, with the conditional covariance.
 
 In a free network Q belongs to the inner constraints. Predicted observations of the geometry are
 independent of these constraints, predicted coordinates depend on them.

@@ -46,7 +46,8 @@ MAX_ROWS_OF_ROUND = 400
 MAX_ROWS_OF_WHOLE_ROUND = 3000
 """Maximum number of rows examined in a round that sets all outliers aside at once (``every``)."""
 EIGENVALUE_MARGIN = 100.0
-"""Factor by which an eigenvalue must differ from `UNCONTROLLED` for a choice with a margin."""
+"""Factor by which an eigenvalue must differ from `MIN_CONTROLLED_SHARE` for a choice with a
+margin."""
 MAX_CORRELATION_ELEMENTS = 2_500_000
 """Maximum number of elements of the correlation matrix that are computed at once; with eight times
 as many the time doubles, as they do not stay in the cache."""

@@ -203,10 +203,11 @@ def exceeded_by_chance(
     """Return whether test values above the critical value are what chance makes of good ones.
 
     Of n test values without an error α n are above it. They are taken for chance if as many are
-    expected in one of `CHANCE` such networks (Poisson), and if the largest is not less probable
-    than the largest of n is with that probability (Šidák). Readings that cannot be told apart, such
-    as the lines of one levelled section, have one test value and count once. Pope's τ is bounded by
-    √r: its probability is that of Student's t = τ √((r − 1)/(r − τ²)), r − 1 degrees of freedom.
+    expected in one of `MIN_PROBABILITY_OF_CHANCE` such networks (Poisson), and if the largest is
+    not less probable than the largest of n is with that probability (Šidák). Readings that cannot
+    be told apart, such as the lines of one levelled section, have one test value and count once.
+    Pope's τ is bounded by √r: its probability is that of Student's t = τ √((r − 1)/(r − τ²)), r − 1
+    degrees of freedom.
 
     Args:
         values: test values, NaN for observations that nothing controls.

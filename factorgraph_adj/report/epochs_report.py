@@ -82,7 +82,7 @@ class EpochsReport:
 
     @cached_property
     def states(self) -> tuple[str, ...]:
-        """What each point is, one of `STATES`."""
+        """What each point is, one of `EPOCH_POINT_STATES`."""
         found = self.found
         out = []
         for name, x in found.displacements.items():

@@ -114,7 +114,7 @@ def _width(text: str) -> int:
 
 
 def paragraph(text: str, *, indent: int = 2) -> list[str]:
-    """Return a text as lines of the protocol's width; names made by `whole` are not broken."""
+    """Return a text as lines of the protocol's width; names made by `unbroken` are not broken."""
     blank = " " * indent
     lines = wrap(
         text,

@@ -377,7 +377,7 @@ class ReportRows:
 def identity_columns(rows: Sequence[Row]) -> dict[str, list[str]]:
     """Return the columns that identify the observations, named as in tables of a project.
 
-    Points stand in `ENDS`: a sight has a station and a target, an image point a point.
+    Points stand in `POINT_COLUMNS`: a sight has a station and a target, an image point a point.
     """
     columns = {key: _ends(*key) for key in {(r.kind, len(r.points)) for r in rows}}
     ends = [dict(zip(columns[r.kind, len(r.points)], r.points, strict=False)) for r in rows]

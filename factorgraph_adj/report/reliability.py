@@ -259,7 +259,7 @@ def _weakest_points(report: Report, rel: Reliability) -> list[str]:
 
 
 def identity_cells(row: Row) -> list[str]:
-    """Return the cells under `NAMES`."""
+    """Return the cells under `IDENTITY_HEADER`."""
     return [row.kind_name, row.what, row.own_id, row.source]
 
 

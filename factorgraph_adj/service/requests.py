@@ -1,6 +1,6 @@
 """Reader of the stream's lines: JSON objects, and the lists in them.
 
-The `Row` of a line collects all problems, so that one answer lists them together.
+The `FieldRow` of a line collects all problems, so that one answer lists them together.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def refuse_noted_problems(row: FieldRow) -> None:
 
 
 def listed_ids(row: FieldRow, name: str = "ids", *, required: bool = True) -> tuple[str, ...]:
-    """Return a field with a list of ids, or a single id. Raises as `fine` does."""
+    """Return a field with a list of ids, or a single id. Raises as `refuse_noted_problems` does."""
     given = row.take(name, required=required)
     listed: Sequence[object] = given if isinstance(given, list) else [given]
     found = []

@@ -55,10 +55,10 @@ class AddedFactors:
     """A user's factors, linearised at one state.
 
     GTSAM cannot pickle factors of every type, for instance factors written in Python. A pickled
-    `Extra` keeps only the rows at its state. A solution with these rows has all its estimates,
-    covariances and reliability figures. The rows cannot be linearised at another state: after
-    pickling, `s_transform` cannot move a free network with such factors to other datum points.
-    Copies share the factors.
+    `AddedFactors` keeps only the rows at its state. A solution with these rows has all its
+    estimates, covariances and reliability figures. The rows cannot be linearised at another state:
+    after pickling, `s_transform` cannot move a free network with such factors to other datum
+    points. Copies share the factors.
     """
 
     factors: tuple[gtsam.NonlinearFactor, ...] | None = ()

@@ -86,7 +86,7 @@ class AdjustmentRun:
     extrapolated: ExtrapolationRecord = NO_EXTRAPOLATIONS
     """The extrapolations that were taken."""
     looked: Mapping[str, ShapeMisfit] = field(default_factory=dict)
-    """Shapes that were fitted anew in vain, by name, see `shapes_anew`."""
+    """Shapes that were fitted anew in vain, by name, see `shape_minimum`."""
 
     @classmethod
     def at(

@@ -124,8 +124,8 @@ def points_with_narrow_rays(equations: Equations, state: State, layers: Layers) 
     """Return the points that only cameras see, with rays that are nearly parallel.
 
     The least eigenvalue of Σ(I − d dᵀ) over the directions d of the rays of a point, 1 − cos of
-    their angle for two of them, is below `NARROW`. An adjustment creeps along such rays for tens of
-    iterations where photos move too.
+    their angle for two of them, is below `MIN_RAY_EIGENVALUE`. An adjustment creeps along such rays
+    for tens of iterations where photos move too.
 
     Args:
         equations: the network.
@@ -172,7 +172,8 @@ MAX_POINTS_COMPARED = 1000
 def describe_exchanged_points(equations: Equations, state: State) -> tuple[str, ...]:
     """Return a sentence for each ring of points that lie at one another's given coordinates.
 
-    Point p lies at the given coordinates of q if |x_p − x_q⁰| ≤ `NEAR` |x_p − x_p⁰|.
+    Point p lies at the given coordinates of q if |x_p − x_q⁰| ≤ `MAX_EXCHANGE_DISTANCE_RATIO` |x_p
+    − x_p⁰|.
 
     Args:
         equations: the network.

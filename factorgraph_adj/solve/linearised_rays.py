@@ -222,7 +222,7 @@ class LinearRays:
 
     @cached_property
     def points(self) -> Array:
-        """JᵀJ, see `point_cholesky.ELEMENTS`, and Jᵀv of each point of the network, (9, n)."""
+        """JᵀJ, see `SYMMETRIC_ELEMENTS`, and Jᵀv of each point of the network, (9, n)."""
         out = np.zeros((len(self.chunks.unknowns["point"].names), 9))
         for part, of_points in zip(self.parts, self.chunks.sums, strict=True):
             j = part.a[POINT_PARTIALS]

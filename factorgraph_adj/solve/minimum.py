@@ -116,9 +116,9 @@ def readjust(
     have changed since.
 
     Args:
-        solution: an adjustment of the network with any weights, or a step of one (`stepped`).
-        weights: factor on the weight of each scalar observation, as for `adjust`.
-        datum: as for `adjust`.
+        solution: an adjustment of the network with any weights, or a step of one
+        (`solution_after_step`). weights: factor on the weight of each scalar observation, as for
+        `adjust`. datum: as for `adjust`.
 
     Raises:
         InputError: an observation cannot be computed, or a weight is not a number > 0; or factors

@@ -35,12 +35,13 @@ FIRST_PROBES = 2
 """Number of probes of the first check. The probability that both show less than ε/1000 is 6e-7."""
 MAX_CLEAN_PROBE_ERROR = 4e-7
 """Largest |H H z − H z| of the first check for which no second check follows. Variances then have
-relative errors below 4e-4, and standard deviations half of that, with the probability of `FEW`."""
+relative errors below 4e-4, and standard deviations half of that, with the probability of
+`FIRST_PROBES`."""
 SECOND_PROBES = 8
 """Number of probes of the second check. The probability that all show less than ε/5 is 4e-7."""
 MAX_PROBE_ERROR = 1e-4
 """Largest |H H z − H z| of the second check for which covariances are returned. Variances then have
-relative errors below 5e-4, with the probability of `MANY`."""
+relative errors below 5e-4, with the probability of `SECOND_PROBES`."""
 NOISE_SAMPLES = 4
 """Number of estimates from white noise whose root mean squares approximate standard deviations."""
 PROBE_SEED = 1
@@ -74,8 +75,8 @@ def estimates_from_noise(
 def probed_variance_error(system: LinearisedEquations, factor: Factorisation) -> float:
     """Return the relative error of variances from a factorisation: the largest |H H z − H z|.
 
-    Covariances may be returned if the error is at most `TRUSTED`. A factorisation without error
-    costs two solutions with `FEW` right sides.
+    Covariances may be returned if the error is at most `MAX_PROBE_ERROR`. A factorisation without
+    error costs two solutions with `FIRST_PROBES` right sides.
 
     Args:
         system: the linearised network.

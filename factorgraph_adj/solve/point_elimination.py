@@ -273,7 +273,7 @@ class RayCovariances:
     shared: Array
     """Columns of W Σ of the shared calibrations, (p, 3, border)."""
     inner: Array
-    """I + W Σ Wᵀ, (6, p), see `point_cholesky`."""
+    """I + W Σ Wᵀ, (6, p), see `linearised_rays`."""
 
 
 def factorise_points(sums: RaySums, extra: Array) -> tuple[PointCholesky, Array]:

@@ -184,7 +184,7 @@ MAX_POINTS_EXAMINED = 20
 MAX_OTHER_SIDE_ITERATIONS = 100
 """Largest number of iterations on the other side."""
 BETWEEN_TWO_PLACES = "a point is between two places, and vᵀPv decreases to both sides"
-"""Reason of an adjustment that still finds such points after `TIMES`."""
+"""Reason of an adjustment that still finds such points after `MAX_RESUMPTIONS`."""
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ class Solution(Shown):
     """No unknown is further than this multiple of its own σ from the minimum; infinite if the
     iteration did not come to rest."""
     second_places: tuple[str, ...] = ()
-    """Sentences on points that fit equally well at a second place, see `ambiguous_points`."""
+    """Sentences on points that fit equally well at a second place, see `second_minimum`."""
     begun: tuple[str, ...] = ()
     """Sentences on how the start values were found from image points alone, see
     `factorgraph_adj.orient`; none for given and approximate values."""
@@ -96,7 +96,7 @@ class Solution(Shown):
     extrapolated: ExtrapolationRecord = NO_EXTRAPOLATIONS
     """The extrapolations of steps that the iteration took; as text it says what they gained."""
     looked: Mapping[str, ShapeMisfit] = field(default_factory=dict, repr=False)
-    """Shapes that do not fit and were fitted anew in vain, by name, see `shapes_anew`."""
+    """Shapes that do not fit and were fitted anew in vain, by name, see `shape_minimum`."""
     reference: ReferenceDatum | None = None
     """Datum points that covariances refer to instead of a given datum, see `s_transform`."""
     linearised: NormalEquations | None = field(default=None, repr=False)

@@ -369,7 +369,7 @@ def add_to_points(rows: SpokeRows, arrays: tuple[Array, ...], out: Array, cross:
     Args:
         rows: the observations.
         arrays: their partials.
-        out: elements of the normal matrices, (6, p), see `point_cholesky`.
+        out: elements of the normal matrices, (6, p), see `linearised_rays`.
         cross: cross products with the border, (p, 3, border).
     """
     j = arrays[rows.target]

@@ -52,9 +52,9 @@ MIN_SOUND_PIVOT = 1e-6
 MAX_DENSE_COLUMNS = 400
 """Number of columns up to which the null space is found from dense singular values."""
 IS_NOT_DETERMINED = "is not determined"
-"""What `loose` says of variables in the null space."""
+"""What `undetermined_variables` says of variables in the null space."""
 IS_NOT_JOINED = "is not joined to the free network"
-"""What `loose` says of variables that do not move with the free network."""
+"""What `undetermined_variables` says of variables that do not move with the free network."""
 MIN_MOVED_SHARE = 1e-6
 """Share of a parameter in undetermined combinations above which it is named beside them."""
 MAX_UNKNOWNS_IN_MESSAGE = 12
@@ -193,8 +193,8 @@ def undetermined_error(
         diagonal: diagonal of N, (n_columns,).
         defects: datum defects of the network.
         free: whether inner constraints fill the datum defects, so that these are no error.
-        known: undetermined combinations beside the defects, see `unnoticed`. The search of this
-            function may miss them among many weak combinations.
+        known: undetermined combinations beside the defects, see `undetermined_combinations`. The
+            search of this function may miss them among many weak combinations.
         remedy: what a user can do about datum defects.
     """
     try:
@@ -456,7 +456,7 @@ def undetermined_variables(
 def _is_determined(normal: NormalEquations) -> bool:
     """Return whether the pivots of N say that all is determined.
 
-    Rounding leaves pivots up to 10⁻¹⁰ in a singular N, see `iterate.Iteration.poor`.
+    Rounding leaves pivots up to 10⁻¹⁰ in a singular N, see `gauss_newton.Iteration.poor`.
     """
     try:
         factor = normal.factorise(np.zeros(len(normal.diagonal)), keep=True)

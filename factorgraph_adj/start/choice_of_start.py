@@ -240,7 +240,7 @@ def has_photos_without_pose(network: Network) -> bool:
 def given_or_image_start(
     network: Network, datum: DatumChoice | None, given: Solution | Start | None
 ) -> Solution | Start | None:
-    """Return the given start; for photos without poses the start that `start_of` finds.
+    """Return the given start; for photos without poses the start that `choose_start` finds.
 
     Raises:
         ApproximationError: photos or points have no start values.

@@ -50,8 +50,9 @@ def problems_of_marks(network: Network, poses: Array | None = None) -> tuple[Pro
         poses: stored poses, (photos, 12), NaN where unknown; none: the given ones.
 
     Returns:
-        Problems: the rays of the points do not meet (their median miss exceeds `APART`), and do
-        along other axes (to less than `APART`, and `BETTER` times that); or all points have the
+        Problems: the rays of the points do not meet (their median miss exceeds
+        `MAX_RAY_MISS_OF_AXES_RAD`), and do along other axes (to less than
+        `MAX_RAY_MISS_OF_AXES_RAD`, and `MAX_MISS_SHARE_LEFT` times that); or all points have the
         same coordinates.
     """
     photo, point, xy, _ = network.images.columns()

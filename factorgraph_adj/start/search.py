@@ -316,7 +316,7 @@ def _without_contradiction(
         second: the given values; is filled.
         seen: observations of which the steps make values.
         free: whether the datum is free.
-        apart: as in `reach`.
+        apart: as in `partial_approximation`.
     """
     misfit = observed_misfits(first)
     table = equations.unknowns["point"]

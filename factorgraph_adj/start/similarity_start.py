@@ -132,7 +132,7 @@ def robust_cost(equations: Equations, state: State) -> float:
 
 
 def _sampled(rows: Index) -> Index:
-    """Return at most `MAX_SAMPLED` of some rows, evenly spread."""
+    """Return at most `MAX_SAMPLED_OBSERVATIONS` of some rows, evenly spread."""
     if len(rows) <= MAX_SAMPLED_OBSERVATIONS:
         return rows
     return np.asarray(rows[np.linspace(0, len(rows) - 1, MAX_SAMPLED_OBSERVATIONS).astype(np.intp)])

@@ -51,7 +51,7 @@ def orient_by_given_centre_or_attitude(
     """Orient photos with known projection centres or attitudes from two rays or more, in place.
 
     Args:
-        growth: as for `stand`.
+        growth: as for `add_photos_of_known_pose`.
         known: coordinates and attitudes, NaN where unknown.
 
     Returns:

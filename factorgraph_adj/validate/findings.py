@@ -33,7 +33,8 @@ class Finding:
     size: float = nan
     """How large the misfit is, in ``unit``; NaN if it has no size."""
     tolerance: float = nan
-    """How large it may be: `TIMES` its standard deviation, in ``unit``; NaN if there is none."""
+    """How large it may be: `TOLERANCE_FACTOR` times its standard deviation, in ``unit``; NaN if
+    there is none."""
     unit: str = ""
     """Unit of both."""
     ids: tuple[str, ...] = ()
@@ -74,7 +75,7 @@ def given_rows(
 ) -> Iterator[tuple[Block, Index]]:
     """Iterate over the blocks of a kind, and the rows whose points have given coordinates.
 
-    Blocks with fewer than `LEAST` of them are left out.
+    Blocks with fewer than `MIN_READINGS_OF_GROUP` of them are left out.
 
     Args:
         equations: the network.

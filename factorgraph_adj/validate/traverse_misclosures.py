@@ -228,7 +228,7 @@ MAX_TRAVERSE_STARTS = 200
 """Largest number of held points from which traverses are looked for."""
 PLANE_TOLERANCE_FACTOR = float(np.sqrt(-2.0 * np.log(0.001)))
 """Tolerance of a misclosure in the plane, in semi-axes of its ellipse: exceeded by chance once in
-1000, as `TIMES` is by a single value."""
+1000, as `TOLERANCE_FACTOR` is by a single value."""
 MAX_POINTS_OF_TRAVERSE = 8
 """Largest number of points of a traverse that are named."""
 MGON_RAD = np.pi / 200e3

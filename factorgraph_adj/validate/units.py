@@ -71,7 +71,8 @@ def level_sights(network: Network, unit: str, compared: frozenset[str]) -> Itera
     """Iterate over kinds whose level sights read what is level in another unit.
 
     Sums of both faces, and of sights forth and back, decide where there are some. Where there are
-    none, at least `SIGHTS` readings must lie `BETTER` times nearer to the level of the other unit.
+    none, at least `MIN_LEVEL_SIGHTS` readings must lie `MIN_FIT_IMPROVEMENT` times nearer to the
+    level of the other unit.
 
     Args:
         network: the network.

@@ -259,7 +259,7 @@ class ImagePoints:
 
 
 def all_in_range(values: Array) -> bool:
-    """Return whether all values are finite and no larger than `LARGEST`."""
+    """Return whether all values are finite and no larger than `MAX_BLOCK_NUMBER`."""
     return bool(np.all(np.abs(values) <= MAX_BLOCK_NUMBER))  # False for NaN
 
 

@@ -203,7 +203,7 @@ class ModelProblems:
     _more: dict[str, int] = field(default_factory=dict)
 
     def add(self, what: str, where: str, kind: str = "") -> None:
-        """Add a problem; of one kind the first `MOST_PROBLEMS` are kept and the rest counted."""
+        """Add a problem; of a kind `MAX_PROBLEMS_OF_A_KIND` are kept and the rest counted."""
         n = self._more.get(kind, 0) + 1
         self._more[kind] = n
         if n <= MAX_PROBLEMS_OF_A_KIND:

@@ -8,7 +8,7 @@ camera. The distortion corrects measured pixels (convention DistM2C), y down, ab
 
 Rotations are those from the camera (x right, y down, z ahead) to the object. Pixels count from the
 centre of the first one, so that half a pixel is added. Folders of MMVII, the second MicMac, are
-read by `micmac_mmvii` and `micmac_measures`.
+read by `micmac_mmvii`.
 """
 
 from __future__ import annotations

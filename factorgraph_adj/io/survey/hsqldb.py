@@ -204,7 +204,7 @@ _TYPES: dict[str, type] = {
 
 
 def _typed(kind: str, value: Any) -> Any:
-    """Return a value of a column of a type; `_Damaged` if it cannot stand there."""
+    """Return a value of a column of a type; `_LiteralError` if it cannot stand there."""
     wanted = _TYPES.get(kind)
     if value is None or wanted is None:
         return value

@@ -178,7 +178,7 @@ class FrameNode:
     translation: Array
     """Its origin in the parent, (3,), metres."""
     free: tuple[str, ...] = ()
-    """Components that are free, of `FREE`."""
+    """Components that are free, of `FRAME_COMPONENTS`."""
     row: InputWords | None = None
     """Where it stands."""
 
@@ -231,7 +231,7 @@ class StatedPoint:
     at: Array
     """Coordinates in that frame, (3,), metres; those of the root are cartesian."""
     kind: str
-    """Keyword of its block, of `POINTS`."""
+    """Keyword of its block, of `POINT_KEYWORDS`."""
     row: InputWords
     """Where it stands."""
 

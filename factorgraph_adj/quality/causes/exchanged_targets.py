@@ -318,8 +318,8 @@ class _Search:
     def _best(self, fitting: Sequence[_Tested]) -> list[_Tested]:
         """Return the tests that count; of those that share points the one that explains most.
 
-        What explains less by no more than `SAME` is named with it. The same readings under the
-        names as they are have one T², the least that any start has led to.
+        What explains less by no more than `MIN_T2_DIFFERENCE` is named with it. The same readings
+        under the names as they are have one T², the least that any start has led to.
         """
         out: list[_Tested] = []
         same = MIN_T2_DIFFERENCE * self.core.weight.variance

@@ -96,7 +96,8 @@ MIN_SHARE_OF_ONLY_CAUSE = 0.9
 """Share of the excess of vᵀPv over its redundancy that one cause explains where it is the only one:
 the rest is curvature of the model. Where it explains less, there are others besides."""
 MIN_SHARE_OF_LARGE_CAUSE = 0.5
-"""The same where the error is larger than `FARTHEST`, so that curvature leaves a lot."""
+"""The same where the error is larger than `MAX_LINEAR_TEST_VALUE`, so that curvature leaves a
+lot."""
 MIN_SHARING_OBSERVATIONS = 2
 """Smallest number of observations that share a cause; an error of one is tested as its own."""
 
@@ -125,7 +126,8 @@ class Causes(Shown):
     """Tests of all given values that are held."""
     readings: tuple[str, ...] = ()
     """Labels of the observations that cannot be told from the one with the largest test value, that
-    one first; empty where no test value is more than good readings make, see `CHANCE`."""
+    one first; empty where no test value is more than good readings make, see
+    `MAX_CHANCE_OF_CAUSE`."""
     rivals: tuple[str, ...] = ()
     """Causes that cannot be told from it."""
     freedom: float = np.inf
@@ -149,7 +151,7 @@ class Causes(Shown):
         """Exchanges, and causes that explain significantly more than any single observation.
 
         Those only that good readings make as likely as this, at any of the places tested, with a
-        probability below `CHANCE`; and of a size that such an error has.
+        probability below `MAX_CHANCE_OF_CAUSE`; and of a size that such an error has.
         """
         least = float(np.log(max(self.tested, 1) / MAX_CHANCE_OF_CAUSE))
         single = max(evidence(self.single, 1, self.freedom), self.whole.evidence)
@@ -182,9 +184,9 @@ class Causes(Shown):
     def alone(self, c: Cause) -> bool:
         """Return whether no other error need be looked for after a cause.
 
-        With it as an unknown the global test is accepted, or it explains `NEARLY_ALL` of the
-        excess, `MIN_SHARE_OF_LARGE_CAUSE` beyond the linear model. Of an estimated σ0 nobody knows
-        an excess.
+        With it as an unknown the global test is accepted, or it explains `MIN_SHARE_OF_ONLY_CAUSE`
+        of the excess, `MIN_SHARE_OF_LARGE_CAUSE` beyond the linear model. Of an estimated σ0 nobody
+        knows an excess.
         """
         left, r = self.left(c)
         if not c.sizes or np.isfinite(c.freedom) or r <= 0:
@@ -394,9 +396,9 @@ def _cause(
 
 
 def _tested(solution: Solution, every: Iterable[ErrorColumns]) -> Iterator[Cause]:
-    """Iterate over causes at places, of each the `MOST` with the largest T².
+    """Iterate over causes at places, of each the `MAX_PLACES_OF_CAUSE` with the largest T².
 
-    T² of all places is computed if `ELEMENTS` allows; otherwise of those with the largest
+    T² of all places is computed if `MAX_PLACE_ELEMENTS` allows; otherwise of those with the largest
     (zᵀr)² / zᵀz, a lower bound of it. There is no upper bound without the solution for z by which
     T² itself is known.
     """
@@ -447,7 +449,7 @@ def _of_places(z: csc_array, places: Index, q: int) -> csc_array:
 
 
 def _largest(places: Index, sizes: Array, most: int) -> Index:
-    """Return the places of the largest sizes, at least `MOST` of them."""
+    """Return the places of the largest sizes, at least `MAX_PLACES_OF_CAUSE` of them."""
     return places[np.argsort(-sizes, kind="stable")[: max(most, MAX_PLACES_OF_CAUSE)]]
 
 

@@ -45,17 +45,19 @@ MAX_LINEAR_TEST_VALUE = 1000.0
 """Largest test value of an error for which the linear model of the tests holds."""
 MIN_SEPARABLE_SHARE = MIN_T2_DIFFERENCE / MAX_LINEAR_TEST_VALUE**2
 """Smallest 1 − ρ² of test values that can tell two errors apart: with less, even an error of the
-size of `FARTHEST` leaves T² of both different by less than `SAME`. Rounding is smaller by far."""
+size of `MAX_LINEAR_TEST_VALUE` leaves T² of both different by less than `MIN_T2_DIFFERENCE`.
+Rounding is smaller by far."""
 
 
 def separability_tolerance(evidence: float) -> float:
     """Return how much less evidence another error may have and still not be told from this one.
 
-    max(½ `SAME`, `SEPARABLE` · evidence), in the unit of evidence, −ln of a probability.
+    max(½ `MIN_T2_DIFFERENCE`, `MIN_SEPARABLE_SHARE` · evidence), in the unit of evidence, −ln of a
+    probability.
 
-    Evidence is half a T², so it is half of `SAME`. Of errors with one component it is reached where
-    (1 − ρ²) T² is, so that it also decides whether something tells of two errors at all: with a
-    correlation of ±1 their T² differ by rounding alone.
+    Evidence is half a T², so it is half of `MIN_T2_DIFFERENCE`. Of errors with one component it is
+    reached where (1 − ρ²) T² is, so that it also decides whether something tells of two errors at
+    all: with a correlation of ±1 their T² differ by rounding alone.
     """
     return max(0.5 * MIN_T2_DIFFERENCE, MIN_SEPARABLE_SHARE * evidence)
 
@@ -146,8 +148,8 @@ def inseparable_readings(rel: Reliability, w: Array, first: int, *, estimated: b
         w₁₂ = (w₁ − ρ w₂) / √(1 − ρ²),   w₂₁ = (w₂ − ρ w₁) / √(1 − ρ²),   w₁² + w₂₁² = w₂² + w₁₂².
 
     Row 2 belongs to them if its evidence is less by no more than `separability_tolerance` (of a
-    known σ0: w₁² − w₂² < `SAME`), and either one explains the other: w₁₂ and w₂₁ are not critical.
-    If they are, both are wrong. 1 − ρ² below `SEPARABLE` counts as that.
+    known σ0: w₁² − w₂² < `MIN_T2_DIFFERENCE`), and either one explains the other: w₁₂ and w₂₁ are
+    not critical. If they are, both are wrong. 1 − ρ² below `MIN_SEPARABLE_SHARE` counts as that.
 
     Args:
         rel: the reliability.

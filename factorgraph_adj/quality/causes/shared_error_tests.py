@@ -271,8 +271,8 @@ def given_values(solution: Solution) -> tuple[GivenValue, ...]:
 
     Returns:
         Points, photos, calibrations and parameters with held components, in the order of the
-        network; no calibrations with more than `MOST_RAYS` image points, and nothing where the
-        user added factors, whose partials by held components are not known.
+        network; no calibrations with more than `MAX_RAYS_OF_FIXED_CALIBRATION` image points, and
+        nothing where the user added factors, whose partials by held components are not known.
 
     Raises:
         SingularError: the normal equations are singular at the solution.
@@ -409,8 +409,8 @@ def axis_scales(solution: Solution) -> list[AxisScale]:
         solution: result of `adjust`.
 
     Returns:
-        The axes along which `LEAST` points with coordinates of their own are held; none where the
-        user added factors, whose partials by held components are not known.
+        The axes along which `MIN_SCALED_COORDINATES` points with coordinates of their own are held;
+        none where the user added factors, whose partials by held components are not known.
 
     Raises:
         SingularError: the normal equations are singular at the solution.

@@ -256,7 +256,8 @@ EPOCH_POINT_MARKERS = (
     {"symbol": "circle", "size": 8, "color": "doubt"},
     {"symbol": "circle", "size": 6, "color": "point"},
 )
-"""Markers of the states, in the order of `STATES`; colours are names of the style sheet."""
+"""Markers of the states, in the order of `EPOCH_POINT_STATES`; colours are names of the style
+sheet."""
 MAX_NAMES_IN_EPOCHS_PLAN_TEXT = 8
 """Largest number of names in a sentence."""
 

@@ -31,11 +31,11 @@ from .rendering import NO_FIGURE, Column, ColumnHead, Sheet, Texts, columns_from
 NEW_POINT = "new"
 """What a point is that is nothing else."""
 POINT_STATES = ("held", "part", "known", "check", "datum", "station", NEW_POINT, "side_shot")
-"""Keys of what a point may be; the first that fits is shown, and `NEW` where none does."""
+"""Keys of what a point may be; the first that fits is shown, and `NEW_POINT` where none does."""
 
 
 def point_states(report: Report) -> list[str]:
-    """Return the key of what each point is, one of `STATES`."""
+    """Return the key of what each point is, one of `POINT_STATES`."""
     status = point_status(report.solution)
     out = np.full(len(report.network.points), NEW_POINT, dtype=object)
     for key in reversed([k for k in POINT_STATES if k != NEW_POINT]):

@@ -318,7 +318,7 @@ def draw_arrows(
 
 
 def widen_limits(axes: Axes, places: Array) -> None:
-    """Widen the limits of a picture for places (n, 2), by at most `ROOM` of its size a time."""
+    """Widen limits for places (n, 2), by at most `MAX_GROWTH_ON_A_SIDE` of the size a time."""
     left, right, bottom, top = (*axes.get_xlim(), *axes.get_ylim())
     low, high = np.array([left, bottom]), np.array([right, top])
     room = MAX_GROWTH_ON_A_SIDE * (high - low)
