@@ -19,6 +19,17 @@ from scipy import special
 from .errors import InputError
 from .types import Array
 
+ALPHA_OF_OBSERVATION = 0.001
+"""Probability α0 of a false alarm of the test of one observation, as in Baarda's data snooping."""
+ALPHA_OF_MODEL = 0.05
+"""Probability of a false alarm of one test of the model: the global test, a test of a parameter."""
+POWER_OF_TEST = 0.80
+"""Probability 1 − β0 with which a gross error of the smallest detectable size is found."""
+CONFIDENCE_OF_REGION = 0.95
+"""Probability with which an error ellipse or an interval covers the truth."""
+SIGMA_PER_MEDIAN_DEVIATION = 1.4826
+"""Ratio of σ to the median absolute deviation of a normal distribution."""
+
 
 def normal_quantile(p: float) -> float:
     """Return Φ⁻¹(p) of the standard normal distribution."""
@@ -102,18 +113,6 @@ class ChiSquareTest:
     def test(self) -> float:
         """√(T²/critical): beyond the critical value above 1; NaN where nothing controls it."""
         return float(np.sqrt(self.t2 / self.critical)) if self.dof else np.nan
-
-
-ALPHA_OF_OBSERVATION = 0.001
-"""Probability α0 of a false alarm of the test of one observation, as in Baarda's data snooping."""
-ALPHA_OF_MODEL = 0.05
-"""Probability of a false alarm of one test of the model: the global test, a test of a parameter."""
-POWER_OF_TEST = 0.80
-"""Probability 1 − β0 with which a gross error of the smallest detectable size is found."""
-CONFIDENCE_OF_REGION = 0.95
-"""Probability with which an error ellipse or an interval covers the truth."""
-SIGMA_PER_MEDIAN_DEVIATION = 1.4826
-"""Ratio of σ to the median absolute deviation of a normal distribution."""
 
 
 class AdjustmentFigures(Protocol):

@@ -41,6 +41,8 @@ _ANY = re.compile(r"'[^']*'|\"[^\"]*\"|[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
 _PLACE = re.compile(r"([^\s:(]+\.\w+):(\d+)")
 _LABEL = re.compile(_PLACE.pattern + r":(?: [^\s:;,]+)*")
 _QUOTED = re.compile(r"'[^']*'")
+MAX_PROBLEM_LINES = 200
+"""Largest number of lines of problems."""
 
 
 def kind_of_problem(problem: object) -> tuple[str, str]:
@@ -102,8 +104,6 @@ def _places(problems: Iterable[object]) -> str:
 
 ShowProgress: TypeAlias = Callable[[str], None]
 """Function that replaces the line of progress by a text."""
-MAX_PROBLEM_LINES = 200
-"""Largest number of lines of problems."""
 
 
 def problem_lines(problems: Sequence[object], *, every: bool = False) -> list[str]:

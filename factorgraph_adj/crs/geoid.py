@@ -37,6 +37,10 @@ NTV2_UNITS_RAD = {"SECONDS": np.pi / 648000.0, "MINUTES": np.pi / 10800.0, "DEGR
 
 MAX_NODES_OF_SUB_GRID = 200_000_000
 """Largest number of nodes of a sub-grid; a larger one is a damaged file."""
+SLOPE_STEP_RAD = 1e-4
+"""Half the distance of the places between which a slope of the geoid is taken, radians: 640 m."""
+MAX_UNDULATION_M = 200.0
+"""Largest undulation that is believed, metres; on the Earth it stays within about ±110 m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,11 +182,7 @@ def _text(data: bytes, record: int) -> str:
 
 GEOID_SUFFIXES = (".gtx", ".tif", ".tiff", ".gsb", ".csv", ".geo")
 """Suffixes of files of geoids."""
-SLOPE_STEP_RAD = 1e-4
-"""Half the distance of the places between which a slope of the geoid is taken, radians: 640 m."""
 GEOID_TABLE_COLUMNS = ("point", "n", "xi", "eta")
-MAX_UNDULATION_M = 200.0
-"""Largest undulation that is believed, metres; on the Earth it stays within about ±110 m."""
 
 
 @dataclass(frozen=True, eq=False)

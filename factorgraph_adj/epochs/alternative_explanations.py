@@ -36,6 +36,16 @@ ADJUSTMENTS_IN_WORDS = {1: ("the common adjustment",), 2: ("the first epoch", "t
 """Words for the adjustments, by their number."""
 CAUSE_ADVICE = "put it right before any displacement is believed"
 """What is to be done with a likely cause."""
+MAX_PART_LEFT = 0.1
+"""Largest distance from the place of another point, relative to the displacement, at which a point
+may be that other point."""
+MAX_PART_TO_NEXT = 0.01
+"""Largest distance of two points of one epoch each, relative to that to the nearest other point, at
+which they may be the same."""
+MIN_POINTS_HELD = 2
+"""Smallest number of held points, of which one alone cannot be seen to move."""
+MIN_EQUAL_SHARE = 0.5
+"""Smallest part of equal readings of an epoch that is told: some are equal by chance."""
 
 
 def epoch_causes(
@@ -90,14 +100,6 @@ def _causes(solution: Solution, estimated: bool) -> Causes | None:
         return None
 
 
-MAX_PART_LEFT = 0.1
-"""Largest distance from the place of another point, relative to the displacement, at which a point
-may be that other point."""
-MAX_PART_TO_NEXT = 0.01
-"""Largest distance of two points of one epoch each, relative to that to the nearest other point, at
-which they may be the same."""
-MIN_POINTS_HELD = 2
-"""Smallest number of held points, of which one alone cannot be seen to move."""
 Compare = Callable[[Solution, Solution, Mapping[str, str]], Congruence]
 """Compares two epochs by names in the second by names in the first."""
 
@@ -271,10 +273,6 @@ def _released(solution: Solution, held: Mapping[str, Array], axes: str) -> Solut
         )
     network.datum = "free"
     return adjust(network, start=solution)
-
-
-MIN_EQUAL_SHARE = 0.5
-"""Smallest part of equal readings of an epoch that is told: some are equal by chance."""
 
 
 def identical_readings(first: Solution, second: Solution) -> tuple[int, int]:

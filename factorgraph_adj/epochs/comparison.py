@@ -36,6 +36,11 @@ from .differences import Differences, PointRoles
 
 MIN_OBSERVED_SCALE_PART = 1e-6
 """Part of r outside of the open motions below which no observation tells the scale."""
+MAX_DISTANCE_OF_SAME_PLACE_M = 1e-5
+"""Distance, metres, below which the coordinates of a point held in both epochs are the same: what
+files with five decimals round."""
+MIN_OPEN_PART = 1e-7
+"""Part of an axis in an open direction below which the direction is across the axis."""
 
 
 @dataclass(frozen=True)
@@ -99,13 +104,6 @@ def reference_scale_change(
         tests = scale.test(omega, 1, alpha), scale.test(rest, h, alpha)
         out.append(ScaleChange(s, sigma, *tests, in_plan))
     return min(out, key=lambda c: c.rest.value, default=None)
-
-
-MAX_DISTANCE_OF_SAME_PLACE_M = 1e-5
-"""Distance, metres, below which the coordinates of a point held in both epochs are the same: what
-files with five decimals round."""
-MIN_OPEN_PART = 1e-7
-"""Part of an axis in an open direction below which the direction is across the axis."""
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,12 @@ from .differences import Differences
 
 MIN_EIGENVALUE_RATIO = 1e-12
 """Ratio of the smallest to the largest eigenvalue of Q̃ below which d has no weight."""
+MAX_COMBINATIONS = 20_000
+"""Largest number of sets of one size that are tried; a larger number is searched backward."""
+MAX_ROBUST_ITERATIONS = 100
+"""Largest number of iterations of the robust transformation."""
+MIN_ROBUST_STEP_M = 1e-10
+"""Change of the differences, metres, at which the robust transformation ends."""
 
 
 def weight_of_differences(q: Array, g: Array) -> Array:
@@ -209,13 +215,6 @@ def displacement_of_rows(w: Array, d: Array, columns: Index) -> tuple[Array, Arr
 
 LocalisationMethod: TypeAlias = Literal["backward", "combinations", "robust"]
 """How the points that moved are found."""
-
-MAX_COMBINATIONS = 20_000
-"""Largest number of sets of one size that are tried; a larger number is searched backward."""
-MAX_ROBUST_ITERATIONS = 100
-"""Largest number of iterations of the robust transformation."""
-MIN_ROBUST_STEP_M = 1e-10
-"""Change of the differences, metres, at which the robust transformation ends."""
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,8 @@ MIN_RELATIVE_MOTION = 1e-6
 """Relative size of a motion of d below which it is rounding."""
 MAX_ALIGNMENT_ITERATIONS = 50
 """Largest number of steps in which the second epoch is moved onto the first."""
+NOT_NAMED = "neither named as reference nor as object"
+"""Why points are not compared if both are named."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,8 +311,6 @@ LEFT_OUT = (
 """Why points are not compared that were left out of an epoch, see `determined_part`."""
 HELD_IN_ONE = ("held in the first epoch alone", "held in the second epoch alone")
 """Why points are not compared that one epoch holds and the other determines."""
-NOT_NAMED = "neither named as reference nor as object"
-"""Why points are not compared if both are named."""
 
 
 @dataclass(frozen=True)

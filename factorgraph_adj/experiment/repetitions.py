@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 
 DIED = "WorkerDied"
 """Type of error of a repetition whose process ended while it ran."""
+REPETITIONS_PER_THREAD = 4
+"""Number of repetitions under way for each thread of the cluster, so that no thread waits."""
+REPETITIONS_IN_ADVANCE = 4
+"""Number of repetitions that a process is given in advance, so that it does not wait for the
+pipe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +131,6 @@ def _figures(returned: object, levels: Levels) -> dict[str, float]:
 
 
 MISSING = "a cluster needs Dask, which is not installed: pip install 'factorgraph_adj[cluster]'"
-REPETITIONS_PER_THREAD = 4
-"""Number of repetitions under way for each thread of the cluster, so that no thread waits."""
 
 
 def is_client(client: object) -> bool:
@@ -237,9 +240,6 @@ def _repeat(trial: Trial, seed: int, levels: bytes) -> Outcome:
     return repeat(trial, seed, pickle.loads(levels))
 
 
-REPETITIONS_IN_ADVANCE = 4
-"""Number of repetitions that a process is given in advance, so that it does not wait for the
-pipe."""
 _NEVER_BEGAN = (
     "a worker process ended before it could begin ({}). In a script, the call of run belongs "
     "under `if __name__ == '__main__':`, as every process imports the script once more"

@@ -41,6 +41,10 @@ VERMILLION, GREEN, CLEAR = "213,94,0,255", "0,158,115,255", "0,0,0,0"
 QML_DOCTYPE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 SYMBOL_CLASSES = {"marker": "SimpleMarker", "line": "SimpleLine", "fill": "SimpleFill"}
 """Class of the symbol layer of each kind of symbol."""
+OWN_SYSTEM_ID = 100_000
+"""Identifier of a reference system without an EPSG code."""
+NO_DATE = "1970-01-01T00:00:00.000Z"
+"""Time of files whose run has no date: the library looks at no clock."""
 
 
 @dataclass(frozen=True)
@@ -229,10 +233,6 @@ WKB_CODES: dict[Geometry, int] = {"POINT": 1001, "LINESTRING": 1002, "POLYGON": 
 """Codes of geometries with heights in ISO WKB."""
 UNDEFINED_CARTESIAN, UNDEFINED_GEOGRAPHIC = -1, 0
 """Identifiers of the undefined reference systems that every GeoPackage has."""
-OWN_SYSTEM_ID = 100_000
-"""Identifier of a reference system without an EPSG code."""
-NO_DATE = "1970-01-01T00:00:00.000Z"
-"""Time of files whose run has no date: the library looks at no clock."""
 WGS84_WKT = (
     'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563,'
     'AUTHORITY["EPSG","7030"]],AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,'

@@ -34,6 +34,10 @@ PARTS_OF_SENSOR_EDGE = 8
 MIN_SINE_TO_GROUND = 0.05
 """Smallest sine of the angle between a ray and the ground; beyond it the photo looks over the
 horizon, and has no footprint."""
+MILLIMETRE = 1e-3
+"""Millimetre, metres."""
+VERTICES_OF_RING = 72
+"""Vertices of a ring; the axes of the ellipse end at four of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,12 +256,6 @@ def coordinate_differences(solution: Solution) -> FrameShapes:
     columns: dict[str, Sequence[Any]] = {"name": names, "kind": what}
     columns |= {f"d{a}_mm": (d[:, i] / MILLIMETRE).tolist() for i, a in enumerate("xyz")}
     return FrameShapes(list(np.stack([ends - d, ends], axis=1)), columns)
-
-
-MILLIMETRE = 1e-3
-"""Millimetre, metres."""
-VERTICES_OF_RING = 72
-"""Vertices of a ring; the axes of the ellipse end at four of them."""
 
 
 def point_data(report: Report) -> dict[str, Sequence[Any]]:

@@ -25,6 +25,9 @@ from .blocks import Block, ObservationLabels
 from .variables import DEFAULT, Unknowns, Variables, calibration_name
 from .weights import constant_sigma, vector_weights
 
+ABSENT = ""
+"""Name of a variable that an observation could have and has not."""
+
 
 def variable_name(network: Network, kind: VariableKind, attribute: str, o: Observation) -> str:
     """Return the name of the variable to which an attribute of an observation refers.
@@ -44,10 +47,6 @@ def variable_name(network: Network, kind: VariableKind, attribute: str, o: Obser
     if record.absent == "default" and key not in network.parameters.get(kind, {}):
         return DEFAULT
     return parameter_name(key)
-
-
-ABSENT = ""
-"""Name of a variable that an observation could have and has not."""
 
 
 def _at_origin(network: Network, kind: VariableKind, frame: str) -> str:

@@ -18,6 +18,13 @@ from ..types import Array, Index
 from .blocks import Block
 from .variables import State, Unknowns, calibration_name
 
+DIGIT = 16
+"""Bits that are sorted at once: numpy sorts numbers of 16 bits by radix, longer ones by merging,
+which takes five times as long."""
+RAYS = 12_000
+"""Largest number of rays of a chunk. An array over them has 96 kB: some twenty stay in the cache,
+and the allocator reuses their memory (it maps new pages from 128 kB)."""
+
 
 class ImageIds:
     """Ids of image points, made on demand."""
@@ -145,11 +152,6 @@ def _refuse_duplicates(network: Network, photo: Index, point: Index) -> None:
         )
 
 
-DIGIT = 16
-"""Bits that are sorted at once: numpy sorts numbers of 16 bits by radix, longer ones by merging,
-which takes five times as long."""
-
-
 def stable_order(numbers: Index, count: int) -> Index:
     """Return the order in which numbers from 0 to ``count`` − 1 ascend; equal ones keep theirs.
 
@@ -162,11 +164,6 @@ def stable_order(numbers: Index, count: int) -> Index:
         digits = (numbers >> shift).astype(np.uint16)  # the higher bits are cut off
         order = order[np.argsort(digits[order], kind="stable")]
     return order
-
-
-RAYS = 12_000
-"""Largest number of rays of a chunk. An array over them has 96 kB: some twenty stay in the cache,
-and the allocator reuses their memory (it maps new pages from 128 kB)."""
 
 
 @dataclass(frozen=True)

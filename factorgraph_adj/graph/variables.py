@@ -26,6 +26,8 @@ State: TypeAlias = dict[VariableKind, Array]
 """Values of all variables, (n, width) for each kind; a pose has 9 of rotation and 3 of centre."""
 MaskState: TypeAlias = dict[VariableKind, Mask]
 """Flags of the values of a state, with the shapes of the state."""
+DEFAULT = ""
+"""Name of the constant of a kind, for observations that name no unknown of that kind."""
 
 
 @dataclass(frozen=True)
@@ -440,10 +442,6 @@ def _parameters(kind: UnknownKind, stated: Mapping[Key, Parameter]) -> _Raw:
         sigma[i, :k] = p.sigma
     stored = np.concatenate([kind.store(values), constants], axis=1)
     return list(entries), stored, sizes, free, sigma
-
-
-DEFAULT = ""
-"""Name of the constant of a kind, for observations that name no unknown of that kind."""
 
 
 _ENTITIES = {"point": _points, "pose": _poses, "calibration": _calibrations}

@@ -35,6 +35,18 @@ MAX_OBSERVATIONS_TESTED = 50
 """Largest number of observations without a minimum that are tested to name the worst: the first."""
 MIN_SUSPECTS_OF_PHOTO = 3
 """Smallest number of suspects of a photo that may be right against what is in."""
+MIN_SUSPECTS_TOGETHER = 2
+"""Smallest number of suspects of an unknown that may be right against a reading that is in."""
+MIN_SUSPECTS_SHARING = 3
+"""Smallest number of suspects of an unknown that may share an error."""
+MIN_SHARE_OF_SUSPECTS = 0.1
+"""Smallest share that they have of its observations: single gross errors are fewer."""
+MAX_SUSPECTS_TOGETHER = 12
+"""Largest number of suspects of an unknown that are looked at: the latest."""
+MAX_UNKNOWNS_LOOKED_AT = 5
+"""Largest number of unknowns that suspects share and at which is looked: those of most."""
+MAX_READINGS_BESIDE = 12
+"""Largest number of readings of it that are in, and looked at with them: the first."""
 
 
 def photo_doubts(ledger: Ledger) -> tuple[str, ...]:
@@ -81,22 +93,10 @@ def minimum_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
     return (told,)
 
 
-MIN_SUSPECTS_TOGETHER = 2
-"""Smallest number of suspects of an unknown that may be right against a reading that is in."""
-MIN_SUSPECTS_SHARING = 3
-"""Smallest number of suspects of an unknown that may share an error."""
-MIN_SHARE_OF_SUSPECTS = 0.1
-"""Smallest share that they have of its observations: single gross errors are fewer."""
 SHARED_ERROR = (
     "causes() looks for an error that several share, such as wrong given "
     "coordinates or a wrong height of an instrument"
 )
-MAX_SUSPECTS_TOGETHER = 12
-"""Largest number of suspects of an unknown that are looked at: the latest."""
-MAX_UNKNOWNS_LOOKED_AT = 5
-"""Largest number of unknowns that suspects share and at which is looked: those of most."""
-MAX_READINGS_BESIDE = 12
-"""Largest number of readings of it that are in, and looked at with them: the first."""
 
 
 def suspects_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:

@@ -31,6 +31,11 @@ from ..start.choice_of_start import block_start_from_images
 from ..start.partial_block import MIN_PAIR_POINTS
 from ..types import Mask
 
+DISAGREES = "fewer than two of its image points agree with the photos that were oriented"
+"""What a point lacks."""
+MISMATCH = "it does not agree with the block that its photo was oriented in"
+"""Why an image point waits until its point is known."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -138,12 +143,6 @@ def without_blunders(solution: Solution, alpha: float) -> Solution:
     unknowns, found = solution.equations.unknowns, clean.solution
     state = unknowns.carried(solution.state, found.equations.unknowns, found.state)
     return replace(solution, state=state)
-
-
-DISAGREES = "fewer than two of its image points agree with the photos that were oriented"
-"""What a point lacks."""
-MISMATCH = "it does not agree with the block that its photo was oriented in"
-"""Why an image point waits until its point is known."""
 
 
 def oriented_block(

@@ -32,6 +32,25 @@ MIN_MOVE_IN_SIGMA = 3.0
 """Smallest move of a point, relative to its largest σ, that takes it to another side."""
 MIN_PART_THAT_STAYS = 0.5
 """Part of that move which is left once the reading is out: with less there is no second side."""
+MAX_MOVE_IN_SIGMA = 3.0
+"""Largest move of a point, relative to its largest σ, over which an observation may bend."""
+MAX_MOVE_IN_EXTENTS = 10.0
+"""Largest move, relative to the extent of the network: where a σ is larger, nothing holds the
+point there."""
+MIN_BEND_TO_RESIDUAL = 0.5
+"""Smallest change of an observation by its bend, relative to its residual, from which on a test on
+its linear form says nothing."""
+MAX_RESIDUAL_IN_SIGMA = 1e12
+"""Residual relative to σ from which no place of a point explains a reading."""
+MAX_UNITS_TESTED = 8
+"""Largest number of units that are tested so after one command: each takes an adjustment."""
+MAX_CHANCE_EXCESS = 4.0
+"""Excess of vᵀPv over the redundancy r, in units of its standard deviation √(2r), from which on a
+network is adjusted from approximate values."""
+MIN_RELATIVE_DECREASE = 1e-6
+"""Decrease of vᵀPv, relative to 1 + vᵀPv, from which another minimum counts as better."""
+LARGE_NETWORK_UNKNOWNS = 3_000
+"""Number of unknowns from which on a network is large."""
 
 
 def with_points_at(start: Start, places: Mapping[str, Iterable[float]]) -> Start:
@@ -149,18 +168,6 @@ def side_doubts(ledger: Ledger) -> tuple[str, ...]:
 
 MOVES_TO_TRY = tuple(3.0**-k for k in range(13))
 """Moves at which vᵀPv is computed, relative to the farthest likely one."""
-MAX_MOVE_IN_SIGMA = 3.0
-"""Largest move of a point, relative to its largest σ, over which an observation may bend."""
-MAX_MOVE_IN_EXTENTS = 10.0
-"""Largest move, relative to the extent of the network: where a σ is larger, nothing holds the
-point there."""
-MIN_BEND_TO_RESIDUAL = 0.5
-"""Smallest change of an observation by its bend, relative to its residual, from which on a test on
-its linear form says nothing."""
-MAX_RESIDUAL_IN_SIGMA = 1e12
-"""Residual relative to σ from which no place of a point explains a reading."""
-MAX_UNITS_TESTED = 8
-"""Largest number of units that are tested so after one command: each takes an adjustment."""
 
 
 def tested_by_readjustment(
@@ -356,15 +363,6 @@ def _vtpv(draft: Draft, start: Start) -> float:
     except AdjustmentError:
         return np.inf
     return float(v @ v)
-
-
-MAX_CHANCE_EXCESS = 4.0
-"""Excess of vᵀPv over the redundancy r, in units of its standard deviation √(2r), from which on a
-network is adjusted from approximate values."""
-MIN_RELATIVE_DECREASE = 1e-6
-"""Decrease of vᵀPv, relative to 1 + vᵀPv, from which another minimum counts as better."""
-LARGE_NETWORK_UNKNOWNS = 3_000
-"""Number of unknowns from which on a network is large."""
 
 
 def smaller_minimum(

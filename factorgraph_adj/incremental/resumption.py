@@ -29,6 +29,11 @@ Estimates: TypeAlias = dict[Variable, Array]
 """Values of unknowns, as in a state."""
 MAX_ORTHOGONALITY_ERROR = 1e-6
 """Largest deviation of R Rᵀ from I of a rotation in a journal."""
+MAX_ADJUSTED_LINES = 100
+"""Largest number of lines at which the network is adjusted on the way."""
+VTPV_TOLERANCE = 1e-4
+"""Difference of two vᵀPv of one minimum, relative to 100 + vᵀPv: what is left until everything
+settles."""
 
 
 class RecordedLine(NamedTuple):
@@ -141,13 +146,6 @@ def _estimates(system: LinearSystem, variables: Iterable[Variable]) -> Estimates
     """Return the estimates of those of some unknowns that are known."""
     found = {v: system.value(*v) for v in variables}
     return {v: x for v, x in found.items() if x is not None and np.isfinite(x).all()}
-
-
-MAX_ADJUSTED_LINES = 100
-"""Largest number of lines at which the network is adjusted on the way."""
-VTPV_TOLERANCE = 1e-4
-"""Difference of two vᵀPv of one minimum, relative to 100 + vᵀPv: what is left until everything
-settles."""
 
 
 class Moment(NamedTuple):

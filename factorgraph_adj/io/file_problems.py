@@ -19,6 +19,15 @@ from ..errors import InputError, LeftOut, Problem
 from ..files import read_bytes
 from .text_files import last_line_number, read_text
 
+MAX_FILE_NUMBER = 1e9
+"""Largest size of a number of a file, metres or units of angle: more than any place on Earth."""
+MIN_FILE_SIGMA = 1e-12
+"""Smallest standard deviation of a file, metres or units of angle."""
+MAX_LISTED_PROBLEMS = 50
+"""Number of problems after which a message only counts the others."""
+MAX_SURVEY_NUMBER = 1e12
+"""Size from which a number of a survey file is taken for damage: metres, or units of angle."""
+
 
 @dataclass(frozen=True)
 class LeftOutReason:
@@ -80,12 +89,6 @@ def left_out_records(parts: Iterable[RowsLeftOut]) -> list[LeftOut]:
 
 
 T = TypeVar("T")
-MAX_FILE_NUMBER = 1e9
-"""Largest size of a number of a file, metres or units of angle: more than any place on Earth."""
-MIN_FILE_SIGMA = 1e-12
-"""Smallest standard deviation of a file, metres or units of angle."""
-MAX_LISTED_PROBLEMS = 50
-"""Number of problems after which a message only counts the others."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
 _LINE = re.compile(r":(\d+)(?::|$)")
 
@@ -230,8 +233,6 @@ def _text(path: Path, latin: bool) -> str:
 
 
 SURVEY_NUMBER_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-MAX_SURVEY_NUMBER = 1e12
-"""Size from which a number of a survey file is taken for damage: metres, or units of angle."""
 
 
 class SurveyProblems(FileProblems):

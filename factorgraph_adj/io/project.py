@@ -45,6 +45,10 @@ from .text_files import read_toml
 from .transaction_folders import recover_folder
 from .unknowns_tables import Dimension, UnknownsReader
 
+MIN_NAME_SIMILARITY = 0.8
+"""Similarity (of difflib) from which a file's name is nearly that of a table: one letter of six is
+missing, wrong or too many."""
+
 
 def project_table_names() -> tuple[str, ...]:
     """Return the names of a project's tables; without [files], each is a file NAME.csv."""
@@ -63,9 +67,6 @@ FRAME_KEYS = {
     "topocentric": ("latitude", "longitude", "height", "ellipsoid", "radius"),
 }
 """Keys of [frame] by kind of frame."""
-MIN_NAME_SIMILARITY = 0.8
-"""Similarity (of difflib) from which a file's name is nearly that of a table: one letter of six is
-missing, wrong or too many."""
 TABLE_ENDINGS = ("csv", "txt", "csv.txt")
 """Endings of names of files that may be meant as tables."""
 CAMERA_KEYS = ("name", "lens", "unit", "y_axis", "per_photo", "format", "origin", "parameters")

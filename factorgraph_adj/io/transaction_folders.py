@@ -34,6 +34,10 @@ ENDING_SIGNALS = tuple(
     if hasattr(signal, name)
 )
 """Signals that end a process which does not handle them."""
+WRITING_PREFIX = ".writing-"
+"""Beginning of the names of these folders."""
+MAX_RESTORE_ATTEMPTS = 2
+"""Number of times that the process which began a transaction tries to put old files back."""
 
 
 @contextmanager
@@ -73,12 +77,8 @@ def deferred_ending_signals() -> Iterator[None]:
 if sys.platform != "win32":
     import fcntl
 
-WRITING_PREFIX = ".writing-"
-"""Beginning of the names of these folders."""
 LIST, MOVE_MARK, OLD_FILES = ".moves.json", ".moving", ".old"
 """What is in one: the list of its files, the mark that files are moved, and the old files."""
-MAX_RESTORE_ATTEMPTS = 2
-"""Number of times that the process which began a transaction tries to put old files back."""
 
 _FOLDERS_IN_USE: set[str] = set()
 """Names of the folders of this process that are in use."""

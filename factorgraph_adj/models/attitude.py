@@ -30,6 +30,8 @@ NO_ANGLES = (
 )
 
 Angles: TypeAlias = Callable[[Array], Array]
+_LEAST = 1e-9
+"""Smallest part of the vertical in the plane of an inclinometer, and smallest length, metres."""
 
 
 def from_omega_phi_kappa(angles: Array) -> Array:
@@ -298,8 +300,6 @@ def photo_angle(
 
 ON_ITS_SIDE = "the axis of the inclinometer is vertical: its reading has no direction"
 NO_LENGTH = "station and target coincide: the sight has no length"
-_LEAST = 1e-9
-"""Smallest part of the vertical in the plane of an inclinometer, and smallest length, metres."""
 
 
 def _inclined(

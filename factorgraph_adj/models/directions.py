@@ -15,6 +15,11 @@ from .line_of_sight import turned_by_angles, up_by_angles
 from .position import split_pose
 from .sub_frame import COMPONENTS, horizons, split_frame
 
+_STEEPEST = 1e-9
+"""Smallest length of up, seen along the axis of turning, at which an inclination is defined."""
+POSE = 6
+"""Components of a pose."""
+
 
 class Directions(NamedTuple):
     """n vectors g in frames, and their partials."""
@@ -144,10 +149,6 @@ def of_those_there(
 
 ALONG = "the {} axis of the instrument is vertical: it has no inclination about the other axis"
 OPPOSITE = "the body stands opposite to where it was seen: the direction has no difference from it"
-_STEEPEST = 1e-9
-"""Smallest length of up, seen along the axis of turning, at which an inclination is defined."""
-POSE = 6
-"""Components of a pose."""
 
 
 def _carried(pose: Array, mount: Array, s: Array) -> tuple[Array, Array, Array]:

@@ -9,6 +9,9 @@ from ..types import Array
 from .antenna import antennas
 from .base import Linearised
 
+MOUNT_COMPONENTS = 6
+"""Components of a mount: three rotations, three of the arm."""
+
 
 def heights(frame: Frame, position: Array) -> tuple[Array, Array]:
     """Return heights h (n,) of places (n, 3), metres, and their gradients ∂h/∂X (n, 3).
@@ -30,10 +33,6 @@ def heights(frame: Frame, position: Array) -> tuple[Array, Array]:
         height += np.sum(away**2, axis=1) / (2.0 * frame.radius)
         gradient[:, :2] = away / frame.radius
     return height, gradient
-
-
-MOUNT_COMPONENTS = 6
-"""Components of a mount: three rotations, three of the arm."""
 
 
 def profile_height(

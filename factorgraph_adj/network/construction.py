@@ -18,6 +18,9 @@ ROUGH = 5e-4
 """Largest deviation from orthogonality that few digits explain: those of four."""
 SINGLE = 1e-6
 """Deviation from orthogonality that is always taken: matrices in single precision have 1e-7."""
+ASSUMED_DISTANCE = 1.2
+"""Principal distance of a camera of which none is known, parts of the longer side of the image: an
+angle of view of 45°."""
 
 
 def checked_point(
@@ -50,11 +53,6 @@ def checked_point(
         None if check is None else triple(check, "check coordinates", where),
         side_shot,
     )
-
-
-ASSUMED_DISTANCE = 1.2
-"""Principal distance of a camera of which none is known, parts of the longer side of the image: an
-angle of view of 45°."""
 
 
 def checked_camera(

@@ -29,6 +29,8 @@ MAX_SEARCHED_COLUMNS = 4000
 """Largest number of columns for which undetermined combinations are searched densely."""
 MAX_NULL_EIGENVALUE = 1e-12
 """Eigenvalue of the scaled normal matrix below which a combination counts as undetermined."""
+CONTROL_ADVICE = "give control (fixed or weighted coordinates), or observations that tie the parts"
+"""What a user can do about undetermined junctions."""
 
 
 class Root:
@@ -169,10 +171,6 @@ def _dense_matrix(places: RootPlaces, m: BlockMatrix) -> Array:
     whole[: n * w, n * w :], whole[n * w :, : n * w] = across, across.T
     whole[n * w :, n * w :] = m.corner
     return whole
-
-
-CONTROL_ADVICE = "give control (fixed or weighted coordinates), or observations that tie the parts"
-"""What a user can do about undetermined junctions."""
 
 
 @dataclass(frozen=True)

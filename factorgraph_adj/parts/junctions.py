@@ -19,6 +19,9 @@ from ..types import Array, Index, Keys, Mask
 
 MAX_LISTED_TESTS = 20
 """Number of observations with the largest tests that a part reports, and a solution lists."""
+MAX_DIFFERENCE_OF_EQUAL_VALUES = 1e-9
+"""Largest difference between held or weighted values that parts give for the same unknown: metres
+or radians, relative for other quantities, such as calibrations, whose numbers may be tiny."""
 
 
 @dataclass(frozen=True)
@@ -195,11 +198,6 @@ def unpacked_triangle(a: Array) -> Array:
     rows, columns = np.tril_indices(m)
     out[rows, columns] = out[columns, rows] = a
     return out
-
-
-MAX_DIFFERENCE_OF_EQUAL_VALUES = 1e-9
-"""Largest difference between held or weighted values that parts give for the same unknown: metres
-or radians, relative for other quantities, such as calibrations, whose numbers may be tiny."""
 
 
 def shared_keys(surveyed: Sequence[PartSurvey], names: Sequence[str]) -> Keys:

@@ -35,6 +35,10 @@ from .junctions import JunctionSetup, Variable
 
 PROGRESS_FILE = "run.json"
 """File with the progress of the root."""
+NETWORK_FILE = "network"
+"""Name of the arrays of a part in its folder."""
+SETUP_FILE = "setup"
+"""Name of what a part has to know about its junctions."""
 
 
 @dataclass(frozen=True)
@@ -168,12 +172,6 @@ class _Replacement:
             os.replace(self._beside, self._path)
         else:
             self._beside.unlink(missing_ok=True)
-
-
-NETWORK_FILE = "network"
-"""Name of the arrays of a part in its folder."""
-SETUP_FILE = "setup"
-"""Name of what a part has to know about its junctions."""
 
 
 def write_part(folder: RunFolder, network: Network, start: Start) -> None:

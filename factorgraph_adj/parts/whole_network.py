@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 
 Regions: TypeAlias = int | Mapping[str, str] | Callable[[str], str]
 """A number of parts, or the region of each point and photo by its name."""
+PARTS_OF_WORKER = 2
+"""Number of parts for each worker, so that a worker that is slow or lost can be relieved."""
 
 
 @dataclass(frozen=True)
@@ -302,10 +304,6 @@ def _carried(start: Start, network: Network) -> Start:
     found = start.for_unknowns(Unknowns(network))
     assert found is not None
     return found
-
-
-PARTS_OF_WORKER = 2
-"""Number of parts for each worker, so that a worker that is slow or lost can be relieved."""
 
 
 @overload

@@ -36,6 +36,9 @@ from .targets import (
     point_figures,
 )
 
+CHUNK = 500
+"""Number of observations whose effects are computed together."""
+
 
 @dataclass(frozen=True, eq=False)
 class DisplacementItems:
@@ -136,10 +139,6 @@ def cofactors_at(solution: Solution, columns: Index) -> Array:
     unit[columns, np.arange(len(columns))] = 1.0
     q = solution.cofactor_times(unit)[columns]
     return np.asarray((q + q.T) / 2.0)
-
-
-CHUNK = 500
-"""Number of observations whose effects are computed together."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

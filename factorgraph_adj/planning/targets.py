@@ -16,6 +16,20 @@ from ..quality.error_ellipses import confidence_factor
 from ..statistical_tests import ALPHA_OF_MODEL, CONFIDENCE_OF_REGION, POWER_OF_TEST
 from ..types import Array, Mask
 
+LEAST = 1e-6
+"""Redundancy number below which an observation is uncontrolled."""
+MOST = 1e9
+"""Largest ratio of figure and limit; uncontrolled observations have this ratio."""
+MET = 1e-9
+"""Logarithm of figure/limit up to which it is rounding error, and the limit is met."""
+FLAT = 1e-10
+"""Variance of an axis, relative to the largest, up to which it is rounding error and the axis is
+left out of the region.
+
+Datum points of a free network have flat covariances from an S-transformation, whose subtractions
+leave relative variances of about 1e-13. The length of a real axis is more than 1e-5 of the largest.
+"""
+
 
 class Name(str):
     """A literal name, in which ``*`` and ``?`` match only themselves."""
@@ -71,21 +85,6 @@ def unlike(what: str, patterns: Sequence[Any], names: Sequence[str]) -> list[str
         elif not matching(names, (p,)).any():
             wrong.append(f"no {what} {like} like {str(p)!r}" + there)
     return wrong
-
-
-LEAST = 1e-6
-"""Redundancy number below which an observation is uncontrolled."""
-MOST = 1e9
-"""Largest ratio of figure and limit; uncontrolled observations have this ratio."""
-MET = 1e-9
-"""Logarithm of figure/limit up to which it is rounding error, and the limit is met."""
-FLAT = 1e-10
-"""Variance of an axis, relative to the largest, up to which it is rounding error and the axis is
-left out of the region.
-
-Datum points of a free network have flat covariances from an S-transformation, whose subtractions
-leave relative variances of about 1e-13. The length of a real axis is more than 1e-5 of the largest.
-"""
 
 
 def _settle(target: object) -> None:

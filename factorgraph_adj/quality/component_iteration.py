@@ -15,6 +15,31 @@ from ..statistical_tests import chi2_upper_quantile
 from ..types import Array, Mask
 from .observation_groups import GroupRedundancy
 
+MIN_GROUP_REDUNDANCY = 1.0
+"""Redundancy of a group below which its a-priori standard deviations are kept."""
+ROUNDING_REDUNDANCY = 1e-9
+"""Redundancy of a group up to which the redundancy is only rounding error."""
+MIN_RESIDUAL_PROBABILITY = 1e-3
+"""Probability of the residuals of a group below which its weights are judged too large."""
+MIN_SIGMA_FACTOR = 1e-4
+"""Smallest factor on the a-priori σ of a group; a group that reaches it is driven to zero."""
+SINGULAR_INFORMATION_EIGENVALUE = 1e-6
+"""Eigenvalue up to which S, scaled to a diagonal of ones, counts as singular."""
+MAX_VARIANCE_FACTOR = 4.0
+"""Largest factor by which one step of Helmert's equations changes a variance. A larger quotient q/r
+of Förstner, which is never negative, replaces this limit for an increase."""
+MAX_NEWTON_CHANGE = 0.5
+"""Largest relative change of the variances for which the likelihood is treated as a parabola."""
+MIN_NEWTON_CURVATURE = 0.25
+"""Smallest curvature of the likelihood, relative to its expectation, with which a Newton step is
+taken."""
+NEWTON_RESIDUAL_TOLERANCE = 1e-3
+"""Residual of the equations of a Newton step, relative to their right side, at which they count as
+solved: the next step corrects the rest."""
+MAX_REVERSE_SLOPE = 0.5
+"""Reverse slope of the likelihood at the end of a step, relative to the slope at its beginning,
+above which the next steps are halved."""
+
 
 def conjugate_gradients(
     times: Callable[[Array], Array],
@@ -60,31 +85,6 @@ ComponentState: TypeAlias = Literal[
     "estimated", "uncertain", "not separable", "driven to zero", "held"
 ]
 """State of a component; components "driven to zero" or "held" are not estimated."""
-
-MIN_GROUP_REDUNDANCY = 1.0
-"""Redundancy of a group below which its a-priori standard deviations are kept."""
-ROUNDING_REDUNDANCY = 1e-9
-"""Redundancy of a group up to which the redundancy is only rounding error."""
-MIN_RESIDUAL_PROBABILITY = 1e-3
-"""Probability of the residuals of a group below which its weights are judged too large."""
-MIN_SIGMA_FACTOR = 1e-4
-"""Smallest factor on the a-priori σ of a group; a group that reaches it is driven to zero."""
-SINGULAR_INFORMATION_EIGENVALUE = 1e-6
-"""Eigenvalue up to which S, scaled to a diagonal of ones, counts as singular."""
-MAX_VARIANCE_FACTOR = 4.0
-"""Largest factor by which one step of Helmert's equations changes a variance. A larger quotient q/r
-of Förstner, which is never negative, replaces this limit for an increase."""
-MAX_NEWTON_CHANGE = 0.5
-"""Largest relative change of the variances for which the likelihood is treated as a parabola."""
-MIN_NEWTON_CURVATURE = 0.25
-"""Smallest curvature of the likelihood, relative to its expectation, with which a Newton step is
-taken."""
-NEWTON_RESIDUAL_TOLERANCE = 1e-3
-"""Residual of the equations of a Newton step, relative to their right side, at which they count as
-solved: the next step corrects the rest."""
-MAX_REVERSE_SLOPE = 0.5
-"""Reverse slope of the likelihood at the end of a step, relative to the slope at its beginning,
-above which the next steps are halved."""
 
 
 class VarianceStep(NamedTuple):

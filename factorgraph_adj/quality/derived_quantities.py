@@ -45,6 +45,9 @@ from ..types import Array
 from .error_ellipses import ErrorEllipse, solution_ellipses
 from .point_precision import Place, length_and_sigma, place_covariance, place_position
 
+UPRIGHT_SINE = 1e-12
+"""Sine of a tilt below which an axis has no azimuth."""
+
 
 @dataclass(frozen=True)
 class AdjustedLine:
@@ -231,10 +234,6 @@ def place_of_frame(solution: Solution, name: str) -> Estimate:
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(sigmas > 0, sigmas, 1.0)
     return Estimate(PLACE_COMPONENTS, place, sigmas, covariance / np.outer(safe, safe))
-
-
-UPRIGHT_SINE = 1e-12
-"""Sine of a tilt below which an axis has no azimuth."""
 
 
 @dataclass(frozen=True)

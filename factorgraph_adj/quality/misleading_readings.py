@@ -45,6 +45,13 @@ from .reliability import Reliability
 from .robust_estimation import robust_adjust
 from .snooping_search import SnoopingSearch
 
+MAX_ROBUST_ADJUSTMENTS = 8
+"""Number of adjustments of the robust estimate: readings that are far off show long before the
+weights of all others have converged."""
+MIN_SUSPECT_SHARE = 0.01
+"""Part of the largest test value from which on readings are suspects at first: what such readings
+have bent is less far off, and what else does not fit shows without them."""
+
 
 def is_misled(search: SnoopingSearch, found: Snooping) -> bool:
     """Return whether readings that are far off may have led a search astray.
@@ -121,14 +128,6 @@ def _effort(search: SnoopingSearch, found: Snooping) -> tuple[int, int, int]:
     aside = search.ids_aside()
     sights = {ends.get(ident, ident) for ident in aside}
     return len(found.unresolved), len(sights), len(aside)
-
-
-MAX_ROBUST_ADJUSTMENTS = 8
-"""Number of adjustments of the robust estimate: readings that are far off show long before the
-weights of all others have converged."""
-MIN_SUSPECT_SHARE = 0.01
-"""Part of the largest test value from which on readings are suspects at first: what such readings
-have bent is less far off, and what else does not fit shows without them."""
 
 
 def has_far_off_sights(solution: Solution) -> bool:

@@ -55,6 +55,13 @@ GroupChoice: TypeAlias = (
 
 MIN_ROW_CORRELATION = 1e-12
 """Correlation above which two components must be in the same group."""
+EXACT_ROWS = 2000
+"""Scalar observations up to which R is computed as a whole."""
+MAX_WEIGHT_LOG_CHANGE = 0.1
+"""Largest change of ln f² since the probes with which S still gives standard deviations: the
+elements of S beside its diagonal change by this part of their value, the diagonal follows r."""
+PROJECTED_COLUMNS_AT_ONCE = 16
+"""Number of columns that are projected at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,17 +230,10 @@ def _refuse_split(solution: Solution, groups: ObservationGroups) -> None:
         raise InputError(problems)
 
 
-EXACT_ROWS = 2000
-"""Scalar observations up to which R is computed as a whole."""
 MAX_PROBES_OF_ITERATION, PROBES_OF_RESULT = 2, 64
 """Numbers of random sign vectors in larger networks: at most `MAX_PROBES_OF_ITERATION` for each
 group during the iteration, `PROBES_OF_RESULT` for all groups together at its end, but at least one
 for each group."""
-MAX_WEIGHT_LOG_CHANGE = 0.1
-"""Largest change of ln f² since the probes with which S still gives standard deviations: the
-elements of S beside its diagonal change by this part of their value, the diagonal follows r."""
-PROJECTED_COLUMNS_AT_ONCE = 16
-"""Number of columns that are projected at once."""
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,8 @@ STRONG_PARAMETER_CORRELATION = 0.95
 
 ParameterLabel: TypeAlias = tuple[VariableKind, str, str]
 """Kind, name and component of a parameter, such as ``("calibration", "P31", "k1")``."""
+MIN_PARTIAL_CORRELATION = 0.5
+"""Partial correlation from which a parameter takes part in explaining another one."""
 
 
 @dataclass(frozen=True)
@@ -372,10 +374,6 @@ def _variables(solution: Solution) -> Iterator[_Variable]:
                 np.maximum(inflation, 1.0),
                 by_step,
             )
-
-
-MIN_PARTIAL_CORRELATION = 0.5
-"""Partial correlation from which a parameter takes part in explaining another one."""
 
 
 def _explained(

@@ -64,6 +64,9 @@ ROUNDING_EFFECT_M = 1e-12
 """Effect of an error of one σ on a point, metres, below which the effect is rounding error."""
 MAX_REDUNDANCY_SUM_ERROR = 1e-3
 """Largest difference between Σr and the redundancy with which the figures are accepted."""
+MAX_STIFF_REDUNDANCY = 1e-4
+"""Redundancy number below which a stated observation counts as a stiff tie: an error of 10 µm in it
+moves its residual by a nanometre."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -451,11 +454,6 @@ def _transform(solution: Solution) -> STransform | None:
     if solution.datum is None or solution.datum_cross is None:
         return None
     return STransform(solution.datum.basis, *solution.datum_cross)
-
-
-MAX_STIFF_REDUNDANCY = 1e-4
-"""Redundancy number below which a stated observation counts as a stiff tie: an error of 10 µm in it
-moves its residual by a nanometre."""
 
 
 def stiff_ties(rel: Reliability) -> Mask:

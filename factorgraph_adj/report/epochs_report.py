@@ -26,6 +26,8 @@ from .options import Provenance
 
 EPOCH_WORDS = {1: ("common",), 2: ("first", "second")}
 """Words for the adjustments, by their number."""
+MAX_NAMES_IN_EPOCHS_TEXT = 12
+"""Largest number of names in a sentence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +160,6 @@ def _cell(value: object) -> str:
     if isinstance(value, bool | np.bool_):
         return str(value).lower()
     return value if isinstance(value, str) else repr(float(value))  # type: ignore[arg-type]
-
-
-MAX_NAMES_IN_EPOCHS_TEXT = 12
-"""Largest number of names in a sentence."""
 
 
 def render_congruence(found: Congruence, *, blocks: Sequence[BlockMotion] = ()) -> str:

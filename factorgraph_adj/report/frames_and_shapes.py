@@ -35,6 +35,8 @@ FRAMES_LEGEND = (
     "e^ℓ times that of the network. X, Y, Z: the place of the zero of the frame in the network, "
     "where a scanner or tracker stands. Under each value its σ, (w) where it was weighted"
 )
+ROUNDING_OF_PLACE = 1e-9
+"""Part of the largest σ of a place below which that of a coordinate is rounding."""
 
 
 @dataclass(frozen=True)
@@ -214,8 +216,6 @@ SHAPES_LEGEND = (
 )
 MAX_SIGMA_AZIMUTH_RAD = pi / 2
 """σ of an azimuth, radians, from which the azimuth says nothing and is not shown."""
-ROUNDING_OF_PLACE = 1e-9
-"""Part of the largest σ of a place below which that of a coordinate is rounding."""
 
 
 def shapes_section(report: Report) -> list[str]:

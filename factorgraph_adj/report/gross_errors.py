@@ -33,6 +33,10 @@ MAX_CAUSES_LISTED = 3
 """Largest number of causes that are listed, those that explain as much as these apart."""
 MAX_IDS_OF_CAUSE = 6
 """Largest number of observations of a cause that are named."""
+MAX_READMITTED_NAMED = 12
+"""Largest number of readmitted observations that are named."""
+CONFIDENCE_OF_COMPONENTS = 0.95
+"""Confidence of the intervals of variance components."""
 
 
 def unit_of_error(report: Report, size: ErrorQuantity) -> tuple[float, str]:
@@ -164,12 +168,6 @@ def _given_value_row(report: Report, v: GivenValue, i: int) -> list[str]:
         return [name, v.components[i], "–", "–", "–", whole]
     figures = [f"{short(one.error[0] / unit)} {symbol}".strip(), short(one.sigma[0] / unit)]
     return [name, v.components[i], *figures, decimal(float(v.w[i]), 2), whole]
-
-
-MAX_READMITTED_NAMED = 12
-"""Largest number of readmitted observations that are named."""
-CONFIDENCE_OF_COMPONENTS = 0.95
-"""Confidence of the intervals of variance components."""
 
 
 def snooping_section(report: Report) -> list[str]:

@@ -19,6 +19,10 @@ from ..units import decimal
 
 SCALAR_TYPES = frozenset({str, float, int, bool, type(None)})
 """Types that are written without members of their own."""
+LINE_WIDTH = 100
+"""Width of a protocol's heading and paragraphs, characters."""
+NO_BREAK = "\u00a0"
+"""Blank at which `paragraph` does not break a line."""
 
 
 def json_text(value: Any, level: int = 0) -> str:
@@ -63,12 +67,6 @@ def finite_json(value: Any) -> Any:
     if isinstance(value, float):
         return value + 0.0 if isfinite(value) else None
     return value
-
-
-LINE_WIDTH = 100
-"""Width of a protocol's heading and paragraphs, characters."""
-NO_BREAK = "\u00a0"
-"""Blank at which `paragraph` does not break a line."""
 
 
 def title(text: str) -> list[str]:

@@ -24,6 +24,12 @@ from .observation_rows import Row, RowGroup
 
 OBSERVATIONS_PER_SOLVE = 8
 """Number of observations whose effects are computed in one solve."""
+MAX_WEAKEST_LISTED = 5
+"""Number of weakest observations and of weakest points that are listed."""
+MAX_NAMES_IN_SENTENCE = 8
+"""Largest number of names in a sentence."""
+MAX_INSEPARABLE_LISTED = 4
+"""Largest number of observations listed as inseparable from a suspect."""
 
 
 @dataclass(frozen=True)
@@ -101,12 +107,6 @@ def weakest_points(rel: Reliability, most: int) -> list[WeakPoint]:
 
 IDENTITY_HEADER = ("kind", "what", "id", "from")
 """Header of the columns that identify an observation."""
-MAX_WEAKEST_LISTED = 5
-"""Number of weakest observations and of weakest points that are listed."""
-MAX_NAMES_IN_SENTENCE = 8
-"""Largest number of names in a sentence."""
-MAX_INSEPARABLE_LISTED = 4
-"""Largest number of observations listed as inseparable from a suspect."""
 
 
 def reliability_section(report: Report) -> list[str]:

@@ -35,6 +35,10 @@ RESULTS_SCHEMA = "https://github.com/factorgraph-adj/factorgraph_adj/results-2.s
 """Name of the schema of the format."""
 COVARIANCE_ORDER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Rows and columns of the covariance of a point in the order xx, xy, xz, yy, yz, zz."""
+EPOCHS_FORMAT = 1
+"""Version of the file; it grows with every change that a reader could stumble over."""
+EPOCHS_SCHEMA = "https://github.com/factorgraph-adj/factorgraph_adj/epochs-1.schema.json"
+"""Name of the schema of the format."""
 
 
 def results_text(report: Report) -> str:
@@ -366,12 +370,6 @@ def _calibration(report: Report, name: str) -> dict[str, Any]:
 
 def _estimate(e: Any) -> dict[str, float]:
     return {"value": float(e.values[0]), "sigma": float(e.sigmas[0])}
-
-
-EPOCHS_FORMAT = 1
-"""Version of the file; it grows with every change that a reader could stumble over."""
-EPOCHS_SCHEMA = "https://github.com/factorgraph-adj/factorgraph_adj/epochs-1.schema.json"
-"""Name of the schema of the format."""
 
 
 def epochs_results_text(report: EpochsReport) -> str:

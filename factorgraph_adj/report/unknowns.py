@@ -25,6 +25,8 @@ _PER = ("", "/t", "/t²")
 """What stands behind the unit of a component that observations multiply by a power of t."""
 STRONG_CORRELATION = 0.8
 """Smallest absolute correlation of calibration parameters that is reported as strong."""
+MAX_COMPONENTS_HELD_SHOWN = 2
+"""Number of components of an unknown up to which those that are held at zero are shown."""
 
 
 def calibrations_section(report: Report) -> list[str]:
@@ -117,10 +119,6 @@ def orientations_section(report: Report) -> list[str]:
     shown, note = report.cut(rows, "orientation unknowns", "unknowns.csv")
     header = ["station", "set", f"orientation [{units.angle}]", f"σ [{units.sigma_angle}]"]
     return [*title("Orientation unknowns"), *table(header, shown, left=2), *note]
-
-
-MAX_COMPONENTS_HELD_SHOWN = 2
-"""Number of components of an unknown up to which those that are held at zero are shown."""
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,10 @@ SIGMA_GNSS = (0.02, 0.02, 0.04)
 """Standard deviations of the photos' GNSS positions, X, Y, Z, metres."""
 SIGMA_CONTROL = (0.01, 0.01, 0.01)
 """Standard deviations of control points, X, Y, Z, metres."""
+GEOCENTRIC_GEOMETRY_SEED = 1986
+"""Seed of the geometry: every simulation has the same block."""
+PRISM = 0.25
+"""Height of the reflector on a signalised point, metres."""
 
 
 def simulate_aerial_block(
@@ -157,8 +161,6 @@ def _seen(grid: Array, spacing: float, footprint: Array, at: Array, rotation: Ar
 
 MILLIMETRE = 1e-3
 
-GEOCENTRIC_GEOMETRY_SEED = 1986
-"""Seed of the geometry: every simulation has the same block."""
 QUARRY = TopocentricFrame(np.deg2rad(47.2), np.deg2rad(8.8), 620.0)
 """Topocentric frame of the block; its geocentric frame is the frame of the network."""
 
@@ -176,8 +178,6 @@ PILLARS = {
 ASTRONOMIC = ("A", "C", "H")
 """Pillars with astronomic latitude and longitude; their deflections are free, the deflections
 of the other pillars are weighted."""
-PRISM = 0.25
-"""Height of the reflector on a signalised point, metres."""
 
 REFRACTION = {"morning": 0.21, "noon": 0.08, "": 0.13}
 """True coefficients of refraction: two free ones for the zenith angles of four pillars each, and a

@@ -172,8 +172,8 @@ MAX_POINTS_COMPARED = 1000
 def describe_exchanged_points(equations: Equations, state: State) -> tuple[str, ...]:
     """Return a sentence for each ring of points that lie at one another's given coordinates.
 
-    Point p lies at the given coordinates of q if |x_p − x_q⁰| ≤ `MAX_EXCHANGE_DISTANCE_RATIO` |x_p
-    − x_p⁰|.
+    Point p lies at the given coordinates of q if
+    |x_p − x_q⁰| ≤ `MAX_EXCHANGE_DISTANCE_RATIO` |x_p − x_p⁰|.
 
     Args:
         equations: the network.

@@ -117,8 +117,9 @@ def readjust(
 
     Args:
         solution: an adjustment of the network with any weights, or a step of one
-        (`solution_after_step`). weights: factor on the weight of each scalar observation, as for
-        `adjust`. datum: as for `adjust`.
+            (`solution_after_step`).
+        weights: factor on the weight of each scalar observation, as for `adjust`.
+        datum: as for `adjust`.
 
     Raises:
         InputError: an observation cannot be computed, or a weight is not a number > 0; or factors

@@ -64,6 +64,8 @@ MODEL_STEP_TOLERANCE = 1e-8
 """Bound on the last step of an unknown of a relative orientation, relative to its σ."""
 FACING_DOWN = world_R_camera(0.0, 0.0, 0.0)
 """Rotation from the axes of a camera to its photogrammetric axes."""
+RELATIVE_RIDGE_SIGMA = 1e-3
+"""Independent part of a joint covariance: σ relative to the mean σ of a coordinate."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -284,8 +286,6 @@ FRAME_COMPONENTS = UNKNOWNS["frame"].names()
 """Components of a frame, all of which are free for a model."""
 MIN_STRIP_POINTS = MIN_POINTS_OF_MODEL + 1
 """Smallest number of common points of two photos that follow one another in a strip."""
-RELATIVE_RIDGE_SIGMA = 1e-3
-"""Independent part of a joint covariance: σ relative to the mean σ of a coordinate."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)

@@ -35,6 +35,14 @@ MIN_THIRD_EXTENT_RATIO = 1e-2
 """Smallest ratio of the third extent to the first at which a mirror is told from a rotation."""
 MIN_PLACE_REDUNDANCY = 1e-3
 """Redundancy below which a direction of a place counts as not controlled."""
+ALPHA_OF_PLACES = 0.001
+"""Probability that a comparison of two systems, or a loop, is told although nothing is wrong."""
+MIN_CONTROLLED_PLACES = 4
+"""Smallest number of common places of which one can be wrong."""
+MAX_TRIED_PLACES = 8
+"""Number of places, those that fit worst, of which two are tried as exchanged."""
+GIVEN_COORDINATES = "the given coordinates"
+"""Name of the system of the given coordinates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,16 +227,6 @@ def common_places(
     variances = (np.nan_to_num(s) ** 2 for s in (first.sigma[i[rows]], second.sigma[j[rows]]))
     pair = CommonPlaces(first, second, keys[rows], a[rows, :d], b[rows, :d], *variances)
     return pair if pair.determined else None
-
-
-ALPHA_OF_PLACES = 0.001
-"""Probability that a comparison of two systems, or a loop, is told although nothing is wrong."""
-MIN_CONTROLLED_PLACES = 4
-"""Smallest number of common places of which one can be wrong."""
-MAX_TRIED_PLACES = 8
-"""Number of places, those that fit worst, of which two are tried as exchanged."""
-GIVEN_COORDINATES = "the given coordinates"
-"""Name of the system of the given coordinates."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,9 @@ from ..graph.equations import Equations
 from ..types import Array, Index
 from ..units import significant
 
+COORDINATE_DECIMALS = 4
+"""Number of decimals of a coordinate, metres, that are looked at for exchanged digits."""
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -124,10 +127,6 @@ def reading_covariance(block: Block) -> Array:
         inverse = np.linalg.inv(block.whitener)
         return np.asarray(np.einsum("nij,nkj->nik", inverse, inverse))
     return np.asarray(np.einsum("ni,ij->nij", np.square(block.sigma), np.eye(block.dimension)))
-
-
-COORDINATE_DECIMALS = 4
-"""Number of decimals of a coordinate, metres, that are looked at for exchanged digits."""
 
 
 def exchanged_components(value: Array) -> Iterator[tuple[str, Array]]:

@@ -33,6 +33,14 @@ from .common_places import (
 from .findings import Finding
 from .units import ANGLE_UNIT_NAMES
 
+MIN_TILT_IMPROVEMENT = 5.0
+"""How many times better places must fit with a tilt for it to be told."""
+MIN_TILT_RAD = 1e-3
+"""Smallest tilt that is told, radians: the horizons of places within six kilometres differ by less,
+and levels of instruments are off by less."""
+MIN_CIRCLE_IMPROVEMENT = 20.0
+"""How many times better places must fit with angles in another unit for it to be told."""
+
 
 def left_handed_frames(network: Network) -> Iterator[Finding]:
     """Tell of frames with places that no rotation leads to, as the network is left-handed.
@@ -56,13 +64,6 @@ def _places(o: Observation) -> bool:
     """Return whether an observation tells of a place in a frame of its own."""
     record = KINDS.get(o.kind)
     return record is not None and record.tells != "nothing"
-
-
-MIN_TILT_IMPROVEMENT = 5.0
-"""How many times better places must fit with a tilt for it to be told."""
-MIN_TILT_RAD = 1e-3
-"""Smallest tilt that is told, radians: the horizons of places within six kilometres differ by less,
-and levels of instruments are off by less."""
 
 
 def tilted_frames(
@@ -153,8 +154,6 @@ def _upright_rms(fit: PlaceSimilarity) -> float:
     return float(np.sqrt(np.mean((b - fit.scale * (a @ turn.T)) ** 2)))
 
 
-MIN_CIRCLE_IMPROVEMENT = 20.0
-"""How many times better places must fit with angles in another unit for it to be told."""
 CIRCLE_COLUMNS: tuple[tuple[tuple[int, ...], str], ...] = (
     ((0, 1), "directions and zenith angles"),
     ((0,), "directions"),

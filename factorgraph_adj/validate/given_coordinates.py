@@ -41,6 +41,20 @@ from .reference_frames import exchanged_latitudes, mixed_heights, vector_frames
 from .traverse_misclosures import TraverseReadings, traverses_between_held_points
 from .units import length_factors, wrong_units
 
+MAX_ORIGIN_DISTANCE_M = 100_000.0
+"""Distance from the origin of a curved local frame, metres, beyond which it is told: the error of
+the sphere that stands for the Earth is more than 1e-4 of the curvature there."""
+MIN_DIRECTION_MISFIT_RAD = 1e-5
+"""Misfit of directions, radians, below which no other order of axes is looked for: rounding, and
+the errors of good directions."""
+MIN_TRAVERSES_OF_SCALE = 2
+"""Smallest number of traverses that tell a factor."""
+MAX_UNIT_FACTOR_DIFFERENCE = 0.01
+"""Largest relative difference of a factor from that of a unit."""
+MIN_SCALE_DIFFERENCE = 0.1
+"""Smallest difference of a factor from 1 that is told: smaller ones are scales that an adjustment
+tests as causes."""
+
 
 def points_behind_cameras(equations: Equations) -> Iterator[Finding]:
     """Find points behind cameras among others that lie in front.
@@ -138,14 +152,6 @@ def _outside(y: Array, y0: Array) -> bool:
     low, high = float(y.min()), float(y.max())
     middle = float(np.median(y0))
     return not low <= middle <= high and low <= -middle <= high
-
-
-MAX_ORIGIN_DISTANCE_M = 100_000.0
-"""Distance from the origin of a curved local frame, metres, beyond which it is told: the error of
-the sphere that stands for the Earth is more than 1e-4 of the curvature there."""
-MIN_DIRECTION_MISFIT_RAD = 1e-5
-"""Misfit of directions, radians, below which no other order of axes is looked for: rounding, and
-the errors of good directions."""
 
 
 def group_contradictions(
@@ -253,15 +259,6 @@ def _origin(network: Network) -> Iterator[Finding]:
             MAX_ORIGIN_DISTANCE_M / 1e3,
             "km",
         )
-
-
-MIN_TRAVERSES_OF_SCALE = 2
-"""Smallest number of traverses that tell a factor."""
-MAX_UNIT_FACTOR_DIFFERENCE = 0.01
-"""Largest relative difference of a factor from that of a unit."""
-MIN_SCALE_DIFFERENCE = 0.1
-"""Smallest difference of a factor from 1 that is told: smaller ones are scales that an adjustment
-tests as causes."""
 
 
 def factor_meaning(factor: float, length: str) -> str:

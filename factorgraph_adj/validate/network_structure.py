@@ -31,6 +31,8 @@ from .observation_counts import (
 )
 
 DATUM_AXES = ("x", "y", "z")
+MIN_GEOCENTRIC_RADIUS_M = 6_300_000.0
+"""Smallest distance from the centre of the Earth, metres; measured points are farther away."""
 
 
 def _label_of(table: Variables, label: Index, numbers: Index) -> Index:
@@ -173,8 +175,6 @@ def _observed_axes(block: Block, unknowns: Unknowns) -> Mask:
     return observed
 
 
-MIN_GEOCENTRIC_RADIUS_M = 6_300_000.0
-"""Smallest distance from the centre of the Earth, metres; measured points are farther away."""
 PLACE_KINDS = ("point", "pose", "frame", "size")
 """Kinds of variables without which an observation has no geometry: zeros do not stand for them."""
 

@@ -24,6 +24,8 @@ from ..types import Array, Mask
 
 Sources: TypeAlias = Mapping[tuple[str, str], str]
 """File and line by noun (point, photo) and name."""
+MIN_COUNTED_ENTITIES = 5
+"""Free networks with fewer points and photos are exempt from the count for each point."""
 
 
 def located_names(noun: str, names: Sequence[str], at: Sources) -> str:
@@ -42,10 +44,6 @@ def problems_with_lines(problems: Sequence[Problem], at: Sources) -> list[Proble
         replace(p, where=f"{lines[p.where]}: {p.where}") if p.where in lines else p
         for p in problems
     ]
-
-
-MIN_COUNTED_ENTITIES = 5
-"""Free networks with fewer points and photos are exempt from the count for each point."""
 
 
 def _touching(equations: Equations, kind: VariableKind) -> tuple[Array, list[dict[str, int]]]:

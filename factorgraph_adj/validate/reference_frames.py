@@ -40,6 +40,18 @@ LENGTH_KINDS = ("slope_distance", "horizontal_distance", "gnss_vector")
 """Kinds that tell how far points are apart."""
 MIN_EXTENT_M = 1000.0
 """Smallest median distance that counts, metres: small networks may have far targets."""
+MIN_FRAME_MISFIT = 0.05
+"""Smallest misfit of components, relative to the length, that another frame explains."""
+MIN_ZONE_OFFSET_M = 1e4
+"""Smallest difference of coordinates, metres, that another zone explains."""
+MIN_GNSS_CONTROL_POINTS = 2
+"""Smallest number of control points that GNSS has measured, of which the same offset is told."""
+MIN_HEIGHT_OFFSET_M = 1.0
+"""Smallest offset of heights, metres, that is told: undulations of a few decimetres are rare, and
+so are errors of heights of a metre that all control points share."""
+MAX_UNDULATION_DIFFERENCE = 0.1
+"""Part of the undulation by which an offset may differ from it and be explained by it: a geoid of
+one site is not that of the datum."""
 
 
 def exchanged_latitudes(equations: Equations) -> Iterator[Finding]:
@@ -139,12 +151,6 @@ def _against_lengths(equations: Equations, given: Index, inside: Array, other: A
             found.append(worst)
         left &= (pair != worst).all(axis=1)
     return np.array(found, dtype=np.intp)
-
-
-MIN_FRAME_MISFIT = 0.05
-"""Smallest misfit of components, relative to the length, that another frame explains."""
-MIN_ZONE_OFFSET_M = 1e4
-"""Smallest difference of coordinates, metres, that another zone explains."""
 
 
 def vector_frames(equations: Equations) -> Iterator[Finding]:
@@ -299,16 +305,6 @@ def other_zone_text(system: ReferenceSystem | None, size: float = np.inf) -> str
         if system is None or size < MIN_ZONE_OFFSET_M
         else f"; or the coordinates are not those of {system.name}: look at its zone and datum"
     )
-
-
-MIN_GNSS_CONTROL_POINTS = 2
-"""Smallest number of control points that GNSS has measured, of which the same offset is told."""
-MIN_HEIGHT_OFFSET_M = 1.0
-"""Smallest offset of heights, metres, that is told: undulations of a few decimetres are rare, and
-so are errors of heights of a metre that all control points share."""
-MAX_UNDULATION_DIFFERENCE = 0.1
-"""Part of the undulation by which an offset may differ from it and be explained by it: a geoid of
-one site is not that of the datum."""
 
 
 def mixed_heights(network: Network) -> Iterator[Finding]:

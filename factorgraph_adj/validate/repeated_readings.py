@@ -54,6 +54,12 @@ FINEST_RESOLUTION = 1e-9
 """Resolution of readings that are rounded in no unit."""
 STEP_ROUNDING = 1e-4
 """Distance from a whole number of steps that is rounding of double precision."""
+MIN_COPIED_VALUES = 5
+"""Smallest number of observed values in a row that are told."""
+MAX_EARLIER_READINGS = 4
+"""Largest number of earlier readings that equal one, of which the latest are looked at."""
+MIN_EQUAL_RETURNS = 3
+"""Smallest number of lines that are noted: of one or two nobody knows."""
 
 
 def reading_sigma(o: Observation, length: float) -> float:
@@ -250,11 +256,6 @@ def _heights(network: Network) -> Iterator[Finding]:
                     )
 
 
-MIN_COPIED_VALUES = 5
-"""Smallest number of observed values in a row that are told."""
-MAX_EARLIER_READINGS = 4
-"""Largest number of earlier readings that equal one, of which the latest are looked at."""
-
 ReadingKey = tuple[object, ...]
 PlaceText = Callable[[str, Observation], str]
 """Says where a reading is, from its id and itself."""
@@ -380,10 +381,6 @@ def _place_text(ident: str, o: Observation) -> str:
 def _reading_key(o: Observation) -> ReadingKey:
     """Return kind and names, and the observed values."""
     return (o.kind, o.names(), *observed_values(o).tolist())
-
-
-MIN_EQUAL_RETURNS = 3
-"""Smallest number of lines that are noted: of one or two nobody knows."""
 
 
 def copied_returns(network: Network) -> list[str]:

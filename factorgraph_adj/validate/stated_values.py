@@ -39,6 +39,10 @@ MIN_LENGTH_RATIO = 100.0
 no line is shorter than the straight one, and none takes a hundred times the way."""
 MIN_LINE_DISTANCE_M = 1.0
 """Smallest horizontal distance of ends that is compared, metres."""
+MIN_EXCHANGED_SHARE = 0.5
+"""Part of the set-ups whose heights must differ, and be the same exchanged, to be exchanged."""
+APPROXIMATE_HEIGHT_ERROR_M = 1.0
+"""Error of approximate heights that is nothing unusual, metres."""
 
 
 @dataclass(frozen=True)
@@ -140,10 +144,6 @@ def _length_texts(lines: _Lines, apart: Array, where: str) -> list[str]:
     ]
 
 
-MIN_EXCHANGED_SHARE = 0.5
-"""Part of the set-ups whose heights must differ, and be the same exchanged, to be exchanged."""
-
-
 def exchanged_heights(network: Network) -> Iterator[Finding]:
     """Find the heights of instruments and targets exchanged: whole columns of them.
 
@@ -214,10 +214,6 @@ def _set_ups(
             if len(mine) <= 1:
                 setups[o.station, next(iter(mine), "")].append(o)
     return setups, sets
-
-
-APPROXIMATE_HEIGHT_ERROR_M = 1.0
-"""Error of approximate heights that is nothing unusual, metres."""
 
 
 def contradicting_surfaces(equations: Equations) -> Iterator[Finding]:

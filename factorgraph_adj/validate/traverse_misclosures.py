@@ -40,6 +40,11 @@ from .findings import TOLERANCE_FACTOR, Finding
 from .loop_misclosures import MAX_LISTED_MISCLOSURES, closed_loops
 from .repeated_readings import reading_sigma
 
+MAX_TRAVERSE_STARTS = 200
+"""Largest number of held points from which traverses are looked for."""
+MAX_POINTS_OF_TRAVERSE = 8
+"""Largest number of points of a traverse that are named."""
+
 
 @dataclass(frozen=True)
 class MeanReading:
@@ -224,13 +229,9 @@ def _length(
     return 1000.0
 
 
-MAX_TRAVERSE_STARTS = 200
-"""Largest number of held points from which traverses are looked for."""
 PLANE_TOLERANCE_FACTOR = float(np.sqrt(-2.0 * np.log(0.001)))
 """Tolerance of a misclosure in the plane, in semi-axes of its ellipse: exceeded by chance once in
 1000, as `TOLERANCE_FACTOR` is by a single value."""
-MAX_POINTS_OF_TRAVERSE = 8
-"""Largest number of points of a traverse that are named."""
 MGON_RAD = np.pi / 200e3
 """Milligon, radians."""
 

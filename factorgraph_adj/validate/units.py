@@ -37,6 +37,8 @@ MIN_LEVEL_SIGHTS = 6
 """Smallest number of sights that tell a unit because they are nearly level."""
 MIN_NEARER_SHARE = 0.9
 """Share of readings that must be nearer to what is right in another unit."""
+UNIT_FACTOR_ROUNDING = 1e-9
+"""Relative difference of factors that are the same."""
 
 
 def angles_beyond_circle(network: Network, unit: str) -> Iterator[Finding]:
@@ -161,8 +163,6 @@ TRIED_LENGTH_UNITS: Mapping[str, float] = {
 """Units of lengths that are tried, metres."""
 ANGLE_UNIT_NAMES: Mapping[str, str] = {"deg": "degrees", "gon": "gon", "rad": "radians"}
 """Units of angles that are tried, and their names."""
-UNIT_FACTOR_ROUNDING = 1e-9
-"""Relative difference of factors that are the same."""
 
 
 def length_factors(stated: str) -> dict[str, float]:

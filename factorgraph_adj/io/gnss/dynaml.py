@@ -71,6 +71,8 @@ NO_STATIONS_MESSAGE = (
     "has no <DnaStation>: read the file of the stations (…stn.xml), which takes the measurements "
     "(…msr.xml) beside it or as a second argument"
 )
+MAX_STATION_NAME_CHARACTERS = 30
+"""Largest number of characters of the name of a station in DynAdjust."""
 
 
 def read_dynaml(
@@ -229,8 +231,6 @@ MEASUREMENT_TYPES: dict[type[Observation], str] = {
     AstronomicLongitude: "J",
 }
 """Types of single measurements."""
-MAX_STATION_NAME_CHARACTERS = 30
-"""Largest number of characters of the name of a station in DynAdjust."""
 ARCSEC_RESOLUTION = Decimal("1e-9")
 """Last digit of written seconds of arc: 5·10⁻¹⁵ rad."""
 _DATE = re.compile(r"\d{2}\.\d{2}\.\d{4}", re.ASCII)

@@ -23,6 +23,13 @@ from ...types import Array
 from .. import numbers
 from ..file_problems import LeftOutReason, RowsLeftOut
 
+MAX_BLOCK_NUMBER = 1e12
+"""Largest absolute value of a number of a file: beyond it squares of squares overflow."""
+TIE_PREFIX = "tie "
+"""Beginning of the names of tie points; their number in the file follows."""
+MAX_BLOCK_PROBLEMS = 60
+"""Largest number of listed problems; in a file of another layout every line is a problem."""
+
 
 def add_pixel_camera(
     network: Network,
@@ -56,14 +63,6 @@ def add_pixel_camera(
         origin="upper left",
         y_down_in_files=True,
     )
-
-
-MAX_BLOCK_NUMBER = 1e12
-"""Largest absolute value of a number of a file: beyond it squares of squares overflow."""
-TIE_PREFIX = "tie "
-"""Beginning of the names of tie points; their number in the file follows."""
-MAX_BLOCK_PROBLEMS = 60
-"""Largest number of listed problems; in a file of another layout every line is a problem."""
 
 
 MARKS_WITHOUT_PHOTO = LeftOutReason(

@@ -55,6 +55,8 @@ BAL_SIGMA_PX = 1.0
 HEAD_NUMBERS, NUMBERS_PER_OBSERVATION, NUMBERS_PER_CAMERA, NUMBERS_PER_POINT = 3, 4, 9, 3
 MAX_BAL_PROBLEMS = 50
 """Largest number of listed problems of one kind; in a shifted file every number is a problem."""
+BUNDLER_HEAD = "# Bundle file v0."
+"""Beginning of the first line."""
 
 
 def read_bal(path: str | Path, *, behind: Literal["leave out", "keep"] = "leave out") -> Network:
@@ -283,8 +285,6 @@ def _check_bal(file: _BalFile, table: Array, cameras: Array, points: Array) -> N
         raise InputError(problems)
 
 
-BUNDLER_HEAD = "# Bundle file v0."
-"""Beginning of the first line."""
 LINES_PER_CAMERA, LINES_PER_POINT = 5, 3
 """Lines of a camera and of a point."""
 

@@ -43,6 +43,10 @@ MAX_BLOB_BYTES = 500_000_000
 COMPUTED_QUERY = """SELECT 1 FROM sqlite_master WHERE type = 'view' OR upper(sql) LIKE '%GENERATED%'
 OR upper(sql) LIKE '% VIRTUAL %' OR upper(sql) LIKE '% AS (%' OR upper(sql) LIKE '% AS(%'"""
 """What a database of COLMAP does not have: rows that are computed, perhaps without end."""
+MIN_INTERSECTION_STRENGTH = 1e-3
+"""Smallest strength of an intersection, see `nearest_to_rays`."""
+MIN_EXTENT_RATIO = 1e-3
+"""Ratio of the second to the first extent of places below which they lie on a line."""
 
 
 @dataclass(frozen=True)
@@ -324,10 +328,6 @@ def _known_names(names: Iterable[str], meant: str) -> str:
     return known(names, meant=meant) or "none"
 
 
-MIN_INTERSECTION_STRENGTH = 1e-3
-"""Smallest strength of an intersection, see `nearest_to_rays`."""
-
-
 def mark_rays(
     model: SparseModel, measured: Sequence[tuple[ImageRecord, ControlMark]]
 ) -> tuple[Array, Array]:
@@ -353,10 +353,6 @@ def ray_intersection(centres: Array, directions_: Array) -> Array | None:
     group = np.zeros(len(centres), dtype=np.intp)
     at, strength = nearest_to_rays(centres, directions_, group, 1)
     return at[0] if strength[0] > MIN_INTERSECTION_STRENGTH and np.isfinite(at).all() else None
-
-
-MIN_EXTENT_RATIO = 1e-3
-"""Ratio of the second to the first extent of places below which they lie on a line."""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,9 @@ from ...errors import InputError, Problem, known
 from ...files import inside, opened, refuse_growth, unpacked
 from ..xml_files import Element, parse_xml, read_xml
 
+MAX_HEADER_BYTES = 10_000
+"""Largest number of bytes of a header."""
+
 
 @dataclass(frozen=True)
 class ZipArchive:
@@ -246,8 +249,6 @@ PROPERTY_TYPES = {
 }
 """Types of properties by their names in a header."""
 BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
-MAX_HEADER_BYTES = 10_000
-"""Largest number of bytes of a header."""
 
 
 def read_ply_vertices(content: bytes, where: str) -> dict[str, npt.NDArray[np.generic]]:

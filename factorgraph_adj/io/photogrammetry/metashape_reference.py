@@ -25,6 +25,8 @@ DIRECTION_STEP_M = 10.0
 """Distance over which directions of a grid are taken, metres."""
 MAX_FLATTENING_DIFFERENCE = 1e-6
 """Largest difference of 1/f of ellipsoids that are the same, printed with few digits."""
+MAX_GIVEN_SIGMA_M = 1e12
+"""Largest standard deviation of given coordinates, metres; larger ones are damage."""
 
 
 class ChunkReference(Protocol):
@@ -257,10 +259,6 @@ SIGMA_ATTRIBUTES = (("sxyz", (0, 1, 2)), ("sxy", (0, 1)), ("sx", (0,)), ("sy", (
 TRANSFORMATION_SIZES = {"rotation": 9, "translation": 3, "scale": 1}
 NEUTRAL_TRANSFORMATION = {"rotation": "1 0 0 0 1 0 0 0 1", "translation": "0 0 0", "scale": "1"}
 """Parts of a transformation, and what they are where they are absent."""
-
-
-MAX_GIVEN_SIGMA_M = 1e12
-"""Largest standard deviation of given coordinates, metres; larger ones are damage."""
 
 
 @dataclass(frozen=True)

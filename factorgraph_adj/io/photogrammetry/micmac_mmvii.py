@@ -53,6 +53,10 @@ SERIALIZATION = "MMVII_Serialization"
 """Type of MMVII's files."""
 OPTIONAL_PREFIX = "__Opt__"
 """Beginning of the names of elements that may be absent; it was ``Opt:`` in older files."""
+CONTROL_PATTERN = "MesGCP*.xml"
+"""Pattern of the files of ground control of a folder."""
+MEASURES_PATTERN = "MesIm-*.xml"
+"""Pattern of the files of measurements of a folder, one for each image."""
 
 
 @dataclass(frozen=True)
@@ -301,12 +305,6 @@ class MmviiCalibration:
             what = f"<Degree> {' '.join(map(str, degree))} needs <{', '.join(missing)}>"
             self.reading.wrong(what, self._at(distortion or stated))
         return None if len(self.reading.problems) > before else values
-
-
-CONTROL_PATTERN = "MesGCP*.xml"
-"""Pattern of the files of ground control of a folder."""
-MEASURES_PATTERN = "MesIm-*.xml"
-"""Pattern of the files of measurements of a folder, one for each image."""
 
 
 def matching_files(path: Path, pattern: str) -> list[Path]:

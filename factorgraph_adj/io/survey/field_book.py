@@ -40,6 +40,8 @@ DEFAULT_REFRACTION = 0.13
 
 STATED_SIGMAS = ("sigma_direction_mgon", "sigma_zenith_mgon", "sigma_distance_mm")
 """Standard deviations that a file may state."""
+MAX_COORDINATE_DIFFERENCE_M = 1e-4
+"""Coordinates of a point that is stated twice differ by less, metres."""
 
 
 @dataclass(frozen=True)
@@ -164,8 +166,6 @@ DEFAULT_ACCURACIES = Accuracies()
 
 
 UNKNOWN_COORDINATES = (math.nan, math.nan, math.nan)
-MAX_COORDINATE_DIFFERENCE_M = 1e-4
-"""Coordinates of a point that is stated twice differ by less, metres."""
 
 
 @dataclass

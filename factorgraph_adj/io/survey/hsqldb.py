@@ -58,6 +58,8 @@ CONSTRAINT_WORDS = ("PRIMARY", "CONSTRAINT", "UNIQUE", "FOREIGN", "CHECK")
 """Words with which an entry of CREATE TABLE begins that is no column."""
 MAX_TABLE_ROWS = 10_000_000
 """Largest number of rows of a table."""
+HEAD_BYTES = 32
+"""Bytes before the rows."""
 
 
 @dataclass(frozen=True)
@@ -269,10 +271,6 @@ VALUE_DECODERS: dict[str, ValueDecoder] = {
     "TIMESTAMP": _time,
 }
 """Function of data and place → value and the place behind it, by type of column."""
-
-
-HEAD_BYTES = 32
-"""Bytes before the rows."""
 
 
 def _read_cached(

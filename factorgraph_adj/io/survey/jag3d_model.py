@@ -47,6 +47,8 @@ JAG3D_EARTH_RADIUS_M = 6_371_007.0
 """Radius of the Earth in JAG3D, metres (Constant.java)."""
 DEFAULT_POINT_SIGMA_M = 0.002
 """σ of a coordinate of a stochastic point that states none, metres (DefaultUncertainty.java)."""
+MIN_SIGMA_LENGTH_M = 1e-6
+"""Shortest length for which σ is computed, metres; JAG3D takes shorter ones for unstated."""
 
 
 @dataclass(frozen=True)
@@ -223,10 +225,6 @@ def gaussian_radius(major: float, minor: float, latitude: float) -> float:
     first = 1.0 - (minor / major) ** 2
     root = 1.0 - first * math.sin(latitude) ** 2
     return major * math.sqrt(1.0 - first) / root
-
-
-MIN_SIGMA_LENGTH_M = 1e-6
-"""Shortest length for which σ is computed, metres; JAG3D takes shorter ones for unstated."""
 
 
 class Conversion:

@@ -68,6 +68,8 @@ MAPPING_KEYS = (
     *MAPPED_SECTIONS,
 )
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
+MAX_CELL = 500
+"""Characters of a cell; more are a missing quotation mark."""
 
 
 @dataclass(frozen=True)
@@ -210,8 +212,6 @@ FACE_BY_WORD = {"1": 1, "i": 1, "f1": 1, "l": 1, "2": 2, "ii": 2, "f2": 2, "r": 
 """Words in the column ``face``."""
 SIGHT_COLUMNS = ("direction", "zenith", "distance", "horizontal_distance")
 """Columns of what is read to a target; a reading has one of them at least."""
-MAX_CELL = 500
-"""Characters of a cell; more are a missing quotation mark."""
 
 
 def read_columns(

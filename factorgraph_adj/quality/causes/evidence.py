@@ -39,6 +39,11 @@ MIN_FREEDOM_OF_SIGMA0 = 2
 """Smallest number of degrees of freedom that an estimate of σ0 has if it is to tell of an error."""
 ROUNDING_VTPV_SHARE = 1e-10
 """Share of vᵀPv below which what is left of it is rounding."""
+MAX_USUAL_HEIGHT_M = 3.0
+"""Height, metres, above which the recorded height of an instrument or a target may be wrong by as
+much as itself: it is stated in another unit, or belongs to something else."""
+USUAL_HEIGHT_M = 1.5
+"""Usual height of an instrument or a target, metres."""
 
 
 @dataclass(frozen=True)
@@ -120,11 +125,6 @@ MAX_PLAUSIBLE_ERRORS: dict[ErrorQuantity, float] = {
 """Largest error, SI, that heights, constants and centring have in the field: 2.5 m (the height of a
 target that is forgotten, or counted twice), a gon, one percent. Where an error would have to be
 larger, readings belong to something else."""
-MAX_USUAL_HEIGHT_M = 3.0
-"""Height, metres, above which the recorded height of an instrument or a target may be wrong by as
-much as itself: it is stated in another unit, or belongs to something else."""
-USUAL_HEIGHT_M = 1.5
-"""Usual height of an instrument or a target, metres."""
 HEIGHT_UNITS = {"centimetres": 100.0, "millimetres": 1000.0, "feet": 1.0 / 0.3048}
 """Units in which a height may have been recorded in place of metres, by what a metre is in them."""
 

@@ -43,6 +43,15 @@ MIN_FIT_AFTER_EXCHANGE = 0.99
 """Smallest share of all rows that fit after the exchange."""
 MAX_EXCHANGE_ITERATIONS = 30
 """Largest number of iterations of an adjustment: one of right photos needs fewer."""
+MAX_COMPARED_NAMES = 40
+"""Largest number of image points of a photo of which names are compared, those off most."""
+MAX_EXCHANGED_MISFIT_RATIO = 0.1
+"""Largest misfit of two image points under each other's names, relative to that under their own."""
+MAX_CLEAN_MISFIT_RATIO = 5.0
+"""Largest misfit of an image point under the right name, beside a solution without it, relative to
+that which a right one has by chance: photo and point have a σ there, too."""
+EXCHANGED_IMAGE_POINTS = "two image points, exchanged:"
+"""Cause of two image points of a photo that fit as each other."""
 
 
 def exchanged_photos(
@@ -122,17 +131,6 @@ def _with_exchanged_photos(network: Network, a: str, b: str) -> Network:
     out.images.photo, out.images.point = [other], [p]
     out.images.xy, out.images.sigma = [xy], [sigma]
     return out
-
-
-MAX_COMPARED_NAMES = 40
-"""Largest number of image points of a photo of which names are compared, those off most."""
-MAX_EXCHANGED_MISFIT_RATIO = 0.1
-"""Largest misfit of two image points under each other's names, relative to that under their own."""
-MAX_CLEAN_MISFIT_RATIO = 5.0
-"""Largest misfit of an image point under the right name, beside a solution without it, relative to
-that which a right one has by chance: photo and point have a σ there, too."""
-EXCHANGED_IMAGE_POINTS = "two image points, exchanged:"
-"""Cause of two image points of a photo that fit as each other."""
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,12 @@ MIN_FITTING_RAY_SHARE = 0.9
 """Smallest share of its rays that fit with the right axes; the others may be gross errors."""
 MAX_ATTITUDE_DIFFERENCE_RAD = np.pi / 4
 """Largest angle between two attitudes that a turn of the axes by a right angle does not explain."""
+MAX_AXES_ITERATIONS = 20
+"""Largest number of iterations of an adjustment with other axes: with the right ones it is near its
+minimum."""
+MIN_PROMISING_SHARE = 0.5
+"""Smallest share of the rows that fit with which the adjustment is made robust: some observations
+may have gross errors besides."""
 
 
 @dataclass(frozen=True)
@@ -297,14 +303,6 @@ def _oriented(
         there = solution.pose(rays.photo)
         return OrientedPhoto(cause, there.rotation, there.position, share, solution.vtpv)
     return None
-
-
-MAX_AXES_ITERATIONS = 20
-"""Largest number of iterations of an adjustment with other axes: with the right ones it is near its
-minimum."""
-MIN_PROMISING_SHARE = 0.5
-"""Smallest share of the rows that fit with which the adjustment is made robust: some observations
-may have gross errors besides."""
 
 
 def mirrored_block(

@@ -47,6 +47,12 @@ FIT_TOLERANCE = 1e-3
 """Step relative to σ below which a fit has converged."""
 FIT_RANK_RATIO = 1e-10
 """Ratio of singular values of a fit below which the readings do not determine a direction."""
+MAX_SUSPECTS = 40
+"""Largest number of points that may leave the network: exchanges are few."""
+MAX_CORE_ADJUSTMENTS = 5
+"""Largest number of times that points leave the core, since its readings do not fit."""
+MIN_CORE_TEST_SHARE = 0.4
+"""Part of the largest test value of the core from which on readings leave it together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,14 +315,6 @@ def sighted_places(
         flat = at + across * (e * np.sin(bearing) + n * np.cos(bearing))
         out[target] = flat + rise * u if zenith else flat + np.array([0.0, 0.0, np.nan])
     return out
-
-
-MAX_SUSPECTS = 40
-"""Largest number of points that may leave the network: exchanges are few."""
-MAX_CORE_ADJUSTMENTS = 5
-"""Largest number of times that points leave the core, since its readings do not fit."""
-MIN_CORE_TEST_SHARE = 0.4
-"""Part of the largest test value of the core from which on readings leave it together."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,6 +49,22 @@ from .shared_error_tests import (
 )
 from .shared_errors import ErrorColumns, ErrorQuantity, refocusing_columns, shared_error_columns
 
+MAX_PLACES_OF_CAUSE = 50
+"""Largest number of places at which a cause is looked at: those with the largest T²."""
+MAX_PLACE_ELEMENTS = 30_000_000
+"""Largest number of elements of the solutions by which the places are chosen: unknowns times
+components of all places of all causes."""
+MAX_CHANCE_OF_CAUSE = 0.01
+"""Largest probability with which good readings make any of the tested causes likelier."""
+MIN_SHARE_OF_ONLY_CAUSE = 0.9
+"""Share of the excess of vᵀPv over its redundancy that one cause explains where it is the only one:
+the rest is curvature of the model. Where it explains less, there are others besides."""
+MIN_SHARE_OF_LARGE_CAUSE = 0.5
+"""The same where the error is larger than `MAX_LINEAR_TEST_VALUE`, so that curvature leaves a
+lot."""
+MIN_SHARING_OBSERVATIONS = 2
+"""Smallest number of observations that share a cause; an error of one is tested as its own."""
+
 
 def every_mistaken_identity(
     equations: Equations,
@@ -84,22 +100,6 @@ def every_mistaken_identity(
         found = (*block, *pairs, *found)
     return tuple(m.judged_by(weight.variance) for m in found)
 
-
-MAX_PLACES_OF_CAUSE = 50
-"""Largest number of places at which a cause is looked at: those with the largest T²."""
-MAX_PLACE_ELEMENTS = 30_000_000
-"""Largest number of elements of the solutions by which the places are chosen: unknowns times
-components of all places of all causes."""
-MAX_CHANCE_OF_CAUSE = 0.01
-"""Largest probability with which good readings make any of the tested causes likelier."""
-MIN_SHARE_OF_ONLY_CAUSE = 0.9
-"""Share of the excess of vᵀPv over its redundancy that one cause explains where it is the only one:
-the rest is curvature of the model. Where it explains less, there are others besides."""
-MIN_SHARE_OF_LARGE_CAUSE = 0.5
-"""The same where the error is larger than `MAX_LINEAR_TEST_VALUE`, so that curvature leaves a
-lot."""
-MIN_SHARING_OBSERVATIONS = 2
-"""Smallest number of observations that share a cause; an error of one is tested as its own."""
 
 EXCHANGES_NOTE = (
     "exchanges (of targets, names of points, ends of vectors, faces, axes of photos) are tested by "

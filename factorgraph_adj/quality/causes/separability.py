@@ -47,6 +47,8 @@ MIN_SEPARABLE_SHARE = MIN_T2_DIFFERENCE / MAX_LINEAR_TEST_VALUE**2
 """Smallest 1 − ρ² of test values that can tell two errors apart: with less, even an error of the
 size of `MAX_LINEAR_TEST_VALUE` leaves T² of both different by less than `MIN_T2_DIFFERENCE`.
 Rounding is smaller by far."""
+MAX_WHOLE_OBSERVATIONS = 50
+"""Largest number of observations that are tested as a whole: those with the largest Σ w²."""
 
 
 def separability_tolerance(evidence: float) -> float:
@@ -176,10 +178,6 @@ def inseparable_readings(rel: Reliability, w: Array, first: int, *, estimated: b
         if row != first and not left / weight.variance > weight.critical(1, rel.alpha):
             out.append(row)
     return out
-
-
-MAX_WHOLE_OBSERVATIONS = 50
-"""Largest number of observations that are tested as a whole: those with the largest Σ w²."""
 
 
 class WholeObservation(NamedTuple):

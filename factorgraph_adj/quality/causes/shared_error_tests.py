@@ -38,6 +38,14 @@ MAX_TESTED_ELEMENTS = 4_000_000
 """Largest number of elements of the dense right-hand sides that are solved at once."""
 MAX_ROWS_IN_MEMORY = 100_000
 """Number of rows whose partials are in memory at once."""
+MAX_RAYS_OF_FIXED_CALIBRATION = 2_000_000
+"""Largest number of image points with which held values of calibrations are tested: each touches
+all of them."""
+MAX_RELATIVE_ERROR_OF_C = 0.5
+"""Largest error of a principal distance, relative to it: the partials hold for no larger one."""
+MIN_SCALED_COORDINATES = 4
+"""Smallest number of held coordinates with a scale of their own: that of fewer is the error of any
+of them."""
 
 
 @dataclass(frozen=True)
@@ -227,14 +235,6 @@ def _error_test(u: Array, s: Array, total: Array) -> SharedErrorTest:
     )
 
 
-MAX_RAYS_OF_FIXED_CALIBRATION = 2_000_000
-"""Largest number of image points with which held values of calibrations are tested: each touches
-all of them."""
-
-MAX_RELATIVE_ERROR_OF_C = 0.5
-"""Largest error of a principal distance, relative to it: the partials hold for no larger one."""
-
-
 @dataclass(frozen=True)
 class GivenValue:
     """A held unknown, tested as if its held components had been given with σ → ∞."""
@@ -384,9 +384,6 @@ def _columns(
     return np.concatenate(parts), groups
 
 
-MIN_SCALED_COORDINATES = 4
-"""Smallest number of held coordinates with a scale of their own: that of fewer is the error of any
-of them."""
 SCALE_AXES = "xyz"
 
 

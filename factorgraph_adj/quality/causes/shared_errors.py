@@ -39,6 +39,12 @@ TOTAL_STATION_KINDS = (
 )
 """Kinds that are read at a total station."""
 PPM = 1e-6
+MIN_PHOTOS_OF_FOCUS = 2
+"""Smallest number of photos before and after the change: that of one is not told from its place."""
+MAX_REFOCUSING_ENTRIES = 2_000_000
+"""Largest number of image points times photos of a camera with which a change is looked for."""
+PRINCIPAL_DISTANCE = "c"
+"""Name of the principal distance among the components of a calibration."""
 
 
 @dataclass(frozen=True)
@@ -345,14 +351,6 @@ ERROR_FAMILIES: tuple[tuple[tuple[str, ...], Callable[[Readings], Iterator[Error
 )
 """Kinds of readings, and the errors that they may share. A horizontal angle has two targets: the
 centring of one of them is no error of all of it."""
-
-
-MIN_PHOTOS_OF_FOCUS = 2
-"""Smallest number of photos before and after the change: that of one is not told from its place."""
-MAX_REFOCUSING_ENTRIES = 2_000_000
-"""Largest number of image points times photos of a camera with which a change is looked for."""
-PRINCIPAL_DISTANCE = "c"
-"""Name of the principal distance among the components of a calibration."""
 
 
 def refocusing_columns(equations: Equations, state: State) -> Iterator[ErrorColumns]:

@@ -38,6 +38,8 @@ from .verdict import epochs_verdict, sigma_length_text
 
 MAX_NAMES_IN_CELL = 30
 """Largest number of names in a cell."""
+MAX_NAMES_IN_EPOCHS_PLAN_TEXT = 8
+"""Largest number of names in a sentence."""
 
 
 def adjustments_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
@@ -258,8 +260,6 @@ EPOCH_POINT_MARKERS = (
 )
 """Markers of the states, in the order of `EPOCH_POINT_STATES`; colours are names of the style
 sheet."""
-MAX_NAMES_IN_EPOCHS_PLAN_TEXT = 8
-"""Largest number of names in a sentence."""
 
 
 def epochs_html(

@@ -32,6 +32,8 @@ NEW_POINT = "new"
 """What a point is that is nothing else."""
 POINT_STATES = ("held", "part", "known", "check", "datum", "station", NEW_POINT, "side_shot")
 """Keys of what a point may be; the first that fits is shown, and `NEW_POINT` where none does."""
+MAX_CALIBRATIONS_SHOWN = 20
+"""Largest number of calibrations that have a table and a matrix of their own."""
 
 
 def point_states(report: Report) -> list[str]:
@@ -247,10 +249,6 @@ def lines_sheet(report: Report, t: Texts) -> Sheet | None:
     level = report.options.confidence
     note = t("lines.standard") if level is None else t("points.ellipses", level=percent(level))
     return filled_sheet("lines", t("lines.caption"), columns_from_rows(heads, rows), notes=[note])
-
-
-MAX_CALIBRATIONS_SHOWN = 20
-"""Largest number of calibrations that have a table and a matrix of their own."""
 
 
 @dataclass(frozen=True)

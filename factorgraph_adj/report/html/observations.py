@@ -18,6 +18,9 @@ from ..observation_rows import Row
 from ..reliability import MAX_INSEPARABLE_LISTED
 from .rendering import NO_FIGURE, Column, ColumnHead, Sheet, Texts, columns_from_rows, filled_sheet
 
+MAX_IDS_OF_CAUSE_IN_CELL = 6
+"""Largest number of observations of a cause that are named."""
+
 
 def test_symbol(report: Report) -> str:
     """Return the symbol of the test values of a report."""
@@ -231,10 +234,6 @@ def variance_components_sheet(report: Report, t: Texts) -> Sheet | None:
     return filled_sheet(
         "components", t("components.caption"), columns_from_rows(heads, rows), notes=[note]
     )
-
-
-MAX_IDS_OF_CAUSE_IN_CELL = 6
-"""Largest number of observations of a cause that are named."""
 
 
 def _start_of_snooping(found: Snooping, t: Texts) -> str:

@@ -44,6 +44,8 @@ EXTREME_VALUES_SHOWN = 200
 """Number of smallest and of largest values that are all shown."""
 MIN_SHARE_OF_POINTS_ON_PAGE = 0.1
 """Smallest number of points in a cell with a vector, as a fraction of the average."""
+MAX_NAMES_IN_PLAN_TEXT = 8
+"""Largest number of names in a sentence."""
 
 
 def test_statistics(report: Report, t: Texts) -> dict[str, Any] | None:
@@ -132,8 +134,6 @@ def mean_photo_data(report: Report, t: Texts) -> list[dict[str, Any]]:
 
 SYMBOLS_OF_PAGE = ("v", "sigma", "r", "test", "error", "mdb", "ellipse", "partners")
 """Symbols that the page explains."""
-MAX_NAMES_IN_PLAN_TEXT = 8
-"""Largest number of names in a sentence."""
 
 
 def adjustment_html(

@@ -43,6 +43,12 @@ AXIS_WORDS = ("east of the centre", "north of the centre", "east", "north", "up"
 """Words in the names of axes and in the note of a drawing plane, the longer ones first."""
 COINCIDENT_EXTENT_ON_PAGE_M = 1e-6
 """Largest extent, metres, at which points count as coincident; the plan then shows 2 m."""
+MAX_RAYS_DRAWN = 4000
+"""Largest number of image rays that are drawn, evenly spread over all."""
+MAX_SIGHTS_DRAWN = 20_000
+"""Largest number of sights between points that are drawn, evenly spread over all."""
+MIN_HEIGHT_SHARE = 0.1
+"""Heights of a network whose extent is a smaller part of the plan's are exaggerated in the view."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,14 +320,6 @@ def rounded_xy(places: Array) -> list[list[float]]:
 def rounded_or_none(values: Array) -> list[float | None]:
     """Return numbers with four significant digits; None for one that is not finite."""
     return [float(f"{v:.4g}") if np.isfinite(v) else None for v in values.tolist()]
-
-
-MAX_RAYS_DRAWN = 4000
-"""Largest number of image rays that are drawn, evenly spread over all."""
-MAX_SIGHTS_DRAWN = 20_000
-"""Largest number of sights between points that are drawn, evenly spread over all."""
-MIN_HEIGHT_SHARE = 0.1
-"""Heights of a network whose extent is a smaller part of the plan's are exaggerated in the view."""
 
 
 def scene_data(plan: PlanDrawing) -> dict[str, Any] | None:

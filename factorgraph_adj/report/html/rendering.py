@@ -43,6 +43,12 @@ KINDS_BY_LANGUAGE: dict[str, dict[str, str]] = {"en": {}, "de": german.GERMAN_KI
 
 _WEIGHTED = "weighted "
 """Beginning of the names of given values of unknowns as observations."""
+ROWS_PER_PAGE = 25
+"""Number of rows that a table shows at a time, and has in a page whose script does not run."""
+NO_FIGURE = "–"
+"""What stands for a figure that there is not."""
+MAX_FILES_LISTED = 200
+"""Largest number of files of a folder that are listed."""
 
 
 @dataclass(frozen=True)
@@ -148,12 +154,8 @@ def _packed(data: bytes, level: int) -> str:
 
 ColumnHead: TypeAlias = tuple[str, bool] | tuple[str, bool, str]
 """Title of a column, whether it is numeric, and where needed its help."""
-ROWS_PER_PAGE = 25
-"""Number of rows that a table shows at a time, and has in a page whose script does not run."""
 LETTERS_OF_LONG_TEXT, MAX_CELLS_EXAMINED = 30, 1000
 """Number of letters from which a text is long, and number of cells that are looked at."""
-NO_FIGURE = "–"
-"""What stands for a figure that there is not."""
 
 
 @dataclass(frozen=True)
@@ -247,10 +249,6 @@ def columns_from_rows(
         Column(head[0], values, head[1], head[2] if len(head) == 3 else "", head[0] in english)
         for head, values in zip(heads, cells, strict=True)
     ]
-
-
-MAX_FILES_LISTED = 200
-"""Largest number of files of a folder that are listed."""
 
 
 def input_files_sheet(paths: Sequence[str | Path], t: Texts) -> Sheet | None:

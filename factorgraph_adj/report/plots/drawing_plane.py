@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 
 ORIGIN_SUFFIX = ".origin"
 """End of the names of variables that stand at the origin of a frame."""
+MAX_OUTLINE_EXTENT = 2.0
+"""Largest outline that the window is enlarged for, as a multiple of the extent of the points."""
+OUTLINE_MARGIN = 0.03
+"""Room between such an outline and the edge of the window, as a fraction of the extent."""
 
 
 def kind_of_block(block: Block) -> ObservationKind | None:
@@ -269,11 +273,6 @@ def plane_ellipses(sigma: Array) -> tuple[Array, Array]:
 
 OUTLINE_DASHES = ("-", (0, (6, 2)), (0, (4, 1.5, 1, 1.5)), (0, (1.5, 1.5)))
 """Line styles of outlines, in the order of the legend."""
-MAX_OUTLINE_EXTENT = 2.0
-"""Largest outline that the window is enlarged for, as a multiple of the extent of the points."""
-
-OUTLINE_MARGIN = 0.03
-"""Room between such an outline and the edge of the window, as a fraction of the extent."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 
 ALPHA_OF_MARKS = 0.001
 """Probability of a false mark, for figures without a reliability that states it."""
+MAX_GROWTH_ON_A_SIDE = 0.25
+"""Largest part of a picture's size that it grows by on a side at a time, so that a gross error does
+not make all else small."""
+MARGIN_BEYOND_ARROW = 0.01
+"""Blank beyond the tip of an arrow, in the larger side of the picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,13 +185,6 @@ def cells_along_longer_side(own: ImageRows, corners: tuple[Array, Array]) -> int
     width, height = np.maximum(corners[1] - corners[0], 1e-12).tolist()
     ratio = max(width, height) / min(width, height)
     return int(np.clip(np.sqrt(len(own.row) / 10 * ratio), 3, 12))
-
-
-MAX_GROWTH_ON_A_SIDE = 0.25
-"""Largest part of a picture's size that it grows by on a side at a time, so that a gross error does
-not make all else small."""
-MARGIN_BEYOND_ARROW = 0.01
-"""Blank beyond the tip of an arrow, in the larger side of the picture."""
 
 
 @dataclass(frozen=True, eq=False)

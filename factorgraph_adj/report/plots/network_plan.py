@@ -73,6 +73,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+COINCIDENT_EXTENT_M = 1e-6
+"""Largest extent, metres, at which points count as coincident; the plan then shows 2 m."""
+
 
 def draw_heights(
     solution: Solution,
@@ -141,10 +144,6 @@ def order_along_lines(solution: Solution) -> Index:
     place = np.empty(n, dtype=np.intp)
     place[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(n)
     return place
-
-
-COINCIDENT_EXTENT_M = 1e-6
-"""Largest extent, metres, at which points count as coincident; the plan then shows 2 m."""
 
 
 @in_package_style

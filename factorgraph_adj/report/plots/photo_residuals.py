@@ -59,6 +59,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NO_FORMAT_LABEL = "frame: area of the image points, since the camera states no format"
+MIN_SHARE_OF_POINTS_IN_CELL = 0.1
+"""Smallest number of points in a cell with a vector, as a fraction of the average."""
+MAX_CELLS_NUMBERED = 400
+"""Largest number of cells in a mean photo that shows the number of points of each cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,10 +165,6 @@ def photo_legend(
     figure.legend(handles=every, loc="outside lower left", ncols=columns)
 
 
-MIN_SHARE_OF_POINTS_IN_CELL = 0.1
-"""Smallest number of points in a cell with a vector, as a fraction of the average."""
-MAX_CELLS_NUMBERED = 400
-"""Largest number of cells in a mean photo that shows the number of points of each cell."""
 SIGN_OF_RESIDUALS = "v = computed − observed"
 NO_REJECTED_IMAGE_POINTS = RejectedImagePoints((), np.zeros((0, 2)), np.zeros((0, 2)))
 

@@ -19,6 +19,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
 
+MAX_POINTS_ALL_NAMED = 1000
+"""Largest number of points of which all are named; otherwise only important points are."""
+MAX_NAMES_TRIED = 300
+"""Number of names that are tried; important points are tried in any number."""
+MAX_IMPORTANT_POINTS_NAMED = 60
+"""Largest number of important points named in a plan of more than `MAX_POINTS_ALL_NAMED` points."""
+MIN_LEGEND_LINE_WIDTH = 1.2
+"""Smallest width of a line in the legend; lines of large networks are thinner in the plan."""
+PHOTO_NAME_COLOUR = "#8f3f6b"
+"""Colour of names of photos: that of the photos, but dark enough for letters."""
+INSTRUMENT_NAME_COLOUR = "#00664a"
+"""Colour of names of instruments: theirs, but dark enough for letters."""
+
 
 @dataclass(frozen=True)
 class PointStatus:
@@ -152,22 +165,6 @@ def mean_spacing(at: Array, low: Array, high: Array) -> float:
     """Return the mean distance of neighbours, metres, as if the points filled the window evenly."""
     width, height = np.maximum(high - low, 0.1 * np.max(high - low))
     return float(np.sqrt(width * height / max(len(at), 4)))
-
-
-MAX_POINTS_ALL_NAMED = 1000
-"""Largest number of points of which all are named; otherwise only important points are."""
-MAX_NAMES_TRIED = 300
-"""Number of names that are tried; important points are tried in any number."""
-MAX_IMPORTANT_POINTS_NAMED = 60
-"""Largest number of important points named in a plan of more than `MAX_POINTS_ALL_NAMED` points."""
-MIN_LEGEND_LINE_WIDTH = 1.2
-"""Smallest width of a line in the legend; lines of large networks are thinner in the plan."""
-
-
-PHOTO_NAME_COLOUR = "#8f3f6b"
-"""Colour of names of photos: that of the photos, but dark enough for letters."""
-INSTRUMENT_NAME_COLOUR = "#00664a"
-"""Colour of names of instruments: theirs, but dark enough for letters."""
 
 
 @dataclass(frozen=True, eq=False)

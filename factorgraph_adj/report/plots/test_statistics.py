@@ -40,6 +40,10 @@ MIN_HISTOGRAM_REACH = 5.0
 """Smallest |w| to which the bars reach."""
 BARS_ON_EACH_SIDE = 5, 60
 """Smallest and largest number of bars on each side of zero."""
+MAX_VALUES_SHOWN_EACH = 400
+"""Largest number of values of a group that shows each value."""
+MAX_VECTOR_MARKERS = 20_000
+"""Largest number of markers drawn as vectors; more markers become an image in every format."""
 
 
 @in_package_style
@@ -169,12 +173,6 @@ def draw_critical_lines(line: Callable[..., object], rel: Reliability) -> None:
     label = f"critical ±{rel.critical_w:.2f} (α0 = {100 * rel.alpha:.3g} %)"
     line(rel.critical_w, color=VERMILLION, lw=1.2, ls="--", label=label)
     line(-rel.critical_w, color=VERMILLION, lw=1.2, ls="--")
-
-
-MAX_VALUES_SHOWN_EACH = 400
-"""Largest number of values of a group that shows each value."""
-MAX_VECTOR_MARKERS = 20_000
-"""Largest number of markers drawn as vectors; more markers become an image in every format."""
 
 
 @in_package_style
