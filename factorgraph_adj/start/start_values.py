@@ -7,13 +7,27 @@ constraints of a free network refer, and sentences on how both were found.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
 from ..network.network import DatumChoice
-from ..solve.solution import Solution
+from .search import approximate
+
+
+class AdjustedValues(Protocol):
+    """What a start takes from a solution: the state, and what its adjustment began from."""
+
+    @property
+    def equations(self) -> Equations: ...
+    @property
+    def state(self) -> State: ...
+    @property
+    def start(self) -> State: ...
+    @property
+    def begun(self) -> tuple[str, ...]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +50,7 @@ class Start:
     """Given values that this start has replaced, as they grossly misfit; none: it has not."""
 
     @classmethod
-    def of(cls, given: Solution | Start) -> Start:
+    def of(cls, given: AdjustedValues | Start) -> Start:
         """Return the values of a solution as start: a similar adjustment needs a step or two."""
         if isinstance(given, Start):
             return given
@@ -61,7 +75,7 @@ class Start:
 
 
 def approximate_start(
-    equations: Equations, datum: DatumChoice, given: Solution | Start | None
+    equations: Equations, datum: DatumChoice, given: AdjustedValues | Start | None
 ) -> Start:
     """Return the start of an adjustment: the given values, otherwise approximate values.
 
@@ -75,8 +89,6 @@ def approximate_start(
             return found
     origin = unknowns.start()
     if _incomplete(origin):
-        from .search import approximate
-
         origin = approximate(equations, datum=datum)
     return Start(unknowns, origin, origin)
 
