@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .adjustment import determined_part, memory_needed
     from .crs.reference_system import ReferenceSystem
     from .crs.transformation_chain import SevenParameters
     from .entities import Camera, Parameter, Photo, Point
@@ -107,6 +108,8 @@ if TYPE_CHECKING:
         VerticalAngle,
         ZenithAngle,
     )
+    from .orientation.block_orientation import orient
+    from .orientation.unknown_calibration import dlt
     from .parts.adjustment import adjust_parts
     from .parts.part_files import Part
     from .parts.solution import PartsSolution
@@ -130,7 +133,6 @@ if TYPE_CHECKING:
     from .report.html.page import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
-    from .solve.adjustment import determined_part, memory_needed
     from .solve.grid_coordinates import (
         GridCoordinates,
         GridPhotos,
@@ -139,8 +141,6 @@ if TYPE_CHECKING:
         wgs84_coordinates,
     )
     from .solve.solution import Solution
-    from .start.block_orientation import orient
-    from .start.unknown_calibration import dlt
     from .stochastic import StandardDeviation
     from .triangulation.independent_models import as_models, relative_model
     from .validate.findings import Finding
@@ -388,7 +388,7 @@ _MODULES = {
     "check_points": "quality.point_precision",
     "congruence": "epochs.congruence",
     "distance_precision": "quality.point_precision",
-    "dlt": "start.unknown_calibration",
+    "dlt": "orientation.unknown_calibration",
     "error_ellipse": "quality.error_ellipses",
     "error_ellipsoid": "quality.error_ellipses",
     "estimate_variance_components": "quality.variance_components",
@@ -399,9 +399,9 @@ _MODULES = {
     "grid_photos": "solve.grid_coordinates",
     "join": "network.joined_networks",
     "load_solution": "io.solution_file",
-    "determined_part": "solve.adjustment",
-    "memory_needed": "solve.adjustment",
-    "orient": "start.block_orientation",
+    "determined_part": "adjustment",
+    "memory_needed": "adjustment",
+    "orient": "orientation.block_orientation",
     "plan": "planning.plan",
     "predict": "quality.prediction",
     "preliminary": "validate.preliminary_checks",

@@ -48,6 +48,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("start",),
     # The minimum of vᵀPv from start values.
     ("solve",),
+    # Poses and points from image points alone; the start of every adjustment.
+    ("orientation",),
+    ("adjustment",),
     ("quality",),
     # The whole as a factor graph for GTSAM's optimisers, and in its iSAM2.
     ("factor_graph",),
@@ -84,7 +87,7 @@ EXTRAS = {
     "pandas": ("experiment", "columns"),
     "polars": ("experiment", "columns"),
     "xarray": ("export",),
-    "poselib": ("start",),
+    "poselib": ("orientation",),
     "pycolmap": ("io",),
     "pyopf": ("io",),
     "yaml": ("io",),

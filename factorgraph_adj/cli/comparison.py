@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
 
+from ..adjustment import adjust
 from ..epochs.block_motion import BlockMotion, MotionModel, block_motion
 from ..epochs.comparison import Congruence
 from ..epochs.congruence import congruence
@@ -21,7 +22,6 @@ from ..report.epochs_report import EpochsReport, displacement_table, render_cong
 from ..report.html.rendering import Language
 from ..report.options import Provenance
 from ..report.results_json import epochs_results_text
-from ..solve.adjustment import adjust
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_MODEL, CONFIDENCE_OF_REGION, POWER_OF_TEST
 from .input import PROJECT_HELP, add_reading, read_input

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..adjustment import determined_part
 from ..errors import AdjustmentError, InputError, Problem
 from ..files import refuse_replacing
 from ..io.project import Project, project_table_names
@@ -33,7 +34,6 @@ from ..planning.targets import (
     limit_of,
 )
 from ..report.doubtful_results import unknowns_left_out
-from ..solve.adjustment import determined_part
 from ..units import LENGTH
 from ..validate.observation_counts import problems_with_lines
 from .input import add_project, read_input

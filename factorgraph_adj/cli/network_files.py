@@ -17,8 +17,8 @@ from ..io.project import Project
 from ..io.readers import READERS, Reader
 from ..io.writers import WRITERS
 from ..network.joined_networks import Sets, join
+from ..orientation.choice_of_start import start_or_problems
 from ..report.doubtful_results import notes_of_network
-from ..start.choice_of_start import start_or_problems
 from ..validate.mistyped_names import mistyped_at_start
 from ..validate.network_structure import check
 from ..validate.preliminary_checks import named_mistakes, preliminary

@@ -10,6 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
+from ..adjustment import largest_determined_part
 from ..errors import AdjustmentError, InputError, Problem, known, similar
 from ..export.formats import EXPORT_FORMATS, ExportTarget, export_target, format_list
 from ..files import refuse_replacing
@@ -23,7 +24,6 @@ from ..report.adjustment_report import Report
 from ..report.epochs_report import EpochsReport
 from ..report.html.rendering import require_report_packages
 from ..report.options import Run
-from ..solve.adjustment import largest_determined_part
 from .input import parsed_settings
 from .messages import print_warnings
 from .network_files import refuse_problems

@@ -21,11 +21,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..errors import AdjustmentError
 from ..quality.causes.search import Causes
 from ..quality.misleading_readings import likely_causes
 from ..quality.reliability import reliability
-from ..solve.adjustment import adjust
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array

@@ -29,9 +29,9 @@ from ..models.variables import VariableKind
 from ..network.additions import UnknownsGiven, add_entities, unknowns_by_kind
 from ..network.network import DatumChoice, Network
 from ..observations import AnyObservation
+from ..orientation.choice_of_start import choose_start
 from ..quality.reliability import check_probabilities
 from ..solve.linearised_equations import LinearisedEquations
-from ..start.choice_of_start import choose_start
 from ..start.search import approximate
 from ..types import Array
 from .factor_tests import EnteredFactor, FactorTests, factor_tests, sigmas_of

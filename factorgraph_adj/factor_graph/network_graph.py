@@ -20,11 +20,11 @@ from ..graph.variables import State, Unknowns
 from ..graph.weights import Cluster
 from ..models.variables import VariableKind
 from ..network.network import DatumChoice, Network
+from ..orientation.choice_of_start import choose_start
 from ..solve.datum_defects import FreeDatum, find_defects
 from ..solve.inner_constraints import datum_columns
 from ..solve.linearised_equations import LinearisedEquations
 from ..solve.rigid_mounts import eased_ties
-from ..start.choice_of_start import choose_start
 from ..types import Array
 
 MAX_CONSTRAINT_WEIGHT_RATIO = 2.0**20

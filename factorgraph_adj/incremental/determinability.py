@@ -27,6 +27,8 @@ from ..graph.variables import State
 from ..ledger.candidates import Candidates, NothingKnown, excerpt
 from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
+from ..orientation.block_start import BlockStart
+from ..orientation.choice_of_start import choose_start
 from ..solve.doubtful_points import vague_points, vague_points_at
 from ..solve.feasible_states import state_off_lines
 from ..solve.linearised_equations import LinearisedEquations
@@ -38,8 +40,6 @@ from ..solve.undetermined_unknowns import (
     MAX_DENSE_COLUMNS,
     undetermined_variables,
 )
-from ..start.block_start import BlockStart
-from ..start.choice_of_start import choose_start
 from ..start.search import partial_approximation
 from ..start.start_values import Start
 from ..types import NO_ROWS, Index

@@ -22,13 +22,13 @@ from ..models.variables import parameter_kinds
 from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
 from ..observations.user_factor import OwnFactor
+from ..orientation.block_start import BlockStart
+from ..orientation.choice_of_start import block_start_from_images
+from ..orientation.partial_block import MIN_PAIR_POINTS
 from ..quality.snooping import snoop
 from ..solve.datum_defects import connected_parts as parts_of
 from ..solve.linearised_equations import LinearisedEquations
 from ..solve.solution import Solution
-from ..start.block_start import BlockStart
-from ..start.choice_of_start import block_start_from_images
-from ..start.partial_block import MIN_PAIR_POINTS
 from ..types import Mask
 
 DISAGREES = "fewer than two of its image points agree with the photos that were oriented"

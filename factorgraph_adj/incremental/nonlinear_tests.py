@@ -22,9 +22,9 @@ from ..linear_system.isam2_system import ISAM2System
 from ..linear_system.joint_tests import RowsInBase
 from ..linear_system.rebase import Draft
 from ..network.network import DatumChoice
+from ..orientation.choice_of_start import choose_start
 from ..quality.group_tests import critical_t2
 from ..solve.second_minimum import describe_other_minimum, mirror_midpoints, points_without_rays
-from ..start.choice_of_start import choose_start
 from ..start.start_values import Start
 from ..types import Array, Index
 

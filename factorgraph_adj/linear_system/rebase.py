@@ -18,6 +18,7 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
+from ..orientation.choice_of_start import choose_start
 from ..solve.added_factors import NO_ADDED_FACTORS, AddedFactors, Prior
 from ..solve.adjustment_run import ShapeMisfit
 from ..solve.datum_defects import FreeDatum, extent_of, generators
@@ -28,7 +29,6 @@ from ..solve.minimum import NOT_ON_INNER_CONSTRAINTS, adjust_from_start
 from ..solve.normal_equations import NormalEquations, Solver
 from ..solve.second_minimum import describe_other_minimum, mirror_midpoints, points_without_rays
 from ..solve.solution import Solution
-from ..start.choice_of_start import choose_start
 from ..start.start_values import Start
 from ..types import Array, Index
 from .front_system import FrontSystem

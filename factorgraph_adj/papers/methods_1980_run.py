@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..models.deformation import DEFORMATIONS
 from ..models.lens import BrownLens, NoDistortion
 from ..models.orthogonal_lens import EbnerLens
@@ -16,7 +17,6 @@ from ..network.network import Network
 from ..observations import FrameCoordinate
 from ..rotation import log_rotation
 from ..simulation.generate.scene import corners
-from ..solve.adjustment import adjust
 from ..solve.solution import Solution
 from ..triangulation.independent_models import (
     FACING_DOWN,

@@ -29,6 +29,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..quality.point_precision import check_points
 from ..simulation.disturbances import Errors
 from ..simulation.el_hakim_1986 import SIGMA_AERIAL_TERRESTRIAL, Line, aerial_1986_plan
@@ -43,7 +44,6 @@ from ..simulation.generate.terrestrial_additions import (
 )
 from ..simulation.spec import Spec, simulate
 from ..simulation.systematic_errors import AffineFilm, InImages, LensDistortion
-from ..solve.adjustment import adjust
 from ..types import Array
 
 Kind = Literal["radial", "affine"]

@@ -24,6 +24,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..observations import SlopeDistance
 from ..quality.point_precision import check_points
 from ..simulation.generate.control import Control, Pattern
@@ -41,7 +42,6 @@ from ..simulation.generate.terrestrial_additions import (
 from ..simulation.industry_block import simulate_industry_block
 from ..simulation.measurement import Seed
 from ..simulation.spec import Approximate, Earth, Spec, design, simulate
-from ..solve.adjustment import adjust
 from ..statistical_tests import chi2_quantile
 
 IspCase = Literal["full", "reduced", "layout 1", "layout 2", "layout 3"]

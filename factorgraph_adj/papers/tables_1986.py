@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..observations import ControlPoint
 from ..quality.reliability import Reliability, reliability
 from ..simulation.el_hakim_1986 import (
@@ -22,7 +23,6 @@ from ..simulation.el_hakim_1986 import (
     simulate_close_range_1986,
 )
 from ..simulation.measurement import Seed
-from ..solve.adjustment import adjust
 from ..types import Array
 
 SEED: Seed = 1

@@ -12,9 +12,9 @@ from uuid import uuid4
 
 import numpy as np
 
+from ..adjustment import VARIANCE_SCALES
 from ..blas_threads import with_one_thread
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem, SingularError, known
-from ..solve.adjustment import VARIANCE_SCALES
 from ..solve.gauss_newton import IterationEnd, Progress
 from ..solve.gauss_newton_steps import Damping
 from ..solve.minimum import MAX_REWEIGHTINGS

@@ -15,10 +15,10 @@ from ..graph.equations import Equations, compile_network
 from ..graph.variables import DEFAULT, State, Unknowns, calibration_name, camera_of_calibration
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
+from ..orientation.choice_of_start import choose_start
 from ..solve.elimination_layers import layers_of
 from ..solve.factorisation import EliminationPlan, Factorisation
 from ..solve.normal_equations import NormalEquations, Solver
-from ..start.choice_of_start import choose_start
 from ..start.start_values import Start
 from ..types import Array, Index, Keys, Mask
 from .junctions import (

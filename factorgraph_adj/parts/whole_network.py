@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, overload
 
 import numpy as np
 
+from .. import adjustment
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.image_blocks import ImageIds
@@ -22,7 +23,7 @@ from ..graph.observation_selection import only
 from ..graph.variables import Unknowns, Variables
 from ..models.variables import VariableKind
 from ..network.network import DatumChoice, Network
-from ..solve import adjustment
+from ..orientation.choice_of_start import choose_start
 from ..solve.added_factors import ExtraFactors
 from ..solve.elimination_layers import layers_of
 from ..solve.factorisation import EliminationPlan
@@ -30,7 +31,6 @@ from ..solve.gauss_newton import Progress
 from ..solve.nested_dissection import BlockPattern, cut_nodes
 from ..solve.reduced_system import Nodes
 from ..solve.solution import Solution
-from ..start.choice_of_start import choose_start
 from ..start.start_values import Start
 from ..types import Array, Index, Mask
 from .adjustment import adjust_parts

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..epochs.congruence_tests import UnitVariance, motion_basis, motion_rank, weight_of_differences
 from ..errors import AdjustmentError, InputError, Problem
@@ -15,7 +16,6 @@ from ..network.network import Network
 from ..quality.error_effects import unit_error_shifts
 from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..shown import Rows, Shown
-from ..solve.adjustment import adjust
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array, Index, Mask

@@ -23,12 +23,12 @@ from typing import Any
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..errors import AdjustmentError
 from ..graph.equations import compile_network
 from ..graph.observation_selection import without
 from ..network.network import Network
 from ..observations import KINDS
-from ..solve.adjustment import adjust
 from ..solve.solution import Solution
 from ..start.start_values import Start
 from ..statistical_tests import global_test, normal_quantile

@@ -8,13 +8,13 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..entities import parameter_name
 from ..errors import InputError, known
 from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..shown import Rows, Shown
-from ..solve.adjustment import adjust
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_MODEL
 from .parameter_significance import (

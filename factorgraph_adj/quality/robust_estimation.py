@@ -35,22 +35,22 @@ from typing import Literal
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..errors import DatumError, InputError, known
 from ..graph.equations import compile_network
 from ..network.network import DatumChoice, Network
-from ..shown import Shown
-from ..solve.adjustment import adjust
-from ..solve.given_state import solution_at_given_values
-from ..solve.minimum import DEFAULT_MAX_ITERATIONS
-from ..solve.solution import Solution
-from ..start.choice_of_start import (
+from ..orientation.choice_of_start import (
     choose_start,
     given_or_image_start,
     image_start,
     misses_minimum,
     with_doubtful_image_points,
 )
+from ..shown import Shown
+from ..solve.given_state import solution_at_given_values
+from ..solve.minimum import DEFAULT_MAX_ITERATIONS
+from ..solve.solution import Solution
 from ..start.start_values import Start
 from ..statistical_tests import SIGMA_PER_MEDIAN_DEVIATION
 from ..types import Array, Mask

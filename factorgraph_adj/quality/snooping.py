@@ -21,22 +21,22 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..errors import AdjustmentError, DatumError, InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.observation_selection import without
 from ..network.network import DatumChoice, Network
-from ..solve.added_factors import AddedFactors, ExtraFactors
-from ..solve.adjustment import adjust
-from ..solve.minimum import DEFAULT_MAX_ITERATIONS
-from ..solve.solution import Solution
-from ..start.choice_of_start import (
+from ..orientation.choice_of_start import (
     given_or_image_start,
     image_start,
     misses_minimum,
     noted_error,
     with_doubtful_image_points,
 )
+from ..solve.added_factors import AddedFactors, ExtraFactors
+from ..solve.minimum import DEFAULT_MAX_ITERATIONS
+from ..solve.solution import Solution
 from ..start.start_values import Start
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array

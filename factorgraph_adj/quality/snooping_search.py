@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..errors import AdjustmentError, InputError
 from ..graph.equations import compile_network
 from ..graph.observation_selection import without
 from ..network.network import Network
-from ..solve.adjustment import adjust
 from ..solve.solution import Solution
 from ..statistical_tests import chi2_quantile, fisher_quantile, normal_quantile
 from ..types import Array

@@ -17,12 +17,12 @@ from functools import cached_property
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..errors import InputError, known
 from ..network.network import DatumChoice, Network
 from ..shown import Rows, Shown
 from ..solve.added_factors import ExtraFactors
-from ..solve.adjustment import adjust
 from ..solve.given_state import solution_after_step
 from ..solve.minimum import readjust
 from ..solve.solution import Solution

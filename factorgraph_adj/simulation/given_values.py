@@ -13,8 +13,8 @@ from ..errors import AdjustmentError, InputError, Problem
 from ..graph.equations import Equations, compile_network, compile_rows
 from ..models.variables import UNKNOWNS, UnknownKind
 from ..network.network import Network
+from ..orientation.choice_of_start import choose_start, has_photos_without_pose
 from ..solve.estimates import network_with_values
-from ..start.choice_of_start import choose_start, has_photos_without_pose
 from ..start.shape_fit import frames_of_shapes, place_shapes
 from ..types import Array, Index, Mask
 

@@ -42,6 +42,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..entities import ImageTable
 from ..errors import InputError, Problem, known
@@ -53,7 +54,6 @@ from ..network.network import Network
 from ..observations import Correlated, FrameCoordinate, PhotoPosition
 from ..rotation import log_rotation, skew, world_R_camera
 from ..shown import Rows, Shown
-from ..solve.adjustment import adjust
 from ..solve.solution import Solution
 from ..start.search import partial_approximation
 from ..types import Array, Index

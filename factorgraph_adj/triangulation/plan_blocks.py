@@ -41,13 +41,13 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from ..adjustment import adjust
 from ..errors import InputError, Problem, known
 from ..graph.equations import compile_network
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
 from ..observations import ControlPoint, Direction, FrameCoordinate
 from ..shown import Rows, Shown
-from ..solve.adjustment import adjust
 from ..solve.solution import Solution
 from ..start.image_rays import read_rays
 from ..start.search import approximate

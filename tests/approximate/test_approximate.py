@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.entities import FREE_ORIENTATION
 from factorgraph_adj.errors import ApproximationError
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
@@ -35,7 +36,6 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.simulation.measurement import look_at, measure
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.start import search as rounds
 from factorgraph_adj.start.search import approximate
 from factorgraph_adj.types import Array

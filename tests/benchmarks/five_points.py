@@ -15,9 +15,9 @@ import numpy as np
 import pycolmap
 
 import factorgraph_adj as fga
+from factorgraph_adj.orientation.block_input import Views
+from factorgraph_adj.orientation.robust_poses import relative_pose
 from factorgraph_adj.rotation import log_rotation
-from factorgraph_adj.start.block_input import Views
-from factorgraph_adj.start.robust_poses import relative_pose
 from factorgraph_adj.types import Array
 from tests.networks.aicon import read_aicon
 from tests.networks.dbat import read_roma, read_sxb

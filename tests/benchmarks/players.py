@@ -215,7 +215,7 @@ class Alone:
     def _of_network(self, stream: Stream) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
         from factorgraph_adj.factor_graph.network_graph import build_graph, observation_parts
         from factorgraph_adj.graph.equations import compile_network
-        from factorgraph_adj.start.choice_of_start import choose_start
+        from factorgraph_adj.orientation.choice_of_start import choose_start
 
         whole = whole_network(stream)
         first = stream.start or fga.adjust(stream.begin, leave_out_undetermined=True)

@@ -25,11 +25,11 @@ from unittest.mock import patch
 
 import numpy as np
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.blas_threads import with_one_thread
 from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.simulation.simulated_blocks import simulate_aerial_block
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 from factorgraph_adj.solve.linearised_rays import LinearRays
 from factorgraph_adj.version import __version__

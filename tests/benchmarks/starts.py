@@ -37,9 +37,9 @@ from factorgraph_adj.errors import AdjustmentError
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.graph.variables import State
 from factorgraph_adj.network.network import Network
+from factorgraph_adj.orientation.choice_of_start import choose_start
 from factorgraph_adj.solve.minimum import LOWER_MINIMUM_NOTE
 from factorgraph_adj.solve.solution import Solution
-from factorgraph_adj.start.choice_of_start import choose_start
 from factorgraph_adj.start.start_values import approximate_start
 from tests.networks.poor_starts import SORTS, WRONG, poor_start, right_pixels
 from tests.support.other_solvers import by_gtsam, by_trf, cost

@@ -14,12 +14,12 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from time import perf_counter, process_time
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.reliability import Reliability, reliability
 from factorgraph_adj.simulation.simulated_blocks import simulate_aerial_block
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.start.search import approximate
 
 from ..networks.dbat import read_roma

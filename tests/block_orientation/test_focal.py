@@ -9,8 +9,11 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import BrownLens, NoDistortion
-from factorgraph_adj.start.block_input import Views
-from factorgraph_adj.start.unknown_calibration import TRIED_DISTANCE_FACTORS, PrincipalDistances
+from factorgraph_adj.orientation.block_input import Views
+from factorgraph_adj.orientation.unknown_calibration import (
+    TRIED_DISTANCE_FACTORS,
+    PrincipalDistances,
+)
 from tests.networks.image_blocks import CAMERA, HALF, ImageBlock, aerial, ring
 
 

@@ -11,9 +11,9 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.entities import ImageTable
 from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.orientation.choice_of_start import choose_start
+from factorgraph_adj.orientation.similarity_start import GROSS_START_MISFIT
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.start.choice_of_start import choose_start
-from factorgraph_adj.start.similarity_start import GROSS_START_MISFIT
 from factorgraph_adj.start.start_values import approximate_start
 from factorgraph_adj.types import Array
 from tests.networks.image_blocks import ImageBlock, aerial, ring

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.rotation import exp_rotation, log_rotation
-from factorgraph_adj.start.robust_poses import (
+from factorgraph_adj.orientation.robust_poses import (
     absolute_pose,
     epipolar_misses,
     ray_misses,
     relative_pose,
     shared_principal_distance,
 )
+from factorgraph_adj.rotation import exp_rotation, log_rotation
 from factorgraph_adj.types import Array
 from tests.networks.image_blocks import ring
 

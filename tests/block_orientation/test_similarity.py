@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.start.similarity import (
+from factorgraph_adj.orientation.similarity import (
     Similarity,
     in_one_line,
     mean_rotation,
@@ -15,6 +14,7 @@ from factorgraph_adj.start.similarity import (
     similarity_from_points,
     similarity_with_rotation,
 )
+from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array
 
 ROUNDING = 1e-9

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from factorgraph_adj.orientation.similarity import similarity_from_sights
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.start.similarity import similarity_from_sights
 from factorgraph_adj.types import Array
 
 LONG = pytest.mark.slow(

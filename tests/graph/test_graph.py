@@ -10,6 +10,7 @@ import gtsam
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import AdjustmentError, InputError
 from factorgraph_adj.factor_graph.network_graph import Graph, build_graph
 from factorgraph_adj.graph import factors
@@ -29,7 +30,6 @@ from factorgraph_adj.observations import (
     VerticalAngle,
 )
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.types import Array
 from tests.networks import every_kind
 from tests.networks.every_kind import FRAMES, GEOMETRIES, LENSES_USED, VIEWS

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import LocalFrame
 from factorgraph_adj.io.survey.gama import read_gama
@@ -24,7 +25,6 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.units import ARCSEC, CC, GON
 
 MM = 1e-3

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from factorgraph_adj import observations as o
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
@@ -28,7 +29,6 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
 from factorgraph_adj.observations.airborne import ABOUT, ANGLES
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.units import ANGLE, ARCSEC, GON, LENGTH
 from tests.networks.everything import FRAMES, everything

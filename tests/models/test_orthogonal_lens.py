@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.models.lens import BrownLens, Lens, NoDistortion
 from factorgraph_adj.models.orthogonal_lens import (
@@ -22,7 +23,6 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ControlPoint, PhotoPosition
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.simulation.measurement import disturb, measure
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.types import Array
 
 MICROMETRE = 1e-3

@@ -7,6 +7,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.graph.observation_selection import weighted_unknowns, without
@@ -22,7 +23,6 @@ from factorgraph_adj.observations import (
     VerticalAngle,
 )
 from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
-from factorgraph_adj.solve.adjustment import adjust
 from tests.networks.small_block import small_block
 from tests.networks.three_frames import room, three_frames
 from tests.support.same import contents

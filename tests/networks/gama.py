@@ -10,11 +10,11 @@ from functools import cache
 
 import numpy as np
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.graph.equations import Equations
 from factorgraph_adj.graph.variables import State
 from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array, Mask
 from factorgraph_adj.units import GON

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import log_rotation, skew, world_R_camera
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from tests.networks.aicon import (
     CAMERA,

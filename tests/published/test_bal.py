@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.feasible_states import is_behind_camera
 from tests.support.places import data_dir
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.survey.comp3d_grid import Comp3dOrigin
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.start.search import approximate
 from factorgraph_adj.units import ARCSEC, GON

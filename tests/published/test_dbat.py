@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import DatumError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.estimates import CalibrationEstimate
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.start.search import approximate

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.graph.equations import Equations
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 from tests.loaders.dynadjust import Measurement, Station, read_listing

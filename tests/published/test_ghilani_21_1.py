@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.io.survey.gama import read_gama
-from factorgraph_adj.solve.adjustment import adjust
 from tests.support.dense import Dense
 from tests.support.places import data_dir
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.frames import LocalFrame, TopocentricFrame
 from factorgraph_adj.io.survey.mmvii import read_mmvii
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import SlopeDistance
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from tests.networks.mmvii import MILLIMETRE, example_3
 from tests.support.places import data_dir

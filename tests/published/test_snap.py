@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import GnssVector
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.types import Array
 from tests.loaders import snap
 from tests.loaders.snap import FRAME, Row, dms, radius_in_azimuth

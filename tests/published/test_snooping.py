@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from scipy.stats import norm
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.rejections import Snooping
 from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.quality.robust_estimation import ESTIMATORS
 from factorgraph_adj.quality.snooping import snoop
-from factorgraph_adj.solve.adjustment import adjust
 from tests.networks.aicon import read_aicon, rejected_image_points
 from tests.support.places import data_dir
 

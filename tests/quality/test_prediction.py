@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.graph.observation_selection import without
@@ -21,7 +22,6 @@ from factorgraph_adj.observations import (
 from factorgraph_adj.quality.prediction import Predictor, predict
 from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from tests.networks.small_block import small_block
 from tests.support.dense import Dense

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.network.network import Network
@@ -20,7 +21,6 @@ from factorgraph_adj.quality.robust_estimation import (
 )
 from factorgraph_adj.quality.snooping import snoop
 from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
-from factorgraph_adj.solve.adjustment import adjust
 from tests.networks.small_block import small_block
 from tests.networks.trilateration import SIGMA, trilateration
 from tests.support.dense import Dense

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.models.lens import BrownLens
@@ -24,7 +25,6 @@ from factorgraph_adj.simulation.simulated_blocks import (
     simulate_aerial_block,
     simulate_geocentric_block,
 )
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from tests.benchmarks.grids import simulate_grid
 from tests.networks.trilateration import SIGMA, trilateration

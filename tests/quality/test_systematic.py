@@ -13,6 +13,7 @@ import pytest
 from scipy.stats import binom, norm
 from scipy.stats import t as student
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import AdjustmentError, InputError, SingularError
 from factorgraph_adj.models.lens import BrownLens, HarmonicLens, Lens
 from factorgraph_adj.network.network import Network
@@ -22,7 +23,6 @@ from factorgraph_adj.quality.parameter_exclusion import exclude_insignificant
 from factorgraph_adj.quality.parameter_significance import Significance, significance
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.measurement import look_at, measure
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.normal_equations import NormalEquations
 from factorgraph_adj.solve.solution import Solution
 from tests.networks.aicon import CAMERA as AICON_CAMERA

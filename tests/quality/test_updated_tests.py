@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.reliability import Reliability, reliability
 from factorgraph_adj.quality.snooping_candidates import RowGroups, choose_outliers
 from factorgraph_adj.quality.snooping_state import UpdatedTests
 from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.types import Index
 from tests.benchmarks.grids import simulate_grid
 from tests.networks.small_block import small_block

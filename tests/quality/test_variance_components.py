@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from scipy import linalg, optimize, stats
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.factor_graph.network_graph import build_graph
 from factorgraph_adj.graph.equations import compile_network
@@ -38,7 +39,6 @@ from factorgraph_adj.quality.variance_components import (
 )
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.simulation.measurement import measure
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.estimates import ObservationRecord
 from factorgraph_adj.solve.minimum import readjust
 from factorgraph_adj.solve.solution import Solution

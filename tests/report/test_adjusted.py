@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.network.network import Network
@@ -21,7 +22,6 @@ from factorgraph_adj.report.options import Provenance, ReportOptions, Run
 from factorgraph_adj.report.result_files import write_solution
 from factorgraph_adj.report.text import protocol
 from factorgraph_adj.simulation.measurement import measure
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.units import CC, TURN
 from tests.networks.small_block import small_block

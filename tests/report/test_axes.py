@@ -11,6 +11,7 @@ from functools import cache
 
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.io.project import read_project
 from factorgraph_adj.io.project_writer import network_files, write_project
 from factorgraph_adj.network.network import Network
@@ -20,7 +21,6 @@ from factorgraph_adj.report.options import Provenance
 from factorgraph_adj.report.plots import plot_photo_residuals
 from factorgraph_adj.report.result_files import write_tables
 from factorgraph_adj.report.text import protocol
-from factorgraph_adj.solve.adjustment import adjust
 from tests.networks.small_block import blundered, small_block
 from tests.support.printed import row
 from tests.support.shifted import shift_image

@@ -11,6 +11,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.io.numbers import Units, parse_quantity
 from factorgraph_adj.io.project import read_project
@@ -21,7 +22,6 @@ from factorgraph_adj.report.options import ReportOptions
 from factorgraph_adj.report.result_files import write_solution
 from factorgraph_adj.report.text import protocol
 from factorgraph_adj.simulation.measurement import measure
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.estimates import geodetic_coordinates
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.units import ANGLE, parse_angle

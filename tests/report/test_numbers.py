@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.models.base import within
 from factorgraph_adj.network.network import Network
@@ -21,7 +22,6 @@ from factorgraph_adj.report.options import ReportOptions
 from factorgraph_adj.report.result_files import write_solution
 from factorgraph_adj.report.text import protocol
 from factorgraph_adj.simulation.measurement import measure
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.units import CC, TURN
 from tests.networks import site

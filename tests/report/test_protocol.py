@@ -13,6 +13,7 @@ import pytest
 from scipy.stats import chi2
 
 from factorgraph_adj import observations as o
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import GeocentricFrame, TopocentricFrame
 from factorgraph_adj.io.numbers import Units
@@ -29,7 +30,6 @@ from factorgraph_adj.rotation import (
     omega_phi_kappa,
     world_R_camera,
 )
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.statistical_tests import global_test
 from factorgraph_adj.units import ANGLE
 from tests.networks.small_block import CHECKED, box, plan, small_block

@@ -14,6 +14,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import AdjustmentError, InputError
 from factorgraph_adj.io.csv_tables import write_columns
 from factorgraph_adj.io.file_transaction import write_files
@@ -30,7 +31,6 @@ from factorgraph_adj.report.options import Provenance, ReportOptions
 from factorgraph_adj.report.reliability import point_redundancy, weakest_points
 from factorgraph_adj.report.result_files import write_solution, write_tables
 from factorgraph_adj.report.text import protocol, render_text
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.units import ANGLE
 from tests.networks.exchanged_day import day
 from tests.networks.simulated import NETWORKS, gnss, levelling

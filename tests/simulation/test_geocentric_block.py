@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
@@ -29,7 +30,6 @@ from factorgraph_adj.simulation.simulated_blocks import (
     REFRACTION,
     simulate_geocentric_block,
 )
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 from tests.support.arrivals import bare, chunks

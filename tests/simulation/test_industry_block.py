@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.models.image import depth
 from factorgraph_adj.network.network import Network
@@ -31,7 +32,6 @@ from factorgraph_adj.simulation.industry_block import (
     SIDE,
     simulate_industry_block,
 )
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.network.network import Network
@@ -16,7 +17,6 @@ from factorgraph_adj.simulation.simulated_blocks import (
     simulate_aerial_block,
     simulate_geocentric_block,
 )
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.types import Array
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj import adjustment
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.io.project import read_project
 from factorgraph_adj.io.solution_file import load_solution, save_solution
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.solve import adjustment
 from tests.field_mistakes.site import site
 from tests.networks.well_determined import PLACES, distance, rise, seen_once, well_determined
 

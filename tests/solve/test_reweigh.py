@@ -6,10 +6,10 @@ import gtsam
 import numpy as np
 import pytest
 
+from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.factor_graph.network_graph import build_graph
 from factorgraph_adj.solve import elimination_layers
-from factorgraph_adj.solve.adjustment import adjust
 from factorgraph_adj.solve.factorisation import EliminationPlan
 from factorgraph_adj.solve.gauss_newton_steps import Step
 from factorgraph_adj.solve.given_state import solution_after_step

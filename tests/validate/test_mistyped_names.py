@@ -7,8 +7,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
+from factorgraph_adj.orientation.choice_of_start import start_or_problems
 from factorgraph_adj.report.adjustment_report import Report
-from factorgraph_adj.start.choice_of_start import start_or_problems
 from factorgraph_adj.validate.mistyped_names import mistyped_at_start
 from tests.field_mistakes.projects import Project
 from tests.field_mistakes.site import SETTINGS, book_as, site, star_net

@@ -20,14 +20,14 @@ from itertools import combinations
 
 import numpy as np
 
+from ...adjustment import adjust
 from ...errors import AdjustmentError
 from ...graph.equations import Equations
 from ...graph.observation_selection import without
 from ...graph.variables import State
 from ...network.network import Network
-from ...solve.adjustment import adjust
+from ...orientation.choice_of_start import image_start
 from ...solve.solution import Solution
-from ...start.choice_of_start import image_start
 from ...start.start_values import Start
 from ...statistical_tests import normal_quantile
 from ...types import Array

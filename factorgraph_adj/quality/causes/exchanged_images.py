@@ -21,12 +21,12 @@ from itertools import combinations
 
 import numpy as np
 
+from ...adjustment import adjust
 from ...errors import AdjustmentError, InputError
 from ...graph.blocks import Block
 from ...graph.equations import Equations
 from ...graph.variables import State
 from ...network.network import Network
-from ...solve.adjustment import adjust
 from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 from ..innovations import Innovations

@@ -28,6 +28,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...adjustment import adjust
 from ...errors import AdjustmentError
 from ...graph.blocks import Block
 from ...graph.equations import Equations, compile_network
@@ -35,7 +36,6 @@ from ...graph.observation_selection import without
 from ...models.image import MIRRORED, OTHER, Axes
 from ...models.inverse_lens import directions
 from ...network.network import DatumChoice, Network
-from ...solve.adjustment import adjust
 from ...solve.solution import Solution
 from ...start.resection import resect
 from ...types import Array, Index, Mask

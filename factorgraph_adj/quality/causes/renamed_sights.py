@@ -24,13 +24,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...adjustment import adjust
 from ...errors import AdjustmentError, InputError
 from ...graph.blocks import Block
 from ...graph.equations import Equations
 from ...graph.observation_selection import without
 from ...graph.variables import State
 from ...network.network import Network
-from ...solve.adjustment import adjust
 from ...solve.low_rank_update import covariance_whitener
 from ...solve.solution import Solution
 from ...types import Array, Index, Mask

@@ -18,16 +18,16 @@ from ..errors import ApproximationError, InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
 from ..network.network import DatumChoice, Network
+from ..start.image_rays import nearest_to_rays
+from ..start.search import approximate, partial_approximation
+from ..start.start_values import Start
 from ..types import Array, Mask
 from .block_growth import BlockPart, build_parts
 from .block_input import KnownPlaces, Views, given_places, known_lengths
 from .block_placement import PartPlacement, place_part
 from .block_start import BlockStart, OrientedPart
-from .image_rays import nearest_to_rays
 from .partial_block import GROWTH, PartialBlock
 from .robust_poses import RAYLEIGH_MEDIAN, poselib_solvers, ray_misses
-from .search import approximate, partial_approximation
-from .start_values import Start
 from .unknown_calibration import PrincipalDistances
 from .unoriented_photos import (
     add_photos_of_known_pose,

@@ -6,22 +6,22 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, TypeVar, get_args
 
-from ..blas_threads import with_one_thread
-from ..entities import parameter_name
-from ..errors import ApproximationError, DatumError, InputError, UnknownLeftOut, known
-from ..graph.equations import compile_network
-from ..graph.observation_selection import without
-from ..models.variables import UNKNOWNS
-from ..network.network import DatumChoice, Network
-from ..start.choice_of_start import choose_start, with_doubtful_image_points
-from ..start.start_values import Start
-from ..types import Array
-from .added_factors import AddedFactors, ExtraFactors
-from .gauss_newton import Progress
-from .machine_limits import MemoryEstimate, error_of_weight_ratios, estimate_memory
-from .minimum import DEFAULT_MAX_ITERATIONS, DEFAULT_TOLERANCE, adjust_from_start
-from .normal_equations import Solver
-from .solution import Solution
+from .blas_threads import with_one_thread
+from .entities import parameter_name
+from .errors import ApproximationError, DatumError, InputError, UnknownLeftOut, known
+from .graph.equations import compile_network
+from .graph.observation_selection import without
+from .models.variables import UNKNOWNS
+from .network.network import DatumChoice, Network
+from .orientation.choice_of_start import choose_start, with_doubtful_image_points
+from .solve.added_factors import AddedFactors, ExtraFactors
+from .solve.gauss_newton import Progress
+from .solve.machine_limits import MemoryEstimate, error_of_weight_ratios, estimate_memory
+from .solve.minimum import DEFAULT_MAX_ITERATIONS, DEFAULT_TOLERANCE, adjust_from_start
+from .solve.normal_equations import Solver
+from .solve.solution import Solution
+from .start.start_values import Start
+from .types import Array
 
 REASON_UNDETERMINED = "its observations do not determine it"
 """Why an unknown in the null space is left out."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..start.image_rays import nearest_to_rays
 from ..types import Array, Index, Mask
 from .block_input import IdealRays, Views
-from .image_rays import nearest_to_rays
 from .robust_poses import RAYLEIGH_MEDIAN, RelativePose, ray_misses, relative_pose
 
 

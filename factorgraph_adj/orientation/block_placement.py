@@ -22,10 +22,10 @@ from ..graph.variables import State
 from ..models.base import DegenerateError
 from ..observations.registry import KINDS
 from ..rotation import exp_rotation
+from ..start.polar_points import orient_sets_by_model
 from ..types import Array, Mask
 from .block_input import KnownLength, KnownPlaces
 from .partial_block import PartialBlock
-from .polar_points import orient_sets_by_model
 from .similarity import (
     Similarity,
     even_rotations,

@@ -11,8 +11,8 @@ from ..graph.observation_selection import filtered
 from ..models.variables import VariableKind
 from ..network.network import Network
 from ..shown import Rows, Shown
+from ..start.start_values import Start
 from ..types import Mask
-from .start_values import Start
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,11 @@ from ..errors import AdjustmentError, DatumError
 from ..graph.equations import compile_network
 from ..network.network import Network
 from ..solve.minimum import adjust_from_start
+from ..start.start_values import Start
 from ..types import Array, Index, Mask
 from .block_input import Views, well_spread_image_points
 from .partial_block import GROWTH, PartialBlock, PhotoPair, begin_with_pair, start_pairs
 from .robust_poses import RAYLEIGH_MEDIAN, absolute_pose
-from .start_values import Start
 from .unknown_calibration import PrincipalDistances
 
 CALIBRATION_PRIOR_RATIO = 0.03

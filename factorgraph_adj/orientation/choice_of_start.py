@@ -20,10 +20,11 @@ from ..graph.variables import MaskState, State
 from ..network.network import DatumChoice, Network
 from ..solve.adjustment_run import GROSS_RMS
 from ..solve.solution import Solution
+from ..start.image_axes import cameras_along_other_axes, problems_of_marks
+from ..start.start_values import Start, approximate_start
 from ..types import Mask
 from .block_input import KnownPlaces, given_places, without_approximations
 from .block_start import BlockStart
-from .image_axes import cameras_along_other_axes, problems_of_marks
 from .similarity_start import (
     GROSS_START_MISFIT,
     StartMisfit,
@@ -31,7 +32,6 @@ from .similarity_start import (
     similarity_starts,
     start_misfits,
 )
-from .start_values import Start, approximate_start
 
 
 @dataclass(frozen=True)

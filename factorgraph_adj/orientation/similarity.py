@@ -29,10 +29,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rotation import exp_rotation
+from ..start.resection import rotation_and_shift
 from ..types import Array, Index, Mask
 from .block_input import KnownPlaces
 from .partial_block import PartialBlock
-from .resection import rotation_and_shift
 
 MIN_LEVER_RATIO = 0.3
 """Smallest lever of a ray, part of the largest one, with which it counts."""

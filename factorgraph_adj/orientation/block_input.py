@@ -24,8 +24,8 @@ from ..observations import (
     RelativePosition,
     SlopeDistance,
 )
+from ..start.heights_and_vectors import fill_given_attitudes
 from ..types import Array, Index, Mask
-from .heights_and_vectors import fill_given_attitudes
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,13 +30,13 @@ from ..graph.variables import MaskState, State
 from ..models.image import in_front
 from ..network.network import DatumChoice
 from ..rotation import exp_rotation, log_rotation
+from ..start.search import approximate, partial_approximation
 from ..types import Array, Index, Mask
 from .block_growth import BlockPart
 from .block_input import KnownPlaces, Views, given_places
 from .block_orientation import Assembly
 from .block_placement import PartPlacement
 from .partial_block import GROWTH, PartialBlock
-from .search import approximate, partial_approximation
 from .similarity import Similarity
 
 GROSS_START_MISFIT = 0.05

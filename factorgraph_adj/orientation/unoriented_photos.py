@@ -12,11 +12,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ..start.resection import resected_pose
 from ..types import Array, Index, Mask
 from .block_growth import BlockPart
 from .block_input import IdealRays, KnownPlaces, Views
 from .partial_block import GROWTH, MIN_PAIR_POINTS, PartialBlock
-from .resection import resected_pose
 from .robust_poses import absolute_pose, ray_misses
 from .unknown_calibration import PrincipalDistances
 
