@@ -6,11 +6,11 @@ solution = fga.adjust(fga.read("project.toml"))
 A public name is imported at its first use, so that a program loads only the modules that it uses.
 """
 
-from importlib import import_module
-from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from importlib import import_module as _import_module
+from importlib.util import find_spec as _find_spec
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 
-if TYPE_CHECKING:
+if _TYPE_CHECKING:
     from .adjustment import determined_part, memory_needed
     from .crs.reference_system import ReferenceSystem
     from .crs.transformation_chain import SevenParameters
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .epochs.block_motion import block_motion
     from .epochs.congruence import congruence
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
+    from .experiment.study import Experiment
     from .export.dxf_ply import write_dxf, write_ply
     from .export.formats import covariance_array, results_schema, to_xarray, write, write_results
     from .export.geojson_kml import write_geojson, write_kml
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from .io.survey.star_net import read_star_net
     from .io.survey.star_net_options import StarNetOptions
     from .io.survey.star_net_writer import write_star_net
+    from .models.lens import BrownLens
     from .models.lens_registry import register_lens
     from .models.unknown import UnknownKind
     from .models.variables import register_unknown
@@ -87,14 +89,49 @@ if TYPE_CHECKING:
         FrameCoordinate,
         FrameDirection,
         FrameDistance,
+        FrameInclination,
+        FrameRoll,
         FrameVector,
         FrameZenith,
         StripCoordinate,
+        UnitVector,
+        WireReading,
+        WireReadingOnBody,
     )
     from .observations.image import ImagePoint
+    from .observations.offsets import (
+        HydrostaticReading,
+        LineOffset,
+        PlaneOffset,
+        PlumbOffset,
+        RadialOffset,
+        SightOffset,
+        SightPlaneOffset,
+    )
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
     from .observations.registry import ObservationKind, register_observation
+    from .observations.relations import (
+        AxisAngle,
+        CoordinateDifference,
+        EqualDistance,
+        EqualHeightDifference,
+        ImageLine,
+        ParallelAxes,
+        PlaneDistance,
+        PointDirection,
+        RightAngle,
+    )
     from .observations.relative_poses import RelativePosition, RelativeRotation
+    from .observations.shape_points import (
+        OnCircle,
+        OnCone,
+        OnCylinder,
+        OnLine,
+        OnParaboloid,
+        OnPlane,
+        OnSphere,
+        OnTorus,
+    )
     from .observations.surface_heights import LevelHeight, ProfileHeight
     from .observations.terrestrial import (
         AstronomicLatitude,
@@ -132,7 +169,9 @@ if TYPE_CHECKING:
     from .quality.variance_components import estimate_variance_components
     from .report.html.page import write_report
     from .report.options import Provenance, ReportOptions
+    from .report.plots.network_plan import plot_network
     from .report.text import protocol
+    from .simulation.measurement import measure
     from .solve.grid_coordinates import (
         GridCoordinates,
         GridPhotos,
@@ -143,30 +182,40 @@ if TYPE_CHECKING:
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
     from .triangulation.independent_models import as_models, relative_model
+    from .units import GON
     from .validate.findings import Finding
     from .validate.preliminary_checks import preliminary
     from .version import __version__
 
 __all__ = [
+    "GON",
     "Accuracies",
     "AdjustmentError",
     "AntennaVector",
     "ApproximationError",
     "AstronomicLatitude",
     "AstronomicLongitude",
+    "AxisAngle",
     "Azimuth",
+    "BrownLens",
     "Camera",
     "Candidate",
     "ControlPoint",
+    "CoordinateDifference",
     "Correlated",
     "DatumError",
     "Direction",
+    "EqualDistance",
+    "EqualHeightDifference",
+    "Experiment",
     "FaceReading",
     "FactorTests",
     "Finding",
     "FrameCoordinate",
     "FrameDirection",
     "FrameDistance",
+    "FrameInclination",
+    "FrameRoll",
     "FrameVector",
     "FrameZenith",
     "GeocentricFrame",
@@ -178,16 +227,28 @@ __all__ = [
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
+    "HydrostaticReading",
+    "ImageLine",
     "ImagePoint",
     "IncrementalAdjustment",
     "InputError",
     "Isam",
     "LevelHeight",
+    "LineOffset",
     "LocalFrame",
     "NavigationAttitude",
     "Network",
     "Observation",
     "ObservationKind",
+    "OnCircle",
+    "OnCone",
+    "OnCylinder",
+    "OnLine",
+    "OnParaboloid",
+    "OnPlane",
+    "OnSphere",
+    "OnTorus",
+    "ParallelAxes",
     "Parameter",
     "Part",
     "PartsSolution",
@@ -199,22 +260,33 @@ __all__ = [
     "PhotoRange",
     "PhotoSight",
     "PhotoTilt",
+    "PlaneDistance",
+    "PlaneOffset",
+    "PlumbOffset",
     "Point",
+    "PointDirection",
     "ProfileHeight",
     "Provenance",
+    "RadialOffset",
     "ReferenceSystem",
     "RelativePosition",
     "RelativeRotation",
     "ReportOptions",
+    "RightAngle",
     "SevenParameters",
+    "SightOffset",
+    "SightPlaneOffset",
     "SlopeDistance",
     "Solution",
     "StandardDeviation",
     "StarNetOptions",
     "StripCoordinate",
     "TopocentricFrame",
+    "UnitVector",
     "UnknownKind",
     "VerticalAngle",
+    "WireReading",
+    "WireReadingOnBody",
     "ZenithAngle",
     "__version__",
     "adjust",
@@ -240,9 +312,11 @@ __all__ = [
     "grid_photos",
     "join",
     "load_solution",
+    "measure",
     "memory_needed",
     "orient",
     "plan",
+    "plot_network",
     "predict",
     "preliminary",
     "propose",
@@ -310,183 +384,153 @@ __all__ = [
     "write_star_net",
 ]
 
-_MODULES = {
-    "AdjustmentError": "errors",
-    "ApproximationError": "errors",
-    "AstronomicLatitude": "observations.terrestrial",
-    "AstronomicLongitude": "observations.terrestrial",
-    "Azimuth": "observations.terrestrial",
-    "Camera": "entities",
-    "Candidate": "planning.candidates",
-    "ControlPoint": "observations.positions",
-    "Correlated": "observations.correlated",
-    "DatumError": "errors",
-    "Direction": "observations.terrestrial",
-    "FaceReading": "network.face_readings",
-    "Finding": "validate.findings",
-    "FrameCoordinate": "observations.frame_observations",
-    "FrameDirection": "observations.frame_observations",
-    "FrameDistance": "observations.frame_observations",
-    "FrameVector": "observations.frame_observations",
-    "FrameZenith": "observations.frame_observations",
-    "AntennaVector": "observations.airborne",
-    "GridCoordinates": "solve.grid_coordinates",
-    "GridPhotos": "solve.grid_coordinates",
-    "NavigationAttitude": "observations.airborne",
-    "PhotoAngle": "observations.airborne",
-    "PhotoAttitude": "observations.airborne",
-    "PhotoBase": "observations.airborne",
-    "PhotoRange": "observations.airborne",
-    "GeocentricFrame": "frames",
-    "GnssPosition": "observations.positions",
-    "GnssVector": "observations.positions",
-    "GyroAzimuth": "observations.airborne",
-    "HeightDifference": "observations.terrestrial",
-    "HorizontalAngle": "observations.terrestrial",
-    "HorizontalDistance": "observations.terrestrial",
-    "ImagePoint": "observations.image",
-    "IncrementalAdjustment": "incremental.adjustment",
-    "InputError": "errors",
-    "LevelHeight": "observations.surface_heights",
-    "LocalFrame": "frames",
-    "Network": "network.network",
-    "Observation": "observations.base",
-    "ObservationKind": "observations.registry",
-    "Parameter": "entities",
-    "Part": "parts.part_files",
-    "PartsSolution": "parts.solution",
-    "Photo": "entities",
-    "PhotoPosition": "observations.positions",
-    "PhotoSight": "observations.airborne",
-    "PhotoTilt": "observations.airborne",
-    "Point": "entities",
-    "ProfileHeight": "observations.surface_heights",
-    "Provenance": "report.options",
-    "ReferenceSystem": "crs.reference_system",
-    "RelativePosition": "observations.relative_poses",
-    "RelativeRotation": "observations.relative_poses",
-    "ReportOptions": "report.options",
-    "SevenParameters": "crs.transformation_chain",
-    "SlopeDistance": "observations.terrestrial",
-    "Solution": "solve.solution",
-    "StandardDeviation": "stochastic",
-    "StripCoordinate": "observations.frame_observations",
-    "TopocentricFrame": "frames",
-    "UnknownKind": "models.unknown",
-    "VerticalAngle": "observations.terrestrial",
-    "ZenithAngle": "observations.terrestrial",
-    "__version__": "version",
-    "adjust": "parts.whole_network",
-    "adjust_parts": "parts.adjustment",
-    "adjusted_lines": "quality.derived_quantities",
-    "as_models": "triangulation.independent_models",
-    "build_graph": "factor_graph.network_graph",
-    "FactorTests": "factor_graph.factor_tests",
-    "Isam": "factor_graph.isam",
-    "block_motion": "epochs.block_motion",
-    "causes": "quality.causes.search",
-    "check_points": "quality.point_precision",
-    "congruence": "epochs.congruence",
-    "distance_precision": "quality.point_precision",
-    "dlt": "orientation.unknown_calibration",
-    "error_ellipse": "quality.error_ellipses",
-    "error_ellipsoid": "quality.error_ellipses",
-    "estimate_variance_components": "quality.variance_components",
-    "exclude_insignificant": "quality.parameter_exclusion",
-    "find_sparable": "planning.dispensable_observations",
-    "from_grid": "network.grid.conversion",
-    "grid_coordinates": "solve.grid_coordinates",
-    "grid_photos": "solve.grid_coordinates",
-    "join": "network.joined_networks",
-    "load_solution": "io.solution_file",
-    "determined_part": "adjustment",
-    "memory_needed": "adjustment",
-    "orient": "orientation.block_orientation",
-    "plan": "planning.plan",
-    "predict": "quality.prediction",
-    "preliminary": "validate.preliminary_checks",
-    "propose": "planning.proposals",
-    "protocol": "report.text",
-    "write_report": "report.html.page",
-    "read": "io.readers",
-    "read_bal": "io.photogrammetry.bundler",
-    "read_colmap": "io.photogrammetry.colmap",
-    "read_gama": "io.survey.gama",
-    "read_comp3d": "io.survey.comp3d",
-    "read_dynaml": "io.gnss.dynaml",
-    "read_gvx": "io.gnss.gvx",
-    "read_sinex": "io.gnss.sinex",
-    "write_dynaml": "io.gnss.dynaml",
-    "write_gvx": "io.gnss.gvx",
-    "write_sinex": "io.gnss.sinex",
-    "read_metashape": "io.photogrammetry.metashape",
-    "write_metashape": "io.photogrammetry.metashape_writer",
-    "read_dbat": "io.photogrammetry.dbat",
-    "read_aicon": "io.photogrammetry.aicon",
-    "read_opf": "io.photogrammetry.opf",
-    "write_opf": "io.photogrammetry.opf_writer",
-    "read_openmvg": "io.photogrammetry.openmvg",
-    "read_opensfm": "io.photogrammetry.opensfm",
-    "read_opencv": "io.photogrammetry.opencv",
-    "write_opencv": "io.photogrammetry.opencv",
-    "read_bundler": "io.photogrammetry.bundler",
-    "read_micmac": "io.photogrammetry.micmac",
-    "read_lgc2": "io.survey.lgc2",
-    "read_project": "io.project",
-    "reduce_faces": "network.face_reduction",
-    "register_lens": "models.lens_registry",
-    "register_observation": "observations.registry",
-    "register_unknown": "models.variables",
-    "relative_model": "triangulation.independent_models",
-    "reliability": "quality.reliability",
-    "robust_adjust": "quality.robust_estimation",
-    "s_transform": "quality.datum_change",
-    "significance": "quality.parameter_significance",
-    "snoop": "quality.snooping",
-    "wgs84_coordinates": "solve.grid_coordinates",
-    "without": "graph.observation_selection",
-    "StarNetOptions": "io.survey.star_net_options",
-    "covariance_array": "export.formats",
-    "read_columns": "io.survey.mapped_tables",
-    "Accuracies": "io.survey.field_book",
-    "read_gsi": "io.survey.gsi",
-    "read_jag3d": "io.survey.jag3d",
-    "read_jobxml": "io.survey.jobxml",
-    "read_landxml": "io.survey.landxml",
-    "read_mmvii": "io.survey.mmvii",
-    "read_sdr33": "io.survey.sdr33",
-    "read_star_net": "io.survey.star_net",
-    "results_schema": "export.formats",
-    "vectors_in_own_datum": "network.joined_networks",
-    "to_xarray": "export.formats",
-    "write": "export.formats",
-    "write_colmap": "io.photogrammetry.colmap_writer",
-    "write_dxf": "export.dxf_ply",
-    "write_geojson": "export.geojson_kml",
-    "write_geopackage": "export.geopackage",
-    "write_jag3d": "io.survey.jag3d",
-    "write_kml": "export.geojson_kml",
-    "write_landxml": "io.survey.landxml",
-    "write_ply": "export.dxf_ply",
-    "write_results": "export.formats",
-    "write_star_net": "io.survey.star_net_writer",
-    "write_project": "io.project_writer",
+_NAMES = {
+    "adjustment": "determined_part memory_needed",
+    "crs.reference_system": "ReferenceSystem",
+    "crs.transformation_chain": "SevenParameters",
+    "entities": "Camera Parameter Photo Point",
+    "epochs.block_motion": "block_motion",
+    "epochs.congruence": "congruence",
+    "errors": "AdjustmentError ApproximationError DatumError InputError",
+    "experiment.study": "Experiment",
+    "export.dxf_ply": "write_dxf write_ply",
+    "export.formats": "covariance_array results_schema to_xarray write write_results",
+    "export.geojson_kml": "write_geojson write_kml",
+    "export.geopackage": "write_geopackage",
+    "factor_graph.factor_tests": "FactorTests",
+    "factor_graph.isam": "Isam",
+    "factor_graph.network_graph": "build_graph",
+    "frames": "GeocentricFrame LocalFrame TopocentricFrame",
+    "graph.observation_selection": "without",
+    "incremental.adjustment": "IncrementalAdjustment",
+    "io.gnss.dynaml": "read_dynaml write_dynaml",
+    "io.gnss.gvx": "read_gvx write_gvx",
+    "io.gnss.sinex": "read_sinex write_sinex",
+    "io.photogrammetry.aicon": "read_aicon",
+    "io.photogrammetry.bundler": "read_bal read_bundler",
+    "io.photogrammetry.colmap": "read_colmap",
+    "io.photogrammetry.colmap_writer": "write_colmap",
+    "io.photogrammetry.dbat": "read_dbat",
+    "io.photogrammetry.metashape": "read_metashape",
+    "io.photogrammetry.metashape_writer": "write_metashape",
+    "io.photogrammetry.micmac": "read_micmac",
+    "io.photogrammetry.opencv": "read_opencv write_opencv",
+    "io.photogrammetry.openmvg": "read_openmvg",
+    "io.photogrammetry.opensfm": "read_opensfm",
+    "io.photogrammetry.opf": "read_opf",
+    "io.photogrammetry.opf_writer": "write_opf",
+    "io.project": "read_project",
+    "io.project_writer": "write_project",
+    "io.readers": "read",
+    "io.solution_file": "load_solution",
+    "io.survey.comp3d": "read_comp3d",
+    "io.survey.field_book": "Accuracies",
+    "io.survey.gama": "read_gama",
+    "io.survey.gsi": "read_gsi",
+    "io.survey.jag3d": "read_jag3d write_jag3d",
+    "io.survey.jobxml": "read_jobxml",
+    "io.survey.landxml": "read_landxml write_landxml",
+    "io.survey.lgc2": "read_lgc2",
+    "io.survey.mapped_tables": "read_columns",
+    "io.survey.mmvii": "read_mmvii",
+    "io.survey.sdr33": "read_sdr33",
+    "io.survey.star_net": "read_star_net",
+    "io.survey.star_net_options": "StarNetOptions",
+    "io.survey.star_net_writer": "write_star_net",
+    "models.lens": "BrownLens",
+    "models.lens_registry": "register_lens",
+    "models.unknown": "UnknownKind",
+    "models.variables": "register_unknown",
+    "network.face_readings": "FaceReading",
+    "network.face_reduction": "reduce_faces",
+    "network.grid.conversion": "from_grid",
+    "network.joined_networks": "join vectors_in_own_datum",
+    "network.network": "Network",
+    "observations.airborne": (
+        "AntennaVector GyroAzimuth NavigationAttitude PhotoAngle PhotoAttitude PhotoBase "
+        "PhotoRange PhotoSight PhotoTilt"
+    ),
+    "observations.base": "Observation",
+    "observations.correlated": "Correlated",
+    "observations.frame_observations": (
+        "FrameCoordinate FrameDirection FrameDistance FrameInclination FrameRoll FrameVector "
+        "FrameZenith StripCoordinate UnitVector WireReading WireReadingOnBody"
+    ),
+    "observations.image": "ImagePoint",
+    "observations.offsets": (
+        "HydrostaticReading LineOffset PlaneOffset PlumbOffset RadialOffset SightOffset "
+        "SightPlaneOffset"
+    ),
+    "observations.positions": "ControlPoint GnssPosition GnssVector PhotoPosition",
+    "observations.registry": "ObservationKind register_observation",
+    "observations.relations": (
+        "AxisAngle CoordinateDifference EqualDistance EqualHeightDifference ImageLine "
+        "ParallelAxes PlaneDistance PointDirection RightAngle"
+    ),
+    "observations.relative_poses": "RelativePosition RelativeRotation",
+    "observations.shape_points": (
+        "OnCircle OnCone OnCylinder OnLine OnParaboloid OnPlane OnSphere OnTorus"
+    ),
+    "observations.surface_heights": "LevelHeight ProfileHeight",
+    "observations.terrestrial": (
+        "AstronomicLatitude AstronomicLongitude Azimuth Direction HeightDifference "
+        "HorizontalAngle HorizontalDistance SlopeDistance VerticalAngle ZenithAngle"
+    ),
+    "orientation.block_orientation": "orient",
+    "orientation.unknown_calibration": "dlt",
+    "parts.adjustment": "adjust_parts",
+    "parts.part_files": "Part",
+    "parts.solution": "PartsSolution",
+    "parts.whole_network": "adjust",
+    "planning.candidates": "Candidate",
+    "planning.dispensable_observations": "find_sparable",
+    "planning.plan": "plan",
+    "planning.proposals": "propose",
+    "quality.causes.search": "causes",
+    "quality.datum_change": "s_transform",
+    "quality.derived_quantities": "adjusted_lines",
+    "quality.error_ellipses": "error_ellipse error_ellipsoid",
+    "quality.parameter_exclusion": "exclude_insignificant",
+    "quality.parameter_significance": "significance",
+    "quality.point_precision": "check_points distance_precision",
+    "quality.prediction": "predict",
+    "quality.reliability": "reliability",
+    "quality.robust_estimation": "robust_adjust",
+    "quality.snooping": "snoop",
+    "quality.variance_components": "estimate_variance_components",
+    "report.html.page": "write_report",
+    "report.options": "Provenance ReportOptions",
+    "report.plots.network_plan": "plot_network",
+    "report.text": "protocol",
+    "simulation.measurement": "measure",
+    "solve.grid_coordinates": (
+        "GridCoordinates GridPhotos grid_coordinates grid_photos wgs84_coordinates"
+    ),
+    "solve.solution": "Solution",
+    "stochastic": "StandardDeviation",
+    "triangulation.independent_models": "as_models relative_model",
+    "units": "GON",
+    "validate.findings": "Finding",
+    "validate.preliminary_checks": "preliminary",
+    "version": "__version__",
 }
-"""Module of each public name; type checkers read the imports above."""
+"""Public names of each module; type checkers read the imports above."""
+_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 
-if not TYPE_CHECKING:  # a type checker would then accept any name as public
+if not _TYPE_CHECKING:  # a type checker would then accept any name as public
 
-    def __getattr__(name: str) -> Any:
+    def __getattr__(name: str) -> object:
         """Import a public name, or a module of the package, at its first use."""
         if name in _MODULES:
-            found = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+            found = getattr(_import_module(f"{__name__}.{_MODULES[name]}"), name)
             globals()[name] = found
             return found
-        if not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:
-            return import_module(f"{__name__}.{name}")
+        if not name.startswith("_") and _find_spec(f"{__name__}.{name}") is not None:
+            return _import_module(f"{__name__}.{name}")
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    """Return the public names: what a script needs, and not what has been imported so far."""
+    return list(__all__)
