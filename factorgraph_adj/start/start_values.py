@@ -21,13 +21,24 @@ class AdjustedValues(Protocol):
     """What a start takes from a solution: the state, and what its adjustment began from."""
 
     @property
-    def equations(self) -> Equations: ...
+    def equations(self) -> Equations:
+        """The equations that were adjusted."""
+        ...
+
     @property
-    def state(self) -> State: ...
+    def state(self) -> State:
+        """The adjusted values."""
+        ...
+
     @property
-    def start(self) -> State: ...
+    def start(self) -> State:
+        """The values x₀ that its inner constraints refer to."""
+        ...
+
     @property
-    def begun(self) -> tuple[str, ...]: ...
+    def begun(self) -> tuple[str, ...]:
+        """Sentences on how its start was found."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
