@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -86,11 +87,20 @@ def data_frame(columns: Mapping[str, object]) -> pandas.DataFrame:
     Raises:
         InputError: pandas is not installed (extra ``table``).
     """
-    try:
-        import pandas
-    except ImportError:
-        raise InputError(MISSING) from None
+    require_pandas()
+    import pandas
+
     return pandas.DataFrame(dict(columns))
+
+
+def require_pandas() -> None:
+    """Raise that pandas is not installed, before anything is computed for it.
+
+    Raises:
+        InputError: pandas is not installed (extra ``table``).
+    """
+    if find_spec("pandas") is None:
+        raise InputError(MISSING)
 
 
 def polars_frame(columns: Mapping[str, Any]) -> polars.DataFrame:

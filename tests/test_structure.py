@@ -84,7 +84,7 @@ EXTRAS = {
     "rich": ("cli",),
     "matplotlib": ("report", "papers"),
     "distributed": ("experiment", "parts"),
-    "pandas": ("experiment", "columns"),
+    "pandas": ("experiment", "columns", "solve", "export"),
     "polars": ("experiment", "columns"),
     "xarray": ("export",),
     "poselib": ("orientation",),

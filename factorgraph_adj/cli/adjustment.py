@@ -23,15 +23,21 @@ from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.adjustment_report import Report
 from ..report.doubtful_results import (
-    doubts_of_solution,
     notes_of_network,
     notes_of_solution,
     unknowns_left_out,
 )
-from ..report.gross_errors import most_probable_cause
+from ..report.gross_errors import all_doubts, most_probable_cause
 from ..report.html.rendering import Language
 from ..report.options import Provenance, ReportOptions
 from ..report.result_files import RESULT_FILES, parts_protocol, write_parts, write_tables
+from ..report.summary import (
+    doubts_of_parts,
+    parts_summary,
+    parts_verdict_line,
+    render_summary,
+    verdict_line,
+)
 from ..report.text import render_text
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
@@ -115,8 +121,11 @@ def adjust_in_parts(options: argparse.Namespace) -> int:
     solution, run = _solution_of_parts(options), run_description(options)
     if options.out is not None:
         write_parts(solution, options.out, run)
-    if not options.quiet:
-        print(parts_protocol(solution, run), end="", flush=True)
+    if options.full:
+        text = parts_protocol(solution, run)
+    else:
+        text = parts_verdict_line(solution) if options.quiet else parts_summary(solution)
+    print(text, end="", flush=True)
     return _verdict_of_parts(solution)
 
 
@@ -157,9 +166,7 @@ def _verdict_of_parts(solution: PartsSolution) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
     for note in (*unknowns_left_out(solution), *notes_of_solution(solution)):
         print(note, file=sys.stderr)
-    doubts = doubts_of_solution(solution)
-    if n := len(solution.repeated):
-        doubts.append(f"{n} observations agree with one of another part: is it the same one?")
+    doubts = doubts_of_parts(solution)
     for doubt in doubts:
         print(doubt, file=sys.stderr)
     return EXIT_DOUBTFUL if doubts else EXIT_FINE
@@ -188,7 +195,11 @@ def add_adjust(run: argparse.ArgumentParser) -> None:
         help=f"rows of a list in the protocol ({ReportOptions.most}, and "
         f"{ReportOptions.n_suspects} suspects)",
     )
-    run.add_argument("--quiet", action="store_true", help="print no protocol")
+    printed = run.add_mutually_exclusive_group()
+    printed.add_argument(
+        "--full", action="store_true", help="print the whole protocol, not one screen of it"
+    )
+    printed.add_argument("--quiet", action="store_true", help="print one line: the verdict and σ̂0")
     run.add_argument(
         "--ellipses",
         type=probability,
@@ -363,8 +374,11 @@ def _adjust(options: argparse.Namespace) -> int:
 
             language: Language = options.language or "en"
             write_html(report, options.report, language=language, files=[options.project])
-    if not options.quiet:
-        print(render_text(report), end="", flush=True)
+    if options.full:
+        text = render_text(report)
+    else:
+        text = verdict_line(report) if options.quiet else render_summary(report)
+    print(text, end="", flush=True)
     return _verdict(found, report)
 
 
@@ -403,19 +417,9 @@ def _verdict(found: AdjustedProject, report: Report) -> int:
         *notes_of_network(network),
     ):
         print(said, file=sys.stderr)
-    doubts = list(report.doubts)
-    if found.components is not None and not found.components.converged:
-        doubts.append(f"variance components not converged: {found.components.reason}")
-    if found.snooping is not None:
-        aside = len(found.snooping.ids_set_aside)
-        if aside:
-            print(f"{aside} observation{'s' * (aside != 1)} set aside", file=sys.stderr)
-        left = len(found.snooping.unresolved)
-        if left:
-            doubts.append(
-                f"{left} observation{'s' * (left != 1)} above the critical value could not be set "
-                "aside"
-            )
+    if found.snooping is not None and (aside := len(found.snooping.ids_set_aside)):
+        print(f"{aside} observation{'s' * (aside != 1)} set aside", file=sys.stderr)
+    doubts = all_doubts(report)
     for doubt in doubts:
         print(doubt, file=sys.stderr)
     return EXIT_DOUBTFUL if doubts else EXIT_FINE

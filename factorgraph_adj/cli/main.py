@@ -87,7 +87,7 @@ class CommandParser(SuggestingParser):
 _TEXT = io.TextIOWrapper
 
 COMMAND_MODULES = {
-    "adjust": ("adjustment", "add_adjust", "adjust a project and print the protocol"),
+    "adjust": ("adjustment", "add_adjust", "adjust a project and print the result"),
     "plot": ("adjustment", "add_plot", "adjust a project and draw it"),
     "stream": (
         "stream",

@@ -16,12 +16,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ..columns import require_pandas
 from ..epochs.comparison import Congruence
 from ..errors import InputError, Problem, known
 from ..io.file_transaction import write_files
 from ..io.format_options import fitting_options, options_of, refuse_unknown_options
 from ..io.writers import WRITERS
 from ..network.network import Network
+from ..quality.reliability import reliability
 from ..report.adjustment_report import Report
 from ..report.epochs_report import EpochsReport
 from ..report.results_json import epochs_results_text, results_text
@@ -35,6 +37,7 @@ from .map_coordinates import refuse_unknown_place
 from .map_layers import ExportedResult, report_of
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
 
 XARRAY_MISSING = "labelled arrays need xarray: pip install 'factorgraph_adj[xarray]'"
@@ -107,6 +110,22 @@ def to_xarray(solution: Solution) -> xarray.Dataset:
         "converged": int(solution.converged),
     }
     return xr.Dataset(data, labels, attributes)
+
+
+def to_pandas(solution: Solution) -> dict[str, pandas.DataFrame]:
+    """Return the tables of a solution as data frames, in metres, radians and image units.
+
+    ``points``, ``photos`` and ``unknowns`` have the columns of `Solution.point_table`,
+    `photo_table` and `unknown_table`; ``observations`` has those of `Reliability.table`: residuals,
+    r, w, ∇ (``mdb``). A network without photos has a frame without rows.
+
+    Raises:
+        InputError: pandas is not installed (extra ``table``).
+        AdjustmentError: there are no covariances, or no reliability.
+    """
+    require_pandas()
+    tables = (solution.point_table(), solution.photo_table(), solution.unknown_table())
+    return {t.title: t.to_pandas() for t in (*tables, reliability(solution).table())}
 
 
 def covariance_array(solution: Solution, names: Sequence[str] | None = None) -> xarray.DataArray:

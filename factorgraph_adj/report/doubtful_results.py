@@ -11,7 +11,8 @@ from ..errors import UnknownLeftOut
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
 from ..quality.point_precision import CheckPoints
-from ..quality.rejections import GroupLoss
+from ..quality.rejections import GroupLoss, Snooping
+from ..quality.variance_components import VarianceComponents
 from ..statistical_tests import (
     AdjustmentFigures,
     global_test,
@@ -74,6 +75,20 @@ def doubts_of_solution(solution: AdjustmentOutcome) -> list[str]:
     if not test.accepted and not test.too_good:
         bounds = f"accepted from {test.lower:.4f} to {test.upper:.4f}"
         found.append(f"global test failed: σ̂0 = {test.sigma0:.4f}, {bounds}")
+    return found
+
+
+def doubts_of_provenance(
+    snooping: Snooping | None, components: VarianceComponents | None
+) -> list[str]:
+    """Return what data snooping and the estimation of variance components left open."""
+    found = []
+    if components is not None and not components.converged:
+        found.append(f"variance components not converged: {components.reason}")
+    if snooping is not None and (left := len(snooping.unresolved)):
+        found.append(
+            f"{left} observation{'s' * (left != 1)} above the critical value could not be set aside"
+        )
     return found
 
 

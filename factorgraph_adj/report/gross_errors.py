@@ -15,6 +15,7 @@ from ..quality.rejections import Rejected, Snooping
 from ..quality.variance_components import VarianceComponent
 from ..units import decimal, significant
 from .adjustment_report import Report
+from .doubtful_results import doubts_of_provenance
 from .layout import (
     NO_BREAK,
     listed,
@@ -74,6 +75,11 @@ def causes_section(report: Report) -> list[str]:
     if report.snooping is None and all(c.sizes for c in found.found):
         legend += f"; {EXCHANGES_NOTE}"
     return [*out, *paragraph(legend)]
+
+
+def all_doubts(report: Report) -> list[str]:
+    """Return why the result may be wrong, with what snooping and variance components left open."""
+    return [*report.doubts, *doubts_of_provenance(report.snooping, report.components)]
 
 
 def exchange_hints(report: Report) -> list[str]:

@@ -125,6 +125,16 @@ def paragraph(text: str, *, indent: int = 2) -> list[str]:
     return [line.replace(NO_BREAK, " ") for line in lines]
 
 
+def clipped(line: str, width: int = LINE_WIDTH) -> str:
+    """Return a line that is at most so wide; an ellipsis stands for what is cut off."""
+    if _width(line) <= width:
+        return line
+    kept = line
+    while _width(kept) >= width:
+        kept = kept[:-1]
+    return f"{kept.rstrip()}…"
+
+
 def unbroken(name: str) -> str:
     """Return a name whose blanks do not break, so that `paragraph` writes it on one line."""
     return name.replace(" ", NO_BREAK)

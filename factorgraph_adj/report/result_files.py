@@ -44,7 +44,7 @@ from .layout import LINE_WIDTH, paragraph, table, title
 from .observation_rows import ReportRows, all_digits
 from .options import Provenance, ReportOptions, Run
 from .results_json import results_text
-from .text import render_text, run_lines
+from .text import NO_REDUNDANCY, global_test_text, render_text, run_lines
 from .unknowns import unknown_components
 
 MAX_REPEATED_LISTED = 20
@@ -124,13 +124,11 @@ def _whole_network(s: PartsSolution, run: Run) -> list[str]:
         f"  vᵀPv                  {s.vtpv:.6g}",
     ]
     if test.redundancy <= 0:
-        out.append("  σ̂0                    no redundancy: no observation checks another")
+        out.append(f"  σ̂0                    {NO_REDUNDANCY}")
     else:
-        verdict = "accepted" if test.accepted else "REJECTED"
         out += [
             f"  σ̂0                    {test.sigma0:.5f} (a priori 1)",
-            f"  global test           {verdict}: χ², two-sided, {100 * (1 - test.alpha):.0f} %, "
-            f"{test.lower:.4f} ≤ σ̂0 ≤ {test.upper:.4f}",
+            f"  global test           {global_test_text(test)}",
         ]
     scaled = s.quality.totals.variance_factor
     how = "a priori" if scaled == 1.0 else f"a posteriori: multiplied by {scaled**0.5:.5f}"

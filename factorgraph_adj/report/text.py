@@ -9,7 +9,7 @@ from ..control_characters import escaped
 from ..epochs.comparison import Congruence
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..solve.solution import Solution
-from ..statistical_tests import global_test
+from ..statistical_tests import GlobalTest, global_test
 from ..units import format_angle
 from ..version import __version__
 from .adjusted_coordinates import (
@@ -32,6 +32,7 @@ from .geodetic_coordinates import (
     reference_system_line,
 )
 from .gross_errors import (
+    all_doubts,
     causes_section,
     exchange_hints,
     given_values_section,
@@ -49,6 +50,8 @@ from .unknowns import (
     overparametrised_section,
 )
 
+NO_REDUNDANCY = "no redundancy: no observation checks another"
+"""What is said in place of σ̂0 where there is none."""
 COMPASS_WORDS = {"e": "east", "w": "west", "n": "north", "s": "south"}
 
 
@@ -136,8 +139,8 @@ def _overview(report: Report) -> list[str]:
     out = [
         f"Adjustment of {network.name or 'a network without a name'}",
         "=" * LINE_WIDTH,
-        *_doubts(report),
-        *_notes(report),
+        *doubt_lines(report),
+        *note_lines(report),
         *run_lines(report.provenance.run),
         f"  frame          {_frame(network.frame)}",
         *reference_system_line(report),
@@ -161,11 +164,12 @@ def run_lines(run: Run, *, width: int = 15) -> list[str]:
     return [f"  {name:{width}}{text}" for name, text in said.items() if text]
 
 
-def _doubts(report: Report) -> list[str]:
+def doubt_lines(report: Report) -> list[str]:
     """Return why the result is not to be trusted, and the likeliest cause."""
-    if not report.doubts:
+    doubts = all_doubts(report)
+    if not doubts:
         return []
-    out = paragraph(f"DOUBTFUL RESULT: {'; '.join(report.doubts)}")
+    out = paragraph(f"DOUBTFUL RESULT: {'; '.join(doubts)}")
     hints = exchange_hints(report)
     if (cause := most_probable_cause(report)) and cause not in report.doubts:
         hints.insert(0, cause)
@@ -173,7 +177,7 @@ def _doubts(report: Report) -> list[str]:
     return [*out, ""]
 
 
-def _notes(report: Report) -> list[str]:
+def note_lines(report: Report) -> list[str]:
     """Return what was left out, as nothing determines it, and what is striking."""
     said = [
         *unknowns_left_out(report.network),
@@ -231,19 +235,17 @@ def _result(report: Report) -> list[str]:
         f"  vᵀPv                  {s.vtpv:.6g}",
     ]
     if test.redundancy <= 0:
-        return [*out, "  σ̂0                    no redundancy: no observation checks another"]
+        return [*out, f"  σ̂0                    {NO_REDUNDANCY}"]
     if report.components is not None:
         return [
             *out,
             f"  σ̂0                    {test.sigma0:.5f}: weights are fitted to these residuals",
-            "  global test           none: it would test that fit; find blunders first (--snoop)",
+            f"  global test           {global_test_text(test, fitted=True)}",
             *_precision(report),
         ]
-    verdict = "accepted" if test.accepted else "REJECTED"
     out += [
         f"  σ̂0                    {test.sigma0:.5f} (a priori 1)",
-        f"  global test           {verdict}: χ², two-sided, {100 * (1 - test.alpha):.0f} %, "
-        f"{test.lower:.4f} ≤ σ̂0 ≤ {test.upper:.4f}",
+        f"  global test           {global_test_text(test)}",
     ]
     if not test.accepted and test.sigma0 > 1:
         hint = "blunders, systematic errors, or standard deviations stated too small"
@@ -251,6 +253,22 @@ def _result(report: Report) -> list[str]:
     elif not test.accepted:
         out.append("                        standard deviations stated too large")
     return [*out, *_precision(report)]
+
+
+def global_test_text(test: GlobalTest, *, fitted: bool = False) -> str:
+    """Return the result of the global test, with the bounds of σ̂0.
+
+    Args:
+        test: the test, of a network with redundancy.
+        fitted: whether variance components were fitted to the residuals that it would test.
+    """
+    if fitted:
+        return "none: it would test that fit; find blunders first (--snoop)"
+    verdict = "accepted" if test.accepted else "REJECTED"
+    return (
+        f"{verdict}: χ², two-sided, {100 * (1 - test.alpha):.0f} %, "
+        f"{test.lower:.4f} ≤ σ̂0 ≤ {test.upper:.4f}"
+    )
 
 
 def _precision(report: Report) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -37,6 +37,9 @@ from .factorisation import Factorisation
 from .gauss_newton_steps import NO_EXTRAPOLATIONS, ExtrapolationRecord
 from .inner_constraints import ReferenceDatum
 from .normal_equations import NormalEquations, Solver
+
+if TYPE_CHECKING:
+    import pandas
 
 MIN_VARIANCE_ERROR = 1e-15
 """Smallest relative error of a variance that is assumed."""
@@ -286,6 +289,22 @@ class Solution(Shown):
         """
         # Files of networks stand above this module.
         import_module("factorgraph_adj.io.solution_file").save_solution(self, path)
+
+    def summary(self) -> str:
+        """Return the result on one screen; `factorgraph_adj.protocol` returns all of it."""
+        # Reports stand above this module.
+        found: str = import_module("factorgraph_adj.report.summary").summary(self)
+        return found
+
+    def to_pandas(self) -> dict[str, pandas.DataFrame]:
+        """Return ``points``, ``photos``, ``unknowns`` and ``observations`` as data frames.
+
+        Raises:
+            InputError, AdjustmentError: as `factorgraph_adj.export.formats.to_pandas`.
+        """
+        found: dict[str, pandas.DataFrame]
+        found = import_module("factorgraph_adj.export.formats").to_pandas(self)
+        return found
 
     def as_network(self) -> Network:
         """Return the network with adjusted values as given ones, to write it or to go on with it.

@@ -19,6 +19,7 @@ from ..doubtful_results import (
     unknowns_left_out,
 )
 from ..epochs_report import EpochsReport
+from ..gross_errors import all_doubts
 from ..layout import listed, percent, short
 from ..reliability import point_redundancy
 from .observations import test_symbol
@@ -76,7 +77,7 @@ def adjustment_verdict(report: Report, t: Texts) -> Verdict:
         *_check(report, t),
     ]
     states = {light.colour for light in lights}
-    colour: LightColour = "red" if report.doubts or "red" in states else "green"
+    colour: LightColour = "red" if all_doubts(report) or "red" in states else "green"
     colour = "amber" if colour == "green" and "amber" in states else colour
     return Verdict(colour, t(f"verdict.{colour}"), lights, _figures(report, t))
 

@@ -1,0 +1,271 @@
+"""The result of an adjustment on one screen, and in one line.
+
+The verdict has the words of the protocol and of the HTML page. Lists get the rows that the verdict
+leaves; what is cut off stands in the protocol.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..control_characters import escaped
+from ..errors import known
+from ..parts.solution import PartsSolution
+from ..solve.solution import Solution
+from ..statistical_tests import AdjustmentFigures, global_test
+from ..units import decimal
+from .adjusted_observations import redundancy_text
+from .adjustment_report import Report
+from .doubtful_results import doubts_of_solution, notes_of_solution, unknowns_left_out
+from .html.observations import test_symbol
+from .html.rendering import Texts
+from .html.verdict import LightColour, adjustment_verdict
+from .layout import LINE_WIDTH, clipped, listed, paragraph, short, table
+from .observation_rows import Row
+from .text import NO_REDUNDANCY, doubt_lines, global_test_text, note_lines
+
+MAX_LINES = 24
+"""Lines of a screen: those of a terminal that nobody has enlarged."""
+MAX_VERDICT_LINES = 6
+"""Largest number of lines of the verdict; more would leave no row for the readings."""
+MAX_ROWS = 5
+"""Largest number of readings, and of points, that are listed."""
+MAX_LABEL = 60
+"""Largest width of the name of a reading, which leaves room for its figures."""
+MAX_IDS = 8
+"""Largest number of observations set aside that are named."""
+WORDS = Texts("en")
+"""Words of the verdict."""
+REST = (
+    "all of it: --full, in Python fga.protocol(solution); tables: --out DIR; "
+    "page: --report FILE.html"
+)
+"""Where the rest of the result is."""
+REST_OF_PARTS = "all of it: --full; tables: --out DIR"
+"""Where the rest of the result of an adjustment in parts is."""
+
+
+def summary(solution: Solution) -> str:
+    """Return the result of an adjustment on one screen of 24 lines × 100 columns.
+
+    It has the verdict, σ̂0 with the global test, counts, the readings with the largest test values,
+    the points with the largest standard deviations, and where the rest is.
+    """
+    return render_summary(Report(solution))
+
+
+def render_summary(report: Report) -> str:
+    """Return the screen of a report, see `summary`."""
+    s, network = report.solution, report.network
+    counts = f"{_count(len(network.points), 'point')}"
+    if network.photos:
+        counts += f", {_count(len(network.photos), 'photo')}"
+    head = [
+        *_verdict(report),
+        *_sigma0(s, fitted=report.components is not None),
+        _counts(s, counts),
+        *_set_aside(report),
+    ]
+    return _screen(network.name, head, [_readings(report), _points(report)], REST)
+
+
+def verdict_line(report: Report) -> str:
+    """Return the verdict and σ̂0 in one line."""
+    return _line(adjustment_verdict(report, WORDS).text, report.solution)
+
+
+def doubts_of_parts(solution: PartsSolution) -> list[str]:
+    """Return why the result of an adjustment in parts may be wrong."""
+    found = doubts_of_solution(solution)
+    if n := len(solution.repeated):
+        found.append(f"{n} observations agree with one of another part: is it the same one?")
+    return found
+
+
+def parts_summary(solution: PartsSolution) -> str:
+    """Return the result of an adjustment in parts on one screen, without points."""
+    doubts = doubts_of_parts(solution)
+    notes = [*unknowns_left_out(solution), *notes_of_solution(solution)]
+    colour = _colour_of_parts(solution)
+    verdict = f"DOUBTFUL RESULT: {'; '.join(doubts)}" if doubts else WORDS(f"verdict.{colour}")
+    head = [
+        *_within([*paragraph(verdict), *(line for note in notes for line in paragraph(note))]),
+        *_sigma0(solution),
+        _counts(solution, _count(len(solution.jobs), "part")),
+    ]
+    rows = [
+        [_shortened(f"{part}: {t.label}"), decimal(t.w, 2), redundancy_text(t.redundancy)]
+        for part, t in solution.largest_tests[:MAX_ROWS]
+    ]
+    name = solution.name or known((job.part.name for job in solution.jobs), most=4)
+    readings = ["", "Worst readings", *paragraph(f"{_w('w')}; {R}")]
+    return _screen(name, head, [(readings, ["reading", "w", "r"], rows)], REST_OF_PARTS)
+
+
+def parts_verdict_line(solution: PartsSolution) -> str:
+    """Return the verdict on an adjustment in parts and σ̂0 in one line."""
+    return _line(WORDS(f"verdict.{_colour_of_parts(solution)}"), solution)
+
+
+# -- parts of the screen --------------------------------------------------------------------------
+
+List = tuple[list[str], list[str], list[list[str]]]
+"""Lines above a list, its header and its rows; without rows the lines stand alone."""
+R = "r: redundancy number, the share of an error that its residual shows"
+MDB = "∇: smallest error that the test detects"
+
+
+def _w(symbol: str) -> str:
+    what = "w: test value, the residual divided by its σ"
+    return what if symbol == "w" else "τ: test value, the residual divided by its σ, with σ̂0"
+
+
+def _screen(name: str, head: Sequence[str], lists: Sequence[List], rest: str) -> str:
+    """Return the lines of a screen; lists share what the other lines leave."""
+    fixed = 2 + len(head) + sum(len(above) + bool(rows) for above, _, rows in lists)
+    left = MAX_LINES - fixed
+    out = [f"Adjustment of {name or 'a network without a name'}", *head]
+    for i, (above, header, rows) in enumerate(lists):
+        later = [len(r) for _, _, r in lists[i + 1 :]]
+        half = -(-left // (len(later) + 1))
+        n = min(len(rows), max(half, left - sum(later), 1))
+        left -= n
+        out += above
+        if rows:
+            heading, _, *shown = table(header, rows[:n])
+            out += [heading, *shown]
+    out.append(rest)
+    return "".join(f"{clipped(escaped(line.rstrip()))}\n" for line in out)
+
+
+def _verdict(report: Report) -> list[str]:
+    """Return the verdict with its reasons, and what is striking."""
+    found, notes = adjustment_verdict(report, WORDS), note_lines(report)
+    doubts = doubt_lines(report)
+    if not doubts:
+        said = " ".join(notes)
+        reasons = [
+            f"{light.title}: {f'{light.text} {light.told}'.strip().rstrip('.')}"
+            for light in found.lights
+            if light.colour == found.colour != _GOOD and (not light.told or light.told not in said)
+        ]
+        doubts = paragraph(": ".join([found.text, *(["; ".join(reasons)] if reasons else [])]))
+    return _within([line for line in (*doubts, *notes) if line])
+
+
+_GOOD: LightColour = "green"
+
+
+def _within(lines: list[str]) -> list[str]:
+    """Return the first lines of a verdict, the last of which says that it goes on."""
+    if len(lines) <= MAX_VERDICT_LINES:
+        return lines
+    last = lines[MAX_VERDICT_LINES - 1][: LINE_WIDTH - 2]
+    return [*lines[: MAX_VERDICT_LINES - 1], f"{last} …"]
+
+
+def _sigma0(solution: AdjustmentFigures, *, fitted: bool = False) -> list[str]:
+    test = global_test(solution)
+    if test.redundancy <= 0:
+        return [f"  σ̂0           {NO_REDUNDANCY}"]
+    freedom = _count(test.redundancy, "degree") + " of freedom"
+    known_before = "weights are fitted to these residuals" if fitted else "a priori 1"
+    return [
+        f"  σ̂0           {test.sigma0:.5f}, the standard deviation of unit weight ({known_before}); "
+        f"{freedom}",
+        f"  global test  {global_test_text(test, fitted=fitted)}",
+    ]
+
+
+def _line(verdict: str, solution: AdjustmentFigures) -> str:
+    test = global_test(solution)
+    if test.redundancy <= 0:
+        return f"{verdict}; {NO_REDUNDANCY}\n"
+    return f"{verdict}; σ̂0 {test.sigma0:.5f}, {_count(test.redundancy, 'degree')} of freedom\n"
+
+
+def _counts(s: Solution | PartsSolution, network: str) -> str:
+    ended = "converged" if s.converged else "NOT CONVERGED"
+    figures = f"{_count(s.n_observations, 'observation')}, {_count(s.n_unknowns, 'unknown')}"
+    defect = (
+        f", datum defect {s.datum_defect}" if isinstance(s, Solution) and s.datum_defect else ""
+    )
+    return (
+        f"  counts       {figures}{defect}; {network}; {_count(s.iterations, 'iteration')}, {ended}"
+    )
+
+
+def _set_aside(report: Report) -> list[str]:
+    """Return the observations that data snooping set aside."""
+    ids = [] if report.snooping is None else list(report.snooping.ids_set_aside)
+    if not ids:
+        return []
+    return [f"  set aside    {_count(len(ids), 'observation')}: {listed(ids, MAX_IDS)}"]
+
+
+def _readings(report: Report) -> List:
+    """Return the readings with the largest test values."""
+    rel = report.reliability
+    if rel is None:
+        return ["", *paragraph(report.no_reliability)[:2]], [], []
+    values, critical = report.tests
+    size = np.where(np.isfinite(values), np.abs(values), -1.0)
+    order = [i for i in np.argsort(-size, kind="stable")[:MAX_ROWS].tolist() if size[i] >= 0]
+    if report.solution.redundancy <= 0 or not order:
+        return [], [], []
+    symbol = test_symbol(report)
+    rows = [
+        [
+            _shortened(_label(row)),
+            decimal(row.sign * float(values[row.number]), 2)
+            + (" *" if size[row.number] > critical else "  "),
+            redundancy_text(float(rel.redundancy_numbers[row.number])),
+            f"{short(float(rel.mdb[row.number]) / row.scale.size)} {row.scale.small}".strip(),
+        ]
+        for row in report.rows.at(order)
+    ]
+    legend = f"{_w(symbol)} (*: above the critical |{symbol}| {critical:.2f}); {R}; {MDB}"
+    above = ["", "Worst readings", *paragraph(legend)]
+    return above, ["reading", f"{symbol}  ", "r", "∇"], rows
+
+
+def _label(row: Row) -> str:
+    """Return the name of a reading, with its id where that is another."""
+    number = f" (id {row.own_id})" if row.own_id else ""
+    return f"{row.kind_name} {row.what}{number}"
+
+
+def _points(report: Report) -> List:
+    """Return the points with the largest standard deviations."""
+    if report.singular:
+        return [], [], []
+    sigma = report.sigmas
+    free = [name for name, s in sigma.items() if any(s)]
+    worst = sorted(free, key=lambda name: -float(np.linalg.norm(sigma[name])))[:MAX_ROWS]
+    unit = report.units.sigma_length
+    rows = [
+        [_shortened(name), *(short(s / report.small) if s else "held" for s in sigma[name])]
+        for name in worst
+    ]
+    if not rows:
+        return [], [], []
+    how = report.solution.variance.replace("-", " ")
+    above = ["", f"Weakest points (σ: standard deviation of a coordinate, {how})"]
+    return above, ["point", *(f"σ{axis} [{unit}]" for axis in "xyz")], rows
+
+
+def _colour_of_parts(solution: PartsSolution) -> LightColour:
+    if doubts_of_parts(solution):
+        return "red"
+    notes = [*unknowns_left_out(solution), *notes_of_solution(solution)]
+    return "amber" if notes or solution.redundancy <= 0 else _GOOD
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}{'s' * (n != 1)}"
+
+
+def _shortened(name: str) -> str:
+    return clipped(escaped(name), MAX_LABEL)
