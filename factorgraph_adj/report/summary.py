@@ -171,9 +171,9 @@ def _sigma0(solution: AdjustmentFigures, *, fitted: bool = False) -> list[str]:
     if test.redundancy <= 0:
         return [f"  σ̂0           {NO_REDUNDANCY}"]
     freedom = _count(test.redundancy, "degree") + " of freedom"
-    known_before = "weights are fitted to these residuals" if fitted else "a priori 1"
+    reference = "fitted" if fitted else "a priori 1"
     return [
-        f"  σ̂0           {test.sigma0:.5f}, the standard deviation of unit weight ({known_before}); "
+        f"  σ̂0           {test.sigma0:.5f}, the standard deviation of unit weight ({reference}); "
         f"{freedom}",
         f"  global test  {global_test_text(test, fitted=fitted)}",
     ]

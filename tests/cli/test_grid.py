@@ -100,7 +100,7 @@ def test_a_field_book_in_utm_is_converted_and_adjusted_from_the_command_alone(
     for name in PLACES:
         np.testing.assert_allclose(found.point(name), grid(name), rtol=0, atol=1e-4)
     # Readings without errors fit better than their σ say, which is a note and no doubt.
-    assert run("adjust", book, *in_utm, "--out", tmp_path / "r") == 0
+    assert run("adjust", book, *in_utm, "--full", "--out", tmp_path / "r") == 0
     said = capsys.readouterr().out
     assert "ETRS89 / UTM zone 32N" in said
     assert "easting" in (tmp_path / "r" / "points.csv").read_text().splitlines()[0]

@@ -74,7 +74,7 @@ def test_the_version_is_that_of_the_package(here):
 
 
 def test_gross_errors_without_snooping_fail_the_global_test(wrong, here):
-    result = here("adjust", wrong)
+    result = here("adjust", wrong, "--full")
     assert result.returncode == 1
     assert "Suspects: |w| above 3.29" in result.stdout
     assert "--snoop" in result.stdout
@@ -82,7 +82,7 @@ def test_gross_errors_without_snooping_fail_the_global_test(wrong, here):
 
 
 def test_snooping_sets_them_aside_and_ends_with_0(wrong, tmp_path, here):
-    result = here("adjust", wrong, "--snoop", "--out", tmp_path)
+    result = here("adjust", wrong, "--full", "--snoop", "--out", tmp_path)
     assert (result.returncode, result.stderr) == (0, TWO_ASIDE)
     assert "2 observations set aside in" in result.stdout
     assert "global test           accepted" in result.stdout
@@ -97,7 +97,7 @@ def test_snooping_sets_them_aside_and_ends_with_0(wrong, tmp_path, here):
 
 
 def test_nothing_to_set_aside_says_nothing_on_stderr(block, here):
-    result = here("adjust", block, "--snoop")
+    result = here("adjust", block, "--full", "--snoop")
     assert (result.returncode, result.stderr) == (0, "")
     assert "nothing set aside in 1 round" in result.stdout
 
@@ -108,7 +108,7 @@ def test_nothing_to_set_aside_says_nothing_on_stderr(block, here):
 )
 @pytest.mark.parametrize("estimator", ["huber", "danish", "igg3", "tukey"])
 def test_a_robust_start_implies_snooping(wrong, estimator, here):
-    result = here("adjust", wrong, "--robust", estimator)
+    result = here("adjust", wrong, "--full", "--robust", estimator)
     assert (result.returncode, result.stderr) == (0, TWO_ASIDE)
     assert "after a robust start" in result.stdout
     assert "  robust  " in result.stdout
@@ -116,20 +116,20 @@ def test_a_robust_start_implies_snooping(wrong, estimator, here):
 
 @LONG
 def test_alpha_test_and_power_reach_snooping_and_protocol(wrong, here):
-    result = here("adjust", wrong, "--snoop", "--alpha", 0.0001, "--power", 0.9)
+    result = here("adjust", wrong, "--full", "--snoop", "--alpha", 0.0001, "--power", 0.9)
     assert "critical |w| 3.89" in result.stdout
     assert "Reliability (α0 = 0.01 %, power 90 %: δ0 = 5.17)" in result.stdout
-    result = here("adjust", wrong, "--snoop", "--test", "pope")
+    result = here("adjust", wrong, "--full", "--snoop", "--test", "pope")
     assert "Data snooping (Pope's τ, critical |τ|" in result.stdout
     assert "none above the critical |τ|" in result.stdout
-    result = here("adjust", wrong, "--snoop", "--variance", "a-posteriori")
+    result = here("adjust", wrong, "--full", "--snoop", "--variance", "a-posteriori")
     assert "Pope's τ" in result.stdout
     assert "a posteriori: multiplied by" in result.stdout
-    assert "Suspects: |τ| above" in here("adjust", wrong, "--test", "pope").stdout
+    assert "Suspects: |τ| above" in here("adjust", wrong, "--full", "--test", "pope").stdout
 
 
 def test_sidak_shares_alpha_among_all_tests(block, here):
-    result = here("adjust", block, "--snoop", "--alpha", 0.05, "--sidak")
+    result = here("adjust", block, "--full", "--snoop", "--alpha", 0.05, "--sidak")
     n = 147
     alpha = 1 - 0.95 ** (1 / n)
     assert f"α0 = {100 * alpha:.6g} %" in result.stdout
@@ -145,7 +145,7 @@ def test_what_cannot_be_set_aside_ends_with_1(block, monkeypatch, here):
         return replace(found, unresolved=(left,))
 
     monkeypatch.setattr(cli_adjust, "snoop", unresolved)
-    result = here("adjust", block, "--snoop")
+    result = here("adjust", block, "--full", "--snoop")
     assert result.returncode == 1
     assert "UNRESOLVED" in result.stdout
     assert result.stderr == "1 observation above the critical value could not be set aside\n"
@@ -174,7 +174,7 @@ def test_published_gross_errors_are_found_by_the_command(here, tmp_path):
     [((), "image"), (("camera",), "camera D3"), (("instrument",), "camera D3")],
 )
 def test_variance_components_have_a_section_and_a_table(block, tmp_path, here, arguments, group):
-    result = here("adjust", block, "--variance-components", *arguments, "--out", tmp_path)
+    result = here("adjust", block, "--full", "--variance-components", *arguments, "--out", tmp_path)
     assert result.returncode == 0
     assert "Variance components" in result.stdout
     assert "σ estimated" in result.stdout
@@ -184,7 +184,7 @@ def test_variance_components_have_a_section_and_a_table(block, tmp_path, here, a
 
 
 def test_variance_components_come_after_snooping(wrong, here):
-    result = here("adjust", wrong, "--snoop", "--variance-components")
+    result = here("adjust", wrong, "--full", "--snoop", "--variance-components")
     assert (result.returncode, result.stderr) == (0, TWO_ASIDE)
     assert result.stdout.index("Data snooping") < result.stdout.index("Variance components")
 
@@ -202,16 +202,16 @@ def test_variance_components_that_do_not_come_to_rest_end_with_1(block, monkeypa
 
 
 def test_ellipses_stand_in_protocol_and_tables(block, tmp_path, here):
-    result = here("adjust", block, "--ellipses", 0.95, "--out", tmp_path)
+    result = here("adjust", block, "--full", "--ellipses", 0.95, "--out", tmp_path)
     assert "95 % error ellipses" in result.stdout
     assert "Projection centres: 95 % error ellipsoids" in result.stdout
     assert rows_of(tmp_path / "points.csv")[0]["confidence"] == "0.95"
-    assert "ellipse" not in here("adjust", block).stdout
+    assert "ellipse" not in here("adjust", block, "--full").stdout
 
 
 def test_rows_is_the_length_of_the_list_of_test_values_too(block, here):
     def listed(*options: object) -> int:
-        text = here("adjust", block, *options).stdout.partition("Largest test values")[2]
+        text = here("adjust", block, "--full", *options).stdout.partition("Largest test values")[2]
         return sum(line.startswith("  image") or line[2:3] in "dshz" for line in text.splitlines())
 
     assert listed("--rows", 4) < listed() < listed("--rows", 30)
@@ -236,7 +236,7 @@ def test_rows_is_the_length_of_the_list_of_test_values_too(block, here):
     ],
 )
 def test_bad_options_end_with_2_and_say_why(block, here, options, message):
-    result = here("adjust", block, *options)
+    result = here("adjust", block, "--full", *options)
     assert (result.returncode, result.stdout) == (2, "")
     assert message in result.stderr
 
