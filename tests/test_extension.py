@@ -206,7 +206,7 @@ def test_a_project_keeps_it_to_the_bit(tmp_path: Any) -> None:
 
 def test_the_report_shows_it(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
     fga.write_project(two_epochs(), tmp_path / "project.toml")
-    assert main(["adjust", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    assert main(["adjust", str(tmp_path), "--full", "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
     assert "Similarity\n----------\n" in said
     assert "similarity shift" in said

@@ -224,20 +224,20 @@ def printed(capsys, *arguments: str, code: int = 0) -> tuple[str, str]:
 
 
 def test_the_command_says_file_date_and_options(project, capsys):
-    text = printed(capsys, "--date", "2026-01-02", "--alpha", "0.01").out
+    text = printed(capsys, "--full", "--date", "2026-01-02", "--alpha", "0.01").out
     assert "  file           project.toml\n" in text
     assert "  date           2026-01-02\n" in text
     assert "--alpha 0.01; of the project: variance a-posteriori" in text
-    out = printed(capsys, "--date", "none", "--out", "out").out
+    out = printed(capsys, "--full", "--date", "none", "--out", "out").out
     assert "  date " not in out
     assert "date" not in json.loads((project / "out" / "results.json").read_text())["run"]
-    assert "  date           20" in printed(capsys).out
+    assert "  date           20" in printed(capsys, "--full").out
 
 
 def test_the_command_lists_lines_between_all_or_two_points(project, capsys):
-    every = printed(capsys, "--relative").out
+    every = printed(capsys, "--full", "--relative").out
     assert [w[:2] for w in section(every, LINES)[2:5]] == [["A", "B"], ["B", "C"], ["C", "A"]]
-    one = printed(capsys, "--between", "C,B").out
+    one = printed(capsys, "--full", "--between", "C,B").out
     assert [w[:2] for w in section(one, LINES)[2:3]] == [["C", "B"]]
     refused = printed(capsys, "--between", "C,X", "--between", "C", code=2).err
     assert "--between C,X: unknown 'X'; known: A, B, C" in refused

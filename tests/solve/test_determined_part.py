@@ -147,7 +147,7 @@ def test_every_output_names_what_was_left_out(tmp_path, capsys):
     fga.write_project(network, project / "project.toml")
     assert main(["adjust", str(project)]) != 0
     assert "--leave-out-undetermined" in capsys.readouterr().err
-    options = ["--leave-out-undetermined", "--out", str(out), "--report", str(page)]
+    options = ["--full", "--leave-out-undetermined", "--out", str(out), "--report", str(page)]
     assert main(["adjust", str(project), *options]) == 0
     printed = capsys.readouterr()
     said = "1 unknown left out with 1 observation: point X"

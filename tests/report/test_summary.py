@@ -1,0 +1,157 @@
+"""One screen of a result: verdict, worst readings, weakest points; one line; data frames."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.cli.main import main
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.layout import _width as width
+from factorgraph_adj.report.options import Provenance
+from factorgraph_adj.report.summary import MAX_LINES, render_summary, verdict_line
+
+N_POINTS = 6
+SIGMA = 0.002
+
+
+def trilateration(*, seed: int = 4, blunder: float = 0.0, prefix: str = "") -> fga.Network:
+    """Return all distances between points in a plane, the first of them with a gross error."""
+    rng = np.random.default_rng(seed)
+    network = fga.Network(prefix or "field")
+    angle = 2.0 * np.pi * np.arange(N_POINTS) / N_POINTS
+    places = 100.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    names = [f"{prefix}{i}" for i in range(N_POINTS)]
+    for i, (name, (x, y)) in enumerate(zip(names, places, strict=True)):
+        network.add_point(name, (x, y, 0.0), fixed="xyz" if i < 2 else "z")
+    for i in range(N_POINTS):
+        for j in range(max(i + 1, 2), N_POINTS):
+            length = float(np.hypot(*(places[i] - places[j]))) + rng.normal(0.0, SIGMA)
+            network.add(
+                fga.HorizontalDistance(names[i], names[j], length, sigma=SIGMA, id=f"{i}-{j}")
+            )
+    if blunder:
+        first = network.observations["0-2"]
+        network.observations["0-2"] = replace(first, value=first.value + blunder)
+    return network
+
+
+def verdict(text: str) -> str:
+    """Return the lines between the title and σ̂0 as one line."""
+    return " ".join(text.partition("\n")[2].partition("  σ̂0  ")[0].split())
+
+
+def test_a_good_network_has_the_verdict_of_the_page_and_the_figures_of_the_solution() -> None:
+    solution = fga.adjust(trilateration())
+    text = solution.summary()
+    assert verdict(text) == "nothing speaks against this result"
+    assert f"σ̂0           {solution.sigma0:.5f}, the standard deviation of unit weight" in text
+    assert f"{solution.redundancy} degrees of freedom" in text
+    assert f"{solution.n_observations} observations, {solution.n_unknowns} unknowns" in text
+
+
+def test_a_gross_error_has_the_doubts_of_the_protocol_and_its_reading_stands_first() -> None:
+    solution = fga.adjust(trilateration(blunder=0.05))
+    text, protocol = solution.summary(), fga.protocol(solution)
+    first = [line for line in protocol.splitlines() if line.startswith("  DOUBTFUL RESULT: ")]
+    assert first and first[0] in text.splitlines()
+    rel = fga.reliability(solution)
+    row = rel.row("0-2")
+    listed = text.partition("  reading ")[2].splitlines()[1]
+    assert "0 2 (id 0-2)" in listed
+    shown = [f"{rel.w[row]:.2f}", "*", f"{rel.redundancy_numbers[row]:.2f}"]
+    assert listed.split()[-5:-2] == shown
+    assert float(listed.split()[-2]) == pytest.approx(1000.0 * rel.mdb[row], rel=0.005)
+
+
+def test_the_weakest_points_have_the_largest_standard_deviations() -> None:
+    solution = fga.adjust(trilateration())
+    table = solution.summary().partition("  point ")[2].splitlines()[1:-1]
+    sigma = {n: np.linalg.norm(solution.standard_deviations(n)) for n in solution.network.points}
+    free = [n for n in sorted(sigma, key=lambda n: -sigma[n]) if sigma[n] > 0]
+    assert [line.split()[0] for line in table] == free
+
+
+@pytest.mark.parametrize("blunder", [0.0, 0.05, 300.0])
+@pytest.mark.parametrize("prefix", ["", "a point with a name of more than a hundred characters " * 2])
+def test_it_is_a_screen_whatever_the_names_and_doubts(blunder: float, prefix: str) -> None:
+    network = trilateration(blunder=blunder, prefix=prefix)
+    found = fga.snoop(network)
+    for report in (
+        Report(fga.adjust(network)),
+        Report(fga.adjust(network, datum="free")),
+        Report(fga.adjust(network, max_iterations=1)),
+        Report(found.solution, provenance=Provenance(found, network)),
+    ):
+        lines = render_summary(report).splitlines()
+        assert len(lines) <= MAX_LINES
+        assert max(map(width, lines)) <= 100
+        assert lines[-1].startswith("all of it: --full")
+        assert any(line.startswith("  reading ") for line in lines)
+        assert any(line.startswith("  point ") for line in lines)
+
+
+def test_symbols_are_explained_before_their_figures() -> None:
+    text = fga.adjust(trilateration()).summary()
+    for symbol, meaning in (("w", "test value"), ("r", "redundancy number"), ("∇", "smallest")):
+        assert text.index(f"{symbol}: {meaning}") < text.index("  reading ")
+
+
+def test_what_was_set_aside_is_named() -> None:
+    network = trilateration(blunder=0.05)
+    found = fga.snoop(network)
+    text = render_summary(Report(found.solution, provenance=Provenance(found, network)))
+    assert "  set aside    1 observation: 0-2" in text
+
+
+def test_without_redundancy_it_says_so() -> None:
+    network = fga.Network("two")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("B", (1.0, 0.0, 0.0), fixed="xy")
+    network.add(fga.HeightDifference("A", "B", 1.0, sigma=0.001))
+    solution = fga.adjust(network)
+    assert "no redundancy: no observation checks another" in solution.summary()
+    assert verdict_line(Report(solution)).count("\n") == 1
+
+
+@pytest.mark.parametrize("blunder", [0.0, 0.05])
+def test_the_line_and_the_screen_agree_with_the_exit_code(blunder, tmp_path, capsys) -> None:
+    fga.write_project(trilateration(blunder=blunder), tmp_path / "project.toml")
+    code = main(["adjust", str(tmp_path), "--quiet"])
+    line = capsys.readouterr().out
+    assert line.count("\n") == 1
+    assert code == line.startswith("doubtful result; σ̂0 ") == bool(blunder)
+    assert main(["adjust", str(tmp_path)]) == code
+    assert ("DOUBTFUL RESULT: " in capsys.readouterr().out) == bool(code)
+    assert main(["adjust", str(tmp_path), "--full"]) == code
+    assert "Adjusted coordinates" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["adjust", str(tmp_path), "--full", "--quiet"])
+
+
+def test_data_frames_have_the_tables_of_the_solution() -> None:
+    pandas = pytest.importorskip("pandas")
+    solution = fga.adjust(trilateration())
+    found = solution.to_pandas()
+    assert list(found) == ["points", "photos", "unknowns", "observations"]
+    for name, table in (
+        ("points", solution.point_table()),
+        ("photos", solution.photo_table()),
+        ("unknowns", solution.unknown_table()),
+        ("observations", fga.reliability(solution).table()),
+    ):
+        pandas.testing.assert_frame_equal(found[name], table.to_pandas())
+    assert {"residual", "r", "w", "mdb"} <= set(found["observations"])
+    assert len(found["observations"]) == solution.n_observations
+    assert found["observations"]["r"].sum() == pytest.approx(solution.redundancy)
+
+
+def test_without_pandas_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    solution = fga.adjust(trilateration())
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(fga.InputError, match=r"needs pandas: pip install"):
+        solution.to_pandas()
