@@ -21,7 +21,7 @@ from .projects import (
 )
 
 FINE, DOUBTFUL, BAD_INPUT = 0, 1, 2
-CHECK, ADJUST, SNOOP = ("check",), ("adjust",), ("adjust", "--snoop")
+CHECK, ADJUST, SNOOP = ("check",), ("adjust", "--full"), ("adjust", "--full", "--snoop")
 
 
 @dataclass(frozen=True)
