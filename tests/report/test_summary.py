@@ -19,7 +19,9 @@ N_POINTS = 6
 SIGMA = 0.002
 
 
-def trilateration(*, seed: int = 4, blunder: float = 0.0, prefix: str = "") -> fga.Network:
+def trilateration(
+    *, seed: int = 4, blunder: float = 0.0, prefix: str = "", held: int = 2
+) -> fga.Network:
     """Return all distances between points in a plane, the first of them with a gross error."""
     rng = np.random.default_rng(seed)
     network = fga.Network(prefix or "field")
@@ -27,9 +29,9 @@ def trilateration(*, seed: int = 4, blunder: float = 0.0, prefix: str = "") -> f
     places = 100.0 * np.column_stack([np.cos(angle), np.sin(angle)])
     names = [f"{prefix}{i}" for i in range(N_POINTS)]
     for i, (name, (x, y)) in enumerate(zip(names, places, strict=True)):
-        network.add_point(name, (x, y, 0.0), fixed="xyz" if i < 2 else "z")
+        network.add_point(name, (x, y, 0.0), fixed="xyz" if i < held else "z")
     for i in range(N_POINTS):
-        for j in range(max(i + 1, 2), N_POINTS):
+        for j in range(max(i + 1, held), N_POINTS):
             length = float(np.hypot(*(places[i] - places[j]))) + rng.normal(0.0, SIGMA)
             network.add(
                 fga.HorizontalDistance(names[i], names[j], length, sigma=SIGMA, id=f"{i}-{j}")
@@ -85,7 +87,7 @@ def test_it_is_a_screen_whatever_the_names_and_doubts(blunder: float, prefix: st
     found = fga.snoop(network)
     for report in (
         Report(fga.adjust(network)),
-        Report(fga.adjust(network, datum="free")),
+        Report(fga.adjust(trilateration(blunder=blunder, prefix=prefix, held=0), datum="free")),
         Report(fga.adjust(network, max_iterations=1)),
         Report(found.solution, provenance=Provenance(found, network)),
     ):
@@ -95,6 +97,14 @@ def test_it_is_a_screen_whatever_the_names_and_doubts(blunder: float, prefix: st
         assert lines[-1].startswith("all of it: --full")
         assert any(line.startswith("  reading ") for line in lines)
         assert any(line.startswith("  point ") for line in lines)
+
+
+def test_a_free_network_says_its_datum_defect_and_holds_no_point() -> None:
+    solution = fga.adjust(trilateration(held=0), datum="free")
+    text = solution.summary()
+    assert f"{solution.n_unknowns} unknowns, datum defect 3" in text
+    assert f"{solution.redundancy} degrees of freedom" in text
+    assert len(text.partition("  point ")[2].splitlines()) == 2 + 5
 
 
 def test_symbols_are_explained_before_their_figures() -> None:
