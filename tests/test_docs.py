@@ -279,6 +279,8 @@ def test_every_test_that_a_page_names_is_there() -> None:
     named = {m.groups() for text in texts for m in test.finditer(text)}
     assert len(named) > 20
     for module, function in named:
+        if (ROOT / "factorgraph_adj" / f"{module}.py").exists():
+            continue  # a module of the package about test statistics
         text = (ROOT / "tests" / f"{module.removeprefix('tests/')}.py").read_text(encoding="utf-8")
         assert function is None or f"def {function}(" in text, (module, function)
 

@@ -24,6 +24,7 @@ WHOLE = {
     "test_examples",
     "test_docs",
     "test_extension",
+    "test_glossary",
 }
 """Tests of the whole repository, which lie beside the folders, as do tests of modules that lie
 beside the rooms of the package."""
