@@ -3,12 +3,12 @@
 
 Systematic errors that are left in the images of the 52-photo block. ``table_1986_6_to_8.py 6``
 prints table 6; without a number all tables are printed.
-``factorgraph_adj.papers.systematic_1986`` describes the geometry.
+``factorgraph_adj.papers.systematic_errors_1986`` describes the geometry.
 """
 
 import argparse
 
-from factorgraph_adj.papers import systematic_1986 as left_in
+from factorgraph_adj.papers import systematic_errors_1986 as left_in
 from factorgraph_adj.papers.comparison import Comparison, compared
 
 XYZ = ("X mm", "Y mm", "Z mm")

@@ -72,7 +72,7 @@ if _TYPE_CHECKING:
     from .network.grid.conversion import from_grid
     from .network.joined_networks import join, vectors_in_own_datum
     from .network.network import Network
-    from .observations.airborne import (
+    from .observations.airborne_observations import (
         AntennaVector,
         GyroAzimuth,
         NavigationAttitude,
@@ -84,7 +84,7 @@ if _TYPE_CHECKING:
         PhotoTilt,
     )
     from .observations.base import Observation
-    from .observations.correlated import Correlated
+    from .observations.correlated_observations import Correlated
     from .observations.frame_observations import (
         FrameCoordinate,
         FrameDirection,
@@ -133,7 +133,7 @@ if _TYPE_CHECKING:
         OnTorus,
     )
     from .observations.surface_heights import LevelHeight, ProfileHeight
-    from .observations.terrestrial import (
+    from .observations.terrestrial_observations import (
         AstronomicLatitude,
         AstronomicLongitude,
         Azimuth,
@@ -180,7 +180,7 @@ if _TYPE_CHECKING:
         wgs84_coordinates,
     )
     from .solve.solution import Solution
-    from .stochastic import StandardDeviation
+    from .stochastic_model import StandardDeviation
     from .triangulation.independent_models import as_models, relative_model
     from .units import GON
     from .validate.findings import Finding
@@ -290,12 +290,12 @@ _NAMES = {
     "network.grid.conversion": "from_grid",
     "network.joined_networks": "join vectors_in_own_datum",
     "network.network": "Network",
-    "observations.airborne": (
+    "observations.airborne_observations": (
         "AntennaVector GyroAzimuth NavigationAttitude PhotoAngle PhotoAttitude PhotoBase "
         "PhotoRange PhotoSight PhotoTilt"
     ),
     "observations.base": "Observation",
-    "observations.correlated": "Correlated",
+    "observations.correlated_observations": "Correlated",
     "observations.frame_observations": (
         "FrameCoordinate FrameDirection FrameDistance FrameInclination FrameRoll FrameVector "
         "FrameZenith StripCoordinate UnitVector WireReading WireReadingOnBody"
@@ -316,7 +316,7 @@ _NAMES = {
         "OnCircle OnCone OnCylinder OnLine OnParaboloid OnPlane OnSphere OnTorus"
     ),
     "observations.surface_heights": "LevelHeight ProfileHeight",
-    "observations.terrestrial": (
+    "observations.terrestrial_observations": (
         "AstronomicLatitude AstronomicLongitude Azimuth Direction HeightDifference "
         "HorizontalAngle HorizontalDistance SlopeDistance VerticalAngle ZenithAngle"
     ),

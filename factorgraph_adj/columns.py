@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .errors import InputError, known
-from .shown import FIRST, Rows, Shown
+from .result_display import FIRST, Rows, Shown
 
 if TYPE_CHECKING:
     import pandas

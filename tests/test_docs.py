@@ -34,7 +34,7 @@ from typing import Any
 import pytest
 
 import factorgraph_adj
-from factorgraph_adj.cli.main import _parser, main
+from factorgraph_adj.cli.command_line import _parser, main
 from factorgraph_adj.export.formats import EXPORT_FORMATS
 from factorgraph_adj.io.readers import READERS
 from factorgraph_adj.io.writers import WRITERS

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from tests.support.places import EXAMPLES
 from tests.support.processes import HANGS
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.variables import UnknownTable, unknown_kind
 from factorgraph_adj.solve.datum_defects import generators

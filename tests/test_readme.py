@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from tests.support.places import ROOT
 
 SYSTEM = Path("/usr/bin")

@@ -22,7 +22,7 @@ PACKAGE = "factorgraph_adj"
 SOURCE = ROOT / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "types", "version", "shown"),
+    ("errors", "types", "version", "result_display"),
     (
         "units",
         "rotation",
@@ -35,7 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "statistical_tests",
     ),
     ("constructors",),
-    ("frames", "stochastic", "atmosphere"),
+    ("frames", "stochastic_model", "atmosphere"),
     # Grid coordinates and heights of reference systems, and geoids.
     ("crs",),
     ("models",),

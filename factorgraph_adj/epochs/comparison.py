@@ -22,7 +22,7 @@ from ..errors import InputError, known
 from ..frames import Frame
 from ..network.network import Network
 from ..quality.error_ellipses import ErrorEllipse, frame_ellipses
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..types import Array
 from .congruence_tests import (

@@ -14,7 +14,7 @@ from ..errors import InputError, Problem, known, system_reason
 from ..io.csv_tables import write_all_columns
 from ..io.file_transaction import write_files
 from ..io.journal import Journal
-from ..shown import Shown
+from ..result_display import Shown
 from ..statistical_tests import CONFIDENCE_OF_REGION
 from ..types import Array
 from .repetitions import Outcome, Repetition, Task

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError, known
 from ..report import layout
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..statistical_tests import chi2_quantile, chi2_upper_quantile, student_quantile
 from ..types import Array
 from .repetitions import Repetition

@@ -13,7 +13,7 @@ from ..models.line_of_sight import sight
 from ..models.sub_frame import in_frame
 from ..network.network import Network
 from ..observations import Observation, observation_kind
-from ..stochastic import StandardDeviation, whitening
+from ..stochastic_model import StandardDeviation, whitening
 from ..types import NO_ROWS, Array, Index
 from .blocks import Block
 from .variables import State

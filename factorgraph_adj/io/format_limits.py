@@ -23,7 +23,7 @@ from ..graph.weights import weighed_where_known
 from ..network.network import Network
 from ..observations import Observation
 from ..start.search import partial_approximation
-from ..stochastic import StandardDeviation
+from ..stochastic_model import StandardDeviation
 from ..types import Array
 
 MAX_LISTED_REFUSALS = 30

@@ -23,7 +23,7 @@ from ..errors import InputError, Problem, known
 from ..models.variables import Quantity
 from ..observations import KINDS, ImagePoint, Observation
 from ..observations.registry import IN_MEMORY
-from ..stochastic import COMBINATIONS, Combine, StandardDeviation
+from ..stochastic_model import COMBINATIONS, Combine, StandardDeviation
 from ..types import Array
 from ..units import ANGLE, LENGTH
 from . import numbers

@@ -24,7 +24,7 @@ from ..models.lens_registry import LENSES
 from ..models.variables import parameter_kinds
 from ..network.network import Network
 from ..observations import KINDS
-from ..stochastic import COMBINATIONS
+from ..stochastic_model import COMBINATIONS
 from ..units import LENGTH
 from ..validate.network_structure import check
 from .crs_section import read_crs_section

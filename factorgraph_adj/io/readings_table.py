@@ -9,7 +9,7 @@ from ..errors import InputError, Problem, known
 from ..network.face_readings import FaceReading
 from ..network.face_reduction import FacesChoice, reduce_faces
 from ..network.network import Network
-from ..stochastic import StandardDeviation
+from ..stochastic_model import StandardDeviation
 from .csv_tables import CsvTable, FieldRow
 from .observation_fields import RecordContext, sigma_fields
 from .observation_records import scalar_sigma

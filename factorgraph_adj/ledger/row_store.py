@@ -22,7 +22,7 @@ from ..graph.variables import calibration_name
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation, observation_kind
 from ..observations.image import identity
-from ..stochastic import StandardDeviation
+from ..stochastic_model import StandardDeviation
 from ..types import Array, Index, Mask
 from .verdicts import OUTCOMES, Outcome, Verdict
 

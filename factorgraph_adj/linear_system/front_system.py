@@ -28,10 +28,10 @@ from ..solve.low_rank_update import Update
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Array, Index, Mask
 from .border import Border
+from .free_network_cofactors import UpdatedCofactors
 from .linear_forms import LinearForms
 from .linear_system import EngineName, block_by_block
 from .section import Attempts, Section, renumbered
-from .updated_cofactors import UpdatedCofactors
 
 MAX_UPDATE_ROWS = 256
 """Largest number of rows beside a base: with more of them it costs less on average to make a new

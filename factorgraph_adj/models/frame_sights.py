@@ -23,7 +23,7 @@ from ..frames import Frame
 from ..types import Array
 from .base import Linearised, require, wrap
 from .sub_frame import InFrame, in_frame
-from .terrestrial import SECOND, direction_in_face_one, zenith_in_face_one
+from .terrestrial_observations import SECOND, direction_in_face_one, zenith_in_face_one
 
 NO_LENGTH = "the target stands at the origin of the instrument: the sight has no length"
 NO_DIRECTION = "the target stands on the z axis of the frame: the sight has no direction"

@@ -25,8 +25,8 @@ from ..errors import Doubt, InputError, Problem
 from ..models.base import wrap
 from ..models.variables import UNKNOWNS, VariableKind
 from ..observations import Direction, Observation, SlopeDistance, ZenithAngle
-from ..shown import Rows, Shown
-from ..stochastic import StandardDeviation
+from ..result_display import Rows, Shown
+from ..stochastic_model import StandardDeviation
 from ..types import Array
 from .face_readings import FaceReading, checked_readings
 from .network import Network

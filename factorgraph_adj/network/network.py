@@ -20,7 +20,7 @@ from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..types import Array, Mask
 from .composite_unknowns import RIGID, member_of_rig
 from .construction import checked_camera, checked_image_points, checked_photo, checked_point

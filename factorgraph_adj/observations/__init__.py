@@ -10,8 +10,8 @@ photos, cameras and other unknowns, to which observations refer by name.
 """
 
 from ..entities import Camera, Parameter, Photo, Point
-from ..stochastic import StandardDeviation
-from .airborne import (
+from ..stochastic_model import StandardDeviation
+from .airborne_observations import (
     AntennaVector,
     GyroAzimuth,
     NavigationAttitude,
@@ -23,8 +23,8 @@ from .airborne import (
     PhotoTilt,
 )
 from .base import Observation, Sight
-from .built_in import BUILT_IN
-from .correlated import AnyObservation, Correlated, gauss_markov
+from .built_in_kinds import BUILT_IN
+from .correlated_observations import AnyObservation, Correlated, gauss_markov
 from .frame_observations import (
     FrameCoordinate,
     FrameDirection,
@@ -73,7 +73,7 @@ from .shape_points import (
     OnTorus,
 )
 from .surface_heights import LevelHeight, ProfileHeight
-from .terrestrial import (
+from .terrestrial_observations import (
     AstronomicLatitude,
     AstronomicLongitude,
     Azimuth,

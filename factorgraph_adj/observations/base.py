@@ -16,7 +16,7 @@ from ..entities import Key, parameter_key, parameter_name
 from ..errors import InputError, Problem
 from ..frames import Frame
 from ..models.variables import ENTITIES, UNKNOWNS
-from ..stochastic import PARTS, StandardDeviation, whitening
+from ..stochastic_model import PARTS, StandardDeviation, whitening
 from ..types import Array
 from .registry import KINDS, ObservationKind, observation_kind
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..frames import Frame
 from ..types import Array
 from .base import Observation, Sigma, checked_covariance
-from .terrestrial import check_face, check_zenith
+from .terrestrial_observations import check_face, check_zenith
 
 
 @dataclass(frozen=True)

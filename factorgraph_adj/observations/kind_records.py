@@ -16,14 +16,14 @@ from ..models import (
     offsets,
     point_relations,
     relative_poses,
-    terrestrial,
+    terrestrial_observations,
     wires,
 )
 from ..models.deformation import strip_coordinate
 from ..models.shape_outlines import WIRE
 from ..models.shapes import SHAPES
 from . import relations, shape_points
-from .airborne import (
+from .airborne_observations import (
     AntennaVector,
     GyroAzimuth,
     NavigationAttitude,
@@ -388,7 +388,7 @@ SURFACE_HEIGHT_KINDS: Sequence[ObservationKind] = (
     ObservationKind(
         GyroAzimuth,
         (*((kind, end) for end in _ENDS for kind in ("point", "vertical")), ("gyro", "gyro")),
-        terrestrial.gyro_azimuth,
+        terrestrial_observations.gyro_azimuth,
         ("instrument_height", "target_height"),
         "rad",
         weight=DIRECTIONS,

@@ -21,7 +21,7 @@ from ..errors import InputError, Problem, known
 from ..models.base import Linearised
 from ..models.shape_outlines import Outline
 from ..models.variables import ENTITIES, UNKNOWNS
-from ..stochastic import PARTS
+from ..stochastic_model import PARTS
 from ..types import Array
 from .variances import Weight
 

@@ -1,6 +1,6 @@
 """Variance of an observation from the parts of its standard deviation, for each kind.
 
-`factorgraph_adj.stochastic.StandardDeviation` has the formulas. The record of each kind holds the
+`factorgraph_adj.stochastic_model.StandardDeviation` has the formulas. The record of each kind holds the
 `Weight` of the kind, or None.
 """
 
@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..stochastic import PARTS, StandardDeviation
+from ..stochastic_model import PARTS, StandardDeviation
 from ..types import Array
 
 CENTRING = ("centring_instrument", "centring_target")

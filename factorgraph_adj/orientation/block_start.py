@@ -10,7 +10,7 @@ import numpy as np
 from ..graph.observation_selection import filtered
 from ..models.variables import VariableKind
 from ..network.network import Network
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..start.start_values import Start
 from ..types import Mask
 

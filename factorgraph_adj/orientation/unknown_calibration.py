@@ -20,8 +20,8 @@ import numpy as np
 
 from ..blas_threads import with_one_thread
 from ..errors import InputError, Problem
+from ..result_display import Shown
 from ..rotation import omega_phi_kappa
-from ..shown import Shown
 from ..types import Array
 from .block_input import Views
 from .robust_poses import shared_principal_distance

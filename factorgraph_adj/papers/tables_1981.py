@@ -2,7 +2,7 @@
 
 **Table 1**, the ISP block, is only a picture in the paper's scan; the text says that terrestrial
 observations improve a block with reduced control significantly. The block is that of
-`factorgraph_adj.simulation.generate.published.IspBlock`, over the ellipsoid. The following values
+`factorgraph_adj.simulation.generate.published_blocks.IspBlock`, over the ellipsoid. The following values
 are assumptions:
 
 - Full control is X, Y, Z of the 30 points of the edge, reduced control that of its four corners.
@@ -28,7 +28,7 @@ from ..adjustment import adjust
 from ..observations import SlopeDistance
 from ..quality.point_precision import check_points
 from ..simulation.generate.control import Control, Pattern
-from ..simulation.generate.published import IspBlock
+from ..simulation.generate.published_blocks import IspBlock
 from ..simulation.generate.scene import MILLIMETRE, perimeter
 from ..simulation.generate.terrestrial_additions import (
     Additions,

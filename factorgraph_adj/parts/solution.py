@@ -12,7 +12,7 @@ from ..errors import InputError, Problem, UnknownLeftOut, known
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..solve.estimates import Estimate, estimate
 from ..solve.factorisation import Factorisation
 from ..solve.normal_equations import NormalEquations

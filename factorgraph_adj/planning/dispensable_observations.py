@@ -22,7 +22,7 @@ from ..errors import InputError, Problem, known
 from ..graph.observation_selection import without
 from ..network.network import Network
 from ..quality.error_effects import whitened_unit_error
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..solve.low_rank_update import Update
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array, Index, Mask

@@ -15,7 +15,7 @@ from ..errors import AdjustmentError, InputError, Problem
 from ..network.network import Network
 from ..quality.error_effects import unit_error_shifts
 from ..quality.reliability import Reliability, check_probabilities, reliability
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array, Index, Mask

@@ -26,7 +26,7 @@ from ..blas_threads import with_one_thread
 from ..errors import DatumError, InputError, Problem
 from ..graph.equations import compile_network
 from ..network.network import Network
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from .candidates import Candidate, as_candidates, dependent, with_candidates
 from .plan import Plan, realised

@@ -21,7 +21,7 @@ from ..graph.blocks import Block
 from ..graph.weights import weigh
 from ..solve.solution import Solution
 from ..statistical_tests import chi2_quantile, global_test
-from ..stochastic import PARTS, StandardDeviation
+from ..stochastic_model import PARTS, StandardDeviation
 from ..types import Array
 from .reliability import Reliability
 from .variance_components import estimate_variance_components

@@ -14,7 +14,7 @@ from ..entities import parameter_name
 from ..errors import InputError, known
 from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_MODEL
 from .parameter_significance import (

@@ -19,7 +19,7 @@ from scipy.sparse import block_diag
 from ..blas_threads import with_one_thread
 from ..errors import AdjustmentError, InputError, SingularError, known
 from ..models.variables import UNKNOWNS, VariableKind
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_MODEL, normal_quantile, student_quantile
 from ..types import Array, Index, Mask

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..blas_threads import with_one_thread
 from ..errors import InputError, Problem
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..types import Array
 

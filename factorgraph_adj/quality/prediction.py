@@ -28,7 +28,7 @@ from ..errors import MOST_COMPARED, InputError, Problem, similar
 from ..graph.equations import Equations, compile_network
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..solve.low_rank_update import covariance_whitener, innovation_statistics
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask

@@ -23,7 +23,7 @@ from ..graph.equations import Equations, compile_network
 from ..network.network import Network
 from ..observations.positions import ControlPoint
 from ..observations.registry import KINDS
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..solve.given_state import solution_at_given_values
 from ..solve.solution import Solution
 from ..start.start_values import Start

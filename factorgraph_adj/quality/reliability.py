@@ -30,7 +30,7 @@ import numpy as np
 from ..blas_threads import with_one_thread
 from ..columns import Columns
 from ..errors import AdjustmentError, InputError, SingularError, known
-from ..shown import FIRST, Rows, Shown
+from ..result_display import FIRST, Rows, Shown
 from ..solve.leverages import Leverages, STransform, leverages, point_leverages
 from ..solve.solution import Solution
 from ..statistical_tests import (

@@ -47,7 +47,7 @@ from ..orientation.choice_of_start import (
     misses_minimum,
     with_doubtful_image_points,
 )
-from ..shown import Shown
+from ..result_display import Shown
 from ..solve.given_state import solution_at_given_values
 from ..solve.minimum import DEFAULT_MAX_ITERATIONS
 from ..solve.solution import Solution

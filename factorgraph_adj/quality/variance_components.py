@@ -21,7 +21,7 @@ from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..errors import InputError, known
 from ..network.network import DatumChoice, Network
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..solve.added_factors import ExtraFactors
 from ..solve.given_state import solution_after_step
 from ..solve.minimum import readjust

@@ -28,7 +28,7 @@ from ..observations import (
     ZenithAngle,
 )
 from ..rotation import world_R_camera
-from ..stochastic import StandardDeviation
+from ..stochastic_model import StandardDeviation
 from ..types import Array, Index
 from ..units import ARCSEC
 from .generate.scene import corners

@@ -20,16 +20,16 @@ from ..network.network import Network
 from ..observations import ControlPoint
 from .disturbances import Errors, add_gross_errors, drop, read, readings_of, true_plan
 from .generate import (
-    aerial,
-    close_range,
+    aerial_blocks,
+    close_range_blocks,
     flight_observations,
     metrology,
-    published,
+    published_blocks,
     rigs_and_models,
-    terrestrial,
     terrestrial_additions,
+    terrestrial_networks,
 )
-from .generate import aerial as cross_strips
+from .generate import aerial_blocks as cross_strips
 from .generate.control import Control
 from .generate.scene import Part, Scene
 from .measurement import Seed, SimulatedNetwork, Truth, disturb, measure
@@ -86,10 +86,10 @@ def _key(name: str) -> str:
 INDEX = re.compile(r"\[(\d+)\]")
 """Pattern of an index in a path in Python notation, such as ``[0]``."""
 MODULES_OF_PARTS = (
-    aerial,
-    close_range,
+    aerial_blocks,
+    close_range_blocks,
     cross_strips,
-    terrestrial,
+    terrestrial_networks,
     metrology,
     metrology,
     terrestrial_additions,
@@ -97,7 +97,7 @@ MODULES_OF_PARTS = (
     flight_observations,
     rigs_and_models,
     rigs_and_models,
-    published,
+    published_blocks,
 )
 """Modules that define the kinds of parts; their import registers the kinds."""
 

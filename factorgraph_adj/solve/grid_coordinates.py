@@ -13,8 +13,8 @@ from ..crs.reference_system import ReferenceSystem
 from ..errors import InputError
 from ..frames import LocalFrame
 from ..network.network import Network
+from ..result_display import FIRST, Rows, Shown
 from ..rotation import angles_by_rotation, omega_phi_kappa
-from ..shown import FIRST, Rows, Shown
 from ..types import Array
 from .estimates import EstimatedNetwork, EstimatedNetworkWithPhotos
 

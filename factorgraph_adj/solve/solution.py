@@ -18,7 +18,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State, camera_of_calibration
 from ..models.variables import VariableKind, unknown_kind
 from ..network.network import Network
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..statistical_tests import global_test
 from ..types import Array, Index
 from . import estimates

@@ -18,11 +18,11 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.frame_sights import place_of_sight
 from ..models.sub_frame import from_frame, horizons, split_frame
-from ..models.terrestrial import direction_in_face_one, zenith_in_face_one
+from ..models.terrestrial_observations import direction_in_face_one, zenith_in_face_one
 from ..models.variables import ROTATION, UNKNOWNS
 from ..observations import KINDS
 from ..rotation import exp_rotation, nearest_rotation
-from ..stochastic import StandardDeviation
+from ..stochastic_model import StandardDeviation
 from ..types import Array, Index, Mask
 from .search_state import SearchState
 

@@ -16,7 +16,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.base import wrap
 from ..models.sub_frame import horizons
-from ..models.terrestrial import direction_in_face_one, zenith_in_face_one
+from ..models.terrestrial_observations import direction_in_face_one, zenith_in_face_one
 from ..types import Array, Index, Mask
 
 

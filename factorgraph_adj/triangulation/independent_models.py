@@ -52,8 +52,8 @@ from ..graph.variables import State
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
 from ..observations import Correlated, FrameCoordinate, PhotoPosition
+from ..result_display import Rows, Shown
 from ..rotation import log_rotation, skew, world_R_camera
-from ..shown import Rows, Shown
 from ..solve.solution import Solution
 from ..start.search import partial_approximation
 from ..types import Array, Index

@@ -47,7 +47,7 @@ from ..graph.equations import compile_network
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
 from ..observations import ControlPoint, Direction, FrameCoordinate
-from ..shown import Rows, Shown
+from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..start.image_rays import read_rays
 from ..start.search import approximate

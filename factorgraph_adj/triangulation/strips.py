@@ -22,8 +22,8 @@ from ..graph.observation_selection import without
 from ..models.deformation import COEFFICIENTS
 from ..network.network import Network
 from ..observations import ControlPoint, StripCoordinate
+from ..result_display import Rows, Shown
 from ..rotation import nearest_rotation
-from ..shown import Rows, Shown
 from ..types import Array
 from .independent_models import RelativeModel, start_values
 

@@ -24,7 +24,7 @@ from ..errors import known
 from ..frames import LocalFrame
 from ..graph.equations import Equations
 from ..models.image import ALONG_X, ALONG_Y, EXCHANGED, OTHER, in_front
-from ..models.terrestrial import direction_in_face_one
+from ..models.terrestrial_observations import direction_in_face_one
 from ..network.network import Network
 from ..start.image_axes import known_points, ray_misfits
 from ..types import Array, Index

@@ -19,7 +19,7 @@ from ..crs.reference_system import ReferenceSystem
 from ..graph.equations import Equations
 from ..observations import Observation
 from ..observations.variances import LEVELLING, Along
-from ..stochastic import StandardDeviation
+from ..stochastic_model import StandardDeviation
 from ..types import Array, Index
 from .findings import (
     CONTRADICTION_FACTOR,

@@ -32,7 +32,7 @@ from ..observations import (
 )
 from ..observations.variances import Along
 from ..statistical_tests import poisson_upper_probability
-from ..stochastic import StandardDeviation
+from ..stochastic_model import StandardDeviation
 from ..types import Array
 from .findings import TOLERANCE_FACTOR, Finding
 from .loop_misclosures import line_sigma

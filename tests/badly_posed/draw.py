@@ -30,7 +30,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.simulation.measurement import disturb, look_at, measure
-from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.stochastic_model import StandardDeviation
 from factorgraph_adj.types import Array
 from tests.networks.random_small import handed_over
 from tests.support.arrivals import bare, items

@@ -11,7 +11,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import GnssVector, HeightDifference, SlopeDistance, VerticalAngle
-from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.stochastic_model import StandardDeviation
 
 from .campaign import campaign, judged
 from .draw import FAMILIES, badly_posed

@@ -7,7 +7,7 @@ import json
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from tests.networks import moved
 from tests.networks.epochs import epoch
 from tests.support.pages import data_of

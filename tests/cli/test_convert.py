@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.cli.input import parsed_settings
-from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.models.lens import NormalisedLens
 from tests.networks.projects import write

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.units import GON
 from tests.networks.grids import GRIDS

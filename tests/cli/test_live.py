@@ -13,7 +13,7 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from factorgraph_adj.cli import main as cli
+from factorgraph_adj.cli import command_line as cli
 from factorgraph_adj.cli.live_view import MAX_LATENCIES_KEPT, MAX_VERDICTS_KEPT, LiveView, live_view
 from tests.networks.projects import write
 from tests.networks.yard import ARRIVALS, WRONG, YARD
@@ -170,7 +170,14 @@ def test_a_real_terminal_shows_it_and_is_left_in_order(tmp_path):
     lines = "".join(json.dumps(a) + "\n" for a in (*ARRIVALS, WRONG)).encode()
     master, slave = pty.openpty()
     with subprocess.Popen(
-        [sys.executable, "-m", "factorgraph_adj.cli.main", "stream", str(project), "--live"],
+        [
+            sys.executable,
+            "-m",
+            "factorgraph_adj.cli.command_line",
+            "stream",
+            str(project),
+            "--live",
+        ],
         stdin=subprocess.PIPE,
         stdout=slave,
         stderr=slave,

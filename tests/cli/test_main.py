@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from factorgraph_adj.cli import adjustment as cli_adjust
-from factorgraph_adj.cli import main as cli
+from factorgraph_adj.cli import command_line as cli
 from factorgraph_adj.io.project_writer import write_project
 from tests.networks.projects import OBSERVATIONS, POINTS, PROJECT, write
 from tests.networks.small_block import small_block
@@ -25,7 +25,7 @@ TEXT = {"encoding": "utf-8", "capture_output": True, "timeout": HANGS, "check": 
 
 def run(*arguments: object, **more: object) -> subprocess.CompletedProcess[str]:
     """Run the command in a process of its own."""
-    command = [sys.executable, "-m", "factorgraph_adj.cli.main", *map(str, arguments)]
+    command = [sys.executable, "-m", "factorgraph_adj.cli.command_line", *map(str, arguments)]
     environment = os.environ | {"PYTHONIOENCODING": "utf-8"}
     return subprocess.run(command, env=environment, **(TEXT | more))
 
@@ -244,7 +244,7 @@ def test_ctrl_c_ends_with_130_and_writes_nothing(block, tmp_path):
     waits = (
         "import sys\n"
         "from factorgraph_adj.cli import adjust as command\n"
-        "from factorgraph_adj.cli.main import main\n"
+        "from factorgraph_adj.cli.command_line import main\n"
         "real = command.adjust\n"
         "def slow(network, *, progress, **options):\n"
         "    def wait(*figures):\n"
@@ -289,7 +289,7 @@ def test_a_fault_of_the_program_is_no_traceback(block, monkeypatch, capsys):
     "tests call it in this process"
 )
 def test_a_reader_that_stops_early_is_no_fault(block):
-    command = f"{sys.executable} -m factorgraph_adj.cli.main adjust {block} | head -1"
+    command = f"{sys.executable} -m factorgraph_adj.cli.command_line adjust {block} | head -1"
     result = subprocess.run(command, shell=True, **TEXT)
     assert result.stdout == "Adjustment of small block\n"
     assert result.stderr == ""

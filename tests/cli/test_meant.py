@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.simulation.spec import read_spec
 

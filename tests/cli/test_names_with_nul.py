@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from tests.support.places import EXAMPLES
 
 PROJECT = str(EXAMPLES / "industry_block")

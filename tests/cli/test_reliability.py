@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from factorgraph_adj.cli import adjustment as cli_adjust
-from factorgraph_adj.cli import main as cli
+from factorgraph_adj.cli import command_line as cli
 from factorgraph_adj.io.project_writer import write_project
 from factorgraph_adj.quality.rejections import Unresolved
 from tests.networks.small_block import blundered, small_block

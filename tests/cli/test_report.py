@@ -2,7 +2,7 @@
 
 import pytest
 
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from tests.support.pages import data_of
 from tests.support.places import EXAMPLES
 

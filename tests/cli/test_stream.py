@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from factorgraph_adj.cli import main as cli
+from factorgraph_adj.cli import command_line as cli
 from factorgraph_adj.cli import stream as cli_stream
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
 from factorgraph_adj.io.project_writer import network_files
@@ -37,7 +37,13 @@ class Pipe:
     """The command at the other end of two pipes."""
 
     def __init__(self, *arguments: object) -> None:
-        command = [sys.executable, "-m", "factorgraph_adj.cli.main", "stream", *map(str, arguments)]
+        command = [
+            sys.executable,
+            "-m",
+            "factorgraph_adj.cli.command_line",
+            "stream",
+            *map(str, arguments),
+        ]
         self.process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
         )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import SingularError
 from factorgraph_adj.export.formats import EXPORT_FORMATS, export_target, format_list
 from factorgraph_adj.export.map_coordinates import best_map_coordinates

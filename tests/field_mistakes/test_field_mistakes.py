@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 
 from . import site_mistakes  # noqa: F401  (registers its mistakes)
 from .mistakes import (

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from tests.support.dense import Dense
 
 SECONDS = 60.0

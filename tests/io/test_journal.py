@@ -29,9 +29,9 @@ from factorgraph_adj.io.project_writer import write_project
 from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
-from factorgraph_adj.observations.airborne import ABOUT, ANGLES
+from factorgraph_adj.observations.airborne_observations import ABOUT, ANGLES
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.stochastic import COMBINATIONS, StandardDeviation
+from factorgraph_adj.stochastic_model import COMBINATIONS, StandardDeviation
 from tests.networks.every_kind import FRAMES as EVERY_FRAME
 from tests.networks.every_kind import LENSES_USED, OBSERVED
 from tests.networks.everything import FRAMES, everything

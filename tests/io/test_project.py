@@ -27,9 +27,9 @@ from factorgraph_adj.models import lens
 from factorgraph_adj.models.lens_registry import LENSES
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
-from factorgraph_adj.observations.airborne import ABOUT, ANGLES
+from factorgraph_adj.observations.airborne_observations import ABOUT, ANGLES
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.stochastic_model import StandardDeviation
 from factorgraph_adj.units import ANGLE, ARCSEC, GON, LENGTH
 from tests.networks.everything import FRAMES, everything
 from tests.networks.projects import FILES, OBSERVATIONS, POINTS, PROJECT, write

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.io.project import AdjustOptions, read_project

@@ -17,7 +17,7 @@ from unittest.mock import patch
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.files import keeping_inputs
 from factorgraph_adj.io.file_transaction import one_transaction, write_files

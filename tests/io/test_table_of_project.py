@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from tests.field_mistakes.site import site
 
 

@@ -26,7 +26,7 @@ from factorgraph_adj.models.normalised_lens import (
 )
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations.airborne import ANGLES
+from factorgraph_adj.observations.airborne_observations import ANGLES
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.types import Array
 

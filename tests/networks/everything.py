@@ -11,7 +11,7 @@ from factorgraph_adj.models import lens
 from factorgraph_adj.models.lens_registry import LENSES
 from factorgraph_adj.models.orthogonal_lens import OrthogonalLens
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.stochastic_model import StandardDeviation
 
 FRAMES = {
     "topocentric": TopocentricFrame(0.83, 0.2, 432.1, "Bessel1841", 6_400_000.0),

@@ -431,7 +431,7 @@ def colmap() -> dict[str, bytes]:
 def colmap_binary(folder: Path) -> dict[str, bytes]:
     """Return the same model in binary files."""
     from factorgraph_adj.io.photogrammetry.colmap import read_sparse_model
-    from factorgraph_adj.io.photogrammetry.colmap_binary import binary_files
+    from factorgraph_adj.io.photogrammetry.colmap_binary_files import binary_files
 
     for name, text in COLMAP.items():
         (folder / name).write_text(text, encoding="utf-8")

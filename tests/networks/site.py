@@ -24,7 +24,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.simulation.measurement import look_at
-from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.stochastic_model import StandardDeviation
 from factorgraph_adj.units import ARCSEC
 
 UNKNOWN = (np.nan, np.nan, np.nan)

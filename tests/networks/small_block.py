@@ -23,7 +23,7 @@ from factorgraph_adj.observations import (
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.measurement import disturb, look_at, measure
 from factorgraph_adj.solve.solution import Solution
-from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.stochastic_model import StandardDeviation
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import CC
 from tests.support.shifted import shift_first_distance, shift_image

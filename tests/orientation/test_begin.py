@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.parts.part_files import RunFolder
 from factorgraph_adj.parts.whole_network import cut_network
 from tests.networks.image_blocks import ImageBlock, aerial, ring

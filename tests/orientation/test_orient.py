@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.models.ray_lens import FisheyeLens
 from factorgraph_adj.rotation import log_rotation
 from tests.networks.image_blocks import (

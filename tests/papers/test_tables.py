@@ -16,7 +16,7 @@ from factorgraph_adj.experiment.runs import Experiment, run
 from factorgraph_adj.experiment.summary import Summary
 from factorgraph_adj.papers import tables_1981, tables_1986
 from factorgraph_adj.papers.comparison import Comparison, compared
-from factorgraph_adj.papers.systematic_1986 import TABLE_6, Layout, effect, layout, spec_of
+from factorgraph_adj.papers.systematic_errors_1986 import TABLE_6, Layout, effect, layout, spec_of
 from factorgraph_adj.papers.tables_1981 import ISP_CASES, isp_inside, isp_trial
 from factorgraph_adj.papers.tables_1986 import AERIAL, CLOSE_RANGE, aerial, close_range
 

@@ -8,7 +8,7 @@ import shutil
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.parts.part_files import RunFolder
 from factorgraph_adj.parts.whole_network import cut_network
 from tests.networks.small_block import small_block

@@ -18,7 +18,7 @@ from factorgraph_adj.parts.part_files import RunFolder
 from factorgraph_adj.parts.whole_network import Regions, cut_network
 from factorgraph_adj.report.result_files import parts_protocol
 from factorgraph_adj.rotation import log_rotation
-from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.stochastic_model import StandardDeviation
 from factorgraph_adj.types import Array
 from tests.benchmarks.grids import simulate_grid, simulate_mixed
 from tests.networks import shapes, simulated

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.parts.whole_network import adjust_cut
 from factorgraph_adj.report.doubtful_results import doubts_of_solution
 from factorgraph_adj.report.result_files import parts_protocol

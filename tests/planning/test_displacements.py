@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2, ncx2
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.planning.candidates import Candidate, identified, with_candidates
 from factorgraph_adj.planning.targets import DetectableDisplacement, RedundancyNumber, for_points

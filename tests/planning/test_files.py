@@ -13,7 +13,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli import design as cli_plan
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import Problem
 from factorgraph_adj.experiment import runs
 from factorgraph_adj.io.project import load_project

@@ -13,7 +13,7 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.observations import Correlated, LevelHeight
 from factorgraph_adj.planning.candidates import difference, with_candidates
 from factorgraph_adj.planning.targets import PointPrecision
-from factorgraph_adj.simulation.generate.aerial import Aerial, CrossStrips
+from factorgraph_adj.simulation.generate.aerial_blocks import Aerial, CrossStrips
 from factorgraph_adj.simulation.generate.control import Control
 from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
 from factorgraph_adj.simulation.generate.rigs_and_models import Rig

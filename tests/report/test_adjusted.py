@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.adjustment import adjust
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ControlPoint, Direction, HeightDifference, SlopeDistance

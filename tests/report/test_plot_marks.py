@@ -38,7 +38,7 @@ from factorgraph_adj.report.plots import (
 )
 from factorgraph_adj.report.plots.observation_lines import observation_places, rejected_image_points
 from factorgraph_adj.report.plots.photo_residuals import sensor_coverage
-from factorgraph_adj.report.plots.test_statistics import histogram_edges
+from factorgraph_adj.report.plots.reliability_figures import histogram_edges
 
 LONG = pytest.mark.slow(
     "pictures that are drawn for one question each; short tests draw every figure once"

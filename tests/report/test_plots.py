@@ -32,8 +32,8 @@ from factorgraph_adj.report.plots.image_residuals import image_rows
 from factorgraph_adj.report.plots.network_plan import order_along_lines
 from factorgraph_adj.report.plots.observation_lines import lines_by_kinds
 from factorgraph_adj.report.plots.point_symbols import plan_window
+from factorgraph_adj.report.plots.reliability_figures import spread_places
 from factorgraph_adj.report.plots.style import exaggeration_text, length_text, readable_number
-from factorgraph_adj.report.plots.test_statistics import spread_places
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.simulation.simulated_blocks import (
     simulate_aerial_block,

@@ -10,7 +10,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.experiment.runs import run
 from factorgraph_adj.experiment.study import Experiment
 from factorgraph_adj.planning.targets import SemiAxis
-from factorgraph_adj.shown import FIRST, Rows, Shown, html
+from factorgraph_adj.result_display import FIRST, Rows, Shown, html
 from tests.networks.small_block import small_block
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.layout import _width as width
 from factorgraph_adj.report.options import Provenance

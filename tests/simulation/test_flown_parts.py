@@ -19,7 +19,7 @@ from factorgraph_adj.models.heights import heights
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import PhotoPosition, ProfileHeight
 from factorgraph_adj.simulation.disturbances import DropOut, Errors
-from factorgraph_adj.simulation.generate.aerial import Aerial, CrossStrips
+from factorgraph_adj.simulation.generate.aerial_blocks import Aerial, CrossStrips
 from factorgraph_adj.simulation.generate.control import Control
 from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
 from factorgraph_adj.simulation.generate.metrology import Shapes

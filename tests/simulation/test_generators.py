@@ -22,12 +22,12 @@ from factorgraph_adj.simulation.disturbances import (
     add_gross_errors,
     readings_of,
 )
-from factorgraph_adj.simulation.generate.aerial import Aerial, CrossStrips
-from factorgraph_adj.simulation.generate.close_range import CloseRange
+from factorgraph_adj.simulation.generate.aerial_blocks import Aerial, CrossStrips
+from factorgraph_adj.simulation.generate.close_range_blocks import CloseRange
 from factorgraph_adj.simulation.generate.control import Control
 from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
 from factorgraph_adj.simulation.generate.metrology import Shapes, Trackers
-from factorgraph_adj.simulation.generate.published import (
+from factorgraph_adj.simulation.generate.published_blocks import (
     Aerial1986,
     CloseRange1986,
     IndustryBlock,
@@ -44,12 +44,6 @@ from factorgraph_adj.simulation.generate.scene import (
     round_lines,
     spread,
 )
-from factorgraph_adj.simulation.generate.terrestrial import (
-    LevellingLoops,
-    Monitoring,
-    Traverse,
-    TriangulationGrid,
-)
 from factorgraph_adj.simulation.generate.terrestrial_additions import (
     Additions,
     Astronomic,
@@ -60,6 +54,12 @@ from factorgraph_adj.simulation.generate.terrestrial_additions import (
     HeightDifferences,
     TotalStation,
     VerticalAngles,
+)
+from factorgraph_adj.simulation.generate.terrestrial_networks import (
+    LevellingLoops,
+    Monitoring,
+    Traverse,
+    TriangulationGrid,
 )
 from factorgraph_adj.simulation.given_values import undetermined_points
 from factorgraph_adj.simulation.industry_block import simulate_industry_block

@@ -17,7 +17,7 @@ from factorgraph_adj.simulation.simulated_blocks import (
     simulate_aerial_block,
     simulate_geocentric_block,
 )
-from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.stochastic_model import StandardDeviation
 from factorgraph_adj.types import Array
 
 CONFIDENCE = 0.999

@@ -12,12 +12,12 @@ from factorgraph_adj.entities import ImageTable
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.simulation.disturbances import DropOut, Errors, GrossError
-from factorgraph_adj.simulation.generate.aerial import Aerial, CrossStrips
-from factorgraph_adj.simulation.generate.close_range import CloseRange
+from factorgraph_adj.simulation.generate.aerial_blocks import Aerial, CrossStrips
+from factorgraph_adj.simulation.generate.close_range_blocks import CloseRange
 from factorgraph_adj.simulation.generate.control import Control
 from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
 from factorgraph_adj.simulation.generate.metrology import Shapes, Trackers
-from factorgraph_adj.simulation.generate.published import (
+from factorgraph_adj.simulation.generate.published_blocks import (
     Aerial1986,
     CloseRange1986,
     IndustryBlock,
@@ -25,12 +25,6 @@ from factorgraph_adj.simulation.generate.published import (
 )
 from factorgraph_adj.simulation.generate.rigs_and_models import Rig
 from factorgraph_adj.simulation.generate.scene import Camera
-from factorgraph_adj.simulation.generate.terrestrial import (
-    LevellingLoops,
-    Monitoring,
-    Traverse,
-    TriangulationGrid,
-)
 from factorgraph_adj.simulation.generate.terrestrial_additions import (
     Astronomic,
     Azimuths,
@@ -39,6 +33,12 @@ from factorgraph_adj.simulation.generate.terrestrial_additions import (
     Distances,
     HeightDifferences,
     VerticalAngles,
+)
+from factorgraph_adj.simulation.generate.terrestrial_networks import (
+    LevellingLoops,
+    Monitoring,
+    Traverse,
+    TriangulationGrid,
 )
 from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, read_spec, simulate
 from factorgraph_adj.simulation.systematic_errors import (

@@ -7,7 +7,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj import adjustment
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.io.project import read_project
 from factorgraph_adj.io.solution_file import load_solution, save_solution
 from factorgraph_adj.models.lens import BrownLens

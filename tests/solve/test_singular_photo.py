@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli import main as cli
+from factorgraph_adj.cli import command_line as cli
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.project_writer import write_project
 from factorgraph_adj.models.lens import BrownLens

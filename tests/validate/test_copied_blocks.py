@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.report.doubtful_results import doubts_of_network
 from factorgraph_adj.service.stream import Stream
 from factorgraph_adj.validate.repeated_readings import copied_blocks

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.observations.relations import CoordinateDifference
 from factorgraph_adj.validate.repeated_readings import differing_repetitions
 

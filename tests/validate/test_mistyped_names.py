@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.orientation.choice_of_start import start_or_problems
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.validate.mistyped_names import mistyped_at_start

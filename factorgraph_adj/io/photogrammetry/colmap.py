@@ -16,7 +16,7 @@ from ...observations.positions import PhotoPosition
 from ...rotation import TURN_ABOUT_X, log_rotation
 from ...start.image_axes import problems_of_marks
 from ...types import Array
-from .colmap_binary import read_binary_model
+from .colmap_binary_files import read_binary_model
 from .colmap_cameras import CAMERA_MODEL_BY_NAME
 from .colmap_model import (
     NO_POINT,
@@ -39,7 +39,7 @@ from .colmap_reference import (
     ray_intersection,
     similarity_of_points,
 )
-from .colmap_text import read_text_model
+from .colmap_text_files import read_text_model
 
 CalibrationChoice = Literal["colmap", "all", "held"]
 """Which parameters of the cameras are unknown."""

@@ -19,7 +19,7 @@ from ...rotation import TURN_ABOUT_X, exp_rotation, log_rotation
 from ...solve.solution import Solution
 from ...types import Array
 from ..file_transaction import write_files
-from .colmap_binary import binary_files
+from .colmap_binary_files import binary_files
 from .colmap_cameras import CameraModel, candidate_models, normalised_lens, smallest_model
 from .colmap_model import (
     CameraRecord,
@@ -31,7 +31,7 @@ from .colmap_model import (
     Sensor,
     SparseModel,
 )
-from .colmap_text import text_files
+from .colmap_text_files import text_files
 
 MAX_MOUNT_TURN_RAD, MAX_MOUNT_SHIFT = 1e-6, 1e-5
 """Largest turn (radians) and shift (parts of the distances in the rig, or metres) of a member from

@@ -23,7 +23,7 @@ from ...observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from ...stochastic import StandardDeviation
+from ...stochastic_model import StandardDeviation
 from ...units import GON
 from ..file_problems import left_out_records
 from .comp3d_files import (

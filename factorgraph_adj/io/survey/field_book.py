@@ -22,7 +22,7 @@ from ...network.face_readings import FaceReading
 from ...network.face_reduction import FacesChoice, ReducedFaces, reduce_faces
 from ...network.network import Network
 from ...observations import HeightDifference, HorizontalDistance, Observation
-from ...stochastic import StandardDeviation
+from ...stochastic_model import StandardDeviation
 from ...units import ANGLE, LENGTH
 from ..file_problems import SurveyProblems
 

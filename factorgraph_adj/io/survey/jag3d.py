@@ -30,7 +30,7 @@ from ..file_transaction import write_files
 from ..format_limits import scalar_sigmas
 from ..numbers import write_quantity
 from .field_book import name_list
-from .jag3d_flat import (
+from .jag3d_flat_files import (
     ESTIMATED_OPTIONS,
     FILE_KINDS,
     MAX_NAME_CHARACTERS,

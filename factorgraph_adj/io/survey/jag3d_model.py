@@ -20,7 +20,7 @@ import numpy as np
 from ...errors import InputError, Problem
 from ...frames import LocalFrame
 from ...network.network import Network
-from ...stochastic import StandardDeviation
+from ...stochastic_model import StandardDeviation
 from ...units import GON
 
 PointStatus: TypeAlias = Literal["reference", "stochastic", "datum", "new"]

@@ -32,7 +32,7 @@ from ...observations import (
     ZenithAngle,
 )
 from ...rotation import log_rotation
-from ...stochastic import StandardDeviation
+from ...stochastic_model import StandardDeviation
 from ..file_problems import MAX_LISTED_PROBLEMS
 from .jag3d_model import (
     DEFAULT_POINT_SIGMA_M,

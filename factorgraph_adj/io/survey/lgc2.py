@@ -27,7 +27,7 @@ from ... import observations as o
 from ...errors import InputError
 from ...network.network import Network
 from ...rotation import exp_rotation
-from ...stochastic import StandardDeviation
+from ...stochastic_model import StandardDeviation
 from ...types import Array
 from ...units import CC, GON
 from ..file_problems import FileLines

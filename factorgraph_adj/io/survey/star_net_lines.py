@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...errors import known
-from ...stochastic import StandardDeviation
+from ...stochastic_model import StandardDeviation
 from ...units import ARCSEC, GON
 from ..file_problems import SURVEY_NUMBER_PATTERN, LeftOutReason, SurveyProblems
 from .star_net_options import (

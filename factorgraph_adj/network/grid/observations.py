@@ -17,7 +17,7 @@ import numpy as np
 
 from ...errors import InputError, Problem
 from ...observations import Observation
-from ...observations.airborne import (
+from ...observations.airborne_observations import (
     GyroAzimuth,
     NavigationAttitude,
     PhotoAngle,
@@ -28,7 +28,7 @@ from ...observations.offsets import HydrostaticReading
 from ...observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from ...observations.relations import CoordinateDifference, PointDirection
 from ...observations.surface_heights import LevelHeight, ProfileHeight
-from ...observations.terrestrial import (
+from ...observations.terrestrial_observations import (
     AstronomicLatitude,
     AstronomicLongitude,
     Azimuth,

@@ -6,7 +6,7 @@ from .figure_files import save_plots
 from .network_plan import plot_network
 from .photo_residuals import plot_mean_photo, plot_photo_residuals, plot_photos
 from .precision_growth import plot_growth
-from .test_statistics import plot_qq, plot_redundancy, plot_w
+from .reliability_figures import plot_qq, plot_redundancy, plot_w
 
 __all__ = [
     "plot_displacements",

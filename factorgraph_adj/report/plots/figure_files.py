@@ -19,8 +19,8 @@ from ..rejected_observations import RejectedObservations
 from .image_residuals import image_rows, image_tests
 from .network_plan import plot_network
 from .photo_residuals import plot_mean_photo, plot_photos
+from .reliability_figures import plot_qq, plot_redundancy, plot_w
 from .style import empty_figure, in_package_style, write_cause
-from .test_statistics import plot_qq, plot_redundancy, plot_w
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -18,7 +18,7 @@ from ...observations import (
     ProfileHeight,
 )
 from ..parameters import number, path_of
-from .aerial import Exposure, Known, drawn, stated, strips_kept
+from .aerial_blocks import Exposure, Known, drawn, stated, strips_kept
 from .scene import MILLIMETRE, Part, Scene
 
 ARM, BORESIGHT = ("x", "y", "z"), ("rx", "ry", "rz")

@@ -22,7 +22,7 @@ from ...observations import (
     OnSphere,
 )
 from ...rotation import exp_rotation
-from ...stochastic import StandardDeviation
+from ...stochastic_model import StandardDeviation
 from ...types import Array
 from ...units import ARCSEC
 from ..parameters import number, path_of

@@ -20,7 +20,7 @@ from ...observations import (
     VerticalAngle,
     ZenithAngle,
 )
-from ...stochastic import StandardDeviation
+from ...stochastic_model import StandardDeviation
 from ...units import ARCSEC
 from ..parameters import Parameters, number, path_of
 from .scene import MILLIMETRE, Part, Scene, nearest_lines, perimeter, round_lines

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import TopocentricFrame
 from factorgraph_adj.graph.equations import compile_rows

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.photogrammetry.colmap import read_colmap, read_sparse_model
-from factorgraph_adj.io.photogrammetry.colmap_binary import binary_files
-from factorgraph_adj.io.photogrammetry.colmap_text import text_files
+from factorgraph_adj.io.photogrammetry.colmap_binary_files import binary_files
+from factorgraph_adj.io.photogrammetry.colmap_text_files import text_files
 from factorgraph_adj.models.lens import BrownLens, NoDistortion
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import exp_rotation, skew

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from tests.networks import photo_files
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.survey.jag3d import is_jag3d
@@ -24,7 +24,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.stochastic_model import StandardDeviation
 from factorgraph_adj.units import GON
 from tests.hostile.readers import judge
 from tests.networks import jag3d

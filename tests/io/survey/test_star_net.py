@@ -19,7 +19,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.stochastic_model import StandardDeviation
 from factorgraph_adj.units import ARCSEC, GON
 from tests.hostile.damage import DAMAGES
 from tests.networks.survey_files import STAR_NET_OPTIONS as METRIC

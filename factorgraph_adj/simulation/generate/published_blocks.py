@@ -17,7 +17,7 @@ from ..el_hakim_1986 import (
 )
 from ..industry_block import industry_block_plan
 from ..parameters import number
-from .aerial import Aerial
+from .aerial_blocks import Aerial
 from .scene import MICROMETRE, MILLIMETRE, Camera, Part, Scene, perimeter, round_lines
 
 

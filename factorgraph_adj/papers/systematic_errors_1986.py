@@ -34,7 +34,7 @@ from ..quality.point_precision import check_points
 from ..simulation.disturbances import Errors
 from ..simulation.el_hakim_1986 import SIGMA_AERIAL_TERRESTRIAL, Line, aerial_1986_plan
 from ..simulation.generate.control import Control
-from ..simulation.generate.published import Aerial1986
+from ..simulation.generate.published_blocks import Aerial1986
 from ..simulation.generate.scene import MICROMETRE, MILLIMETRE, perimeter, round_lines, spread
 from ..simulation.generate.terrestrial_additions import (
     DistanceMeter,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..constructors import ChecksArguments
 from ..errors import InputError, Problem
-from ..stochastic import whitening
+from ..stochastic_model import whitening
 from ..types import Array
 from .base import Observation
 from .image import ImagePoint

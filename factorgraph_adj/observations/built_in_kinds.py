@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import pi
 
-from ..models import position, sub_frame, terrestrial
+from ..models import position, sub_frame, terrestrial_observations
 from . import kind_records
 from .frame_observations import FrameCoordinate, FrameVector
 from .image import ImagePoint
@@ -15,7 +15,7 @@ from .kind_records import RELATION_KINDS as _RELATIONS
 from .kind_records import SHAPE_KINDS as _SHAPES
 from .positions import ControlPoint, GnssPosition, GnssVector
 from .registry import KINDS, ObservationKind, register_observation
-from .terrestrial import (
+from .terrestrial_observations import (
     AstronomicLatitude,
     AstronomicLongitude,
     Azimuth,
@@ -49,19 +49,23 @@ _IN_FRAME = (
 
 _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(
-        SlopeDistance, (*_SIGHT, _METER), terrestrial.slope_distance, _HEIGHTS, weight=LENGTHS
+        SlopeDistance,
+        (*_SIGHT, _METER),
+        terrestrial_observations.slope_distance,
+        _HEIGHTS,
+        weight=LENGTHS,
     ),
     ObservationKind(
         HorizontalDistance,
         (*_SIGHT, _METER),
-        terrestrial.horizontal_distance,
+        terrestrial_observations.horizontal_distance,
         _HEIGHTS,
         weight=LENGTHS,
     ),
     ObservationKind(
         VerticalAngle,
         (*_SIGHT, _KAPPA),
-        terrestrial.vertical_angle,
+        terrestrial_observations.vertical_angle,
         _HEIGHTS,
         "rad",
         weight=INCLINATIONS,
@@ -70,7 +74,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(
         ZenithAngle,
         (*_SIGHT, _KAPPA, _INDEX),
-        terrestrial.zenith_angle,
+        terrestrial_observations.zenith_angle,
         (*_HEIGHTS, "face"),
         "rad",
         weight=INCLINATIONS,
@@ -80,7 +84,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(
         Direction,
         (*_SIGHT, ("orientation", "set"), _COLLIMATION),
-        terrestrial.direction,
+        terrestrial_observations.direction,
         (*_HEIGHTS, "face"),
         "rad",
         weight=DIRECTIONS,
@@ -90,7 +94,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(
         HorizontalAngle,
         _SIGHT2,
-        terrestrial.horizontal_angle,
+        terrestrial_observations.horizontal_angle,
         (*_HEIGHTS, "target2_height"),
         "rad",
         weight=ANGLES,
@@ -100,7 +104,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(
         Azimuth,
         _SIGHT,
-        terrestrial.azimuth,
+        terrestrial_observations.azimuth,
         _HEIGHTS,
         "rad",
         weight=DIRECTIONS,
@@ -111,7 +115,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(
         HeightDifference,
         _SIGHT,
-        terrestrial.height_difference,
+        terrestrial_observations.height_difference,
         _HEIGHTS,
         weight=LEVELLING,
         linear=True,
@@ -119,14 +123,14 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(
         AstronomicLatitude,
         _STATION,
-        terrestrial.astronomic_latitude,
+        terrestrial_observations.astronomic_latitude,
         unit="rad",
         fixes="place",
     ),
     ObservationKind(
         AstronomicLongitude,
         _STATION,
-        terrestrial.astronomic_longitude,
+        terrestrial_observations.astronomic_longitude,
         unit="rad",
         fixes="place",
     ),
