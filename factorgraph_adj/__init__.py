@@ -351,7 +351,7 @@ _NAMES = {
         "GridCoordinates GridPhotos grid_coordinates grid_photos wgs84_coordinates"
     ),
     "solve.solution": "Solution",
-    "stochastic": "StandardDeviation",
+    "stochastic_model": "StandardDeviation",
     "triangulation.independent_models": "as_models relative_model",
     "units": "GON",
     "validate.findings": "Finding",

@@ -99,7 +99,7 @@ EXTRAS = {
 }
 """Optional; imported when they are needed, and where."""
 
-MOST_LINES, MEDIAN_LINES = 500, 200
+MOST_LINES, MEDIAN_LINES = 500, 350
 """Bounds of the number of lines of a module: of every one, and of half of them."""
 
 

@@ -1,7 +1,7 @@
 """Variance of an observation from the parts of its standard deviation, for each kind.
 
-`factorgraph_adj.stochastic_model.StandardDeviation` has the formulas. The record of each kind holds the
-`Weight` of the kind, or None.
+`factorgraph_adj.stochastic_model.StandardDeviation` has the formulas. The record of each kind
+holds the `Weight` of the kind, or None.
 """
 
 from __future__ import annotations

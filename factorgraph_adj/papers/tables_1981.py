@@ -2,8 +2,8 @@
 
 **Table 1**, the ISP block, is only a picture in the paper's scan; the text says that terrestrial
 observations improve a block with reduced control significantly. The block is that of
-`factorgraph_adj.simulation.generate.published_blocks.IspBlock`, over the ellipsoid. The following values
-are assumptions:
+`factorgraph_adj.simulation.generate.published_blocks.IspBlock`, over the ellipsoid. The following
+values are assumptions:
 
 - Full control is X, Y, Z of the 30 points of the edge, reduced control that of its four corners.
 - Each layout has distances, directions, azimuths, vertical angles and levelled height differences

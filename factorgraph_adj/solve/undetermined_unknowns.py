@@ -26,7 +26,7 @@ REGULARISATION = MAX_NULL_RATIO**2
 of a combination that is just determined; a larger share would let many weak combinations hide an
 undetermined one."""
 MIN_LARGE_NETWORK_COLUMNS = 5000
-"""Number of columns above which points that only cameras see are eliminated first: QR takes long."""
+"""Number of columns above which points that only cameras see are eliminated first."""
 REGULARISATION_LARGE = 1e-12
 """Share of the diagonal as `REGULARISATION` in such a network: normal equations resolve no smaller
 one. Combinations that are determined by less than its root are told apart by |A z| alone."""
