@@ -55,7 +55,7 @@ for epoch in range(1, EPOCHS + 1):
     if epoch == 4:
         good = today.observations["s4: B-W5@4"]
         today.observations["s4: B-W5@4"] = replace(good, value=good.value + 8 * MM)
-    new = [fga.network.entities.Point(f"{name}@{epoch}", tuple(xyz)) for name, xyz in WALL.items()]
+    new = [fga.Point(f"{name}@{epoch}", tuple(xyz)) for name, xyz in WALL.items()]
     arrival = inc.add(list(today.observations.values()), points=new)
     cells = ""
     for name in WALL:

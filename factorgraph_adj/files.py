@@ -1,4 +1,4 @@
-"""Files that are read: where a path in a file may lead, what may be opened, and how large it is.
+"""Safe reading of files: paths, links, sizes; inputs that outputs must not replace.
 
 Files may come from anybody. A file of a few kilobytes must not fill the memory, and a message
 about it must not show lines of another file of the machine.

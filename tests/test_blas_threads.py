@@ -60,13 +60,13 @@ def two_threads():
 @pytest.mark.parametrize("name", COMPUTATIONS)
 def test_a_computation_has_one_thread_and_gives_the_others_back(name, monkeypatch) -> None:
     seen = set()
-    original = fga.solve.normal.NormalEquations.factorise
+    original = fga.solve.normal_equations.NormalEquations.factorise
 
     def looked(self, *args, **kwargs):
         seen.add(numbers_of_threads())
         return original(self, *args, **kwargs)
 
-    monkeypatch.setattr(fga.solve.normal.NormalEquations, "factorise", looked)
+    monkeypatch.setattr(fga.solve.normal_equations.NormalEquations, "factorise", looked)
     COMPUTATIONS[name](small_block())
     assert seen <= {(1,) * len(numbers_of_threads())}
     assert seen or name == "build_graph"

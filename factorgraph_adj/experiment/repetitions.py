@@ -1,4 +1,10 @@
-"""Repetitions of an experiment: one on any computer, many on processes or on a Dask cluster."""
+"""Repetitions of an experiment: one on any computer, many on processes or on a Dask cluster.
+
+Each process has its own pipe and reports every finished repetition. A process that ends is
+replaced; its first unreported repetition is the one that ended it, and all others run normally.
+(A `concurrent.futures.ProcessPoolExecutor` breaks as a whole in this case, and does not say which
+call was the cause.)
+"""
 
 from __future__ import annotations
 

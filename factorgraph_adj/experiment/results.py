@@ -1,4 +1,9 @@
-"""Results of an experiment: a row for each repetition, kept in a file as they are finished."""
+"""Results of an experiment: a row for each repetition, kept in a file as they are finished.
+
+The header identifies the experiment; every further line is one repetition: its levels, number,
+seed, and figures or error. A repetition with two lines was tried again; the last line counts.
+Figures have all their digits; NaN and the infinities, which JSON does not have, are texts.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Factors of users: made by functions of named unknowns, linearised in the network's columns."""
+"""Factors of users: made by functions of named unknowns, linearised in the network's columns.
+
+A key counts the unknowns of one network. Where a network grows, a function that asks for keys by
+names says what its factor depends on.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,36 @@
-"""Tests by another adjustment where linear forms are not valid, and a second minimum."""
+"""Tests by another adjustment where linear forms are not valid, and a second minimum.
+
+Some readings alone determine on which of two sides a point is. Where a point fits as well at its
+mirror image, one reading that fits on the other side only moves it there. If it is wrong, so is the
+place, and nothing shows it: the reading is accepted with a doubt, which lasts until another reading
+tells the side as well. vᵀPv of the two sides, both without the reading, then differ by more than
+the critical value of one degree of freedom. A later reading that contradicts may be the right one
+of the two: its verdict names the one that it contradicts.
+
+A test value is as good as the linear form on which it stands. Where an unknown is determined
+weakly, the observation may bend over the range that its σ leaves open by as much as its innovation
+is: a distance from a station at the height of a point, whose height only a weak weight holds, has
+no derivative by the height, and still depends on it. Such an observation is tested by adjusting
+with it and without:
+
+    T² = vᵀPv with − vᵀPv without,
+
+with the same degrees of freedom and the same critical value. The adjustment with it begins where
+the points are, or from a place at which vᵀPv is smaller: moved both ways along the direction in
+which they are weakest, or at the mirror image that fits the other observations as well (see
+`solve.second_minimum`). Both vᵀPv are those of one side: those of the two sides without the
+observation may differ by the critical value of one degree of freedom, which chance exceeds with a
+probability of α/2 at most. An observation that moves a point to its other side, which nothing else tells, is
+accepted with a doubt, as above.
+
+Observations that arrive one by one find an unknown from the first few of them, which several values
+may fit, as a frame does that two points leave on either side; a gross error that was in for a time
+may have led an unknown there, too. Later observations show which it is, and the iteration from the
+other one may end in a minimum of its own, at any distance. At rest, the network is therefore
+adjusted from approximate values of all that is in as well, as `adjust` does it. The smaller vᵀPv
+counts, and the solution tells of the other one. In large networks, where this takes as long as the
+rest, it is done where vᵀPv exceeds what chance explains.
+"""
 
 from __future__ import annotations
 

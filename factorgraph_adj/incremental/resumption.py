@@ -1,4 +1,16 @@
-"""The state after a journal: its recorded estimates, compared with what is adjusted."""
+"""The state after a journal: its recorded estimates, compared with what is adjusted.
+
+The adjustment begins at the estimates that the lines have. It must reach the vᵀPv of the last line;
+a larger one belongs to another minimum, as where a later observation has moved everything, so that
+estimates of different lines do not fit one another. The network is then adjusted at lines before,
+at half of the way again and again, and each adjustment begins where the one before has ended, as
+the journal's own did. What is left of a difference is a doubt of the solution.
+
+A line has the estimates of unknowns that became known with it, and of points that readings have
+moved to their other sides. Once more observations have changed than unknowns are known, when the
+adjustment settles and when something is retired, a line has all estimates: these take less room
+than the observations. Every line has vᵀPv, with which `resumption` compares what it reaches.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Observations that may enter: what they lack, and the network of them beside what is known.
+"""Observations that wait to enter the graph: what they lack, and the network of them.
 
 Candidates are counted in arrays. An excerpt is the part of a network that some observations touch,
 as a network of its own: the models, the search for approximate values and the adjustment of small

@@ -1,4 +1,18 @@
-"""The lines of a journal: what they contain, and how they are read back."""
+"""The lines of a journal: what they contain, and how they are read back.
+
+The first line has the options and the network at the start as the files of a project. Every other
+line is one change that counts: what was asked (``do``), the ``time`` of an arrival, new points,
+photos, cameras and other ``unknowns`` (records with their ``kind``), the observations that are new
+or changed, the ids that
+became ``gone``, ``accepted``, ``waiting``, ``suspect`` or ``rejected``, and why (``causes``); what
+is said of what waits (``lacks``); how photos without poses were oriented (``oriented``); which
+readings have moved points to their other sides (``sides``, all of them where that has changed);
+what was retired (``retired``), or that all of it was taken back (``taken_back``), see
+`retirement`; ``estimates`` of unknowns, by kind and name, and ``vtpv``, see
+`incremental.resumption`. The first line has what its network came to in ``start``, with the
+same fields. Image points stand in ``images``, those of a photo with the same outcome together.
+Reading back needs no test again.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Retired unknowns: their last estimates in an archive, and their names where they are named."""
+"""Retired unknowns: their last estimates in an archive, and their names where they are named.
+
+It has the last estimate and covariance of every retired unknown, by name, and what was observed of
+them, as a line of the journal that takes them in again. It goes when the adjustment goes: the
+journal has the same, and fills another archive when it is resumed.
+"""
 
 from __future__ import annotations
 

@@ -156,7 +156,7 @@ def accepted(
         alpha: probability of a false alarm of one test.
         given: ids of observations that did not wait before.
         gains: whether verdicts say what each unit adds to its points; not for more than
-            `MOST_GAINS` units.
+            `MAX_GAINS` units.
     """
     if not joint.units:
         return

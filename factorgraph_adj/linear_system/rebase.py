@@ -1,4 +1,4 @@
-"""A new base: the batch adjustment of what is in the graph, from where everything is."""
+"""A new base: batch adjustment of all accepted observations from the current values."""
 
 from __future__ import annotations
 

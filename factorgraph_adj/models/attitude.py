@@ -1,4 +1,26 @@
-"""Attitudes of photos and carriers, inclinometers, directions in instruments (FRAMES F8, F13)."""
+"""Attitudes of photos and carriers, inclinometers, directions in instruments (FRAMES F8, F13).
+
+object_R_body = R B
+
+R is the rotation from photogrammetric camera axes (x right, y up, z backwards) to the object, B the
+rotation of a mount, body → camera: the boresight. A body is nominally turned like the camera, x to
+the right of the flight, y forward, z up, so that B = I; a body whose axes are x forward, y right, z
+down, the axes of roll, pitch and heading, is these axes turned by `FORWARD_RIGHT_DOWN`.
+
+Attitudes are observed in two ways:
+
+- ω, φ, κ from the axes of the frame: R_obs = R1(ω) R2(φ) R3(κ);
+- roll, pitch and heading from the horizon at the photo: object_R_obs = Eᵀ N R3(ψ) R2(θ) R1(φ) T,
+  E (rows east, north, up) the horizon at X₀, N north-east-down → east-north-up, T as above.
+
+A platform may be turned about east, north and up by a rotation vector ψ (`attitude_drift`), which
+stands on the left of the observed rotation in the horizon: Eᵀ Exp(ψ) E R_obs.
+
+g = Bᵀ Rᵀ E u(P)          r = Bᵀ Rᵀ E (X_j − X_i)
+
+g is the vertical at the instrument, r the line from its station to a target, in the axes of an
+instrument that is mounted (B) on a body whose frame has R and E, see `directions`.
+"""
 
 from __future__ import annotations
 

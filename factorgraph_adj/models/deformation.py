@@ -1,4 +1,33 @@
-"""Deformations of film, lens, plotter and strips of models: polynomials (FRAMES F2.3, F6)."""
+"""Deformations of film, lens, plotter and strips of models: polynomials (FRAMES F2.3, F6).
+
+q' = q + Σ_a p_a t_a(q / b)
+
+q are coordinates in the frame of a model, b is a length such as the base of the model. The
+parameters p_a have the unit of the frame: each is the displacement at a place one base away. They
+are shared by a group of models and weighted with 0 ± σ (Ayeni's method 23). With (ξ, η, ζ) = q / b:
+
+| components | terms | number |
+| --- | --- | --- |
+| ``x`` ``y`` ``z`` | shifts: errors of projection centres, in a group of their own | 3 |
+| ``affinity`` ``shear_xy`` | (ξ, −η, 0), (η, ξ, 0) | 2 |
+| ``stretch_z`` ``shear_xz`` ``shear_yz`` | (0, 0, ζ), (ζ, 0, ξ), (0, ζ, η) | 3 |
+| ``x_xy`` ``x_yy`` ``x_xyy`` | ξη, η², ξη² in x; the same in y | 6 |
+| ``z_xy`` ``z_yy`` ``z_xyy`` | ξη (twist), η², ξη² in z | 3 |
+
+The second and third row together are the affine deformation without the similarity. The second and
+the last two together span what {1, ξ} ⊗ {1, η, η²} has beside the similarity: 8 terms in plan and 3
+in height, those of Ebner (1976) without projection centres.
+
+X + i Y = x + i y + Σ_j (a_j + i b_j) s^j        s = along + i across
+    Z       = z + Σ h_kl along^k across^l
+
+(x, y, z) are coordinates of the strip, turned, scaled and shifted to the ground by its absolute
+orientation. Place s of a point in the strip counts from the middle of the strip, in a unit that
+keeps powers small, such as kilometres. Plan is conformal: a function of the complex number s.
+
+The coefficients are metres, that is, metres for each power of the unit of s. Their order is by
+degree, so that a strip of a lower degree has only the first of them.
+"""
 
 from __future__ import annotations
 

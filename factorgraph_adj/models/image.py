@@ -1,4 +1,23 @@
-"""Image coordinates by the collinearity equations (eq. 1), their axes, straight lines in images."""
+"""Image coordinates by the collinearity equations (eq. 1), their axes, straight lines in images.
+
+With the pose world_T_camera in the axes of GTSAM (x right, y down, z forward),
+p = Rᵀ (X − X₀), the tangents of the ray are t_x = p_x/p_z and t_y = −p_y/p_z. They equal
+−q1/q3 and −q2/q3 in photogrammetric axes. A lens model takes tangents or the ray itself.
+
+All of these mirror the image. Each undoes itself, so that the same function makes the mistake and
+puts it right.
+
+The plane through the projection centre X₀ and a line with direction d through Z has in the axes of
+the camera the normal n = Rᵀ (d × (Z − X₀)). A measured point has the ideal tangents t, from which
+its ray is r = (t_x, −t_y, 1), and its distance from the imaged line is
+
+    v = c nᵀr / √(n_x² + n_y²)        (image units)
+
+in the plane of ideal coordinates. Lens models of rays have no such plane: r is then a unit vector
+and v = c nᵀr/|n|, c times the sine of the angle to the plane of the line. As in the lens models
+from measured to ideal coordinates, σ is that of measured coordinates.
+(FRAMES F17.4; MMVII AdjLine3D.)
+"""
 
 from __future__ import annotations
 

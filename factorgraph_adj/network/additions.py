@@ -1,4 +1,4 @@
-"""Addition of finished points, photos, cameras and other unknowns to a network, with checks."""
+"""Addition of points, photos, cameras and unknowns made elsewhere, with all their problems."""
 
 from __future__ import annotations
 

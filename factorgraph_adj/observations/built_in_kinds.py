@@ -1,4 +1,4 @@
-"""The built-in kinds of observations."""
+"""Records of image points, distances, angles, heights and GNSS, and the register of all."""
 
 from __future__ import annotations
 

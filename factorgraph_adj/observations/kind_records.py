@@ -1,4 +1,4 @@
-"""Records of the built-in kinds of observations: their formulas, unknowns and units."""
+"""Records of kinds beside `built_in_kinds`: flight, instruments, metrology, relations, shapes."""
 
 from __future__ import annotations
 

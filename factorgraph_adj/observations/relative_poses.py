@@ -1,4 +1,4 @@
-"""Relative poses of two photos: odometry, precomputed pairs, members of rigs."""
+"""Relative rotation and relative position of two photos: odometry, pairs, members of rigs."""
 
 from __future__ import annotations
 

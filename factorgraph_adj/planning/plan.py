@@ -1,4 +1,19 @@
-"""Precision and reliability of a design before any reading, and displacements that it detects."""
+"""Precision and reliability of a design before any reading, and displacements that it detects.
+
+Covariances, redundancy numbers, smallest detectable errors and their effects depend only on
+geometry and weights. Therefore the readings are computed from the given values of the network, and
+the network is adjusted.
+
+Both epochs are measured as the design says, so that differences of coordinates have Q_d = 2 Q. A
+point is tested against the reference points, which are taken as stable, by the test of
+`factorgraph_adj.epochs.congruence` with known σ0: with Q_∇ of its displacement (k, k)
+
+    ∇ = √(λ(α, β, k) · largest eigenvalue of Q_∇)
+
+is found with the probability 1 − β in the direction in which it is hardest to find; λ is the
+noncentrality of χ² with k degrees of freedom. k counts the free coordinates of the point: 1 for a
+height, 2 in plan, 3 in space.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,35 @@
-"""Targets and candidates in a TOML file."""
+"""Targets and candidates in a TOML file.
+
+[[target]]
+    kind = "semi_axis"                  # and at_most or at_least, points, observations …
+    at_most_mm = 1.5                    # or at_most = 0.0015, metres
+    points = ["P*"]
+
+    [[candidate]]
+    name = "photo from the gallery"
+    cost = 5
+    observations = [{kind = "image", photo = "F9", point = "P1", sigma_um = 3}]
+    [[candidate.photos]]                # columns of photos.csv
+    name = "F9"
+    camera = "C"
+    x = 12.0
+    y = -8.5
+    z = 4.2
+    omega = 95.0
+    phi = 10.0
+    kappa = 0.0
+
+    [[candidate]]
+    name = "set-up S3"                  # its sights stand in the table
+    points = [{name = "S3", x = 40.0, y = -50.0, z = 1.5}]         # columns of points.csv
+
+    [files]
+    candidates = "candidates.csv"       # columns of observations.csv, and candidate and cost
+
+Rows of the table that name the same candidate belong together, with the entries of a
+``[[candidate]]`` of that name; one of these places, or several, states the cost. New points and
+photos are given only in the TOML file. Readings are optional.
+"""
 
 from __future__ import annotations
 

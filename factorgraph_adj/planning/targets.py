@@ -1,4 +1,12 @@
-"""Targets of a network, the items that fail them, and patterns of their names."""
+"""Targets of a network, the items that fail them, and patterns of their names.
+
+Every target has figures, one for each of its items (points, or scalar observations), and a limit.
+The lack of an item is |ln(figure/limit)| if it fails its target, so that figures of different kinds
+can be added up.
+
+``*`` matches any characters and ``?`` one character; all other characters, also brackets, match
+themselves. A single string is one pattern.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Systematic errors: significance and separability of additional parameters.
+"""Significance and correlations of calibration, distance-meter and refraction parameters.
 
 Each parameter of interior orientation, lens distortion, distance meters and refraction is tested
 against its value without a systematic error, and strong correlations with other unknowns are

@@ -1,4 +1,4 @@
-"""Image coordinates in the axes of the files of their camera, where y may point down.
+"""Calibrations, parameter tests and causes with the sign of y that the files of the camera have.
 
 The network, its solution and its reliability have y up. Reports change the sign of y, of y0, and
 of their residuals, test values, errors and correlations, where the files of a camera have y down.

@@ -1,4 +1,10 @@
-"""Values that a plan takes where its network gives none, and points that it cannot determine."""
+"""Values that a plan takes where its network gives none, and points that it cannot determine.
+
+Shapes follow from the points on them. A component whose value is of no consequence, or has a
+natural choice, takes `Component.planned`: orientations of sets and constants of gyrotheodolites are
+0, and so is the offset of a frame about an origin that was stated. Everything else must be given:
+the partials, and with them the expected precision, depend on it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,25 @@
-"""The spec of a simulation: all parameters of a simulated network, in TOML files."""
+"""The spec of a simulation: all parameters of a simulated network, in TOML files.
+
+Example:
+    >>> from factorgraph_adj.simulation.generate.aerial_blocks import Aerial
+    >>> from factorgraph_adj.simulation.generate.control import Control
+    >>> spec = Spec(parts=(Aerial(strips=2, photos_per_strip=4),), control=Control())
+    >>> len(design(spec).photos)
+    8
+    >>> spec.varied({"parts.0.strips": 3}).parts[0].strips
+    3
+
+Example:
+    ::
+
+        name = "a small block"
+        [[parts]]
+        kind = "aerial"
+        strips = 2
+        [control]
+        horizontal = "perimeter"
+        vertical = "full"
+"""
 
 from __future__ import annotations
 

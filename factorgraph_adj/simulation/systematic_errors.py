@@ -1,4 +1,4 @@
-"""Systematic errors: wrong assumptions of an adjustment.
+"""Systematic errors of simulated readings that the adjustment does not know.
 
 Some errors concern quantities of the network, such as refraction or the scale of a tape: the
 readings are made with the true value, and the network has the assumed value. Other errors are in

@@ -58,7 +58,7 @@ def block(tmp_path_factory) -> Path:
     "tests call it in this process"
 )
 def test_a_good_project_ends_with_0_protocol_and_files(block, tmp_path):
-    result = run("adjust", block, "--out", tmp_path / "out")
+    result = run("adjust", block, "--full", "--out", tmp_path / "out")
     assert (result.returncode, result.stderr) == (0, "")
     assert set(contents(tmp_path / "out")) == FILES
     assert result.stdout == (tmp_path / "out" / "protocol.txt").read_text(encoding="utf-8")
@@ -243,7 +243,7 @@ def test_an_interrupted_first_run_leaves_no_folder(block, tmp_path, monkeypatch,
 def test_ctrl_c_ends_with_130_and_writes_nothing(block, tmp_path):
     waits = (
         "import sys\n"
-        "from factorgraph_adj.cli import adjust as command\n"
+        "from factorgraph_adj.cli import adjustment as command\n"
         "from factorgraph_adj.cli.command_line import main\n"
         "real = command.adjust\n"
         "def slow(network, *, progress, **options):\n"

@@ -146,7 +146,7 @@ def test_a_signal_ends_it_while_it_waits_for_a_line(yard, number, code):
 
 SLOW = """
 import os, signal, sys
-from factorgraph_adj.cli import main as cli
+from factorgraph_adj.cli import command_line as cli
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
 real = IncrementalAdjustment.add
 def add(self, *arguments, **more):

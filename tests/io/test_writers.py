@@ -18,7 +18,7 @@ from tests.networks.epochs import epoch
 
 PACKAGE = Path(fga.__file__).parent
 OWN_WAYS = {
-    "cli/main.py": "nothing, to nothing, when nobody reads the output any more",
+    "cli/command_line.py": "nothing, to nothing, when nobody reads the output any more",
     "io/transaction_folders.py": "files beside their places",
     "io/journal.py": "a journal, of which every line is whole or taken back",
     "io/json_records.py": "a temporary folder that is read again",

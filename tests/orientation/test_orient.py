@@ -148,7 +148,7 @@ def test_approximate_values_come_first():
 def test_the_command_and_the_check_begin_from_images(tmp_path, capsys):
     block = ring(3, photos=8, control=0)
     fga.write_project(block.network, tmp_path / "ring" / "project.toml")
-    assert main(["adjust", str(tmp_path / "ring")]) == 0
+    assert main(["adjust", str(tmp_path / "ring"), "--full"]) == 0
     assert "Start from image points: 8 photos" in " ".join(capsys.readouterr().out.split())
     assert main(["check", str(tmp_path / "ring")]) == 0
     assert "approximate values are there" in capsys.readouterr().out

@@ -26,7 +26,7 @@ def test_projects_are_parts_of_one_network(tmp_path, capsys):
         projects.append(str(tmp_path / f"p{part.name}"))
         fga.write_project(part.load(), tmp_path / f"p{part.name}" / "project.toml")
     out = tmp_path / "results"
-    main(["adjust", *projects, "--out", str(out)])
+    main(["adjust", *projects, "--full", "--out", str(out)])
     whole = fga.adjust(network)
     printed = capsys.readouterr().out
     assert f"redundancy n − u      {whole.redundancy};" in printed

@@ -69,7 +69,11 @@ def extended(solution: fga.Solution) -> tuple[Array, Array]:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_r_and_e1_are_those_of_extended_precision(play, free, in_fronts, seed, monkeypatch):
     if in_fronts:
-        for limit in ("LARGEST_TREE", "LARGEST_TREE_BESIDE_CAMERAS", "FEW_PLACED"):
+        for limit in (
+            "MAX_TREE_VARIABLES",
+            "MAX_TREE_VARIABLES_BESIDE_CAMERAS",
+            "MAX_PLACED_IN_BORDER",
+        ):
             monkeypatch.setattr(elimination_layers, limit, 0)
     solution = fga.adjust(measure(rig(4, free=free, play=play), seed=seed), tolerance=1e-8)
     assert solution.solver.layers.in_fronts == in_fronts

@@ -1,4 +1,4 @@
-"""Files of Comp3D: lines of words in files that name other files; points (.cor).
+"""Files of Comp3D: project (.comp), points (.cor), joint covariance (.csv), lines with includes.
 
 Lines have comments. Points have a code, coordinates, standard deviations and deflections of the
 vertical.

@@ -1,4 +1,4 @@
-"""Aerial blocks: vertical photos in strips and cross strips, as they were flown."""
+"""Simulated aerial blocks: camera, points, vertical photos in strips and cross strips."""
 
 from __future__ import annotations
 

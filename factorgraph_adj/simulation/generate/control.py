@@ -1,4 +1,4 @@
-"""Control: known points in plan and in height, and their standard deviations."""
+"""Choice of the simulated points that become control, held or weighted, in plan and in height."""
 
 from __future__ import annotations
 
