@@ -20,8 +20,8 @@ the points are, or from a place at which vᵀPv is smaller: moved both ways alon
 which they are weakest, or at the mirror image that fits the other observations as well (see
 `solve.second_minimum`). Both vᵀPv are those of one side: those of the two sides without the
 observation may differ by the critical value of one degree of freedom, which chance exceeds with a
-probability of α/2 at most. An observation that moves a point to its other side, which nothing else tells, is
-accepted with a doubt, as above.
+probability of α/2 at most. An observation that moves a point to its other side, which nothing
+else tells, is accepted with a doubt, as above.
 
 Observations that arrive one by one find an unknown from the first few of them, which several values
 may fit, as a frame does that two points leave on either side; a gross error that was in for a time

@@ -1,6 +1,6 @@
 """Attitudes of photos and carriers, inclinometers, directions in instruments (FRAMES F8, F13).
 
-object_R_body = R B
+    object_R_body = R B
 
 R is the rotation from photogrammetric camera axes (x right, y up, z backwards) to the object, B the
 rotation of a mount, body → camera: the boresight. A body is nominally turned like the camera, x to
@@ -16,7 +16,7 @@ Attitudes are observed in two ways:
 A platform may be turned about east, north and up by a rotation vector ψ (`attitude_drift`), which
 stands on the left of the observed rotation in the horizon: Eᵀ Exp(ψ) E R_obs.
 
-g = Bᵀ Rᵀ E u(P)          r = Bᵀ Rᵀ E (X_j − X_i)
+    g = Bᵀ Rᵀ E u(P)          r = Bᵀ Rᵀ E (X_j − X_i)
 
 g is the vertical at the instrument, r the line from its station to a target, in the axes of an
 instrument that is mounted (B) on a body whose frame has R and E, see `directions`.

@@ -1,6 +1,6 @@
 """Deformations of film, lens, plotter and strips of models: polynomials (FRAMES F2.3, F6).
 
-q' = q + Σ_a p_a t_a(q / b)
+    q' = q + Σ_a p_a t_a(q / b)
 
 q are coordinates in the frame of a model, b is a length such as the base of the model. The
 parameters p_a have the unit of the frame: each is the displacement at a place one base away. They
@@ -18,7 +18,7 @@ The second and third row together are the affine deformation without the similar
 the last two together span what {1, ξ} ⊗ {1, η, η²} has beside the similarity: 8 terms in plan and 3
 in height, those of Ebner (1976) without projection centres.
 
-X + i Y = x + i y + Σ_j (a_j + i b_j) s^j        s = along + i across
+    X + i Y = x + i y + Σ_j (a_j + i b_j) s^j        s = along + i across
     Z       = z + Σ h_kl along^k across^l
 
 (x, y, z) are coordinates of the strip, turned, scaled and shifted to the ground by its absolute

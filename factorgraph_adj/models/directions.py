@@ -1,6 +1,6 @@
 """Directions in the object: verticals, lines between points, the zenith and bodies at infinity.
 
-g = Rᵀ E d
+    g = Rᵀ E d
 
 d is a vector of the object (n, 3), R and E those of the frame, see `sub_frame`. Neither the origin
 nor the scale of the frame takes part, except that the horizon E of a level frame is that of its
@@ -12,7 +12,7 @@ origin.
 | ω | [g]× |
 | O and (ξ, η) at O, of a level frame | what the horizon at O turns |
 
-q = Bᵀ D Rᵀ s
+    q = Bᵀ D Rᵀ s
 
 s is a unit vector in the frame of the network, R the attitude world_R_camera, D the turn from the
 camera's axes to photogrammetric ones (x right, y up, z backwards), and B the rotation of the mount,

@@ -1,6 +1,6 @@
 """Heights above the reference surface, surfaces of equal pressure and of water (FRAMES F9).
 
-profile:  (1 + s) (h − a − b t − c t²)          water:  h − (w + slope · along + geoid)
+    profile:  (1 + s) (h − a − b t − c t²)          water:  h − (w + slope · along + geoid)
 
 h is the height of a point, or of an instrument that a camera carries at X₀ + R a, in the frame of
 the network, see `height`.

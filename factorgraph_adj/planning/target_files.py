@@ -1,6 +1,6 @@
 """Targets and candidates in a TOML file.
 
-[[target]]
+    [[target]]
     kind = "semi_axis"                  # and at_most or at_least, points, observations …
     at_most_mm = 1.5                    # or at_most = 0.0015, metres
     points = ["P*"]
