@@ -125,21 +125,3 @@ def right_jacobian_inverse(w: Array) -> Array:
     d = np.where(small, 1.0 / 12.0, (1.0 - half * np.cos(half) / np.sin(half)) / safe)
     k = skew(w)
     return np.eye(3) + 0.5 * k + d[..., None, None] * (k @ k)
-
-
-def retract_poses(rotation: Array, position: Array, delta: Array) -> tuple[Array, Array]:
-    """Move poses by tangents [ω, δ]: R ← R Exp(ω), X₀ ← X₀ + δ.
-
-    The tangent of this library has the shift in object axes, so that single coordinates of a
-    projection centre can be held and its covariance needs no rotation. GTSAM's Pose3 tangent
-    [ω, v] has v = Rᵀ δ; `factorgraph_adj.graph.keys` converts between the two tangents.
-
-    Args:
-        rotation: world_R_camera (n, 3, 3).
-        position: projection centres (n, 3), metres.
-        delta: tangents [ω about the axes of the camera (rad), δ (m)], (n, 6).
-
-    Returns:
-        The moved rotations and positions.
-    """
-    return rotation @ exp_rotation(delta[:, :3]), position + delta[:, 3:]

@@ -88,8 +88,6 @@ EXTRAS = {
     "polars": ("experiment", "columns"),
     "xarray": ("export",),
     "poselib": ("orientation",),
-    "pycolmap": ("io",),
-    "pyopf": ("io",),
     "yaml": ("io",),
     "pyproj": ("crs",),
     "ezdxf": ("export",),

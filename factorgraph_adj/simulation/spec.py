@@ -50,7 +50,6 @@ from .generate import (
     terrestrial_additions,
     terrestrial_networks,
 )
-from .generate import aerial_blocks as cross_strips
 from .generate.control import Control
 from .generate.scene import Part, Scene
 from .measurement import Seed, SimulatedNetwork, Truth, disturb, measure
@@ -109,14 +108,10 @@ INDEX = re.compile(r"\[(\d+)\]")
 MODULES_OF_PARTS = (
     aerial_blocks,
     close_range_blocks,
-    cross_strips,
     terrestrial_networks,
-    metrology,
     metrology,
     terrestrial_additions,
     flight_observations,
-    flight_observations,
-    rigs_and_models,
     rigs_and_models,
     published_blocks,
 )

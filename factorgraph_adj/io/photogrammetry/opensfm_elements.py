@@ -21,7 +21,6 @@ A name that begins with CHK- is that of a check point.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -232,26 +231,3 @@ def read_opensfm_camera(node: JsonNode) -> SfmCamera:
         lens = AffineNormalisedLens()
         values |= {"b1": fx - fy}
     return SfmCamera(lens, values, size, tuple(n for n in lens.names if n in estimated))
-
-
-def opensfm_camera_record(
-    lens: Lens, values: Mapping[str, float], size: tuple[float, float]
-) -> dict[str, object] | None:
-    """Return a camera of a reconstruction; None if OpenSfM has no such lens.
-
-    Args:
-        lens: the lens model.
-        values: its parameters by name, pixels from the upper left corner, y up.
-        size: width and height, pixels.
-    """
-    if type(lens) not in (Lens, NormalisedLens, AffineNormalisedLens):
-        return None
-    k = {n: values.get(n, 0.0) for n in AffineNormalisedLens().names}
-    if k["k4"] or k["b2"]:
-        return None
-    side = max(size)
-    out: dict[str, object] = {"projection_type": "brown", "width": size[0], "height": size[1]}
-    out |= {"focal_x": (k["c"] + k["b1"]) / side, "focal_y": k["c"] / side}
-    out |= {"c_x": (k["x0"] - size[0] / 2) / side, "c_y": (-k["y0"] - size[1] / 2) / side}
-    out |= {n: k[n] for n in ("k1", "k2", "k3")}
-    return out | {"p1": -k["p2"] if k["p2"] else 0.0, "p2": k["p1"]}

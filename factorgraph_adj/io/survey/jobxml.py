@@ -26,7 +26,6 @@ from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook, StatedSigmas
 
 DEG = math.pi / 180.0
 JOBXML_FACES = {"Face1": 1, "Face2": 2, "FaceNull": None, "": None}
-ENTERED_METHODS = ("KeyedIn", "Coordinates", "Control")
 
 
 def read_jobxml(

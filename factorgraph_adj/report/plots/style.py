@@ -34,7 +34,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 BLACK, GREY, PALE = "#000000", "#8c8c8c", "#d9d9d9"
-ORANGE, SKY, GREEN, YELLOW = "#e69f00", "#56b4e9", "#009e73", "#f0e442"
+ORANGE, SKY, GREEN = "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
 """Colours of Okabe & Ito, which colour-blind readers can distinguish."""
 
