@@ -14,6 +14,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib import import_module
 from typing import Any, Literal
 
 import numpy as np
@@ -182,6 +183,12 @@ class Snooping(Shown):
             ((r.label, r.test, r.estimated_error, r.round) for r in self.rejected),
             len(self.rejected),
         )
+
+    def summary(self) -> str:
+        """Return the result on one screen, with what was set aside; see `Solution.summary`."""
+        # Reports stand above this module.
+        found: str = import_module("factorgraph_adj.report.summary").snooping_summary(self)
+        return found
 
     @property
     def at_the_start(self) -> Literal["robust", "before"]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias, get_args
 
 from ..errors import InputError
@@ -82,3 +82,10 @@ class Provenance:
     """Variance components that determined the weights of the solution."""
     run: Run = field(default_factory=Run)
     """File, date and options of the run."""
+
+    def with_snooping(self, found: Snooping) -> Provenance:
+        """Return the provenance of the solution of data snooping."""
+        original = self.original
+        if original is None and found.whole is not None:
+            original = found.whole.network
+        return replace(self, snooping=found, original=original)

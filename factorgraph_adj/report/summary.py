@@ -13,6 +13,7 @@ import numpy as np
 from ..control_characters import escaped
 from ..errors import known
 from ..parts.solution import PartsSolution
+from ..quality.rejections import Snooping
 from ..solve.solution import Solution
 from ..statistical_tests import AdjustmentFigures, global_test
 from ..units import decimal
@@ -24,6 +25,7 @@ from .html.rendering import Texts
 from .html.verdict import LightColour, adjustment_verdict
 from .layout import LINE_WIDTH, clipped, listed, paragraph, short, table
 from .observation_rows import Row
+from .options import Provenance
 from .text import NO_REDUNDANCY, doubt_lines, global_test_text, note_lines
 
 MAX_LINES = 24
@@ -54,6 +56,11 @@ def summary(solution: Solution) -> str:
     the points with the largest standard deviations, and where the rest is.
     """
     return render_summary(Report(solution))
+
+
+def snooping_summary(found: Snooping) -> str:
+    """Return the result of data snooping on one screen, see `summary`."""
+    return render_summary(Report(found.solution, provenance=Provenance().with_snooping(found)))
 
 
 def render_summary(report: Report) -> str:

@@ -8,6 +8,7 @@ from math import isfinite
 from ..control_characters import escaped
 from ..epochs.comparison import Congruence
 from ..frames import Frame, GeocentricFrame, LocalFrame
+from ..quality.rejections import Snooping
 from ..solve.solution import Solution
 from ..statistical_tests import GlobalTest, global_test
 from ..units import format_angle
@@ -56,7 +57,7 @@ COMPASS_WORDS = {"e": "east", "w": "west", "n": "north", "s": "south"}
 
 
 def protocol(
-    solution: Solution | Congruence,
+    solution: Solution | Snooping | Congruence,
     options: ReportOptions | None = None,
     provenance: Provenance | None = None,
 ) -> str:
@@ -70,13 +71,17 @@ def protocol(
     largest test values with estimated errors and inseparable observations.
 
     Args:
-        solution: the result of `adjust`, or of `congruence`: what moved, and why it is believed.
+        solution: the result of `adjust`, of `snoop` (the adjustment without what was set aside),
+            or of `congruence`: what moved, and why it is believed.
         options: units, lengths of lists, probabilities, tests, ellipses of an adjustment.
         provenance: data snooping or variance components that the solution comes from.
     """
     if isinstance(solution, Congruence):
         return render_congruence(solution)
-    return render_text(Report(solution, options or ReportOptions(), provenance or Provenance()))
+    origin = provenance or Provenance()
+    if isinstance(solution, Snooping):
+        origin, solution = origin.with_snooping(solution), solution.solution
+    return render_text(Report(solution, options or ReportOptions(), origin))
 
 
 def render_text(report: Report) -> str:

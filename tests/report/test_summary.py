@@ -167,3 +167,12 @@ def test_without_pandas_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(fga.InputError, match=r"needs pandas: pip install"):
         solution.to_pandas()
+
+
+def test_the_screen_and_the_protocol_of_snooping_have_what_was_set_aside() -> None:
+    found = fga.snoop(trilateration(blunder=0.05))
+    assert found.rejected
+    for text in (found.summary(), fga.protocol(found)):
+        assert "set aside" in text
+        assert "0-2" in text
+    assert len(found.summary().splitlines()) <= MAX_LINES
