@@ -423,6 +423,7 @@ class IncrementalAdjustment(StateQueries):
 
         Raises:
             AdjustmentError: there is no minimum with what was retired; it stays retired.
+            InputError: another observation has the id of one that was retired, which stays so.
         """
         if all and self._state.ledger.retired is not None:
             before = self._state

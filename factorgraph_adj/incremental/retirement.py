@@ -325,12 +325,15 @@ def _with_values(ledger: Ledger, values: Mapping[Variable, Array]) -> Ledger:
 
 
 def with_everything(ledger: Ledger) -> Ledger:
-    """Return a ledger with everything that was retired, as if it had come just now."""
+    """Return a ledger with everything that was retired, or raise where an id is there twice."""
     retired, clock = ledger.retired, ledger.clock
     if retired is None:
         return ledger
     ledger = replace(ledger, retired=None)
     for line in retired.archive.lines(retired.number):
+        if twice := ledger.ids_of(ledger.find(journal_entries.ids_of(line))):
+            what = "has the id of one that is retired, which is not taken back beside it: remove it"
+            raise InputError([Problem(what, f"observation {i!r}") for i in twice])
         ledger = journal_entries.replay(line, ledger, where="what was retired")
         ledger = replace(ledger, clock=clock)
     return ledger
@@ -392,7 +395,7 @@ def without(
         archive.number + 1,
         moment,
         estimates,
-        [i for u in units for i in u.ids],
+        [*(i for u in units for i in u.ids), *ledger.rows.own_ids(leaving.rows)],
         journal_entries.everything_of(ledger, leaving.rows, names["point"], names["pose"]),
     )
     keys: dict[Variable, Key] = {

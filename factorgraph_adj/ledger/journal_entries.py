@@ -46,7 +46,7 @@ from ..io.json_records import (
 from ..models.variables import VariableKind
 from ..network.network import Network
 from ..observations import Correlated, Observation
-from ..observations.image import identity
+from ..observations.image import identity, number_beyond
 from ..types import Array, Index
 from .command_input import Input
 from .ledger import Ledger
@@ -280,6 +280,20 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
         return _after(line, ledger, where)
 
 
+def ids_of(line: Mapping[str, Any]) -> list[str]:
+    """Return the ids of the observations that a line defines."""
+    out: list[str] = []
+    for given in line.get("observations", ()):
+        item = observation_of(given)
+        members = item.observations if isinstance(item, Correlated) else (item,)
+        out += [identity(o) or "" for o in members]
+    for record in line.get("images", ()):
+        if "xy" in record:
+            own, photo = record.get("ids", {}), record["photo"]
+            out += [own.get(str(n), f"{photo}/{p}") for n, p in enumerate(record["points"])]
+    return out
+
+
 @contextmanager
 def reading(where: str) -> Iterator[None]:
     """Say in every error where the line stands that is read.
@@ -316,8 +330,8 @@ def _after(line: Mapping[str, Any], ledger: Ledger, where: str) -> Ledger:
     ids = [identity(o) or "" for o in members]
     ledger = ledger.moved(ledger.find([*ids, *line.get("gone", ())]), None, "journal")
     ledger, _ = ledger.appended(items, "journal")
-    numbers = [int(i) + 1 for i in ids if i.isdecimal()]
-    ledger = replace(ledger, next=max([ledger.next, *numbers]))
+    rays = [i for record in line.get("images", ()) for i in record.get("ids", {}).values()]
+    ledger = replace(ledger, next=number_beyond([*ids, *rays], ledger.next))
     causes = {i: cause for cause, ids in line.get("causes", {}).items() for i in ids}
     for outcome in OUTCOMES:
         told = line.get(outcome, ())

@@ -26,7 +26,7 @@ from ..models.variables import VariableKind
 from ..network.additions import NO_UNKNOWNS, UnknownsGiven, add_entities
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
-from ..observations.image import identity, named
+from ..observations.image import identity, named, number_beyond
 from ..types import Array, Index
 from .command_input import checked, ticks
 from .retired_unknowns import Retired
@@ -47,7 +47,7 @@ class Ledger:
     lacks: Mapping[Variable | str, str] = field(default_factory=dict)
     """Why variables are not determined, and why observations, by their first ids, still wait."""
     next: int = 1
-    """Number from which ids are given to observations without one."""
+    """Number from which ids are given where there is none, beyond all ids that ever were."""
     causes: Mapping[int, str] = field(default_factory=dict)
     """Why rows have changed since the last line of the journal."""
     filled: Mapping[VariableKind, Mapping[str, Sequence[float]]] = field(default_factory=dict)
@@ -83,7 +83,9 @@ class Ledger:
                 units[ids[0]] = found, group[ident][1]
         made = Unit.of_each(network, list(units.values()))
         rows = RowStore().with_more(RowColumns.of_units(made), "accepted")
-        return cls(bare, Names.of(bare), rows.with_more(RowColumns(network.images), "accepted"))
+        rows = rows.with_more(RowColumns(network.images), "accepted")
+        number = number_beyond([*network.observations, *network.images.ids.values()])
+        return cls(bare, Names.of(bare), rows, next=number)
 
     # -- arrivals -----------------------------------------------------------------------------
 
@@ -159,7 +161,7 @@ class Ledger:
         used, number, new = set(ids), self.next, []
         for o, ident in zip(every, ids, strict=True):
             if ident is None:
-                while str(number) in used or self._was_given(str(number)):
+                while str(number) in used:
                     number += 1
                 ident, number = str(number), number + 1
             new.append(named(o, ident))
@@ -171,14 +173,7 @@ class Ledger:
                 items.append(replace(item, observations=own))
             else:
                 items.extend(own)
-        return items, number
-
-    def _was_given(self, ident: str) -> bool:
-        """Return whether an observation has an id; retired ones keep theirs, and come back."""
-        if self.status(ident) != "gone":
-            return True
-        retired = self.retired
-        return retired is not None and bool(retired.archive.moment_of(ident, retired.number))
+        return items, number_beyond([i for i in ids if i is not None], number)
 
     def appended(self, items: Sequence[AnyObservation], cause: str) -> tuple[Ledger, Index]:
         """Take observations in as waiting, which bear their ids; return their rows in order."""

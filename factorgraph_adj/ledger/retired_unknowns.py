@@ -83,7 +83,7 @@ class Archive:
             number: number of the retirement.
             moment: when it is, in words.
             unknowns: the unknowns.
-            ids: ids of their observations, image points apart.
+            ids: ids of their observations, image points without ids of their own apart.
             line: what takes all of it in again.
         """
         run = self._database.execute
@@ -128,7 +128,7 @@ class Archive:
         return LastEstimate(*variable, row[0], value, covariance)
 
     def moment_of(self, ident: str, upto: int) -> str:
-        """Return when an observation that is no image point was retired; empty where it was not."""
+        """Return when an observation with an id of its own was retired; empty: it was not."""
         row = self._database.execute(
             "SELECT moment FROM observation JOIN retirement USING (number) "
             "WHERE id = ? AND number <= ?",

@@ -410,6 +410,11 @@ class RowStore:
         own = self.room.ids.get(row)
         return (own or f"{names.photos[self.photo[row]]}/{names.points[self.point[row]]}",)
 
+    def own_ids(self, rows: Index) -> list[str]:
+        """Return the ids of those image points among rows that have ids of their own."""
+        own = self.room.ids
+        return [own[r] for r in self.images(rows).tolist() if r in own] if own else []
+
     def unit(self, network: Network, names: Names, row: int) -> Unit:
         """Return a row as a unit."""
         unit = self.room.units.get(row) or self.room.made.get(row)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from typing import ClassVar
 
@@ -37,6 +38,16 @@ def identity(o: Observation) -> str | None:
     if own is None and isinstance(o, ImagePoint):
         return f"{o.photo}/{o.point}"
     return own
+
+
+MAX_DIGITS = 18
+"""Largest number of digits of an id that counts as a number: no count of observations has more."""
+
+
+def number_beyond(ids: Iterable[str], first: int = 1) -> int:
+    """Return the least number, from a first one on, that is beyond those among some ids."""
+    numbers = (int(i) + 1 for i in ids if i.isdecimal() and len(i) <= MAX_DIGITS)
+    return max(first, max(numbers, default=first))
 
 
 def named(o: Observation, ident: str) -> Observation:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import pickle
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.ledger.options import ENGINES
-from factorgraph_adj.observations import HeightDifference, SlopeDistance
+from factorgraph_adj.observations import ControlPoint, HeightDifference, SlopeDistance
 from factorgraph_adj.solve import marginalisation
 from tests.benchmarks.vehicle import Drive
 from tests.networks.moved_after_retirement import (
@@ -26,8 +27,9 @@ from tests.networks.moved_after_retirement import (
     two_points,
     two_points_by_distances,
 )
-from tests.networks.photo_block import block
+from tests.networks.photo_block import SIGMA, block
 from tests.networks.traverse import observed, points_of, traverse
+from tests.support.arrivals import bare, items
 
 POINTS = 12
 LATE = ("P8", "P10")
@@ -185,6 +187,44 @@ def test_new_observations_get_no_ids_of_retired_ones(engine, resumed, tmp_path):
     everything = two_points_by_distances(0.01)
     everything.add(*new)
     assert off(inc, fga.adjust(everything), ["P", "Q"]) < 1e-6
+
+
+@pytest.mark.parametrize("resumed", [False, True])
+def test_new_observations_get_no_ids_of_removed_ones(engine, resumed, tmp_path):
+    """Nor where the removed one had been given its number as an id."""
+    journal = tmp_path / "day.jsonl"
+    inc = fga.IncrementalAdjustment(two_points_by_distances(0.01), engine=engine, journal=journal)
+    inc.remove("6")
+    inc.add(HeightDifference("A", "P", 0.0, sigma=0.01, id="9"))
+    inc.remove("9")
+    if resumed:
+        del inc
+        inc = fga.IncrementalAdjustment.resume(journal, engine=engine)
+    (verdict,) = inc.add(HeightDifference("A", "P", 0.0, sigma=0.01)).verdicts
+    assert verdict.id == "10"
+
+
+def test_ids_of_retired_image_points_name_nothing_else():
+    """Their own ids are refused; with photo/point as another id they are not taken back."""
+    network = block(3, SIGMA)
+    rays = [o for o in network.image_points() if o.point == "P23"]
+    inc = fga.IncrementalAdjustment(bare(network), policy="accept")
+    inc.add([replace(o, id="900") if o == rays[0] else o for o in items(network)])
+    inc.settle()
+    before = len(inc)
+    inc.retire(points=["P23"])
+    near = ControlPoint("P0", tuple(inc.estimate("P0").tolist()), sigma=(1.0, 1.0, 1.0))
+    with pytest.raises(fga.InputError, match=r"duplicate id '900'.*retired"):
+        inc.add(replace(near, id="900"))
+    other = f"{rays[1].photo}/P23"
+    inc.add(replace(near, id=other))
+    said = repr(inc)
+    with pytest.raises(fga.InputError, match=f"observation '{other}': has the id of one"):
+        inc.settle(all=True)
+    assert repr(inc) == said
+    inc.remove(other)
+    inc.settle(all=True)
+    assert len(inc) == before
 
 
 def test_what_is_asked_of_something_retired_says_so():
