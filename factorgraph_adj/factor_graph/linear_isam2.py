@@ -46,7 +46,7 @@ MOST_KEYS_TOGETHER = 8
 MOST_TERMS = 3
 """Largest number of keys with which iSAM2 takes a factor in one call from Python."""
 CONVERGED_GAP = 1e-7
-"""Norm of all gaps at which `Tree.settle` ends."""
+"""Norm of all gaps at which `LinearISAM2.settle` ends."""
 
 
 _VERSIONS = count()

@@ -36,7 +36,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.simulation.measurement import look_at, measure
-from factorgraph_adj.start import search as rounds
+from factorgraph_adj.start import search as start_search
 from factorgraph_adj.start.search import approximate
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC, GON
@@ -648,8 +648,8 @@ def test_complete_values_are_not_looked_at(monkeypatch):
     def search(*_: object) -> None:
         raise AssertionError("nothing is missing")
 
-    monkeypatch.setattr(rounds, "_search_input", search)
-    monkeypatch.setattr(rounds, "orient_sets_by_model", search)
+    monkeypatch.setattr(start_search, "_search_input", search)
+    monkeypatch.setattr(start_search, "orient_sets_by_model", search)
     state = approximate(equations)
     for kind, values in equations.unknowns.start().items():
         np.testing.assert_array_equal(state[kind], values)

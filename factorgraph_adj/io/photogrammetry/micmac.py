@@ -26,7 +26,6 @@ from ...observations import ControlPoint
 from ...types import Array
 from ..xml_files import Element, read_xml
 from . import micmac_mmvii
-from . import micmac_mmvii as micmac_measures
 from .block_source import BlockProblems, ImagePoints, add_pixel_camera, rotation_and_scale
 
 DISTORTION_CONVENTION = "eConvApero_DistM2C"
@@ -77,9 +76,9 @@ def read_micmac(
     if _is_mmvii_folder(source):
         micmac_mmvii.MmviiOrientations(folder, network, reading, tuple(calibration)).read()
         if control is not None:
-            micmac_measures.add_control(Path(control), network, reading, sigma_control)
+            micmac_mmvii.add_control(Path(control), network, reading, sigma_control)
         if measures is not None:
-            micmac_measures.add_measures(Path(measures), network, images, reading, sigma_px)
+            micmac_mmvii.add_measures(Path(measures), network, images, reading, sigma_px)
     else:
         _Orientations(folder, network, reading, tuple(calibration)).read()
         if control is not None:

@@ -27,7 +27,6 @@ from ..plots.image_residuals import cells_along_longer_side, image_rows, mean_ph
 from ..plots.style import factor_text, length_text, readable_number
 from ..text import render_text
 from . import estimates, observations, rendering
-from . import observations as snooping
 from .epochs_page import epochs_html
 from .observations import test_symbol
 from .plan import PlanDrawing, scene_data
@@ -164,15 +163,19 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
             report=report,
         ),
         "worst": _section(
-            "worst", t, observations.worst_observations_sheet, snooping.causes_sheet, report=report
+            "worst",
+            t,
+            observations.worst_observations_sheet,
+            observations.causes_sheet,
+            report=report,
         ),
         "aside": _section(
             "aside",
             t,
-            snooping.rejected_observations_sheet,
-            snooping.rejected_points_sheet,
-            snooping.unresolved_observations_sheet,
-            snooping.given_values_sheet,
+            observations.rejected_observations_sheet,
+            observations.rejected_points_sheet,
+            observations.unresolved_observations_sheet,
+            observations.given_values_sheet,
             report=report,
         ),
         "points": _section("points", t, estimates.points_sheet, report=report),
