@@ -11,8 +11,8 @@ import argparse
 import numpy as np
 
 import factorgraph_adj as fga
+from examples.published_blocks.industry_block import simulate_industry_block
 from factorgraph_adj.experiment.runs import Experiment, run
-from factorgraph_adj.simulation.industry_block import simulate_industry_block
 
 MM = 1e-3
 DISTANCES = (35, 150)

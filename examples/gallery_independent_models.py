@@ -8,8 +8,8 @@ start from the same image coordinates; film and lens deform them in the same way
 
 import argparse
 
-from factorgraph_adj.papers.methods_1980 import run_methods
-from factorgraph_adj.papers.methods_1980_block import simulated_block
+from examples.papers.methods_1980 import run_methods
+from examples.papers.methods_1980_block import simulated_block
 
 SHOWN = {28: "bundle, film unknown", 25: "bundle", 21: "triplets", 24: "pairs"}
 SHOWN |= {23: "pairs, film unknown", 18: "strips, degree 2", 16: "directions in plan"}

@@ -1,6 +1,6 @@
 """Write the project `examples/industry_block`: measured values as a field book has them.
 
-python examples/make_industry_block.py [FOLDER]
+python -m examples.make_industry_block [FOLDER]
 """
 
 import sys
@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 import factorgraph_adj as fga
+from examples.published_blocks.industry_block import simulate_industry_block
 from factorgraph_adj.rotation import omega_phi_kappa
-from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.units import GON
 
 CENTIMETRE, HUNDREDTH_MM, TENTH_UM_IN_MM = 2, 5, 4

@@ -3,11 +3,11 @@
 
 Thirty methods of phototriangulation: all that can be run, on one simulated block of three strips.
 The paper has figures of seven of them, each from another block.
-``factorgraph_adj.papers.methods_1980`` describes the methods, ``methods_1980_block`` the block.
+``examples.papers.methods_1980`` describes the methods, ``methods_1980_block`` the block.
 """
 
-from factorgraph_adj.papers.methods_1980 import REPORTED, run_methods
-from factorgraph_adj.papers.methods_1980_block import simulated_block
+from examples.papers.methods_1980 import REPORTED, run_methods
+from examples.papers.methods_1980_block import simulated_block
 
 print(run_methods(simulated_block()))
 print("\nPrinted in the paper, cm:")

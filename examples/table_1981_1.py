@@ -3,14 +3,14 @@
 
 Terrestrial observations replace control in the ISP block. The scan of the paper has the table only
 as a picture; its text says that the improvement over reduced control is significant and depends on
-number and distribution. ``factorgraph_adj.papers.tables_1981`` describes the geometry.
+number and distribution. ``examples.papers.tables_1981`` describes the geometry.
 """
 
 import argparse
 
+from examples.papers.comparison import Comparison, compared
+from examples.papers.tables_1981 import ISP_CASES, isp_trial
 from factorgraph_adj.experiment.runs import Experiment, run
-from factorgraph_adj.papers.comparison import Comparison, compared
-from factorgraph_adj.papers.tables_1981 import ISP_CASES, isp_trial
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the table into FILE")
@@ -33,6 +33,6 @@ table = Comparison(
 )
 print(table)
 if options.plot:
-    from factorgraph_adj.papers.comparison_plot import plot_comparison
+    from examples.papers.comparison_plot import plot_comparison
 
     plot_comparison([table]).savefig(options.plot, dpi=150)

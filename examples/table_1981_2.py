@@ -2,14 +2,14 @@
 ===============================
 
 Accuracy of the adjustments of the industry block.
-``factorgraph_adj.simulation.industry_block`` describes the geometry.
+``examples.published_blocks.industry_block`` describes the geometry.
 """
 
 import argparse
 from math import nan
 
-from factorgraph_adj.papers.comparison import Comparison, compared
-from factorgraph_adj.papers.tables_1981 import INDUSTRY_CASES, industry_figures
+from examples.papers.comparison import Comparison, compared
+from examples.papers.tables_1981 import INDUSTRY_CASES, industry_figures
 
 PRINTED = {
     "a": (0.6, 0.4, 0.8, 1.6),
@@ -56,6 +56,6 @@ ratios = Comparison(
 )
 print(table, ratios, sep="\n\n")
 if options.plot:
-    from factorgraph_adj.papers.comparison_plot import plot_comparison
+    from examples.papers.comparison_plot import plot_comparison
 
     plot_comparison([table, ratios]).savefig(options.plot, dpi=150)

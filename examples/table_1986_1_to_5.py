@@ -3,14 +3,14 @@
 
 Redundancy numbers, and the effect of errors of 100 µm in the images. ``table_1986_1_to_5.py 2``
 prints table 2; without a number all tables are printed.
-``factorgraph_adj.simulation.el_hakim_1986`` and ``factorgraph_adj.papers.tables_1986`` describe the
+``examples.published_blocks.el_hakim_1986`` and ``examples.papers.tables_1986`` describe the
 geometry.
 """
 
 import argparse
 
-from factorgraph_adj.papers import tables_1986 as paper
-from factorgraph_adj.papers.comparison import Comparison, compared
+from examples.papers import tables_1986 as paper
+from examples.papers.comparison import Comparison, compared
 
 XYZ = ("X mm", "Y mm", "Z mm")
 BLOCK = "52 photos, 1:4400; points on the edge with the printed number of rays and like r."
@@ -92,6 +92,6 @@ options = parser.parse_args()
 tables = [TABLES[n]() for n in ([options.table] if options.table else TABLES)]
 print(*tables, sep="\n\n")
 if options.plot:
-    from factorgraph_adj.papers.comparison_plot import plot_comparison
+    from examples.papers.comparison_plot import plot_comparison
 
     plot_comparison(tables).savefig(options.plot, dpi=150)

@@ -3,13 +3,13 @@
 
 Systematic errors that are left in the images of the 52-photo block. ``table_1986_6_to_8.py 6``
 prints table 6; without a number all tables are printed.
-``factorgraph_adj.papers.systematic_errors_1986`` describes the geometry.
+``examples.papers.systematic_errors_1986`` describes the geometry.
 """
 
 import argparse
 
-from factorgraph_adj.papers import systematic_errors_1986 as left_in
-from factorgraph_adj.papers.comparison import Comparison, compared
+from examples.papers import systematic_errors_1986 as left_in
+from examples.papers.comparison import Comparison, compared
 
 XYZ = ("X mm", "Y mm", "Z mm")
 SYSTEMATIC = "No noise; curve, layout and make-up of the deformation are chosen, not printed."
@@ -58,6 +58,6 @@ options = parser.parse_args()
 tables = [TABLES[n]() for n in ([options.table] if options.table else TABLES)]
 print(*tables, sep="\n\n")
 if options.plot:
-    from factorgraph_adj.papers.comparison_plot import plot_comparison
+    from examples.papers.comparison_plot import plot_comparison
 
     plot_comparison(tables).savefig(options.plot, dpi=150)

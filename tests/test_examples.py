@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from factorgraph_adj.cli.command_line import main
-from tests.support.places import EXAMPLES
+from tests.support.places import EXAMPLES, ROOT
 from tests.support.processes import HANGS
 
 SHOWN = {
@@ -44,7 +44,7 @@ SHOWN = {
     "gallery_8_gtsam": "P σx, mm 1.192026 1.192026",
 }
 """A line of the output of each script of the gallery."""
-SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+SCRIPTS = sorted(p for p in EXAMPLES.glob("*.py") if p.stem != "__init__")
 ALONE = (
     "gallery_grid_coordinates",
     "gallery_8_gtsam",
@@ -73,11 +73,12 @@ PROJECTS = sorted(EXAMPLES.glob("*/project.toml"))
 def run(script: Path, *arguments: str) -> str:
     """Run a script in a process of its own, as a user does, and return what it prints."""
     done = subprocess.run(
-        [sys.executable, "-W", "error", str(script), *arguments],
+        [sys.executable, "-W", "error", "-m", f"examples.{script.stem}", *arguments],
         capture_output=True,
         encoding="utf-8",
         env=os.environ | {"PYTHONIOENCODING": "utf-8"},
         timeout=HANGS,
+        cwd=ROOT,
         check=False,
     )
     assert done.returncode == 0, done.stderr

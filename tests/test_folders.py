@@ -15,7 +15,7 @@ TESTS = ROOT / "tests"
 PACKAGE = ROOT / "factorgraph_adj"
 SHARED = {"networks", "support", "loaders", "benchmarks"}
 """Folders of modules that hold no tests."""
-OTHERS = {"badly_posed", "field_mistakes", "hostile", "published"}
+OTHERS = {"badly_posed", "examples", "field_mistakes", "hostile", "published"}
 """Folders of tests that belong to no room of the package."""
 WHOLE = {
     "test_structure",

@@ -69,7 +69,6 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("export",),
     ("simulation",),
     ("experiment",),
-    ("papers",),
     ("planning",),
     # What the stream says is in the units and names of reports.
     ("service",),
@@ -82,7 +81,7 @@ of one entry may import one another, those of two entries of a line may not."""
 DECLARED = {"gtsam", "numpy", "scipy", "threadpoolctl"}
 EXTRAS = {
     "rich": ("cli",),
-    "matplotlib": ("report", "papers"),
+    "matplotlib": ("report",),
     "distributed": ("experiment", "parts"),
     "pandas": ("experiment", "columns", "solve", "export"),
     "polars": ("experiment", "columns"),

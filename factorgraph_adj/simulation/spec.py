@@ -45,7 +45,6 @@ from .generate import (
     close_range_blocks,
     flight_observations,
     metrology,
-    published_blocks,
     rigs_and_models,
     terrestrial_additions,
     terrestrial_networks,
@@ -113,9 +112,9 @@ MODULES_OF_PARTS = (
     terrestrial_additions,
     flight_observations,
     rigs_and_models,
-    published_blocks,
 )
-"""Modules that define the kinds of parts; their import registers the kinds."""
+"""Modules that define the kinds of parts; their import registers the kinds, and so does that of a
+user's module with subclasses of `Part`."""
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ from time import perf_counter
 
 import numpy as np
 
+from examples.published_blocks.industry_block import industry_block_plan
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.planning.candidates import Candidate, identified, with_candidates
 from factorgraph_adj.planning.plan import plan
 from factorgraph_adj.planning.proposals import propose
 from factorgraph_adj.planning.search import CandidateSearch
 from factorgraph_adj.planning.targets import SemiAxis, UndetectedShift, lacking
-from factorgraph_adj.simulation.industry_block import industry_block_plan
 
 CANDIDATES = 1_000
 SAMPLE = 10

@@ -19,10 +19,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from examples.published_blocks.industry_block import simulate_industry_block
 from factorgraph_adj import adjust
 from factorgraph_adj.blas_threads import VARIABLES
 from factorgraph_adj.experiment.runs import Experiment, run
-from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from tests.support.places import ROOT
 
 WAYS = {"1 process": 1, "2 processes": 2, "Dask, 2 workers": 0}

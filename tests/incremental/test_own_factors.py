@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from examples.published_blocks.industry_block import simulate_industry_block
 from factorgraph_adj.entities import Point
 from factorgraph_adj.graph.user_factors import KeyOf
 from factorgraph_adj.observations import Direction, HorizontalDistance, SlopeDistance
-from factorgraph_adj.simulation.industry_block import simulate_industry_block
 
 PLACES = {
     "A": (0.0, 0.0),

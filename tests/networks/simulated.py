@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 import factorgraph_adj as fga
+from examples.published_blocks.industry_block import simulate_industry_block
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import (
     ControlPoint,
@@ -17,7 +18,6 @@ from factorgraph_adj.observations import (
     HeightDifference,
     SlopeDistance,
 )
-from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.simulation.simulated_blocks import (
     simulate_aerial_block,
     simulate_geocentric_block,

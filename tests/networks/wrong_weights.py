@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from examples.published_blocks.industry_block import MICROMETRE, simulate_industry_block
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.simulation.industry_block import MICROMETRE, simulate_industry_block
 from factorgraph_adj.solve.estimates import ObservationRecord
 
 WRONG = {"slope_distance": 0.5, "height_difference": 2.0}

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from examples.published_blocks.el_hakim_1986 import aerial_1986_plan, close_range_1986_plan
+from examples.published_blocks.industry_block import industry_block_plan
 from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import (
@@ -37,8 +39,6 @@ from factorgraph_adj.planning.targets import (
 )
 from factorgraph_adj.quality.error_ellipses import confidence_factor
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.el_hakim_1986 import aerial_1986_plan, close_range_1986_plan
-from factorgraph_adj.simulation.industry_block import industry_block_plan
 from factorgraph_adj.simulation.measurement import look_at, measure
 from tests.networks.small_block import CENTRES, FOCAL, box
 

@@ -22,12 +22,12 @@ import pytest
 from scipy import stats
 
 import factorgraph_adj as fga
+from examples.published_blocks.el_hakim_1986 import simulate_close_range_1986
 from factorgraph_adj.entities import ImageTable
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.reliability import Reliability, reliability
 from factorgraph_adj.rotation import log_rotation
-from factorgraph_adj.simulation.el_hakim_1986 import simulate_close_range_1986
 from factorgraph_adj.simulation.measurement import Truth
 from factorgraph_adj.types import Array
 from tests.support.differences import whitened_system

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from examples.published_blocks.industry_block import simulate_industry_block
 from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.observation_selection import without
@@ -20,7 +21,6 @@ from factorgraph_adj.quality.snooping import snoop
 from factorgraph_adj.quality.snooping_candidates import RowGroups, choose_outliers
 from factorgraph_adj.quality.snooping_search import CannotSettle, SnoopingSearch
 from factorgraph_adj.quality.snooping_state import MAX_NEGLECTED_RESIDUAL
-from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.simulation.simulated_blocks import (
     simulate_aerial_block,
     simulate_geocentric_block,

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from scipy import linalg, optimize, stats
 
+from examples.published_blocks.industry_block import simulate_industry_block
 from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.factor_graph.network_graph import build_graph
@@ -37,7 +38,6 @@ from factorgraph_adj.quality.variance_components import (
     VarianceComponents,
     estimate_variance_components,
 )
-from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.solve.estimates import ObservationRecord
 from factorgraph_adj.solve.minimum import readjust

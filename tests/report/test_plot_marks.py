@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from examples.published_blocks.industry_block import industry_block_plan, simulate_industry_block
 from factorgraph_adj.errors import Doubt, InputError
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.planning.plan import plan
-from factorgraph_adj.simulation.industry_block import industry_block_plan, simulate_industry_block
 from tests.networks.simulated import levelling
 from tests.networks.small_block import small_block
 from tests.support.shifted import shift_first_distance, shift_image

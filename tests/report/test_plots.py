@@ -14,6 +14,7 @@ import pytest
 from scipy.stats import norm
 
 import factorgraph_adj as fga
+from examples.published_blocks.industry_block import simulate_industry_block
 from factorgraph_adj.errors import SingularError
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import ControlPoint, SlopeDistance
@@ -34,7 +35,6 @@ from factorgraph_adj.report.plots.observation_lines import lines_by_kinds
 from factorgraph_adj.report.plots.point_symbols import plan_window
 from factorgraph_adj.report.plots.reliability_figures import spread_places
 from factorgraph_adj.report.plots.style import exaggeration_text, length_text, readable_number
-from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.simulation.simulated_blocks import (
     simulate_aerial_block,
     simulate_geocentric_block,

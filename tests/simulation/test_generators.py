@@ -10,6 +10,13 @@ import pytest
 from scipy import stats
 
 import factorgraph_adj as fga
+from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.spec_parts import (
+    Aerial1986,
+    CloseRange1986,
+    IndustryBlock,
+    IspBlock,
+)
 from factorgraph_adj.frames import LocalFrame, TopocentricFrame
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import KINDS, ControlPoint, Direction, HeightDifference
@@ -27,12 +34,6 @@ from factorgraph_adj.simulation.generate.close_range_blocks import CloseRange
 from factorgraph_adj.simulation.generate.control import Control
 from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
 from factorgraph_adj.simulation.generate.metrology import Shapes, Trackers
-from factorgraph_adj.simulation.generate.published_blocks import (
-    Aerial1986,
-    CloseRange1986,
-    IndustryBlock,
-    IspBlock,
-)
 from factorgraph_adj.simulation.generate.rigs_and_models import IndependentModels, Rig
 from factorgraph_adj.simulation.generate.scene import (
     Camera,
@@ -62,7 +63,6 @@ from factorgraph_adj.simulation.generate.terrestrial_networks import (
     TriangulationGrid,
 )
 from factorgraph_adj.simulation.given_values import undetermined_points
-from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.simulation.measurement import SimulatedNetwork
 from factorgraph_adj.simulation.parameters import kinds_of
 from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, simulate

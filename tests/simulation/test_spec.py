@@ -8,6 +8,12 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from examples.published_blocks.spec_parts import (
+    Aerial1986,
+    CloseRange1986,
+    IndustryBlock,
+    IspBlock,
+)
 from factorgraph_adj.entities import ImageTable
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.network.network import Network
@@ -17,12 +23,6 @@ from factorgraph_adj.simulation.generate.close_range_blocks import CloseRange
 from factorgraph_adj.simulation.generate.control import Control
 from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
 from factorgraph_adj.simulation.generate.metrology import Shapes, Trackers
-from factorgraph_adj.simulation.generate.published_blocks import (
-    Aerial1986,
-    CloseRange1986,
-    IndustryBlock,
-    IspBlock,
-)
 from factorgraph_adj.simulation.generate.rigs_and_models import Rig
 from factorgraph_adj.simulation.generate.scene import Camera
 from factorgraph_adj.simulation.generate.terrestrial_additions import (

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from examples.published_blocks.industry_block import simulate_industry_block
 from factorgraph_adj import adjust
 from factorgraph_adj.blas_threads import numbers_of_threads
-from factorgraph_adj.simulation.industry_block import simulate_industry_block
 
 NORMAL = {"bias": 0.3, "sigma": 2.0}
 """Mean and standard deviation of what `normal` draws."""

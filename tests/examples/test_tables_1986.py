@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.papers.tables_1986 import (
+from examples.papers.tables_1986 import (
     AERIAL,
     CLOSE_RANGE,
     SEED,
@@ -24,13 +24,13 @@ from factorgraph_adj.papers.tables_1986 import (
     close_range,
     image_figures,
 )
-from factorgraph_adj.quality.reliability import Reliability, reliability
-from factorgraph_adj.simulation.el_hakim_1986 import (
+from examples.published_blocks.el_hakim_1986 import (
     IN_STRIP,
     STRIPS,
     edge_lines,
     simulate_close_range_1986,
 )
+from factorgraph_adj.quality.reliability import Reliability, reliability
 from factorgraph_adj.types import Array
 from tests.support.differences import whitened_system
 

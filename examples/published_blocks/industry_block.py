@@ -25,14 +25,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..entities import Camera
-from ..errors import InputError
-from ..models.lens import HarmonicLens
-from ..network.network import Network
-from ..observations import HeightDifference, SlopeDistance
-from ..types import Array, Mask
-from .generate.scene import in_view
-from .measurement import Seed, SimulatedNetwork, Truth, disturb, look_at, measure
+from factorgraph_adj.entities import Camera
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.models.lens import HarmonicLens
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import HeightDifference, SlopeDistance
+from factorgraph_adj.simulation.generate.scene import in_view
+from factorgraph_adj.simulation.measurement import (
+    Seed,
+    SimulatedNetwork,
+    Truth,
+    disturb,
+    look_at,
+    measure,
+)
+from factorgraph_adj.types import Array, Mask
 
 MILLIMETRE = 1e-3
 """Millimetre in metres."""

@@ -3,7 +3,7 @@
 Figures beside printed ones: the scripts ``examples/table_*.py``. Neither paper prints coordinates;
 what a test asks is the tendency, and the size with the margin that it states. Tables 1 to 5 of
 1986 in detail: `test_tables_1986`; table 2 of 1981:
-`tests/simulation/test_industry_block.py`.
+`tests/examples/test_industry_block.py`.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from examples.papers import tables_1981, tables_1986
+from examples.papers.comparison import Comparison, compared
+from examples.papers.systematic_errors_1986 import TABLE_6, Layout, effect, layout, spec_of
+from examples.papers.tables_1981 import ISP_CASES, isp_inside, isp_trial
+from examples.papers.tables_1986 import AERIAL, CLOSE_RANGE, aerial, close_range
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.experiment.runs import Experiment, run
 from factorgraph_adj.experiment.summary import Summary
-from factorgraph_adj.papers import tables_1981, tables_1986
-from factorgraph_adj.papers.comparison import Comparison, compared
-from factorgraph_adj.papers.systematic_errors_1986 import TABLE_6, Layout, effect, layout, spec_of
-from factorgraph_adj.papers.tables_1981 import ISP_CASES, isp_inside, isp_trial
-from factorgraph_adj.papers.tables_1986 import AERIAL, CLOSE_RANGE, aerial, close_range
 
 LONG = pytest.mark.slow("every row of the tables; short tests take the first of them")
 
@@ -279,7 +279,7 @@ def test_a_comparison_refuses_a_row_of_another_length() -> None:
 
 def test_a_comparison_is_drawn_with_a_bar_for_each_figure() -> None:
     pytest.importorskip("matplotlib")
-    from factorgraph_adj.papers.comparison_plot import plot_comparison
+    from examples.papers.comparison_plot import plot_comparison
 
     averages = tables_1986.TABLE_1["aerial"]
     rows = tuple(compared(f"{n}", row, row) for n, row in averages.items())

@@ -1,6 +1,6 @@
 """Tables 1 to 5 of El-Hakim (1986): redundancy numbers, and the effect of an image error.
 
-The blocks are those of `factorgraph_adj.simulation.el_hakim_1986`. The paper does not identify its
+The blocks are those of `examples.published_blocks.el_hakim_1986`. The paper does not identify its
 points A to H. The points here have the same properties: number of rays, r without distances, number
 of distances, and position on the edge of the block.
 """
@@ -13,17 +13,18 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..adjustment import adjust
-from ..observations import ControlPoint
-from ..quality.reliability import Reliability, reliability
-from ..simulation.el_hakim_1986 import (
+from factorgraph_adj.adjustment import adjust
+from factorgraph_adj.observations import ControlPoint
+from factorgraph_adj.quality.reliability import Reliability, reliability
+from factorgraph_adj.simulation.measurement import Seed
+from factorgraph_adj.types import Array
+
+from ..published_blocks.el_hakim_1986 import (
     Line,
     edge_lines,
     simulate_aerial_1986,
     simulate_close_range_1986,
 )
-from ..simulation.measurement import Seed
-from ..types import Array
 
 SEED: Seed = 1
 """Seed of the measuring errors; it has little effect on redundancy numbers."""

@@ -29,22 +29,29 @@ from typing import Literal
 
 import numpy as np
 
-from ..adjustment import adjust
-from ..quality.point_precision import check_points
-from ..simulation.disturbances import Errors
-from ..simulation.el_hakim_1986 import SIGMA_AERIAL_TERRESTRIAL, Line, aerial_1986_plan
-from ..simulation.generate.control import Control
-from ..simulation.generate.published_blocks import Aerial1986
-from ..simulation.generate.scene import MICROMETRE, MILLIMETRE, perimeter, round_lines, spread
-from ..simulation.generate.terrestrial_additions import (
+from factorgraph_adj.adjustment import adjust
+from factorgraph_adj.quality.point_precision import check_points
+from factorgraph_adj.simulation.disturbances import Errors
+from factorgraph_adj.simulation.generate.control import Control
+from factorgraph_adj.simulation.generate.scene import (
+    MICROMETRE,
+    MILLIMETRE,
+    perimeter,
+    round_lines,
+    spread,
+)
+from factorgraph_adj.simulation.generate.terrestrial_additions import (
     DistanceMeter,
     Distances,
     HeightDifferences,
     Level,
 )
-from ..simulation.spec import Spec, simulate
-from ..simulation.systematic_errors import AffineFilm, InImages, LensDistortion
-from ..types import Array
+from factorgraph_adj.simulation.spec import Spec, simulate
+from factorgraph_adj.simulation.systematic_errors import AffineFilm, InImages, LensDistortion
+from factorgraph_adj.types import Array
+
+from ..published_blocks.el_hakim_1986 import SIGMA_AERIAL_TERRESTRIAL, Line, aerial_1986_plan
+from ..published_blocks.spec_parts import Aerial1986
 
 Kind = Literal["radial", "affine"]
 AVIOGON = LensDistortion(

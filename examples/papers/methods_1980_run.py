@@ -9,16 +9,16 @@ from typing import Literal
 
 import numpy as np
 
-from ..adjustment import adjust
-from ..models.deformation import DEFORMATIONS
-from ..models.lens import BrownLens, NoDistortion
-from ..models.orthogonal_lens import EbnerLens
-from ..network.network import Network
-from ..observations import FrameCoordinate
-from ..rotation import log_rotation
-from ..simulation.generate.scene import corners
-from ..solve.solution import Solution
-from ..triangulation.independent_models import (
+from factorgraph_adj.adjustment import adjust
+from factorgraph_adj.models.deformation import DEFORMATIONS
+from factorgraph_adj.models.lens import BrownLens, NoDistortion
+from factorgraph_adj.models.orthogonal_lens import EbnerLens
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import FrameCoordinate
+from factorgraph_adj.rotation import log_rotation
+from factorgraph_adj.simulation.generate.scene import corners
+from factorgraph_adj.solve.solution import Solution
+from factorgraph_adj.triangulation.independent_models import (
     FACING_DOWN,
     ModelBlock,
     RelativeModel,
@@ -28,9 +28,15 @@ from ..triangulation.independent_models import (
     relative_model,
     start_values,
 )
-from ..triangulation.plan_blocks import an_block, plan_height, radial_observations
-from ..triangulation.strips import MIN_COMMON_PLACES, as_strips, control_coordinates, join_models
-from ..types import Array
+from factorgraph_adj.triangulation.plan_blocks import an_block, plan_height, radial_observations
+from factorgraph_adj.triangulation.strips import (
+    MIN_COMMON_PLACES,
+    as_strips,
+    control_coordinates,
+    join_models,
+)
+from factorgraph_adj.types import Array
+
 from .methods_1980_block import SIGMA_TILT, MethodBlock
 
 ROUNDS = 5

@@ -12,18 +12,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from factorgraph_adj.adjustment import adjust
-from factorgraph_adj.errors import InputError
-from factorgraph_adj.models.image import depth
-from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import SlopeDistance
-from factorgraph_adj.papers.tables_1981 import (
+from examples.papers.tables_1981 import (
     INDUSTRY_CASES,
     IndustryCase,
     IndustryFigures,
     industry_figures,
 )
-from factorgraph_adj.simulation.industry_block import (
+from examples.published_blocks.industry_block import (
     CAMERA,
     CERTIFICATE,
     CONVERGENT,
@@ -32,6 +27,11 @@ from factorgraph_adj.simulation.industry_block import (
     SIDE,
     simulate_industry_block,
 )
+from factorgraph_adj.adjustment import adjust
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.models.image import depth
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 

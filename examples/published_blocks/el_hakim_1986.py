@@ -36,13 +36,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..models.lens import Lens
-from ..network.network import Network
-from ..observations import ControlPoint, HeightDifference, SlopeDistance
-from ..rotation import world_R_camera
-from ..types import Array, Mask
-from .generate.scene import in_view
-from .measurement import Seed, SimulatedNetwork, Truth, disturb, measure
+from factorgraph_adj.models.lens import Lens
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import ControlPoint, HeightDifference, SlopeDistance
+from factorgraph_adj.rotation import world_R_camera
+from factorgraph_adj.simulation.generate.scene import in_view
+from factorgraph_adj.simulation.measurement import Seed, SimulatedNetwork, Truth, disturb, measure
+from factorgraph_adj.types import Array, Mask
 
 MILLIMETRE = 1e-3
 """Millimetre in metres."""

@@ -7,8 +7,8 @@ is filled: errors at check points, redundancy, unknowns, time. What cannot be ru
 `simulated_block` is described in `methods_1980_block`. Any network of photos with held control and
 check points can take its place: ``run_methods(MethodBlock(network, network))``.
 
-    python -m factorgraph_adj.papers.methods_1980            # the simulated block
-    python -m factorgraph_adj.papers.methods_1980 PROJECT    # a project with photos
+    python -m examples.papers.methods_1980            # the simulated block
+    python -m examples.papers.methods_1980 PROJECT    # a project with photos
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import AdjustmentError, ApproximationError, DatumError, InputError
-from ..io.project import read_project
-from ..report import layout
-from ..types import Array
+from factorgraph_adj.errors import AdjustmentError, ApproximationError, DatumError, InputError
+from factorgraph_adj.io.project import read_project
+from factorgraph_adj.report import layout
+from factorgraph_adj.types import Array
+
 from . import methods_1980_run as run
 from .methods_1980_block import MethodBlock, simulated_block
 from .methods_1980_run import Method, Outcome
@@ -213,7 +214,7 @@ def _ran(row: Row, block: MethodBlock) -> Ran:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print table 3 for the simulated block, or for a project."""
-    parser = argparse.ArgumentParser(prog="python -m factorgraph_adj.papers.methods_1980")
+    parser = argparse.ArgumentParser(prog="python -m examples.papers.methods_1980")
     parser.add_argument("project", nargs="?", help="a project with photos, control, check points")
     parser.add_argument("--seed", type=int, default=1980, help="of the simulated block (1980)")
     options = parser.parse_args(arguments)

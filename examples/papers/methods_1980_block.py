@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..models.lens import NoDistortion
-from ..models.orthogonal_lens import EbnerLens
-from ..network.network import Network
-from ..observations import Azimuth, Observation, ProfileHeight, SlopeDistance
-from ..rotation import exp_rotation, world_R_camera
-from ..simulation.measurement import Seed, disturb, measure
-from ..types import Array, Index
+from factorgraph_adj.models.lens import NoDistortion
+from factorgraph_adj.models.orthogonal_lens import EbnerLens
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import Azimuth, Observation, ProfileHeight, SlopeDistance
+from factorgraph_adj.rotation import exp_rotation, world_R_camera
+from factorgraph_adj.simulation.measurement import Seed, disturb, measure
+from factorgraph_adj.types import Array, Index
 
 FOCAL, FORMAT = 153.0, 230.0
 """Principal distance and side of a photo, mm."""

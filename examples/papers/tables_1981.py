@@ -2,7 +2,7 @@
 
 **Table 1**, the ISP block, is only a picture in the paper's scan; the text says that terrestrial
 observations improve a block with reduced control significantly. The block is that of
-`factorgraph_adj.simulation.generate.published_blocks.IspBlock`, over the ellipsoid. The following
+`examples.published_blocks.spec_parts.IspBlock`, over the ellipsoid. The following
 values are assumptions:
 
 - Full control is X, Y, Z of the 30 points of the edge, reduced control that of its four corners.
@@ -12,7 +12,7 @@ values are assumptions:
   and longitude are observed at four points of the edge, or at two ends of the cross.
 - The check points are the 47 points inside the edge, which are never control.
 
-**Table 2**: see `factorgraph_adj.simulation.industry_block`.
+**Table 2**: see `examples.published_blocks.industry_block`.
 """
 
 from __future__ import annotations
@@ -24,13 +24,12 @@ from typing import Literal
 
 import numpy as np
 
-from ..adjustment import adjust
-from ..observations import SlopeDistance
-from ..quality.point_precision import check_points
-from ..simulation.generate.control import Control, Pattern
-from ..simulation.generate.published_blocks import IspBlock
-from ..simulation.generate.scene import MILLIMETRE, perimeter
-from ..simulation.generate.terrestrial_additions import (
+from factorgraph_adj.adjustment import adjust
+from factorgraph_adj.observations import SlopeDistance
+from factorgraph_adj.quality.point_precision import check_points
+from factorgraph_adj.simulation.generate.control import Control, Pattern
+from factorgraph_adj.simulation.generate.scene import MILLIMETRE, perimeter
+from factorgraph_adj.simulation.generate.terrestrial_additions import (
     Additions,
     Astronomic,
     Azimuths,
@@ -39,10 +38,12 @@ from ..simulation.generate.terrestrial_additions import (
     HeightDifferences,
     VerticalAngles,
 )
-from ..simulation.industry_block import simulate_industry_block
-from ..simulation.measurement import Seed
-from ..simulation.spec import Approximate, Earth, Spec, design, simulate
-from ..statistical_tests import chi2_quantile
+from factorgraph_adj.simulation.measurement import Seed
+from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, simulate
+from factorgraph_adj.statistical_tests import chi2_quantile
+
+from ..published_blocks.industry_block import simulate_industry_block
+from ..published_blocks.spec_parts import IspBlock
 
 IspCase = Literal["full", "reduced", "layout 1", "layout 2", "layout 3"]
 ISP_CASES: tuple[IspCase, ...] = ("full", "reduced", "layout 1", "layout 2", "layout 3")

@@ -6,19 +6,28 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...errors import Problem
-from ...network.network import Network
-from ...observations import HeightDifference, SlopeDistance
-from ..el_hakim_1986 import (
+from factorgraph_adj.errors import Problem
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import HeightDifference, SlopeDistance
+from factorgraph_adj.simulation.generate.aerial_blocks import Aerial
+from factorgraph_adj.simulation.generate.scene import (
+    MICROMETRE,
+    MILLIMETRE,
+    Camera,
+    Part,
+    Scene,
+    perimeter,
+    round_lines,
+)
+from factorgraph_adj.simulation.parameters import number
+
+from .el_hakim_1986 import (
     SIGMA_AERIAL_TERRESTRIAL,
     SIGMA_TERRESTRIAL,
     aerial_1986_plan,
     close_range_1986_plan,
 )
-from ..industry_block import industry_block_plan
-from ..parameters import number
-from .aerial_blocks import Aerial
-from .scene import MICROMETRE, MILLIMETRE, Camera, Part, Scene, perimeter, round_lines
+from .industry_block import industry_block_plan
 
 
 def _isp_camera() -> Camera:
@@ -73,7 +82,7 @@ class IspBlock(Part):
 
 @dataclass(frozen=True)
 class IndustryBlock(Part):
-    """Industry block of El-Hakim & Faig (1981), see `factorgraph_adj.simulation.industry_block`.
+    """Industry block of El-Hakim & Faig (1981), see `examples.published_blocks.industry_block`.
 
     The block defines its own datum; a spec with this part alone needs no control.
     """

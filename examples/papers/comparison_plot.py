@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..report.plots.style import (
+from factorgraph_adj.report.plots.style import (
     BLUE,
     PALE,
     in_package_style,
@@ -15,6 +15,7 @@ from ..report.plots.style import (
     new_figure,
     write_headline,
 )
+
 from .comparison import Comparison
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.papers.methods_1980 import METHODS, REPORTED, Table3, main, run_methods
-from factorgraph_adj.papers.methods_1980_block import MethodBlock, simulated_block
-from factorgraph_adj.papers.methods_1980_run import outcome, uncorrelated, with_corners
+from examples.papers.methods_1980 import METHODS, REPORTED, Table3, main, run_methods
+from examples.papers.methods_1980_block import MethodBlock, simulated_block
+from examples.papers.methods_1980_run import outcome, uncorrelated, with_corners
 from factorgraph_adj.triangulation.independent_models import as_models
 from tests.loaders.tsaiyoung import read_strip
 from tests.networks.strip import network_of_photos

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import nan
 
-from ..errors import InputError
-from ..report import layout
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.report import layout
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Tests of the published blocks and papers of `examples`."""
