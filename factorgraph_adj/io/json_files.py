@@ -14,7 +14,8 @@ from json.decoder import scanstring  # type: ignore[attr-defined]
 from typing import Any, TypeAlias
 
 from ..errors import InputError, Problem, similar
-from .text_files import encoding_problem
+from .source import Field, Problems
+from .text_files import decoded
 
 JsonPath: TypeAlias = tuple[str | int, ...]
 """Keys and indices from the root to a value."""
@@ -107,21 +108,27 @@ class JsonNode:
             raise self.fail(f"{self.title} must be a text, not {_shown(self.value)}")
         return self.value
 
-    def number(self, *, positive: bool = False, largest: float = 1e12) -> float:
-        """Return a number.
+    def number(self, unit: str = "", **limits: float) -> float:
+        """Return a number in SI.
+
+        Args:
+            unit: see `Field.number`.
+            limits: ``scale``, ``least``, ``above`` and ``largest`` of the same.
 
         Raises:
-            InputError: the value is none, is larger than ``largest``, or is not positive where it
-                must be.
+            InputError: the value is none, or is beyond the limits.
         """
-        value = self.value
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.fail(f"{self.title} must be a number, not {_shown(value)}")
-        if not abs(value) <= largest:
-            raise self.fail(f"{self.title} must be finite, at most {largest:g}")
-        if positive and not value > 0:
-            raise self.fail(f"{self.title} must be greater than zero, not {value:g}")
-        return float(value)
+        if isinstance(self.value, bool | str | list | dict | None):
+            raise self.fail(f"{self.title} must be a number, not {_shown(self.value)}")
+        problems = Problems()
+        found = self.field(problems).number(unit, **limits)
+        if problems.count:
+            raise InputError(problems.problems)
+        return found
+
+    def field(self, problems: Problems) -> Field:
+        """Return the value as a field, whose problems are added instead of raised."""
+        return problems.field(self.value, self.title, self.where)
 
     def numbers(self, size: int) -> tuple[float, ...]:
         """Return ``size`` numbers of an array.
@@ -214,17 +221,14 @@ def parse_json(content: bytes | str, name: str) -> JsonNode:
     """Return the root of a JSON text.
 
     Args:
-        content: the text; bytes are UTF-8.
+        content: the text; bytes are UTF-8, or UTF-16 with its mark.
         name: name of its file in messages.
 
     Raises:
         InputError: the text is not JSON (with the line), has a number that is not finite, or a
             name twice in one object.
     """
-    try:
-        text = content if isinstance(content, str) else content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(encoding_problem(error.object, error.start, name)) from None
+    text = content if isinstance(content, str) else decoded(content, name)
     twice: list[str] = []
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

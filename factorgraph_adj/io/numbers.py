@@ -18,7 +18,11 @@ from ..units import ANGLE, LENGTH, parse_angle
 
 _PI = Decimal("3.14159265358979323846264338327950288419716939937510582")
 _EXACT = Context(prec=60)
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+NUMBER_PATTERN = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
+"""A number of a file: decimal point, exponent as in C or in Fortran."""
+MAX_NUMBER = 1e12
+"""Largest absolute value of a number of a file, in its unit: more than any place on the Earth in
+micrometres is damage."""
 _COMMA = re.compile(r"[+-]?[0-9.' ]*,[0-9]+(?:[eE][+-]?[0-9]+)?")
 _HINTS = {
     "write a decimal point": _COMMA,
@@ -112,7 +116,7 @@ def parse_quantity(value: object, unit: str = "") -> float:
     """Read a number (text of a cell, or a number of JSON) in ``unit``.
 
     Raises:
-        ValueError: the message says for users what is wrong.
+        ValueError: the message says for users what is wrong; the name of the number precedes it.
     """
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise ValueError(f"{value!r} is not a number")
@@ -124,14 +128,15 @@ def parse_quantity(value: object, unit: str = "") -> float:
 def _parse_text(text: str, unit: str) -> float:
     if unit == "dms":
         return _parse_dms(text)
-    if _NUMBER.fullmatch(text) is None:
+    if NUMBER_PATTERN.fullmatch(text) is None:
         if _NOT_FINITE.fullmatch(text):
             raise ValueError(f"{_quoted(text)} is not a finite number")
         hints = (f"; {hint}" for hint, form in _HINTS.items() if form.fullmatch(text))
         raise ValueError(f"{_quoted(text)} is not a number{next(hints, '')}")
     size = unit_factor(unit)
+    plain = text.replace("D", "E").replace("d", "e")
     try:
-        number = float(text) if size == 1 else float(_EXACT.multiply(Decimal(text), size))
+        number = float(plain) if size == 1 else float(_EXACT.multiply(Decimal(plain), size))
     except ArithmeticError:  # the exponent is outside the range of Decimal
         raise ValueError(f"{_quoted(text)} is too large or too small a number") from None
     if math.isinf(number):

@@ -6,6 +6,7 @@ names the key concerned; `TomlPlaces` finds the line from both.
 
 from __future__ import annotations
 
+import codecs
 import re
 import sys
 import tomllib
@@ -43,24 +44,33 @@ def file_beginning(path: Path, size: int = MAX_RECOGNITION_BYTES) -> bytes:
         return b""
 
 
-def read_text(path: Path, name: str = "") -> str:
-    """Return the text of a UTF-8 file, without a byte order mark.
+def read_text(path: Path, name: str = "", *, code_page: str = "") -> str:
+    """Return the text of a file in UTF-8, or in UTF-16 with its mark, without the mark.
 
     Args:
         path: the file.
         name: its name in messages; default: the path for a file that cannot be read, otherwise
             the name of the file.
+        code_page: encoding of text that is neither, for formats whose programs write that of
+            their system; characters that it does not have become U+FFFD.
 
     Raises:
-        InputError: the file cannot be read, or is not UTF-8.
+        InputError: the file cannot be read, or has another encoding.
     """
     found = read_bytes(path, name)
-    name = name or path.name
+    return decoded(found, name or path.name, code_page).replace("\r\n", "\n").replace("\r", "\n")
+
+
+def decoded(found: bytes, name: str, code_page: str = "") -> str:
+    """Return the text of bytes, see `read_text`; ``name`` is that of the file in messages."""
     try:
-        text = found.decode("utf-8-sig")
+        if found.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            return found.decode("utf-16")
+        return found.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        if code_page and error.encoding != "utf-16":
+            return found.decode(code_page, errors="replace")
         raise InputError(encoding_problem(error.object, error.start, name)) from None
-    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def last_line_number(text: str) -> int:
@@ -77,7 +87,7 @@ def encoding_problem(found: bytes, at: int, name: str) -> Problem:
         name: name of the file in messages.
     """
     if found.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return Problem("is UTF-16 text: save it as UTF-8", name)
+        return Problem("is damaged UTF-16 text: save it as UTF-8", name)
     before = found[:at]
     begun = max(before.rfind(b"\n") + 1, at - QUOTED_CHARACTERS)
     quoted = found[begun : at + 1].decode("latin-1").strip()

@@ -334,8 +334,14 @@ def test_text_that_is_not_utf_8_is_named(tmp_path):
     text = '# lines\nname = "Höhennetz"\n'
     path.write_bytes(text.encode("latin-1"))
     assert problems(path)[0].startswith("project.toml:2: is not UTF-8 text (byte 17): the last")
-    path.write_text(text, encoding="utf-16")
-    assert problems(path) == ["project.toml: is UTF-16 text: save it as UTF-8"]
+    path.write_bytes(text.encode("utf-16") + b"x")
+    assert problems(path) == ["project.toml: is damaged UTF-16 text: save it as UTF-8"]
+
+
+def test_text_in_utf_16_is_read(tmp_path):
+    path = write(tmp_path)
+    path.write_text(path.read_text(), encoding="utf-16")
+    assert len(load_project(path).network.points) == 3
 
 
 def test_sigma_in_east_north_up_without_its_axes_is_told_what_to_state(tmp_path):

@@ -205,9 +205,9 @@ def _cameras(network: Network, root: JsonNode, reading: BlockProblems, free: boo
             if kind is None:
                 valid = ", ".join(INTRINSIC_TYPES)
                 raise value.fail(f"intrinsics of type {name!r} cannot be read; valid: {valid}")
-            size = tuple(data.need(n).number(positive=True) for n in ("width", "height"))
+            size = tuple(data.need(n).number(above=0.0) for n in ("width", "height"))
             x0, row = data.need("principal_point").numbers(2)
-            values = {"c": data.need("focal_length").number(positive=True), "x0": x0, "y0": -row}
+            values = {"c": data.need("focal_length").number(above=0.0), "x0": x0, "y0": -row}
             if kind.member is not None:
                 given = data.need(kind.member).numbers(len(kind.parameters))
                 rows = zip(kind.parameters, kind.signs, given, strict=True)

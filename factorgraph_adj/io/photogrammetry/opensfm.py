@@ -204,7 +204,7 @@ def _shots(
             network.add_photo(name, camera, position=centre.tolist(), rotation=rotation.T)
             at = node.get("gps_position")
             if gps and at is not None:
-                dop = node.need("gps_dop").number(positive=True)
+                dop = node.need("gps_dop").number(above=0.0)
                 value = at.numbers(3)
                 sigma = (dop, dop, 2 * dop)
                 network.add(PhotoPosition(name, value, sigma=sigma, source=node.where))

@@ -204,13 +204,13 @@ def read_opensfm_camera(node: JsonNode) -> SfmCamera:
     unknown = [k for k in node.members() if k not in (*names, *UNREAD_CAMERA_MEMBERS)]
     if unknown:
         raise node.fail(f"unknown parameter {unknown[0]!r} of {projection}; valid: {names}")
-    size = (node.need("width").number(positive=True), node.need("height").number(positive=True))
+    size = (node.need("width").number(above=0.0), node.need("height").number(above=0.0))
     side = max(size)
     said: dict[str, float] = {}
     for name in names:
         member = node.need(name) if name.startswith("focal") else node.get(name)
         if member is not None:
-            said[name] = member.number(positive=name.startswith("focal"))
+            said[name] = member.number(above=0.0 if name.startswith("focal") else -math.inf)
     fx = side * said.get("focal_x", said.get("focal", 0.0))
     fy = side * said.get("focal_y", said.get("focal", 0.0))
     values = {"c": fy, "x0": size[0] / 2 + side * said.get("c_x", 0.0)}

@@ -161,7 +161,7 @@ class _Cameras:
         column, row = internals.need("principal_point_px").numbers(2)
         k1, k2, k3 = internals.need("radial_distortion").numbers(3)
         t1, t2 = internals.need("tangential_distortion").numbers(2)
-        focal = internals.need("focal_length_px").number(positive=True)
+        focal = internals.need("focal_length_px").number(above=0.0)
         values = {"c": focal, "x0": column, "y0": -row, "k1": k1, "k2": k2, "k3": k3}
         values |= {"p1": t2, "p2": -t1}
         label = given.get("name")
@@ -305,7 +305,7 @@ def _marks(
         with reading.at(mark.where):
             photo = photos.get(mark.need("camera_id").integer())
             column, row = mark.need("position_px").numbers(2)
-            sigma = sigma_px * mark.need("accuracy").number(positive=True)
+            sigma = sigma_px * mark.need("accuracy").number(above=0.0)
             if photo is None:  # a camera that is not calibrated has no photo
                 camera = f"camera {mark.need('camera_id').integer()}"
                 reading.leave_out(MARKS_WITHOUT_PHOTO, camera, mark.where)
@@ -321,8 +321,8 @@ def _constraints(project: OpfProject, network: Network, reading: BlockProblems) 
                 SlopeDistance(
                     node.need("id_from").text(),
                     node.need("id_to").text(),
-                    node.need("distance").number(positive=True),
-                    sigma=node.need("sigma").number(positive=True),
+                    node.need("distance").number(above=0.0),
+                    sigma=node.need("sigma").number(above=0.0),
                     id=_unused_id(node, network),
                     source=node.where,
                 )
@@ -337,7 +337,7 @@ def _constraints(project: OpfProject, network: Network, reading: BlockProblems) 
                     ux,
                     uy,
                     uz,
-                    sigma=float(np.deg2rad(node.need("sigma_deg").number(positive=True))),
+                    sigma=float(np.deg2rad(node.need("sigma_deg").number(above=0.0))),
                     id=_unused_id(node, network),
                     source=node.where,
                 )
