@@ -70,16 +70,18 @@ def angles_by_rotation(rotation: Array) -> Array:
 
 
 def nearest_rotation(h: Array, *, mirrored: bool = False) -> Array:
-    """Return the orthogonal R (d, d) with the largest tr(Rᵀ H): b ≈ R a for H = Σ b aᵀ (Kabsch).
+    """Return the orthogonal R (…, d, d) with the largest tr(Rᵀ H): b ≈ R a for H = Σ b aᵀ (Kabsch).
+
+    The mean of rotations in the least-squares sense is the rotation nearest to their sum.
 
     Args:
-        h: H, (d, d).
+        h: H, (…, d, d).
         mirrored: whether R is a rotation with a mirror, det R = −1, and not a rotation.
     """
     u, _, vt = np.linalg.svd(h)
-    signs = np.ones(len(h))
-    signs[-1] = np.sign(np.linalg.det(u @ vt)) * (-1.0 if mirrored else 1.0)
-    return np.asarray((u * signs) @ vt)
+    sign = np.asarray(np.sign(np.linalg.det(u @ vt)) * (-1.0 if mirrored else 1.0))
+    u[..., -1] *= sign[..., None]
+    return np.asarray(u @ vt)
 
 
 def skew(w: Array) -> Array:

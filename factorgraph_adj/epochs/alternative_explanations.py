@@ -23,6 +23,7 @@ import numpy as np
 
 from ..adjustment import adjust
 from ..errors import AdjustmentError
+from ..models.similarity import fit_similarity
 from ..quality.causes.search import Causes
 from ..quality.misleading_readings import likely_causes
 from ..quality.reliability import reliability
@@ -215,10 +216,7 @@ def _onto_first(found: Congruence, points: Array) -> Array:
     later = dict(zip(found.differences.names, found.differences.later, strict=True))
     here = np.array([first.point(n) for n in names])
     there = np.array([second.point(later[n]) for n in names])
-    a, b = here - here.mean(axis=0), there - there.mean(axis=0)
-    u, _, v = np.linalg.svd(b.T @ a)
-    u[:, -1] *= np.sign(np.linalg.det(u @ v))
-    return np.asarray((points - there.mean(axis=0)) @ (u @ v) + here.mean(axis=0))
+    return fit_similarity(there, here, scale=1.0).of(points)
 
 
 # -- scale and datum ------------------------------------------------------------------------------

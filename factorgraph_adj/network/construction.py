@@ -11,7 +11,7 @@ from ..entities import ORIGINS, Camera, Origin, Parameter, Photo, Point, paramet
 from ..errors import InputError, Problem, known, similar
 from ..models.lens import Lens
 from ..models.variables import UNKNOWNS, UnknownKind
-from ..rotation import world_R_camera
+from ..rotation import nearest_rotation, world_R_camera
 from ..types import Array
 
 ROUGH = 5e-4
@@ -143,7 +143,7 @@ def _sides(format: Sequence[float], where: str) -> tuple[float, float]:
     return width, height
 
 
-def _nearest_rotation(matrix: Array, where: str) -> Array:
+def _checked_rotation(matrix: Array, where: str) -> Array:
     """Return the rotation nearest to a matrix, which is orthogonal to the digits that it has.
 
     Raises:
@@ -166,8 +166,7 @@ def _nearest_rotation(matrix: Array, where: str) -> Array:
         raise InputError(Problem(what, where))
     if off <= 1e-14:  # it stays bit-identical
         return matrix
-    u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ vt)
+    return nearest_rotation(matrix)
 
 
 def checked_photo(
@@ -189,7 +188,7 @@ def checked_photo(
     if rotation is None and omega_phi_kappa is not None:
         rotation = world_R_camera(*triple(omega_phi_kappa, "omega_phi_kappa", where))
     if rotation is not None:
-        rotation = _nearest_rotation(np.asarray(rotation, dtype=float), where)
+        rotation = _checked_rotation(np.asarray(rotation, dtype=float), where)
     held = (bool(fixed),) * 6 if isinstance(fixed, bool) else tuple(map(bool, fixed))
     if len(held) != 6:
         raise InputError(Problem("fixed must be true, false or six flags", where))

@@ -20,21 +20,19 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.base import DegenerateError
+from ..models.similarity import Similarity, fit_similarity
 from ..observations.registry import KINDS
-from ..rotation import exp_rotation
+from ..rotation import exp_rotation, nearest_rotation
 from ..start.polar_points import orient_sets_by_model
 from ..types import Array, Mask
 from .block_input import KnownLength, KnownPlaces
 from .partial_block import PartialBlock
 from .similarity import (
-    Similarity,
     even_rotations,
     in_one_line,
-    mean_rotation,
     robust_similarity,
     scales_by_rays,
     similarity_from_components,
-    similarity_from_points,
     similarity_from_rays,
     similarity_with_rotation,
 )
@@ -344,7 +342,7 @@ def _incomplete(
     growth: PartialBlock, lengths: Sequence[KnownLength], x: Array, y: Array, words: str
 ) -> tuple[Similarity, str]:
     """Return scale and shift from what there is, and words."""
-    if len(x) >= 2 and (pair := similarity_from_points(x, y)) is not None and in_one_line(y):
+    if len(x) >= 2 and in_one_line(y) and (pair := fit_similarity(x, y)).scale > 0:
         return pair, f"{words} in one line, which leave a rotation open"
     found, said = _by_lengths(growth, lengths, np.eye(3), x, y)
     return found, f"{words}; {said}"
@@ -384,7 +382,7 @@ def _known_rotation(growth: PartialBlock, known: KnownPlaces) -> Array | None:
         return None
     ours = growth.pose[rows, :9].reshape(-1, 3, 3)
     theirs = known.pose[rows, :9].reshape(-1, 3, 3)
-    return mean_rotation(theirs @ ours.transpose(0, 2, 1))
+    return nearest_rotation((theirs @ ours.transpose(0, 2, 1)).mean(axis=0))
 
 
 def _counted(full: Mask, n_points: int, joined: Mask) -> str:

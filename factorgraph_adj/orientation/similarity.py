@@ -28,8 +28,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..models.similarity import Similarity, extent_ratio, fit_similarity
 from ..rotation import exp_rotation
-from ..start.resection import rotation_and_shift
 from ..types import Array, Index, Mask
 from .block_input import KnownPlaces
 from .partial_block import PartialBlock
@@ -99,55 +99,9 @@ START_ROTATIONS = 24
 """Number of rotations from which partly known coordinates are fitted."""
 
 
-@dataclass(frozen=True, eq=False)
-class Similarity:
-    """X = s R x + t."""
-
-    scale: float
-    """s."""
-    rotation: Array
-    """R, (3, 3)."""
-    shift: Array
-    """t, (3,)."""
-
-    def of(self, points: Array) -> Array:
-        """Return transformed points, (n, 3)."""
-        return np.asarray(self.scale * points @ self.rotation.T + self.shift)
-
-    def of_poses(self, poses: Array) -> Array:
-        """Return transformed stored poses, (n, 12)."""
-        turned = self.rotation @ poses[:, :9].reshape(-1, 3, 3)
-        return np.concatenate([turned.reshape(-1, 9), self.of(poses[:, 9:])], axis=1)
-
-
-def similarity_from_points(x: Array, known: Array) -> Similarity | None:
-    """Return the similarity of points with their known coordinates by least squares.
-
-    Args:
-        x: points of the part, (n, 3).
-        known: their coordinates, (n, 3), n ≥ 2. Two points, or points in one line, leave the
-            rotation about that line as it is.
-
-    Returns:
-        The transformation; none: all points are in one place.
-    """
-    a, b = x - x.mean(axis=0), known - known.mean(axis=0)
-    size_a, size_b = np.sqrt((a * a).sum()), np.sqrt((b * b).sum())
-    if not (size_a > 0 and size_b > 0):
-        return None
-    r, _ = rotation_and_shift(a[None] / size_a, b[None] / size_b)
-    scale = float((b * (a @ r[0].T)).sum() / size_a**2)
-    if not scale > 0:
-        return None
-    return Similarity(scale, r[0], known.mean(axis=0) - scale * x.mean(axis=0) @ r[0].T)
-
-
 def in_one_line(x: Array) -> bool:
     """Return whether points (n, 3) lie nearly in one line, or are fewer than three."""
-    if len(x) < 3:
-        return True
-    extent = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    return bool(extent[1] <= MIN_EXTENT_RATIO_OFF_LINE * extent[0])
+    return not extent_ratio(x) > MIN_EXTENT_RATIO_OFF_LINE
 
 
 def robust_similarity(x: Array, known: Array) -> tuple[Similarity, Mask] | None:
@@ -162,18 +116,18 @@ def robust_similarity(x: Array, known: Array) -> tuple[Similarity, Mask] | None:
     """
     if in_one_line(x) or in_one_line(known):
         return None
-    best = similarity_from_points(x, known)
+    best = fit_similarity(x, known)
     fits = np.ones(len(x), dtype=bool)
-    if best is None or len(x) < 5:
-        return None if best is None else (best, fits)
+    if not best.scale > 0 or len(x) < 5:
+        return (best, fits) if best.scale > 0 else None
     rng = np.random.default_rng(len(x))
     least = np.inf
     for _ in range(MAX_POINT_TRIPLES):
         chosen = rng.choice(len(x), 3, replace=False)
         if in_one_line(x[chosen]):
             continue
-        trial = similarity_from_points(x[chosen], known[chosen])
-        if trial is None:
+        trial = fit_similarity(x[chosen], known[chosen])
+        if not trial.scale > 0:
             continue
         miss = np.linalg.norm(trial.of(x) - known, axis=1)
         if (median := float(np.median(miss))) < least:
@@ -183,7 +137,8 @@ def robust_similarity(x: Array, known: Array) -> tuple[Similarity, Mask] | None:
         fits = miss <= MAX_MISFIT_RATIO * float(np.median(miss)) + 1e-12
         if in_one_line(x[fits]):
             break
-        best = similarity_from_points(x[fits], known[fits]) or best
+        trial = fit_similarity(x[fits], known[fits])
+        best = trial if trial.scale > 0 else best
     return best, fits
 
 
@@ -268,12 +223,6 @@ def even_rotations(n: int = 24) -> list[Array]:
                         r[2] = np.cross(r[0], r[1])
                         out.append(r)
     return out[:n]
-
-
-def mean_rotation(rotations: Array) -> Array:
-    """Return the rotation nearest to some rotations, (n, 3, 3), in the least-squares sense."""
-    u, _, vt = np.linalg.svd(rotations.mean(axis=0))
-    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
 
 
 MIN_RAYS_OF_SIMILARITY = 4

@@ -28,6 +28,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import MaskState, State
 from ..models.image import in_front
+from ..models.similarity import Similarity
 from ..network.network import DatumChoice
 from ..rotation import exp_rotation, log_rotation
 from ..start.search import approximate, partial_approximation
@@ -37,7 +38,6 @@ from .block_input import KnownPlaces, Views, given_places
 from .block_orientation import Assembly
 from .block_placement import PartPlacement
 from .partial_block import GROWTH, PartialBlock
-from .similarity import Similarity
 
 GROSS_START_MISFIT = 0.05
 """Median relative misfit of the observations of a kind above which a start is grossly wrong: 3° of

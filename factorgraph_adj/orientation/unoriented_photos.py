@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ..rotation import nearest_rotation
 from ..start.resection import resected_pose
 from ..types import Array, Index, Mask
 from .block_growth import BlockPart
@@ -181,8 +182,7 @@ def _miss_of_rotation(views: Views, rays: IdealRays, first: int, second: int) ->
     keep = np.ones(len(d), dtype=bool)
     miss = np.zeros(len(d))
     for _ in range(5):
-        u, _, vt = np.linalg.svd(d[keep].T @ e[keep])
-        rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        rotation = nearest_rotation(d[keep].T @ e[keep])
         miss = np.linalg.norm(d - e @ rotation.T, axis=1)
         keep = miss <= 2.0 * np.median(miss) + 1e-15
     return float(np.median(miss / (rays.unit[a[i]] + rays.unit[b[j]])))

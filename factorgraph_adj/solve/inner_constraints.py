@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import DatumError
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
+from ..models.similarity import fit_similarity
 from ..models.sub_frame import split_frame
 from ..models.variables import ROTATION, UNKNOWNS, VariableKind
 from ..rotation import exp_rotation, log_rotation
@@ -316,9 +317,8 @@ def _similarity(
 ) -> Array | None:
     """Return the amounts of the similarity that makes |x − x₀|² least; none: it may not be used.
 
-    Singular values give rotation and scale (Umeyama 1991, eqs. 34 to 43). The similarity is used
-    where the network has all seven defects, where every datum point has all its coordinates, and
-    where only points, photos and frames move.
+    The similarity is used where the network has all seven defects, where every datum point has all
+    its coordinates, and where only points, photos and frames move.
     """
     unknowns = equations.unknowns
     moved = {k for k, _ in unknowns.active() if UNKNOWNS[k].motions is not None}
@@ -331,17 +331,11 @@ def _similarity(
         return None
     numbers = on[chosen.all(axis=1)]
     centre, size = defect.about
-    x, wanted = state["point"][numbers] - centre, start["point"][numbers] - centre
-    middle, target = x.mean(axis=0), wanted.mean(axis=0)
-    u, values, vt = np.linalg.svd((wanted - target).T @ (x - middle))
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    rotation = (u * sign) @ vt
-    scale = float(np.sum(values * sign) / np.sum((x - middle) ** 2))
-    if not scale > 0:
+    by = fit_similarity(state["point"][numbers] - centre, start["point"][numbers] - centre)
+    if not by.scale > 0:
         return None
-    shift = target - scale * rotation @ middle
-    turn = log_rotation(rotation[None])[0]
-    motion = np.concatenate([shift, size * turn, [size * np.log(scale)]])
+    turn = log_rotation(by.rotation[None])[0]
+    motion = np.concatenate([by.shift, size * turn, [size * np.log(by.scale)]])
     return np.asarray(np.linalg.solve(defect.mixture, motion))
 
 

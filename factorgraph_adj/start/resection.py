@@ -91,11 +91,7 @@ def rotation_and_shift(camera: Array, world: Array) -> tuple[Array, Array]:
     """Return R (k, 3, 3) and X₀ (k, 3) of world = R camera + X₀ by least squares, (k, m, 3)."""
     mc, mw = camera.mean(axis=1), world.mean(axis=1)
     h = np.swapaxes(camera - mc[:, None], 1, 2) @ (world - mw[:, None])
-    u, _, vt = np.linalg.svd(h)
-    v = np.swapaxes(vt, 1, 2)
-    sign = np.sign(np.linalg.det(v @ np.swapaxes(u, 1, 2)))
-    v[:, :, 2] *= sign[:, None]
-    r = v @ np.swapaxes(u, 1, 2)
+    r = np.swapaxes(nearest_rotation(h), 1, 2)
     return r, mw - np.einsum("kij,kj->ki", r, mc)
 
 
@@ -254,10 +250,7 @@ def resected_pose(given: Array, x: Array, d: Array, least: int) -> Array | None:
         to = x - x0
         to /= np.linalg.norm(to, axis=1, keepdims=True)
         if np.linalg.norm(np.cross(to[0], to), axis=1).max() > 1e-3:
-            h = d.T @ to
-            u, _, vt = np.linalg.svd(h)
-            turned = vt.T @ np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)]) @ u.T
-            return np.concatenate([turned.ravel(), x0])
+            return np.concatenate([nearest_rotation(d.T @ to).T.ravel(), x0])
     if len(x) < least:
         return None
     pose = resect(x, d)

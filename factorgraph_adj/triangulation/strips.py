@@ -20,10 +20,10 @@ from ..entities import ImageTable, Point
 from ..errors import InputError, Problem
 from ..graph.observation_selection import without
 from ..models.deformation import COEFFICIENTS
+from ..models.similarity import Similarity, extent_ratio, fit_similarity
 from ..network.network import Network
 from ..observations import ControlPoint, StripCoordinate
 from ..result_display import Rows, Shown
-from ..rotation import nearest_rotation
 from ..types import Array
 from .independent_models import RelativeModel, start_values
 
@@ -35,39 +35,16 @@ MIN_EXTENT_RATIO_OF_MODELS = 1e-3
 """Smallest ratio of extents, across and along, at which places fix a similarity."""
 
 
-@dataclass(frozen=True)
-class Similarity:
-    """X = shift + scale · rotation · x."""
-
-    rotation: Array
-    """(3, 3)."""
-    scale: float
-    """Units of X in a unit of x."""
-    shift: Array
-    """(3,)."""
-
-    def __call__(self, x: Array) -> Array:
-        """Return transformed places (…, 3)."""
-        return np.asarray(self.shift + self.scale * x @ self.rotation.T)
-
-
 def fitted_similarity(x: Array, to: Array, where: str) -> Similarity:
     """Return the similarity that carries places x (n, 3) to others (n, 3) with least squares.
-
-    Source: Umeyama (1991), eqs. 34 to 43.
 
     Raises:
         InputError: the places are fewer than three or lie on one line.
     """
-    n = max(len(x), 1)
-    a, b = (p - p.sum(axis=0) / n for p in (x, to))
-    spread = np.linalg.svd(a, compute_uv=False) if len(x) >= MIN_COMMON_PLACES else np.zeros(3)
-    if not spread[1] > MIN_EXTENT_RATIO_OF_MODELS * spread[0]:
+    if not extent_ratio(x) > MIN_EXTENT_RATIO_OF_MODELS:
         what = f"{len(x)} common places fix no similarity: three are needed, not on one line"
         raise InputError(Problem(what, where))
-    rotation = nearest_rotation(b.T @ a)
-    scale = float(np.sum(b * (a @ rotation.T)) / np.sum(a**2))
-    return Similarity(rotation, scale, to.mean(axis=0) - scale * rotation @ x.mean(axis=0))
+    return fit_similarity(x, to)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -93,7 +70,7 @@ class Strip(Shown):
     def moved(self, by: Similarity) -> Strip:
         """Return the strip after a similarity."""
         points, centres = (
-            {name: by(x) for name, x in places.items()} for places in (self.points, self.centres)
+            {name: by.of(x) for name, x in places.items()} for places in (self.points, self.centres)
         )
         return Strip(self.name, points, centres)
 
@@ -165,7 +142,7 @@ def join_models(models: Sequence[RelativeModel], *, name: str = "strip") -> Stri
             x = np.array([places[p] for p in common]).reshape(-1, 3)
             to = np.array([last[p] for p in common]).reshape(-1, 3)
             by = fitted_similarity(x, to, f"model {m.name!r} of strip {name!r}")
-            places = {p: by(x) for p, x in places.items()}
+            places = {p: by.of(x) for p, x in places.items()}
         last = places
         for p, x in places.items():
             sums.setdefault(p, []).append(x)

@@ -22,8 +22,9 @@ import numpy as np
 
 from ..errors import known
 from ..graph.equations import Equations
+from ..models.similarity import fit_similarity, reduced
 from ..network.network import Network
-from ..rotation import nearest_rotation, skew
+from ..rotation import skew
 from ..statistical_tests import chi2_upper_quantile
 from ..types import Array, Index
 from .findings import Finding
@@ -97,7 +98,7 @@ class CommonPlaces:
     @property
     def determined(self) -> bool:
         """Whether the places fix a similarity: they do not lie in one place, or in one line."""
-        if len(self.a) < self.size:
+        if len(self.a) < self.size or not np.ptp(self.a, axis=0).any():
             return False
         extents = self.extents()
         return bool(extents[self.size - 2] > MIN_SECOND_EXTENT_RATIO * extents[0])
@@ -128,20 +129,15 @@ class CommonPlaces:
     def fitted(self, *, mirrored: bool = False) -> PlaceSimilarity:
         """Return the similarity a → b, with a mirror if it is asked for."""
         ln_scale = self.first.fixed_scale - self.second.fixed_scale
-        weight = np.ones(len(self.a))
+        given = None if np.isnan(ln_scale) else float(np.exp(ln_scale))
+        variance = np.ones(len(self.a))
         for _ in range(2):  # the weights take the scale of the first fit
-            total = weight.sum()
-            a0, b0 = weight @ self.a / total, weight @ self.b / total
-            a, b = self.a - a0, self.b - b0
-            rotation = nearest_rotation((b * weight[:, None]).T @ a, mirrored=mirrored)
-            turned = a @ rotation.T
-            scale = float(np.exp(ln_scale))
-            if np.isnan(ln_scale):
-                scale = float(np.sum(weight[:, None] * turned * b) / np.sum(weight[:, None] * a**2))
-            variance = scale**2 * self.variance_a + self.variance_b
             weight = 1.0 / variance
-        v = b - scale * turned
-        return PlaceSimilarity(self, rotation, scale, scale * turned, v, 1.0 / weight)
+            by = fit_similarity(self.a, self.b, weight, scale=given, mirrored=mirrored)
+            variance = by.scale**2 * self.variance_a + self.variance_b
+        turned = by.scale * reduced(self.a, weight) @ by.rotation.T
+        v = reduced(self.b, weight) - turned
+        return PlaceSimilarity(self, by.rotation, by.scale, turned, v, variance)
 
 
 @dataclass(frozen=True, eq=False)

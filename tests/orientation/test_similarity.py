@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from factorgraph_adj.models.similarity import Similarity
 from factorgraph_adj.orientation.similarity import (
-    Similarity,
     in_one_line,
-    mean_rotation,
     robust_similarity,
     similarity_from_components,
-    similarity_from_points,
     similarity_with_rotation,
 )
 from factorgraph_adj.rotation import exp_rotation
@@ -36,12 +34,6 @@ def assert_same(found: Similarity | None, true: Similarity, tolerance: float = R
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_points_give_back_the_transformation(seed):
-    true, x = some(seed)
-    assert_same(similarity_from_points(x, true.of(x)), true)
-
-
-@pytest.mark.parametrize("seed", range(5))
 def test_a_third_of_wrong_coordinates_does_no_harm(seed):
     true, x = some(seed)
     known = true.of(x)
@@ -57,13 +49,6 @@ def test_points_in_one_line_give_no_rotation():
     x = np.outer(np.arange(5.0), [1.0, 2.0, 3.0])
     assert in_one_line(x)
     assert robust_similarity(x, true.of(x)) is None
-
-
-def test_points_in_one_place_give_no_scale():
-    assert (
-        similarity_from_points(np.ones((4, 3)), np.random.default_rng(0).normal(size=(4, 3)))
-        is None
-    )
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -97,18 +82,3 @@ def test_a_known_rotation_leaves_scale_and_shift_to_any_components(seed):
 def test_one_point_gives_no_scale_to_a_known_rotation():
     true, x = some(2, 1)
     assert similarity_with_rotation(x, true.of(x), true.rotation) is None
-
-
-def test_poses_move_with_their_points():
-    true, x = some(3)
-    pose = np.concatenate([np.eye(3).ravel(), x[0]])[None]
-    moved = true.of_poses(pose)[0]
-    before = x[1:] - x[0]
-    after = (true.of(x[1:]) - moved[9:]) @ moved[:9].reshape(3, 3)
-    np.testing.assert_allclose(after, true.scale * before, atol=ROUNDING * 100)
-
-
-def test_the_mean_of_rotations_is_between_them():
-    w = np.array([0.1, -0.2, 0.3])
-    turns = np.array([exp_rotation(w * s) for s in (0.8, 1.2)])
-    np.testing.assert_allclose(mean_rotation(turns), exp_rotation(w), atol=1e-12)

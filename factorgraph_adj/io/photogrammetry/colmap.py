@@ -11,6 +11,7 @@ import numpy as np
 
 from ...entities import Point
 from ...errors import InputError, LeftOut, Problem, known
+from ...models.similarity import Similarity
 from ...network.network import Network
 from ...observations.positions import PhotoPosition
 from ...rotation import TURN_ABOUT_X, log_rotation
@@ -32,7 +33,6 @@ from .colmap_reference import (
     IDENTITY_SIMILARITY,
     ControlMark,
     ModelTables,
-    Similarity,
     UnregisteredChoice,
     keypoint_scales,
     mark_rays,
@@ -183,7 +183,7 @@ class _Assembly:
         network = Network(datum="free" if free else "given")
         number_of = {p.number: i for i, p in enumerate(model.points)}
         xyz = np.array([p.xyz for p in model.points]).reshape(-1, 3)
-        network.add_points([str(p.number) for p in model.points], moved.places(xyz))
+        network.add_points([str(p.number) for p in model.points], moved.of(xyz))
         for point in tables.control.values():
             self._control(network, point)
         for camera in model.cameras:
@@ -342,7 +342,7 @@ class _Assembly:
         network.add_photo(
             name,
             str(camera),
-            position=moved.places(pose.centre[None])[0].tolist(),
+            position=moved.of(pose.centre[None])[0].tolist(),
             rotation=moved.rotation @ pose.rotation.T,
             carrier=carrier,
             mount=mount,

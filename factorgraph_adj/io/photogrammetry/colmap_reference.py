@@ -19,6 +19,7 @@ from ...entities import Point
 from ...errors import InputError, LeftOut, Problem, known
 from ...files import note_read, opened
 from ...models.inverse_lens import directions
+from ...models.similarity import Similarity, extent_ratio, fit_similarity
 from ...network.network import Network
 from ...start.image_rays import nearest_to_rays
 from ...types import Array
@@ -355,43 +356,13 @@ def ray_intersection(centres: Array, directions_: Array) -> Array | None:
     return at[0] if strength[0] > MIN_INTERSECTION_STRENGTH and np.isfinite(at).all() else None
 
 
-@dataclass(frozen=True)
-class Similarity:
-    """X = s R x + t."""
-
-    scale: float
-    """s."""
-    rotation: Array
-    """R, (3, 3)."""
-    shift: Array
-    """t, (3,)."""
-
-    def places(self, x: Array) -> Array:
-        """Return transformed places (n, 3)."""
-        return np.asarray(self.scale * x @ self.rotation.T + self.shift)
-
-
 IDENTITY_SIMILARITY = Similarity(1.0, np.eye(3), np.zeros(3))
 """The similarity that moves nothing."""
 
 
 def similarity_of_points(x: Array, to: Array) -> Similarity | None:
-    """Return the similarity that maps places (n, 3) to others by least squares; None: undetermined.
-
-    R and s by the singular values of the covariance of both (S. Umeyama, Least-squares estimation
-    of transformation parameters between two point patterns, IEEE PAMI 13 (1991), 376–380).
-    """
-    if len(x) < 3:
+    """Return the similarity that maps places (n, 3) to others; None: they do not determine it."""
+    if not min(extent_ratio(x), extent_ratio(to)) > MIN_EXTENT_RATIO:
         return None
-    a, b = x - x.mean(axis=0), to - to.mean(axis=0)
-    for places in (a, b):
-        extent = np.linalg.svd(places, compute_uv=False)
-        if not extent[1] > MIN_EXTENT_RATIO * extent[0]:
-            return None
-    u, d, vt = np.linalg.svd(b.T @ a)
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    rotation = u @ np.diag(sign) @ vt
-    scale = float(np.sum(d * sign) / np.sum(a * a))
-    if not scale > 0:
-        return None
-    return Similarity(scale, rotation, to.mean(axis=0) - scale * rotation @ x.mean(axis=0))
+    found = fit_similarity(x, to)
+    return found if found.scale > 0 else None
