@@ -341,7 +341,7 @@ def test_text_that_is_not_utf_8_is_named(tmp_path):
 def test_text_in_utf_16_is_read(tmp_path):
     path = write(tmp_path)
     path.write_text(path.read_text(), encoding="utf-16")
-    assert len(load_project(path).network.points) == 3
+    assert len(load_project(path).network.points) == 6
 
 
 def test_sigma_in_east_north_up_without_its_axes_is_told_what_to_state(tmp_path):
