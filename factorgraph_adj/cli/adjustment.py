@@ -22,9 +22,9 @@ from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.adjustment_report import Report
+from ..report.catalogue import Language
 from ..report.doubtful_results import notes_of_network, notes_of_solution, unknowns_left_out
 from ..report.gross_errors import all_doubts, most_probable_cause
-from ..report.html.rendering import Language
 from ..report.options import Provenance, ReportOptions
 from ..report.result_files import RESULT_FILES, parts_protocol, write_parts, write_tables
 from ..report.summary import (

@@ -18,8 +18,8 @@ from ..epochs.congruence_tests import LocalisationMethod
 from ..errors import InputError, Problem, known
 from ..io.file_transaction import one_transaction, write_files
 from ..io.numbers import Units
+from ..report.catalogue import Language
 from ..report.epochs_report import EpochsReport, displacement_table, render_congruence
-from ..report.html.rendering import Language
 from ..report.options import Provenance
 from ..report.results_json import epochs_results_text
 from ..solve.solution import Solution

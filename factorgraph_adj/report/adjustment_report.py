@@ -195,7 +195,7 @@ class Report:
 
     @cached_property
     def doubts(self) -> list[str]:
-        """Why the result may be wrong; empty if nothing speaks against it."""
+        """Why the result may be wrong; empty if there are none."""
         return [
             *doubts_of_solution(self.solution),
             *self.sigma_doubts,
@@ -251,7 +251,7 @@ class Report:
         """The preliminary findings that explain what does not fit.
 
         After data snooping they concern observations set aside or unresolved; without it, where
-        the adjustment did not come to rest or the global test failed, they are mistakes of whole
+        the adjustment did not converge or the global test failed, they are mistakes of whole
         groups, such as a unit, and where gross errors have bent it, all others.
         """
         original = self.provenance.original

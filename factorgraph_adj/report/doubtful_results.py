@@ -43,7 +43,7 @@ class AdjustmentOutcome(AdjustmentFigures, Protocol):
 
     @property
     def converged(self) -> bool:
-        """Whether the iteration came to rest."""
+        """Whether the iteration converged."""
         ...
 
     @property

@@ -57,7 +57,7 @@ class EpochsReport:
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
-        """Why the displacements are doubtful; empty if nothing speaks against them."""
+        """Why the displacements are doubtful; empty if there are none."""
         return tuple(_doubts(self.found))
 
     @cached_property

@@ -19,9 +19,9 @@ from ..statistical_tests import AdjustmentFigures, global_test
 from ..units import decimal
 from .adjusted_observations import redundancy_text
 from .adjustment_report import Report
+from .catalogue import Texts
 from .doubtful_results import doubts_of_solution, notes_of_solution, unknowns_left_out
 from .html.observations import test_symbol
-from .html.rendering import Texts
 from .html.verdict import LightColour, adjustment_verdict
 from .layout import LINE_WIDTH, clipped, listed, paragraph, short, table
 from .observation_rows import Row
@@ -96,7 +96,7 @@ def parts_summary(solution: PartsSolution) -> str:
     doubts = doubts_of_parts(solution)
     notes = [*unknowns_left_out(solution), *notes_of_solution(solution)]
     colour = _colour_of_parts(solution)
-    verdict = f"DOUBTFUL RESULT: {'; '.join(doubts)}" if doubts else WORDS(f"verdict.{colour}")
+    verdict = f"DOUBTFUL RESULT: {'; '.join(doubts)}" if doubts else WORDS(f"verdict_{colour}")
     head = [
         *_within([*paragraph(verdict), *(line for note in notes for line in paragraph(note))]),
         *_sigma0(solution),
@@ -113,7 +113,7 @@ def parts_summary(solution: PartsSolution) -> str:
 
 def parts_verdict_line(solution: PartsSolution) -> str:
     """Return the verdict on an adjustment in parts and σ̂0 in one line."""
-    return _line(WORDS(f"verdict.{_colour_of_parts(solution)}"), solution)
+    return _line(WORDS(f"verdict_{_colour_of_parts(solution)}"), solution)
 
 
 # -- parts of the screen --------------------------------------------------------------------------

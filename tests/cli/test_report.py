@@ -14,7 +14,7 @@ def test_a_report_is_written_with_the_options_of_the_run(tmp_path, capsys):
     options = ["--quiet", "--ellipses", "0.9", "--date", "today", "--report", str(file)]
     assert main(["adjust", BLOCK, *options, "--language", "de"]) == 0
     said = capsys.readouterr()
-    assert said.err == "" and said.out.startswith("nothing speaks against this result; σ̂0 0.98676")
+    assert said.err == "" and said.out.startswith("no indication of gross errors; σ̂0 0.98676")
     assert said.out.count("\n") == 1
     text = file.read_text(encoding="utf-8")
     assert '<html lang="de">' in text and "today" in text and "--ellipses 0.9" in text
@@ -28,7 +28,7 @@ def test_a_report_and_the_tables_may_stand_together(tmp_path):
     assert main(["adjust", BLOCK, *options]) == 0
     assert {"r.html", "protocol.txt", "points.csv"} <= {p.name for p in tmp_path.iterdir()}
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert "Nothing had to be set aside." in text
+    assert "Nothing had to be rejected." in text
 
 
 @pytest.mark.parametrize(

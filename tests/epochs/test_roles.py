@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.report.epochs_report import EpochsReport, render_congruence
-from factorgraph_adj.report.html.rendering import Texts
 from factorgraph_adj.report.html.verdict import epochs_verdict
 from factorgraph_adj.report.results_json import epochs_results_record
 
@@ -90,10 +90,10 @@ def test_nothing_tested_is_never_nothing_moved(language):
     assert "moved significantly" not in said
     t = Texts(language)
     verdict = epochs_verdict(EpochsReport(found), t)
-    assert verdict.text == t("verdict.epochs.shape")
+    assert verdict.text == t("verdict_epochs_shape")
     lights = [light.text for light in verdict.lights]
-    assert t("light.moved.untested") in lights
-    assert t("light.moved.none", alpha="5 %") not in lights
+    assert t("light_moved_untested") in lights
+    assert t("light_moved_none", alpha="5 %") not in lights
 
 
 def test_held_points_that_are_held_elsewhere_make_the_comparison_doubtful():

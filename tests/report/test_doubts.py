@@ -6,8 +6,8 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.observations import GnssPosition
 from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.report.doubtful_results import exceedance_doubts, exceeded_by_chance
-from factorgraph_adj.report.html.rendering import Texts
 from factorgraph_adj.report.html.verdict import adjustment_verdict
 
 CRITICAL, ALPHA = 3.2905, 0.001

@@ -7,7 +7,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.report.adjustment_report import Report
-from factorgraph_adj.report.html.rendering import Texts
+from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.report.html.verdict import adjustment_verdict
 
 FOOT = 0.3048

@@ -50,7 +50,7 @@ def verdict(text: str) -> str:
 def test_a_good_network_has_the_verdict_of_the_page_and_the_figures_of_the_solution() -> None:
     solution = fga.adjust(trilateration())
     text = solution.summary()
-    assert verdict(text) == "nothing speaks against this result"
+    assert verdict(text) == "no indication of gross errors"
     assert f"σ̂0           {solution.sigma0:.5f}, the standard deviation of unit weight" in text
     assert f"{solution.redundancy} degrees of freedom" in text
     assert f"{solution.n_observations} observations, {solution.n_unknowns} unknowns" in text

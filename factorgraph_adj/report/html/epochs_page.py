@@ -14,6 +14,7 @@ from ...epochs.congruence_tests import HypothesisTest
 from ...statistical_tests import global_test
 from ...types import Array
 from ...units import ANGLE, LENGTH, decimal, decimal_angle
+from ..catalogue import Language, Texts
 from ..epochs_report import EPOCH_POINT_STATES, PARAMETER_UNITS, EpochsReport, render_congruence
 from ..layout import listed, percent, short
 from ..plots.displacements import EpochsDrawing
@@ -24,10 +25,8 @@ from .plan import axis_words, rounded_or_none, rounded_xy
 from .rendering import (
     NO_FIGURE,
     ColumnHead,
-    Language,
     PageSection,
     Sheet,
-    Texts,
     capitalised,
     columns_from_rows,
     filled_sheet,
@@ -61,16 +60,16 @@ def adjustments_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
             ]
         )
     heads: list[ColumnHead] = [
-        (t("col.epoch"), False),
-        (t("figure.n"), True),
-        (t("figure.u"), True),
-        (t("figure.d"), True),
-        (t("figure.r"), True),
+        (t("col_epoch"), False),
+        (t("figure_n"), True),
+        (t("figure_u"), True),
+        (t("figure_d"), True),
+        (t("figure_r"), True),
         ("σ̂0", True),
         ("σ̂0 (χ²)", True),
         ("vᵀPv", True),
     ]
-    return filled_sheet("adjustments", t("adjustments.caption"), columns_from_rows(heads, rows))
+    return filled_sheet("adjustments", t("adjustments_caption"), columns_from_rows(heads, rows))
 
 
 def variance_ratio_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
@@ -80,11 +79,11 @@ def variance_ratio_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
         return None
     row = [f"{found.ratio:.3f}", f"{found.critical:.3f}", t("yes" if found.accepted else "no")]
     heads: list[ColumnHead] = [
-        (t("col.larger"), True),
-        (t("col.critical"), True),
-        (t("col.fits"), False),
+        (t("col_larger"), True),
+        (t("col_critical"), True),
+        (t("col_fits"), False),
     ]
-    return filled_sheet("ratio", t("ratio.caption"), columns_from_rows(heads, [row]))
+    return filled_sheet("ratio", t("ratio_caption"), columns_from_rows(heads, [row]))
 
 
 def congruence_tests_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
@@ -104,15 +103,15 @@ def congruence_tests_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
             ]
         )
     heads: list[ColumnHead] = [
-        (t("col.step"), True),
-        (t("col.left"), False),
-        (t("col.back"), False),
-        (t("col.tested"), True),
+        (t("col_step"), True),
+        (t("col_left"), False),
+        (t("col_back"), False),
+        (t("col_tested"), True),
         *_test_heads("T", t),
-        (t("col.fits"), False),
+        (t("col_fits"), False),
     ]
-    notes = [t("steps.note")]
-    return filled_sheet("steps", t("steps.caption"), columns_from_rows(heads, rows), notes=notes)
+    notes = [t("steps_note")]
+    return filled_sheet("steps", t("steps_caption"), columns_from_rows(heads, rows), notes=notes)
 
 
 def _or_infinite(value: float) -> str:
@@ -132,7 +131,7 @@ def displacements_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
         rows.append(
             [
                 x.name,
-                t(f"state.{state}"),
+                t(f"state_{state}"),
                 *(decimal(float(x.vector[i]) / size, 2) for i in at),
                 *(_or_infinite(float(x.sigmas[i]) / size) for i in at),
                 decimal(x.length / size, 2),
@@ -144,25 +143,25 @@ def displacements_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
             ]
         )
     heads: list[ColumnHead] = [
-        (t("col.point"), False),
-        (t("col.state"), False),
-        *((f"d{'xyz'[i]} [{unit}]", True, t("help.displacement")) for i in at),
-        *((f"σ d{'xyz'[i]} [{unit}]", True, t("help.sigma_d")) for i in at),
-        (f"{t('col.length')} [{unit}]", True),
+        (t("col_point"), False),
+        (t("col_state"), False),
+        *((f"d{'xyz'[i]} [{unit}]", True, t("help_displacement")) for i in at),
+        *((f"σ d{'xyz'[i]} [{unit}]", True, t("help_sigma_d")) for i in at),
+        (f"{t('col_length')} [{unit}]", True),
         *_test_heads("T", t),
-        (t("col.moved"), False),
-        (f"{t('col.detectable')} [{unit}]", True, t("help.detectable")),
-        (f"a [{unit}]", True, t("help.ellipse_d")),
-        (f"b [{unit}]", True, t("help.ellipse_d")),
-        (f"{t('col.azimuth')} [{angle}]", True, t("help.ellipse_d")),
+        (t("col_moved"), False),
+        (f"{t('col_detectable')} [{unit}]", True, t("help_detectable")),
+        (f"a [{unit}]", True, t("help_ellipse_d")),
+        (f"b [{unit}]", True, t("help_ellipse_d")),
+        (f"{t('col_azimuth')} [{angle}]", True, t("help_ellipse_d")),
     ]
     level = report.confidence
     note = (
-        t("displacements.note_standard")
+        t("displacements_note_standard")
         if level is None
-        else t("displacements.note", level=percent(level))
+        else t("displacements_note", level=percent(level))
     )
-    caption = t("displacements.caption")
+    caption = t("displacements_caption")
     return filled_sheet("displacements", caption, columns_from_rows(heads, rows), notes=[note])
 
 
@@ -177,7 +176,7 @@ def block_tests_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
         rows.append(
             [
                 listed(b.points, MAX_NAMES_IN_CELL),
-                t(f"model.{b.model}"),
+                t(f"model_{b.model}"),
                 f"{b.motion.value:.2f}",
                 f"{b.motion.critical:.2f}",
                 t("no" if b.motion.accepted else "yes"),
@@ -185,16 +184,16 @@ def block_tests_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
             ]
         )
     heads: list[ColumnHead] = [
-        (t("col.points"), False),
-        (t("col.model"), False),
-        (t("col.motion"), True, t("help.t_epochs")),
-        (t("col.critical"), True),
-        (t("col.moved"), False),
-        (t("col.fit"), True, t("help.t_epochs")),
-        (t("col.critical"), True),
-        (t("col.fits"), False),
+        (t("col_points"), False),
+        (t("col_model"), False),
+        (t("col_motion"), True, t("help_t_epochs")),
+        (t("col_critical"), True),
+        (t("col_moved"), False),
+        (t("col_fit"), True, t("help_t_epochs")),
+        (t("col_critical"), True),
+        (t("col_fits"), False),
     ]
-    return filled_sheet("blocks", t("blocks.caption"), columns_from_rows(heads, rows))
+    return filled_sheet("blocks", t("blocks_caption"), columns_from_rows(heads, rows))
 
 
 def block_motions_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
@@ -206,13 +205,13 @@ def block_motions_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
             figures = [short(factor * value), short(factor * sigma), unit]
             rows.append([_block(b, t), name, *figures])
     heads: list[ColumnHead] = [
-        (t("col.block"), False),
-        (t("col.parameter"), False),
-        (t("col.value"), True),
+        (t("col_block"), False),
+        (t("col_parameter"), False),
+        (t("col_value"), True),
         ("σ", True),
-        (t("col.unit"), False),
+        (t("col_unit"), False),
     ]
-    return filled_sheet("motions", t("motions.caption"), columns_from_rows(heads, rows))
+    return filled_sheet("motions", t("motions_caption"), columns_from_rows(heads, rows))
 
 
 def strains_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
@@ -225,15 +224,15 @@ def strains_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
                 direction = " ".join(f"{v:.4f}" for v in axis)
                 rows.append([_block(b, t), f"{1e6 * value:.2f}", direction])
     heads: list[ColumnHead] = [
-        (t("col.block"), False),
-        (f"{t('col.strain')} [ppm]", True),
-        (t("col.axis"), False),
+        (t("col_block"), False),
+        (f"{t('col_strain')} [ppm]", True),
+        (t("col_axis"), False),
     ]
-    return filled_sheet("strains", t("strains.caption"), columns_from_rows(heads, rows))
+    return filled_sheet("strains", t("strains_caption"), columns_from_rows(heads, rows))
 
 
 def _block(b: BlockMotion, t: Texts) -> str:
-    return f"{listed(b.points, MAX_NAMES_IN_CELL)} ({t(f'model.{b.model}')})"
+    return f"{listed(b.points, MAX_NAMES_IN_CELL)} ({t(f'model_{b.model}')})"
 
 
 def _test(test: HypothesisTest) -> Sequence[str]:
@@ -243,10 +242,10 @@ def _test(test: HypothesisTest) -> Sequence[str]:
 
 def _test_heads(name: str, t: Texts) -> list[ColumnHead]:
     return [
-        (name, True, t("help.t_epochs")),
-        (t("col.critical"), True),
-        (t("col.dof"), True),
-        ("p", True, t("help.p")),
+        (name, True, t("help_t_epochs")),
+        (t("col_critical"), True),
+        (t("col_dof"), True),
+        ("p", True, t("help_p")),
     ]
 
 
@@ -286,7 +285,7 @@ def contents(report: EpochsReport, t: Texts, files: Sequence[str | Path]) -> dic
     sections = {
         ident: PageSection(
             ident,
-            t(f"section.{ident}"),
+            t(f"section_{ident}"),
             [made for make in own if (made := make(report, t)) is not None],
         )
         for ident, own in makers.items()
@@ -299,12 +298,12 @@ def contents(report: EpochsReport, t: Texts, files: Sequence[str | Path]) -> dic
     data["plan"] = packed_json(plan_data(plan, t))
     names = [s.network.name or t("unnamed") for s in report.found.solutions]
     return {
-        "title": t("epochs.title", names=t("epochs.arrow").join(names)),
+        "title": t("epochs_title", names=t("epochs_arrow").join(names)),
         "date": report.provenance.run.date,
         "verdict": epochs_verdict(report, t),
         "has_plan": True,
         "symbols": SYMBOLS_OF_EPOCHS_PAGE,
-        "plan_click": t("epochs.plan.click"),
+        "plan_click": t("epochs_plan_click"),
         "plan_text": _plan_text(plan, t),
         "plan_note": capitalised(axis_words(plan.plane.note, t)),
         "sections": sections,
@@ -352,7 +351,7 @@ def plan_data(plan: EpochsDrawing, t: Texts) -> dict[str, Any]:
             "moved": moved,
             "told": _told(report, t),
         },
-        "states": [t(f"state.{key}") for key in EPOCH_POINT_STATES],
+        "states": [t(f"state_{key}") for key in EPOCH_POINT_STATES],
         "lines": [] if plan.schematic else _lines(plan, t),
         "photos": {"names": [], "xy": [[], []], "shapes": []},
         "shapes": [] if plan.schematic else _shapes(plan, t),
@@ -367,9 +366,9 @@ def _told(report: EpochsReport, t: Texts) -> list[list[str]]:
     """Return lines that a point of the plan shows when it is pointed at."""
     return [
         [
-            f"{t('col.length')} {sigma_length_text(report, x.length)}",
+            f"{t('col_length')} {sigma_length_text(report, x.length)}",
             f"T {short(x.test.value)} {'≤' if x.test.accepted else '>'} {x.test.critical:.2f}",
-            f"{t('col.detectable')} {sigma_length_text(report, x.detectable)}",
+            f"{t('col_detectable')} {sigma_length_text(report, x.detectable)}",
         ]
         for x in report.found.displacements.values()
     ]
@@ -395,24 +394,24 @@ def _shapes(plan: EpochsDrawing, t: Texts) -> list[dict[str, Any]]:
     """Return the outlines of blocks, and where their motion takes them."""
     out = []
     for at, moved in plan.outlines:
-        out.append({"name": t("epochs.block"), "lines": [rounded_xy(at)]})
+        out.append({"name": t("epochs_block"), "lines": [rounded_xy(at)]})
         line = rounded_xy(at + plan.factor * moved)
-        out.append({"name": t("epochs.block_moved"), "lines": [line], "dash": "dash"})
+        out.append({"name": t("epochs_block_moved"), "lines": [line], "dash": "dash"})
     return out
 
 
 def _plan_text(plan: EpochsDrawing, t: Texts) -> list[str]:
     report = plan.report
-    out = [t.number("epochs.plan", len(plan.at))]
+    out = [t.number("epochs_plan", len(plan.at))]
     level = "σ" if report.confidence is None else percent(report.confidence)
-    out.append(t("epochs.plan.regions" if plan.flat else "epochs.plan.heights", level=level))
+    out.append(t("epochs_plan_regions" if plan.flat else "epochs_plan_heights", level=level))
     lost = [report.names[i] for i in np.flatnonzero(~plan.fits).tolist()]
     if lost:
-        out.append(t("plan.too_large", names=listed(lost, MAX_NAMES_IN_EPOCHS_PLAN_TEXT)))
+        out.append(t("plan_too_large", names=listed(lost, MAX_NAMES_IN_EPOCHS_PLAN_TEXT)))
     return out
 
 
 def _run(report: EpochsReport, t: Texts) -> list[tuple[str, str]]:
     found = report.found
-    tests = t("run.epochs_tests", alpha=percent(found.alpha), power=percent(found.power))
-    return rendering.run_provenance(report.provenance.run, [("run.tests", tests)], t)
+    tests = t("run_epochs_tests", alpha=percent(found.alpha), power=percent(found.power))
+    return rendering.run_provenance(report.provenance.run, [("run_tests", tests)], t)

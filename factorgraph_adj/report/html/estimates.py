@@ -21,12 +21,13 @@ from ..adjusted_coordinates import (
     rounded_azimuth,
 )
 from ..adjustment_report import Report
+from ..catalogue import Texts
 from ..geodetic_coordinates import angle_digits
 from ..layout import decimals, percent, short, with_sigma
 from ..plots.point_symbols import point_status
 from ..reliability import point_redundancy
 from ..unknowns import STRONG_CORRELATION, unknown_components
-from .rendering import NO_FIGURE, Column, ColumnHead, Sheet, Texts, columns_from_rows, filled_sheet
+from .rendering import NO_FIGURE, Column, ColumnHead, Sheet, columns_from_rows, filled_sheet
 
 NEW_POINT = "new"
 """What a point is that is nothing else."""
@@ -66,8 +67,8 @@ def points_sheet(report: Report, t: Texts) -> Sheet | None:
     places, digits = decimals_of_points(report)
     x = report.solution.state["point"] / report.metre
     columns = [
-        Column(t("col.point"), list(given)),
-        Column(t("col.state"), [t(f"state.{k}") for k in point_states(report)]),
+        Column(t("col_point"), list(given)),
+        Column(t("col_state"), [t(f"state_{k}") for k in point_states(report)]),
     ]
     for i, a in enumerate("xyz"):
         values = [decimal(v, digits) for v in x[:, i].tolist()]
@@ -84,36 +85,36 @@ def points_sheet(report: Report, t: Texts) -> Sheet | None:
         header, cells_of, _ = ellipse_columns(report, places)
         for i, head in enumerate(header):
             values = [cells_of[n][i] if n in cells_of else "" for n in given]
-            title = head.replace("azimuth", t("col.azimuth"))
-            columns.append(Column(title, values, True, t("help.ellipse")))
+            title = head.replace("azimuth", t("col_azimuth"))
+            columns.append(Column(title, values, True, t("help_ellipse")))
         columns += _geographic(report, t, digits)
     if report.reliability is not None:
         counts = point_redundancy(report.reliability)
         mean = counts.redundancy / np.maximum(counts.rows, 1)
         columns += [
-            Column(t("col.scalars"), [str(n) for n in counts.rows.tolist()], True),
+            Column(t("col_scalars"), [str(n) for n in counts.rows.tolist()], True),
             Column(
-                t("col.mean_r"),
+                t("col_mean_r"),
                 [
                     f"{max(v, 0.0):.2f}" if n else NO_FIGURE
                     for v, n in zip(mean.tolist(), counts.rows.tolist(), strict=True)
                 ],
                 True,
-                t("help.r"),
+                t("help_r"),
             ),
             Column(
                 f"max |{'τ' if report.pope else 'w'}|",
                 [f"{v:.2f}" if isfinite(v) else NO_FIGURE for v in largest_tests(report).tolist()],
                 True,
-                t("help.test"),
+                t("help_test"),
             ),
         ]
-    notes = [t("points.reference")] if report.solution.datum is not None else []
+    notes = [t("points_reference")] if report.solution.datum is not None else []
     if report.options.confidence is not None:
-        notes.append(t("points.ellipses", level=percent(report.options.confidence)))
+        notes.append(t("points_ellipses", level=percent(report.options.confidence)))
     if not network.points:
         return None
-    return filled_sheet("points", t("points.caption"), columns, notes=notes)
+    return filled_sheet("points", t("points_caption"), columns, notes=notes)
 
 
 def _geographic(report: Report, t: Texts, digits: int) -> list[Column]:
@@ -123,11 +124,11 @@ def _geographic(report: Report, t: Texts, digits: int) -> list[Column]:
     unit, small = report.units.geographic, report.units.sigma_length
     fine = angle_digits(unit, digits, report.metre)
     out = []
-    for key, values in (("col.latitude", found.latitude), ("col.longitude", found.longitude)):
+    for key, values in (("col_latitude", found.latitude), ("col_longitude", found.longitude)):
         cells = [format_angle(v, unit, fine) for v in values.tolist()]
         out.append(Column(f"{t(key)} [{unit}]", cells, unit != "dms"))
     heights = [decimal(v / report.metre, digits) for v in found.height.tolist()]
-    out.append(Column(f"{t('col.height')} [{report.units.length}]", heights, True))
+    out.append(Column(f"{t('col_height')} [{report.units.length}]", heights, True))
     for i, a in enumerate("ENU"):
         sigmas = [short(v) for v in (found.sigma[:, i] / report.small).tolist()]
         out.append(Column(f"σ{a} [{small}]", sigmas, True))
@@ -148,7 +149,7 @@ def check_points_sheet(report: Report, t: Texts) -> Sheet | None:
     def cell(value: float) -> str:
         return decimal(value, places) if isfinite(value) else NO_FIGURE
 
-    columns = [Column(t("col.point"), list(found.names))]
+    columns = [Column(t("col_point"), list(found.names))]
     for i, a in enumerate("xyz"):
         columns.append(Column(f"d{a} [{unit}]", [cell(v) for v in d[:, i].tolist()], True))
     for name, values in (
@@ -159,19 +160,19 @@ def check_points_sheet(report: Report, t: Texts) -> Sheet | None:
     for i, a in enumerate("xyz"):
         ratio = found.normalised[:, i].tolist()
         cells = [decimal(v, 2) if isfinite(v) else NO_FIGURE for v in ratio]
-        columns.append(Column(f"d{a}/σ", cells, True, t("help.check_ratio")))
+        columns.append(Column(f"d{a}/σ", cells, True, t("help_check_ratio")))
 
     def three(values: np.ndarray) -> str:
         return ", ".join(cell(v) for v in (values / report.small).tolist())
 
     note = t(
-        "check.note",
+        "check_note",
         unit=unit,
         mean=three(found.mean),
         rms=three(found.rms),
         expected=three(found.rms_sigma),
     )
-    return filled_sheet("check", t("check.caption"), columns, notes=[note])
+    return filled_sheet("check", t("check_caption"), columns, notes=[note])
 
 
 def photos_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -198,15 +199,15 @@ def photos_sheet(report: Report, t: Texts) -> Sheet | None:
         angles = [format_angle(v, units.angle, digits) for v in pose.angles]
         rows.append([*cells, *shown[:3], *angles, *shown[3:]])
     number = units.angle != "dms"
-    heads: list[ColumnHead] = [(t("col.photo"), False), (t("col.camera"), False)]
-    heads += [(t("col.image_points"), True), ("RMS v/σ", True)]
+    heads: list[ColumnHead] = [(t("col_photo"), False), (t("col_camera"), False)]
+    heads += [(t("col_image_points"), True), ("RMS v/σ", True)]
     if not report.singular:
         names = ("X0", "Y0", "Z0")
         heads += [(f"{a} [{units.length}]", True) for a in names]
         heads += [(f"σ {a} [{units.sigma_length}]", True) for a in names]
         heads += [(f"{a} [{units.angle}]", number) for a in "ωφκ"]
         heads += [(f"σ {a} [{units.sigma_angle}]", True) for a in "ωφκ"]
-    return filled_sheet("photos", t("photos.caption"), columns_from_rows(heads, rows))
+    return filled_sheet("photos", t("photos_caption"), columns_from_rows(heads, rows))
 
 
 def lines_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -233,22 +234,22 @@ def lines_sheet(report: Report, t: Texts) -> Sheet | None:
             ]
         )
     heads: list[ColumnHead] = [
-        (t("col.from"), False),
-        (t("col.to"), False),
-        (f"{t('col.distance')} [{units.length}]", True),
+        (t("col_from"), False),
+        (t("col_to"), False),
+        (f"{t('col_distance')} [{units.length}]", True),
         (f"σ [{small}]", True),
         ("ppm", True),
-        (f"{t('col.azimuth')} [{units.angle}]", units.angle != "dms"),
+        (f"{t('col_azimuth')} [{units.angle}]", units.angle != "dms"),
         (f"σ [{units.sigma_angle}]", True),
-        (f"{t('col.rise')} [{units.length}]", True),
+        (f"{t('col_rise')} [{units.length}]", True),
         (f"σ [{small}]", True),
         (f"a [{small}]", True),
         (f"b [{small}]", True),
-        (f"{t('col.azimuth')} a [{units.angle}]", units.angle != "dms"),
+        (f"{t('col_azimuth')} a [{units.angle}]", units.angle != "dms"),
     ]
     level = report.options.confidence
-    note = t("lines.standard") if level is None else t("points.ellipses", level=percent(level))
-    return filled_sheet("lines", t("lines.caption"), columns_from_rows(heads, rows), notes=[note])
+    note = t("lines_standard") if level is None else t("points_ellipses", level=percent(level))
+    return filled_sheet("lines", t("lines_caption"), columns_from_rows(heads, rows), notes=[note])
 
 
 @dataclass(frozen=True)
@@ -302,19 +303,19 @@ def _calibration(report: Report, t: Texts, number: int, name: str) -> Calibratio
             verdict = f"{t('weighted')}, {verdict}" if tested.weighted else verdict
         rows.append([parameter, with_sigma(value, sigma), f"{sigma:.2g}", change, test, verdict])
     heads: list[ColumnHead] = [
-        (t("col.parameter"), False),
-        (f"{t('col.value')} [{camera.unit}]", True),
+        (t("col_parameter"), False),
+        (f"{t('col_value')} [{camera.unit}]", True),
         ("σ", True),
-        (t("col.change"), True, t("help.change")),
-        ("t", True, t("help.t")),
-        (t("col.verdict"), False),
+        (t("col_change"), True, t("help_change")),
+        ("t", True, t("help_t")),
+        (t("col_verdict"), False),
     ]
     found = report.significance
     note = ""
     if found is not None:
         level = percent(1 - found.alpha)
-        note = t("calibration.note", critical=f"{found.critical:.2f}", level=level)
-    caption = t("calibration.caption", name=name, lens=camera.lens.kind, unit=camera.unit)
+        note = t("calibration_note", critical=f"{found.critical:.2f}", level=level)
+    caption = t("calibration_caption", name=name, lens=camera.lens.kind, unit=camera.unit)
     made = filled_sheet(
         f"calibration-{number}", caption, columns_from_rows(heads, rows), notes=[note]
     )
@@ -347,12 +348,12 @@ def orientations_sheet(report: Report, t: Texts) -> Sheet | None:
         sigma = short(float(e.sigmas[0]) / report.radian) if free else t("held")
         rows.append([station, chosen, format_turn(float(e.values[0]), units.angle, digits), sigma])
     heads: list[ColumnHead] = [
-        (t("col.station"), False),
-        (t("col.set"), False),
-        (f"{t('col.orientation')} [{units.angle}]", units.angle != "dms"),
+        (t("col_station"), False),
+        (t("col_set"), False),
+        (f"{t('col_orientation')} [{units.angle}]", units.angle != "dms"),
         (f"σ [{units.sigma_angle}]", True),
     ]
-    return filled_sheet("orientations", t("orientations.caption"), columns_from_rows(heads, rows))
+    return filled_sheet("orientations", t("orientations_caption"), columns_from_rows(heads, rows))
 
 
 def other_unknowns_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -364,7 +365,7 @@ def other_unknowns_sheet(report: Report, t: Texts) -> Sheet | None:
         value, sigma = u.value / u.size, u.sigma / u.size
         held = u.state == "held"
         tested = report.tested(u.kind, u.name, u.component)
-        test, verdict = NO_FIGURE, t(f"unknown.{u.state}")
+        test, verdict = NO_FIGURE, t(f"unknown_{u.state}")
         if tested is not None:
             test = decimal(tested.t, 2)
             verdict += f", {t('significant' if tested.significant else 'not_significant')}"
@@ -372,16 +373,16 @@ def other_unknowns_sheet(report: Report, t: Texts) -> Sheet | None:
         cells = [t.kind(UNKNOWNS[u.kind].title), u.name, u.sign, shown]
         rows.append([*cells, t("held") if held else short(sigma), u.unit, test, verdict])
     heads: list[ColumnHead] = [
-        (t("col.kind"), False),
-        (t("col.name"), False),
-        (t("col.parameter"), False),
-        (t("col.value"), True),
+        (t("col_kind"), False),
+        (t("col_name"), False),
+        (t("col_parameter"), False),
+        (t("col_value"), True),
         ("σ", True),
-        (t("col.unit"), False),
-        ("t", True, t("help.t")),
-        (t("col.state"), False),
+        (t("col_unit"), False),
+        ("t", True, t("help_t")),
+        (t("col_state"), False),
     ]
-    return filled_sheet("others", t("others.caption"), columns_from_rows(heads, rows))
+    return filled_sheet("others", t("others_caption"), columns_from_rows(heads, rows))
 
 
 def shapes_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -411,14 +412,14 @@ def shapes_sheet(report: Report, t: Texts) -> Sheet | None:
             ]
         )
     heads: list[ColumnHead] = [
-        (t("col.shape"), False),
-        (t("col.kind"), False),
-        (t("col.points"), True),
+        (t("col_shape"), False),
+        (t("col_kind"), False),
+        (t("col_points"), True),
         *((f"{a} [{units.length}]", True) for a in "XYZ"),
         *((f"σ{a} [{units.sigma_length}]", True) for a in "XYZ"),
-        (t("col.axis"), False),
-        (t("col.size"), False),
+        (t("col_axis"), False),
+        (t("col_size"), False),
         (f"RMS v [{units.sigma_length}]", True),
         (f"max v [{units.sigma_length}]", True),
     ]
-    return filled_sheet("shapes", t("shapes.caption"), columns_from_rows(heads, rows))
+    return filled_sheet("shapes", t("shapes_caption"), columns_from_rows(heads, rows))

@@ -12,11 +12,12 @@ from ...quality.rejections import Snooping
 from ...units import decimal
 from ..adjusted_observations import decimals_by_unit, redundancy_text
 from ..adjustment_report import Report
+from ..catalogue import Texts
 from ..gross_errors import unit_of_error
 from ..layout import listed, short
 from ..observation_rows import Row
 from ..reliability import MAX_INSEPARABLE_LISTED
-from .rendering import NO_FIGURE, Column, ColumnHead, Sheet, Texts, columns_from_rows, filled_sheet
+from .rendering import NO_FIGURE, Column, ColumnHead, Sheet, columns_from_rows, filled_sheet
 
 MAX_IDS_OF_CAUSE_IN_CELL = 6
 """Largest number of observations of a cause that are named."""
@@ -32,7 +33,7 @@ def observations_sheet(report: Report, t: Texts) -> Sheet | None:
     rows = report.rows.all()
     columns = _columns(report, t, rows)
     return filled_sheet(
-        "observations", t("observations.caption"), columns, notes=[t("observations.note")]
+        "observations", t("observations_caption"), columns, notes=[t("observations_note")]
     )
 
 
@@ -45,7 +46,7 @@ def control_sheet(report: Report, t: Texts) -> Sheet | None:
         for i in range(b.rows.start, b.rows.stop)
     ]
     columns = _columns(report, t, report.rows.at(numbers))
-    return filled_sheet("control", t("control.caption"), columns)
+    return filled_sheet("control", t("control_caption"), columns)
 
 
 def _columns(report: Report, t: Texts, rows: Sequence[Row]) -> list[Column]:
@@ -60,17 +61,17 @@ def _columns(report: Report, t: Texts, rows: Sequence[Row]) -> list[Column]:
     kinds = {k: t.kind(k) for k in {r.kind_name for r in rows}}
     small = list(zip(rows, size, strict=True))
     columns = [
-        Column(t("col.kind"), [kinds[r.kind_name] for r in rows]),
-        Column(t("col.observation"), [r.what for r in rows]),
-        Column(t("col.id"), [r.own_id for r in rows]),
-        Column(t("col.observed"), observed, True),
-        Column(t("col.adjusted"), adjusted, True, t("help.adjusted")),
-        Column(t("col.unit"), [r.scale.unit for r in rows]),
-        Column("v", [short(r.residual / s) for r, s in small], True, t("help.v")),
-        Column("σ", [short(r.sigma / s) for r, s in small], True, t("help.sigma")),
-        Column(t("col.small_unit"), [r.scale.small for r in rows]),
+        Column(t("col_kind"), [kinds[r.kind_name] for r in rows]),
+        Column(t("col_observation"), [r.what for r in rows]),
+        Column(t("col_id"), [r.own_id for r in rows]),
+        Column(t("col_observed"), observed, True),
+        Column(t("col_adjusted"), adjusted, True, t("help_adjusted")),
+        Column(t("col_unit"), [r.scale.unit for r in rows]),
+        Column("v", [short(r.residual / s) for r, s in small], True, t("help_v")),
+        Column("σ", [short(r.sigma / s) for r, s in small], True, t("help_sigma")),
+        Column(t("col_small_unit"), [r.scale.small for r in rows]),
         *_tests(report, t, rows),
-        Column(t("col.source"), [r.source for r in rows]),
+        Column(t("col_source"), [r.source for r in rows]),
     ]
     return columns
 
@@ -80,23 +81,23 @@ def _tests(report: Report, t: Texts, rows: Sequence[Row]) -> list[Column]:
     rel = report.reliability
     if rel is None:
         normalised = [decimal(r.residual / r.sigma, 2) for r in rows]
-        return [Column("v/σ", normalised, True, t("help.normalised"))]
+        return [Column("v/σ", normalised, True, t("help_normalised"))]
     n = [r.number for r in rows]
     sign, size = np.array([[r.sign, r.scale.size] for r in rows]).reshape(-1, 2).T
     values = (sign * report.tests[0][n]).tolist()
     errors = (sign * rel.estimated_errors[n] / size).tolist()
     return [
         Column(
-            "r", [redundancy_text(v) for v in rel.redundancy_numbers[n].tolist()], True, t("help.r")
+            "r", [redundancy_text(v) for v in rel.redundancy_numbers[n].tolist()], True, t("help_r")
         ),
         Column(
             test_symbol(report),
             [decimal(v, 2) if isfinite(v) else NO_FIGURE for v in values],
             True,
-            t("help.test"),
+            t("help_test"),
         ),
-        Column(t("col.error"), [short(v) for v in errors], True, t("help.error")),
-        Column("∇", [short(v) for v in (rel.mdb[n] / size).tolist()], True, t("help.mdb")),
+        Column(t("col_error"), [short(v) for v in errors], True, t("help_error")),
+        Column("∇", [short(v) for v in (rel.mdb[n] / size).tolist()], True, t("help_mdb")),
     ]
 
 
@@ -110,7 +111,7 @@ def worst_observations_sheet(report: Report, t: Texts) -> Sheet | None:
         size = np.abs(report.solution.observations.normalised)
         rows = report.rows.at(np.argsort(-size, kind="stable")[:most].tolist())
         partners: list[Sequence[tuple[int, float]]] = [() for _ in rows]
-        caption = t("worst.residuals")
+        caption = t("worst_residuals")
     else:
         scale = report.solution.sigma0 if report.pope else 1.0
         values, critical = report.tests
@@ -124,16 +125,16 @@ def worst_observations_sheet(report: Report, t: Texts) -> Sheet | None:
             numbers = order.tolist()
             partners = [() for _ in numbers]
         rows = report.rows.at(numbers)
-        key = "worst.above" if above else "worst.none"
+        key = "worst_above" if above else "worst_none"
         shown = len(rows)
         caption = t(key, n=above, shown=shown, name=test_symbol(report), critical=_two(critical))
     columns = _columns(report, t, rows)
     close = [_partners(report, t, r, p) for r, p in zip(rows, partners, strict=True)]
-    columns.insert(-1, Column(t("col.partners"), close, help=t("help.partners")))
+    columns.insert(-1, Column(t("col_partners"), close, help=t("help_partners")))
     columns.insert(
-        -1, Column(t("col.cause"), _causes(report, rows), help=t("help.cause"), english=True)
+        -1, Column(t("col_cause"), _causes(report, rows), help=t("help_cause"), english=True)
     )
-    return filled_sheet("worst", caption, columns, order=t("order.test"))
+    return filled_sheet("worst", caption, columns, order=t("order_test"))
 
 
 def _two(value: float) -> str:
@@ -188,11 +189,11 @@ def observation_groups_sheet(report: Report, t: Texts) -> Sheet | None:
             cells += [f"{max(float(r.min()), 0.0):.2f}", str(open_rows), factor]
         rows.append(cells)
     heads: list[ColumnHead] = [
-        (t("col.group"), False),
-        (t("col.number"), True),
-        (t("col.scalars"), True),
-        (t("col.unit"), False),
-        (t("col.sigma_given" if report.components is None else "col.sigma_estimated"), True),
+        (t("col_group"), False),
+        (t("col_number"), True),
+        (t("col_scalars"), True),
+        (t("col_unit"), False),
+        (t("col_sigma_given" if report.components is None else "col_sigma_estimated"), True),
         ("RMS v", True),
         ("RMS v/σ", True),
         ("max |v/σ|", True),
@@ -200,13 +201,13 @@ def observation_groups_sheet(report: Report, t: Texts) -> Sheet | None:
     ]
     if rel is not None:
         heads += [
-            ("Σr", True, t("help.r")),
-            (t("col.mean_r"), True),
-            (t("col.least_r"), True),
-            (t("col.uncontrolled"), True, t("help.uncontrolled")),
-            (t("col.factor"), True, t("help.factor")),
+            ("Σr", True, t("help_r")),
+            (t("col_mean_r"), True),
+            (t("col_least_r"), True),
+            (t("col_uncontrolled"), True, t("help_uncontrolled")),
+            (t("col_factor"), True, t("help_factor")),
         ]
-    return filled_sheet("groups", t("groups.caption"), columns_from_rows(heads, rows))
+    return filled_sheet("groups", t("groups_caption"), columns_from_rows(heads, rows))
 
 
 def variance_components_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -221,18 +222,18 @@ def variance_components_sheet(report: Report, t: Texts) -> Sheet | None:
         cells = [t.kind(c.name.replace("_", " ")), str(c.n), f"{c.redundancy:.2f}", short(c.factor)]
         rows.append([*cells, short(c.sigma), f"{short(low)} … {short(high)}", state])
     heads: list[ColumnHead] = [
-        (t("col.group"), False),
-        (t("col.scalars"), True),
+        (t("col_group"), False),
+        (t("col_scalars"), True),
         ("Σr", True),
-        (t("col.factor"), True, t("help.factor")),
+        (t("col_factor"), True, t("help_factor")),
         ("±", True),
-        (t("col.interval"), True),
-        (t("col.state"), False),
+        (t("col_interval"), True),
+        (t("col_state"), False),
     ]
-    ended = t("ended.yes" if found.converged else "ended.no")
-    note = t("components.note", n=found.iterations, ended=ended)
+    ended = t("ended_yes" if found.converged else "ended_no")
+    note = t("components_note", n=found.iterations, ended=ended)
     return filled_sheet(
-        "components", t("components.caption"), columns_from_rows(heads, rows), notes=[note]
+        "components", t("components_caption"), columns_from_rows(heads, rows), notes=[note]
     )
 
 
@@ -265,24 +266,24 @@ def rejected_observations_sheet(report: Report, t: Texts) -> Sheet | None:
         rows.append([*cells, *final, small, close, row.source])
     name = test_symbol(report)
     heads: list[ColumnHead] = [
-        (t("col.kind"), False),
-        (t("col.observation"), False),
-        (t("col.id"), False),
-        (t("col.round"), True),
-        (name, True, t("help.test")),
-        (t("col.error"), True, t("help.error")),
-        (t("col.final_error"), True, t("help.final_error")),
+        (t("col_kind"), False),
+        (t("col_observation"), False),
+        (t("col_id"), False),
+        (t("col_round"), True),
+        (name, True, t("help_test")),
+        (t("col_error"), True, t("help_error")),
+        (t("col_final_error"), True, t("help_final_error")),
         ("σ", True),
-        (f"{t('col.final')} {name}", True),
-        (t("col.unit"), False),
-        (t("col.partners"), False, t("help.partners")),
-        (t("col.source"), False),
+        (f"{t('col_final')} {name}", True),
+        (t("col_unit"), False),
+        (t("col_partners"), False, t("help_partners")),
+        (t("col_source"), False),
     ]
     notes = []
     if found.readmitted:
         notes.append(t("readmitted", names=listed(found.readmitted, 2 * MAX_IDS_OF_CAUSE_IN_CELL)))
     return filled_sheet(
-        "rejected", t("rejected.caption"), columns_from_rows(heads, rows), notes=notes
+        "rejected", t("rejected_caption"), columns_from_rows(heads, rows), notes=notes
     )
 
 
@@ -302,13 +303,13 @@ def rejected_points_sheet(report: Report, t: Texts) -> Sheet | None:
         for p in found.points_set_aside
     ]
     heads: list[ColumnHead] = [
-        (t("col.point"), False),
-        (t("col.worst_ray"), False),
-        (t("col.rays"), True),
-        (t("col.round"), True),
+        (t("col_point"), False),
+        (t("col_worst_ray"), False),
+        (t("col_rays"), True),
+        (t("col_round"), True),
         (test_symbol(report), True),
     ]
-    return filled_sheet("points-aside", t("points_aside.caption"), columns_from_rows(heads, rows))
+    return filled_sheet("points-aside", t("points_aside_caption"), columns_from_rows(heads, rows))
 
 
 def unresolved_observations_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -325,19 +326,19 @@ def unresolved_observations_sheet(report: Report, t: Texts) -> Sheet | None:
         cells = [t.kind(row.kind_name), row.what, row.own_id, decimal(row.sign * u.test, 2)]
         rows.append([*cells, error, row.scale.small, u.reason, row.source])
     heads: list[ColumnHead] = [
-        (t("col.kind"), False),
-        (t("col.observation"), False),
-        (t("col.id"), False),
-        (test_symbol(report), True, t("help.test")),
-        (t("col.error"), True, t("help.error")),
-        (t("col.unit"), False),
-        (t("col.reason"), False),
-        (t("col.source"), False),
+        (t("col_kind"), False),
+        (t("col_observation"), False),
+        (t("col_id"), False),
+        (test_symbol(report), True, t("help_test")),
+        (t("col_error"), True, t("help_error")),
+        (t("col_unit"), False),
+        (t("col_reason"), False),
+        (t("col_source"), False),
     ]
     return filled_sheet(
         "unresolved",
-        t("unresolved.caption"),
-        columns_from_rows(heads, rows, english=[t("col.reason")]),
+        t("unresolved_caption"),
+        columns_from_rows(heads, rows, english=[t("col_reason")]),
     )
 
 
@@ -355,16 +356,16 @@ def given_values_sheet(report: Report, t: Texts) -> Sheet | None:
             rows.append([t.kind(UNKNOWNS[v.kind].title), v.name, component, *figures[:2], symbol])
             rows[-1] += [figures[2], whole]
     heads: list[ColumnHead] = [
-        (t("col.kind"), False),
-        (t("col.name"), False),
-        (t("col.parameter"), False),
-        (t("col.error"), True, t("help.given")),
+        (t("col_kind"), False),
+        (t("col_name"), False),
+        (t("col_parameter"), False),
+        (t("col_error"), True, t("help_given")),
         ("σ", True),
-        (t("col.unit"), False),
+        (t("col_unit"), False),
         ("w", True),
-        ("T²", True, t("help.t2")),
+        ("T²", True, t("help_t2")),
     ]
-    return filled_sheet("given", t("given.caption"), columns_from_rows(heads, rows))
+    return filled_sheet("given", t("given_caption"), columns_from_rows(heads, rows))
 
 
 def causes_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -384,15 +385,15 @@ def causes_sheet(report: Report, t: Texts) -> Sheet | None:
             [*cells, f"{c.critical:.1f}", str(len(c.ids)), listed(c.ids, MAX_IDS_OF_CAUSE_IN_CELL)]
         )
     heads: list[ColumnHead] = [
-        (t("col.cause"), False),
-        (t("col.size"), False, t("help.cause_size")),
-        ("T²", True, t("help.t2")),
-        (t("col.dof"), True),
-        (t("col.critical"), True),
-        (t("col.shared"), True),
-        (t("col.observations"), False),
+        (t("col_cause"), False),
+        (t("col_size"), False, t("help_cause_size")),
+        ("T²", True, t("help_t2")),
+        (t("col_dof"), True),
+        (t("col_critical"), True),
+        (t("col_shared"), True),
+        (t("col_observations"), False),
     ]
-    note = t("causes.note", n=found.tested)
-    caption = t("causes.caption")
-    said = columns_from_rows(heads, rows, english=[t("col.cause"), t("col.size")])
-    return filled_sheet("causes", caption, said, notes=[note], order=t("order.cause"))
+    note = t("causes_note", n=found.tested)
+    caption = t("causes_caption")
+    said = columns_from_rows(heads, rows, english=[t("col_cause"), t("col_size")])
+    return filled_sheet("causes", caption, said, notes=[note], order=t("order_cause"))

@@ -20,6 +20,7 @@ from ...io.file_transaction import write_files
 from ...solve.solution import Solution
 from ...statistical_tests import CONFIDENCE_OF_REGION
 from ..adjustment_report import Report
+from ..catalogue import Language, Texts
 from ..epochs_report import EpochsReport
 from ..layout import listed
 from ..options import Provenance, ReportOptions
@@ -30,7 +31,7 @@ from . import estimates, observations, rendering
 from .epochs_page import epochs_html
 from .observations import test_symbol
 from .plan import PlanDrawing, scene_data
-from .rendering import Language, PageSection, Texts, capitalised, packed_json, rendered_page
+from .rendering import PageSection, capitalised, packed_json, rendered_page
 from .verdict import adjustment_verdict
 
 HISTOGRAM_BARS_ON_PAGE = 41
@@ -118,7 +119,7 @@ def mean_photo_data(report: Report, t: Texts) -> list[dict[str, Any]]:
                 "significant": significant.tolist(),
                 "multiple": factor_text(factor),
                 "text": t(
-                    "mean_photo.text",
+                    "mean_photo_text",
                     camera=name,
                     n=len(own.row),
                     cells=int(enough.sum()),
@@ -218,7 +219,7 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
         "date": report.provenance.run.date,
         "verdict": adjustment_verdict(report, t),
         "symbols": SYMBOLS_OF_PAGE,
-        "plan_click": t("plan.click"),
+        "plan_click": t("plan_click"),
         "plan_text": _plan_text(plan, t),
         "plan_note": capitalised(plan.words(plan.plane.note)),
         "has_plan": bool(len(plan.points) + len(plan.centres)),
@@ -241,41 +242,41 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
 def _section(ident: str, t: Texts, *makers: Any, report: Report) -> PageSection:
     """Return a part of the page with the tables that there are."""
     found = [made for make in makers if (made := make(report, t)) is not None]
-    return PageSection(ident, t(f"section.{ident}"), found)
+    return PageSection(ident, t(f"section_{ident}"), found)
 
 
 def _plan_text(plan: PlanDrawing, t: Texts) -> list[str]:
     """Return the plan in words, for those who do not see it, and what it leaves out."""
     report, points = plan.report, len(plan.points)
-    out = [t.number("plan.text", points, photos=len(plan.centres))]
+    out = [t.number("plan_text", points, photos=len(plan.centres))]
     p = plan.precision
     if p is None:
-        out.append(t("plan.singular"))
+        out.append(t("plan_singular"))
     elif plan.without_plan:
         if p.height.any():
             worst = int(p.height.argmax())
             size = f"{float(p.height[worst]) / report.small:.3g} {report.units.sigma_length}"
-            out.append(t("plan.heights", name=list(report.network.points)[worst], size=size))
+            out.append(t("plan_heights", name=list(report.network.points)[worst], size=size))
     elif len(p.semi) and p.semi[:, 0].any():
         worst = int(p.semi[:, 0].argmax())
         size = f"{float(p.semi[worst, 0]) / report.small:.3g} {report.units.sigma_length}"
-        out.append(t("plan.ellipses", name=list(report.network.points)[worst], size=size))
+        out.append(t("plan_ellipses", name=list(report.network.points)[worst], size=size))
     else:
-        out.append(t("plan.held"))
+        out.append(t("plan_held"))
     lost = plan.too_large()
     if lost:
-        out.append(t("plan.too_large", names=listed(lost, MAX_NAMES_IN_PLAN_TEXT)))
+        out.append(t("plan_too_large", names=listed(lost, MAX_NAMES_IN_PLAN_TEXT)))
     if plan.schematic:
-        out.append(t("plan.schematic"))
+        out.append(t("plan_schematic"))
     return out
 
 
 def _scene_text(plan: PlanDrawing, view: dict[str, Any], t: Texts) -> str:
     rays = view["rays"]
-    text = t("scene.text", points=len(plan.points), photos=len(plan.centres))
+    text = t("scene_text", points=len(plan.points), photos=len(plan.centres))
     if rays["shown"] < rays["all"]:
-        text += " " + t("scene.rays", shown=rays["shown"], all=rays["all"])
-    return f"{text} {t('scene.flat')}" if view["flat"] else text
+        text += " " + t("scene_rays", shown=rays["shown"], all=rays["all"])
+    return f"{text} {t('scene_flat')}" if view["flat"] else text
 
 
 def _statistics_text(report: Report, numbers: dict[str, Any], t: Texts) -> dict[str, str]:
@@ -286,10 +287,10 @@ def _statistics_text(report: Report, numbers: dict[str, Any], t: Texts) -> dict[
     above = int((abs(values) > critical).sum())
     r = rel.redundancy_numbers
     return {
-        "histogram": t("histogram.text", name=numbers["test"], n=numbers["n"], above=above),
-        "quantiles": t("quantiles.text", name=numbers["test"], largest=f"{max(size):.2f}"),
+        "histogram": t("histogram_text", name=numbers["test"], n=numbers["n"], above=above),
+        "quantiles": t("quantiles_text", name=numbers["test"], largest=f"{max(size):.2f}"),
         "redundancy": t(
-            "redundancy.text",
+            "redundancy_text",
             mean=f"{max(float(r.mean()), 0.0):.2f}",
             weak=int((r < 0.1).sum()),
             n=len(r),

@@ -19,6 +19,7 @@ from ...statistical_tests import CONFIDENCE_OF_REGION
 from ...types import Array, Index
 from ..adjusted_coordinates import place_name
 from ..adjustment_report import Report
+from ..catalogue import Texts
 from ..layout import percent
 from ..plots.drawing_plane import DrawingPlane, drawing_plane_of, places_of_window
 from ..plots.error_ellipses import (
@@ -35,7 +36,6 @@ from ..plots.style import factor_text, length_text, readable_number
 from ..reliability import point_redundancy
 from .estimates import POINT_STATES, largest_tests, point_states
 from .observations import test_symbol
-from .rendering import Texts
 
 MAX_DOUBTS_MARKED = 300
 """Largest number of observations in doubt that are marked, those with the largest tests first."""
@@ -165,7 +165,7 @@ class PlanDrawing:
             "level": percent(self.confidence),
             "test": test_symbol(self.report),
             "points": self._points(),
-            "states": [self.t(f"state.{key}") for key in POINT_STATES],
+            "states": [self.t(f"state_{key}") for key in POINT_STATES],
             "lines": self._lines(found.frames.instruments),
             "photos": self._photos(),
             "shapes": [

@@ -20,81 +20,22 @@ from importlib.resources import files
 from importlib.resources import files as resources
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, TypeAlias
 
 from ...control_characters import escaped
 from ...errors import InputError, Problem, system_reason
 from ...version import __version__
 from ..adjustment_report import Report
+from ..catalogue import Texts
 from ..layout import percent
 from ..options import Run
-from . import english, german
 
-Language: TypeAlias = Literal["en", "de"]
-"""Languages of the report."""
-
-TEXTS_BY_LANGUAGE: dict[str, dict[str, str]] = {
-    "en": english.ENGLISH_TEXTS,
-    "de": german.GERMAN_TEXTS,
-}
-"""Texts by language and key."""
-KINDS_BY_LANGUAGE: dict[str, dict[str, str]] = {"en": {}, "de": german.GERMAN_KINDS}
-"""Names of kinds of observations and unknowns; one that is missing keeps its English name."""
-
-_WEIGHTED = "weighted "
-"""Beginning of the names of given values of unknowns as observations."""
 ROWS_PER_PAGE = 25
 """Number of rows that a table shows at a time, and has in a page whose script does not run."""
 NO_FIGURE = "–"
 """What stands for a figure that there is not."""
 MAX_FILES_LISTED = 200
 """Largest number of files of a folder that are listed."""
-
-
-@dataclass(frozen=True)
-class Texts:
-    """The texts of one language.
-
-    Raises:
-        InputError: the language is unknown.
-    """
-
-    language: str
-    """``en`` or ``de``."""
-
-    def __post_init__(self) -> None:
-        """Check the language."""
-        if self.language not in TEXTS_BY_LANGUAGE:
-            valid = ", ".join(get_args(Language))
-            raise InputError(f"unknown language {self.language!r}; valid: {valid}")
-
-    def __call__(self, key: str, **figures: object) -> str:
-        """Return a text with its figures in place."""
-        text = TEXTS_BY_LANGUAGE[self.language][key]
-        return text.format(**figures) if figures else text
-
-    def number(self, key: str, n: int, **figures: object) -> str:
-        """Return a text about n things: ``key.one`` for a single one, else ``key.many``."""
-        return self(f"{key}.one" if n == 1 else f"{key}.many", n=n, **figures)
-
-    def script_texts(self) -> dict[str, str]:
-        """Return the texts that the script of the page shows."""
-        return {
-            k: text for k, text in TEXTS_BY_LANGUAGE[self.language].items() if k.startswith("js.")
-        }
-
-    def kind(self, label: str) -> str:
-        """Return the name of a kind, or of a group such as ``image, P31``."""
-        names = KINDS_BY_LANGUAGE[self.language]
-        name, comma, rest = label.partition(", ")
-        if name not in names and name.startswith(_WEIGHTED):
-            inner = name.removeprefix(_WEIGHTED)
-            name = f"{self('weighted')} {names[inner]}" if inner in names else name
-        return f"{names.get(name, name)}{comma}{rest}"
-
-    def kinds(self, kinds: Iterable[str]) -> str:
-        """Return the names of kinds as they are registered."""
-        return ", ".join(self.kind(k.replace("_", " ")) for k in kinds)
 
 
 REPORT_PACKAGES = ("jinja2", "plotly", "itables")
@@ -273,9 +214,9 @@ def input_files_sheet(paths: Sequence[str | Path], t: Texts) -> Sheet | None:
                 problems.append(Problem(f"cannot be read: {system_reason(error)}", str(file)))
     if problems:
         raise InputError(problems)
-    heads: list[ColumnHead] = [(t("col.file"), False), (t("col.bytes"), True), ("SHA-256", False)]
-    note = t("files.more", n=more) if more else ""
-    return filled_sheet("files", t("files.caption"), columns_from_rows(heads, rows), notes=[note])
+    heads: list[ColumnHead] = [(t("col_file"), False), (t("col_bytes"), True), ("SHA-256", False)]
+    note = t("files_more", n=more) if more else ""
+    return filled_sheet("files", t("files_caption"), columns_from_rows(heads, rows), notes=[note])
 
 
 def _below(path: Path) -> list[Path]:
@@ -292,9 +233,9 @@ def adjustment_provenance(report: Report, t: Texts) -> list[tuple[str, str]]:
     """Return what was run, with which options, and the versions of what computed it."""
     options = report.options
     tests = f"α0 = {percent(options.alpha)}, 1 − β = {percent(options.power)}"
-    variance = t(f"variance.{report.solution.variance}")
+    variance = t(f"variance_{report.solution.variance.replace('-', '_')}")
     return run_provenance(
-        report.provenance.run, [("run.variance", variance), ("run.tests", tests)], t
+        report.provenance.run, [("run_variance", variance), ("run_tests", tests)], t
     )
 
 
@@ -307,10 +248,10 @@ def run_provenance(run: Run, more: Sequence[tuple[str, str]], t: Texts) -> list[
         t: texts of the language.
     """
     parts = [
-        ("run.program", f"factorgraph_adj {__version__}"),
-        *((f"run.{name}", text) for name, text in asdict(run).items()),
+        ("run_program", f"factorgraph_adj {__version__}"),
+        *((f"run_{name}", text) for name, text in asdict(run).items()),
         *more,
-        ("run.versions", ", ".join(_versions())),
+        ("run_versions", ", ".join(_versions())),
     ]
     return [(t(key), text) for key, text in parts if text]
 

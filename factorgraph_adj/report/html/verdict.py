@@ -12,6 +12,7 @@ from ...quality.point_precision import check_points
 from ...statistical_tests import global_test
 from ...units import LENGTH
 from ..adjustment_report import Report
+from ..catalogue import Texts
 from ..doubtful_results import (
     doubts_of_network,
     doubts_of_solution,
@@ -23,7 +24,6 @@ from ..gross_errors import all_doubts
 from ..layout import listed, percent, short
 from ..reliability import point_redundancy
 from .observations import test_symbol
-from .rendering import Texts
 
 LightColour: TypeAlias = Literal["green", "amber", "red", "none"]
 """State of a light; ``none``: nothing to judge."""
@@ -79,37 +79,37 @@ def adjustment_verdict(report: Report, t: Texts) -> Verdict:
     states = {light.colour for light in lights}
     colour: LightColour = "red" if all_doubts(report) or "red" in states else "green"
     colour = "amber" if colour == "green" and "amber" in states else colour
-    return Verdict(colour, t(f"verdict.{colour}"), lights, _figures(report, t))
+    return Verdict(colour, t(f"verdict_{colour}"), lights, _figures(report, t))
 
 
 def _ended(report: Report, t: Texts) -> Light:
     s = report.solution
     if not s.converged:
-        text = t.number("light.ended.no", s.iterations)
-        return Light("red", t("light.ended"), text, s.reason)
-    text = t.number("light.ended.yes", s.iterations)
+        text = t.number("light_ended_no", s.iterations)
+        return Light("red", t("light_ended"), text, s.reason)
+    text = t.number("light_ended_yes", s.iterations)
     if s.second_places:
         told = "; ".join(s.second_places)
-        return Light("red", t("light.ended"), f"{text} {t('light.second')}", told)
-    return Light("green", t("light.ended"), text)
+        return Light("red", t("light_ended"), f"{text} {t('light_second')}", told)
+    return Light("green", t("light_ended"), text)
 
 
 def _datum(report: Report, t: Texts) -> Light:
     s, link = report.solution, "inputs"
     if s.datum is None:
-        return Light("green", t("light.datum"), t("light.datum.given"), link=link)
+        return Light("green", t("light_datum"), t("light_datum_given"), link=link)
     flagged = sum(p.datum for p in report.network.points.values())
-    over = t.number("light.datum.some", flagged) if flagged else t("light.datum.all")
-    text = t("light.datum.free", d=s.datum_defect, over=over)
-    return Light("green", t("light.datum"), text, link=link)
+    over = t.number("light_datum_some", flagged) if flagged else t("light_datum_all")
+    text = t("light_datum_free", d=s.datum_defect, over=over)
+    return Light("green", t("light_datum"), text, link=link)
 
 
 def _global(report: Report, t: Texts) -> Light:
-    test, title = global_test(report.solution), t("light.global")
+    test, title = global_test(report.solution), t("light_global")
     if test.redundancy <= 0:
-        return Light("amber", title, t("light.global.none"), link="groups")
+        return Light("amber", title, t("light_global_none"), link="groups")
     if report.components is not None:
-        text = t("light.global.components", sigma0=f"{test.sigma0:.4f}")
+        text = t("light_global_components", sigma0=f"{test.sigma0:.4f}")
         return Light("none", title, text, link="groups")
     figures = {
         "sigma0": f"{test.sigma0:.4f}",
@@ -118,31 +118,31 @@ def _global(report: Report, t: Texts) -> Light:
         "level": percent(1 - test.alpha),
     }
     if test.accepted:
-        return Light("green", title, t("light.global.accepted", **figures), link="groups")
+        return Light("green", title, t("light_global_accepted", **figures), link="groups")
     if test.too_good:
-        return Light("amber", title, t("light.global.small", **figures), link="groups")
-    return Light("red", title, t("light.global.large", **figures), link="groups")
+        return Light("amber", title, t("light_global_small", **figures), link="groups")
+    return Light("red", title, t("light_global_large", **figures), link="groups")
 
 
 def _tests(report: Report, t: Texts) -> Light:
-    title, link = t("light.tests"), "worst"
+    title, link = t("light_tests"), "worst"
     if report.reliability is None:
-        return Light("amber", title, t("light.tests.none"), report.no_reliability, link)
+        return Light("amber", title, t("light_tests_none"), report.no_reliability, link)
     values, critical = report.tests
     tested = int(np.isfinite(values).sum())
     if not tested:
-        return Light("amber", title, t("light.tests.nothing"), link=link)
+        return Light("amber", title, t("light_tests_nothing"), link=link)
     figures = {"name": test_symbol(report), "critical": f"{critical:.2f}"}
     figures["alpha"] = percent(report.options.alpha)
     above = int(np.sum(np.abs(values) > critical))
     if not above:
-        return Light("green", title, t("light.tests.fine", **figures), link=link)
-    text = t.number("light.tests.above", above, **figures)
+        return Light("green", title, t("light_tests_fine", **figures), link=link)
+    text = t.number("light_tests_above", above, **figures)
     expected = report.options.alpha * tested
     chance = exceeded_by_chance(values, critical, report.options.alpha, report.redundancy_of_tau)
     if expected >= 1 or chance:
         n = f"{expected:.0f}" if expected >= 1 else f"{expected:.1g}"
-        text += " " + t("light.tests.chance", n=n)
+        text += " " + t("light_tests_chance", n=n)
     return Light("green" if chance else "red", title, text, link=link)
 
 
@@ -150,16 +150,16 @@ def _snooping(report: Report, t: Texts) -> list[Light]:
     found = report.snooping
     if found is None:
         return []
-    title, n = t("light.aside"), len(found.ids_set_aside)
+    title, n = t("light_aside"), len(found.ids_set_aside)
     left = len(found.unresolved)
     if left:
-        text = t.number("light.unresolved", left) + " " + t.number("light.aside.some", n)
+        text = t.number("light_unresolved", left) + " " + t.number("light_aside_some", n)
         return [Light("red", title, text, found.reason, "table-unresolved")]
     if n:
         return [
-            Light("amber", title, t.number("light.aside.some", n), found.reason, "table-rejected")
+            Light("amber", title, t.number("light_aside_some", n), found.reason, "table-rejected")
         ]
-    return [Light("green", title, t("light.aside.none"))]
+    return [Light("green", title, t("light_aside_none"))]
 
 
 def _cause(report: Report, t: Texts) -> list[Light]:
@@ -168,16 +168,16 @@ def _cause(report: Report, t: Texts) -> list[Light]:
         return []
     if undecided := found.undecided_sentences:
         link = "table-causes" if found.likelier else ""
-        return [Light("red", t("light.cause"), t("light.cause.text.none"), undecided[0], link)]
+        return [Light("red", t("light_cause"), t("light_cause_text_none"), undecided[0], link)]
     if (c := found.likeliest) is None:
         return []
-    text = t.number("light.cause.text", len(found.likelier))
+    text = t.number("light_cause_text", len(found.likelier))
     if not found.alone(c):
-        text = t("light.cause.several")
+        text = t("light_cause_several")
     return [
         Light(
             "red",
-            t("light.cause"),
+            t("light_cause"),
             text,
             f"{c.cause} {c.where}{found.consequence(c)}",
             "table-causes",
@@ -186,20 +186,20 @@ def _cause(report: Report, t: Texts) -> list[Light]:
 
 
 def _controlled(report: Report, t: Texts) -> Light:
-    rel, title = report.reliability, t("light.controlled")
+    rel, title = report.reliability, t("light_controlled")
     if rel is None or report.solution.redundancy <= 0:
-        return Light("amber", title, t("light.controlled.nothing"), link="groups")
+        return Light("amber", title, t("light_controlled_nothing"), link="groups")
     n = int((~rel.controlled & ~report.stiff).sum())
     if not n:
         least = max(float(rel.redundancy_numbers[~report.stiff].min(initial=1.0)), 0.0)
-        return Light("green", title, t("light.controlled.all", least=f"{least:.2f}"), link="groups")
-    text = t.number("light.controlled.some", n)
+        return Light("green", title, t("light_controlled_all", least=f"{least:.2f}"), link="groups")
+    text = t.number("light_controlled_some", n)
     counts = point_redundancy(rel)
     lonely = np.flatnonzero((counts.rows > 0) & (counts.uncontrolled == counts.rows))
     names = report.solution.equations.unknowns["point"].names
     if len(lonely):
         text += " " + t(
-            "light.controlled.points", names=listed([names[i] for i in lonely], MAX_NAMES_IN_LIGHT)
+            "light_controlled_points", names=listed([names[i] for i in lonely], MAX_NAMES_IN_LIGHT)
         )
     return Light("amber", title, text, link="groups")
 
@@ -214,12 +214,12 @@ def _of_network(report: Report, t: Texts) -> list[Light]:
     }
     rest = [d for d in report.doubts if d not in told]
     assert set(doubts_of_network(report.network)) <= set(rest) | told
-    return [Light("red", t("light.input"), t("light.input.text"), d, "inputs") for d in rest]
+    return [Light("red", t("light_input"), t("light_input_text"), d, "inputs") for d in rest]
 
 
 def _unknowns_left_out(report: Report, t: Texts) -> list[Light]:
     return [
-        Light("amber", t("light.unknowns_left_out"), t("light.unknowns_left_out.text"), said)
+        Light("amber", t("light_unknowns_left_out"), t("light_unknowns_left_out_text"), said)
         for said in unknowns_left_out(report.network)
     ]
 
@@ -228,11 +228,11 @@ def _parameters(report: Report, t: Texts) -> list[Light]:
     found = report.significance
     if found is None or not found.parameters:
         return []
-    title, n = t("light.parameters"), len(found.overparametrised)
+    title, n = t("light_parameters"), len(found.overparametrised)
     if not n:
-        return [Light("green", title, t("light.parameters.fine", limit=f"{found.limit:g}"))]
+        return [Light("green", title, t("light_parameters_fine", limit=f"{found.limit:g}"))]
     told = "; ".join(found.overparametrised[:3])
-    text = t.number("light.parameters.some", n, limit=f"{found.limit:g}")
+    text = t.number("light_parameters_some", n, limit=f"{found.limit:g}")
     return [Light("amber", title, text, told, "cameras" if report.network.photos else "unknowns")]
 
 
@@ -247,30 +247,30 @@ def _check(report: Report, t: Texts) -> list[Light]:
         for x in (found.rms, found.rms_sigma)
     )
     figures = {"rms": rms, "expected": expected, "unit": report.units.sigma_length}
-    text = t.number("light.check.text", len(found.names), **figures)
+    text = t.number("light_check_text", len(found.names), **figures)
     doubts = report.doubtful_check_points
     colour: LightColour = "red" if doubts else "none"
-    return [Light(colour, t("light.check"), text, "; ".join(doubts), "table-check")]
+    return [Light(colour, t("light_check"), text, "; ".join(doubts), "table-check")]
 
 
 def _figures(report: Report, t: Texts) -> list[tuple[str, str]]:
     s, test, network = report.solution, global_test(report.solution), report.network
     out = [
-        (t("figure.points"), str(len(network.points))),
-        (t("figure.photos"), str(len(network.photos)) if network.photos else ""),
-        (t("figure.n"), str(s.n_observations)),
-        (t("figure.u"), str(s.n_unknowns)),
-        (t("figure.d"), str(s.datum_defect)),
-        (t("figure.r"), str(s.redundancy)),
+        (t("figure_points"), str(len(network.points))),
+        (t("figure_photos"), str(len(network.photos)) if network.photos else ""),
+        (t("figure_n"), str(s.n_observations)),
+        (t("figure_u"), str(s.n_unknowns)),
+        (t("figure_d"), str(s.datum_defect)),
+        (t("figure_r"), str(s.redundancy)),
         ("σ̂0", f"{test.sigma0:.5f}" if test.redundancy > 0 else "–"),
         ("vᵀPv", f"{s.vtpv:.6g}"),
-        (t("figure.iterations"), str(s.iterations)),
-        (t("figure.variance"), t(f"variance.{s.variance}")),
+        (t("figure_iterations"), str(s.iterations)),
+        (t("figure_variance"), t(f"variance_{s.variance.replace('-', '_')}")),
     ]
     rel = report.reliability
     if rel is not None and s.redundancy > 0:
         total = float(rel.redundancy_numbers.sum()) + rel.redundancy_of_extra_factors
-        out.insert(6, (t("figure.sum_r"), f"{total:.3f}"))
+        out.insert(6, (t("figure_sum_r"), f"{total:.3f}"))
     return [(name, value) for name, value in out if value]
 
 
@@ -290,11 +290,11 @@ def epochs_verdict(report: EpochsReport, t: Texts) -> Verdict:
     n = len(report.found.moved)
     figures = _epochs_figures(report, t)
     if report.doubts:
-        return Verdict("red", t("verdict.epochs.red"), lights, figures)
+        return Verdict("red", t("verdict_epochs_red"), lights, figures)
     if n:
-        return Verdict("amber", t.number("verdict.epochs.amber", n), lights, figures)
+        return Verdict("amber", t.number("verdict_epochs_amber", n), lights, figures)
     tested = len(report.found.stable) < len(report.found.displacements)
-    words = "verdict.epochs.green" if tested else "verdict.epochs.shape"
+    words = "verdict_epochs_green" if tested else "verdict_epochs_shape"
     return Verdict("green", t(words), lights, figures)
 
 
@@ -311,33 +311,33 @@ def _tested(report: EpochsReport, t: Texts) -> Light:
     groups = {"reference": found.reference, "objects": objects, "held": list(found.roles.held)}
     groups |= {"not_compared": list(found.roles.not_compared)}
     parts = [
-        t(f"light.tested.{group}", n=len(names), names=listed(names, MAX_NAMES_IN_LIGHT))
+        t(f"light_tested_{group}", n=len(names), names=listed(names, MAX_NAMES_IN_LIGHT))
         if names
-        else t(f"light.tested.{group}.none")
+        else t(f"light_tested_{group}_none")
         for group, names in groups.items()
     ]
-    return Light("none", t("light.tested"), " ".join(p for p in parts if p))
+    return Light("none", t("light_tested"), " ".join(p for p in parts if p))
 
 
 def _epochs_unknowns_left_out(report: EpochsReport, t: Texts) -> list[Light]:
     return [
-        Light("amber", t("light.unknowns_left_out"), t("light.unknowns_left_out.text"), said)
+        Light("amber", t("light_unknowns_left_out"), t("light_unknowns_left_out_text"), said)
         for said in report.unknowns_left_out
     ]
 
 
 def _epochs_ended(report: EpochsReport, t: Texts) -> Light:
-    title, link = t("light.epochs.ended"), "table-adjustments"
+    title, link = t("light_epochs_ended"), "table-adjustments"
     for s in report.found.solutions:
         if not s.converged:
-            text = t("light.epochs.ended.no", name=s.network.name or t("unnamed"))
+            text = t("light_epochs_ended_no", name=s.network.name or t("unnamed"))
             return Light("red", title, text, s.reason, link)
-    return Light("green", title, t("light.epochs.ended.yes"), link=link)
+    return Light("green", title, t("light_epochs_ended_yes"), link=link)
 
 
 def _epochs_global_tests(report: EpochsReport, t: Texts) -> list[Light]:
     """Judge each adjustment by its own global test; estimated σ̂0 of both bear a wrong one."""
-    title, link = t("light.epochs.global"), "table-adjustments"
+    title, link = t("light_epochs_global"), "table-adjustments"
     tests = [(s.network.name or t("unnamed"), global_test(s)) for s in report.found.solutions]
     tests = [(name, test) for name, test in tests if test.redundancy > 0]
     if not tests:
@@ -346,54 +346,54 @@ def _epochs_global_tests(report: EpochsReport, t: Texts) -> list[Light]:
     wrong = [f"{name} (σ̂0 = {test.sigma0:.3f})" for name, test in tests if not test.accepted]
     if not wrong:
         sigma0 = ", ".join(f"{test.sigma0:.3f}" for _, test in tests)
-        text = t("light.epochs.global.fine", level=level, sigma0=sigma0)
+        text = t("light_epochs_global_fine", level=level, sigma0=sigma0)
         return [Light("green", title, text, link=link)]
     known = np.isinf(report.found.scale.freedom)
-    key = "light.epochs.global.known" if known else "light.epochs.global.wrong"
+    key = "light_epochs_global_known" if known else "light_epochs_global_wrong"
     text = t(key, level=level, names=", ".join(wrong))
     return [Light("red" if known else "amber", title, text, link=link)]
 
 
 def _ratio(report: EpochsReport, t: Texts) -> Light:
-    ratio, title, link = report.found.ratio, t("light.ratio"), "table-ratio"
+    ratio, title, link = report.found.ratio, t("light_ratio"), "table-ratio"
     if ratio is None:
-        return Light("none", title, t("light.ratio.none"))
+        return Light("none", title, t("light_ratio_none"))
     figures = {"ratio": f"{ratio.ratio:.2f}", "critical": f"{ratio.critical:.2f}"}
     if ratio.accepted:
-        return Light("green", title, t("light.ratio.accepted", **figures), link=link)
-    return Light("red", title, t("light.ratio.rejected", **figures), link=link)
+        return Light("green", title, t("light_ratio_accepted", **figures), link=link)
+    return Light("red", title, t("light_ratio_rejected", **figures), link=link)
 
 
 def _reference(report: EpochsReport, t: Texts) -> Light:
-    found, title, link = report.found, t("light.reference"), "table-steps"
+    found, title, link = report.found, t("light_reference"), "table-steps"
     test = found.global_test
     if test is None:
-        return Light("none", title, t("light.reference.none"))
+        return Light("none", title, t("light_reference_none"))
     figures: dict[str, object] = {
         "n": len(found.reference),
         "value": f"{test.value:.2f}",
         "critical": f"{test.critical:.2f}",
     }
     if test.accepted:
-        return Light("green", title, t("light.reference.kept", **figures), link=link)
+        return Light("green", title, t("light_reference_kept", **figures), link=link)
     if not found.steps[-1].test.accepted:
-        return Light("red", title, t("light.reference.lost", **figures), link=link)
+        return Light("red", title, t("light_reference_lost", **figures), link=link)
     figures["left"] = listed(
         [n for n in found.reference if n not in found.stable], MAX_NAMES_IN_LIGHT
     )
-    return Light("amber", title, t("light.reference.changed", **figures), link=link)
+    return Light("amber", title, t("light_reference_changed", **figures), link=link)
 
 
 def _moved(report: EpochsReport, t: Texts) -> Light:
-    found, title, link = report.found, t("light.moved"), "table-displacements"
+    found, title, link = report.found, t("light_moved"), "table-displacements"
     moved, alpha = found.moved, percent(found.alpha)
     if len(found.stable) == len(found.displacements):
-        return Light("none", title, t("light.moved.untested"), link=link)
+        return Light("none", title, t("light_moved_untested"), link=link)
     if not moved:
-        return Light("green", title, t("light.moved.none", alpha=alpha), link=link)
+        return Light("green", title, t("light_moved_none", alpha=alpha), link=link)
     largest = max(moved, key=lambda n: found.displacements[n].length)
     text = t.number(
-        "light.moved.some",
+        "light_moved_some",
         len(moved),
         alpha=alpha,
         names=listed(moved, MAX_NAMES_IN_LIGHT),
@@ -409,27 +409,27 @@ def _detectable(report: EpochsReport, t: Texts) -> list[Light]:
         return []
     best, worst = (pick(loose, key=lambda x: x.detectable) for pick in (min, max))
     text = t(
-        "light.detectable.text",
+        "light_detectable_text",
         best=sigma_length_text(report, best.detectable),
         best_name=best.name,
         worst=sigma_length_text(report, worst.detectable),
         worst_name=worst.name,
         power=percent(report.found.power),
     )
-    return [Light("none", t("light.detectable"), text, link="table-displacements")]
+    return [Light("none", t("light_detectable"), text, link="table-displacements")]
 
 
 def _blocks(report: EpochsReport, t: Texts) -> list[Light]:
     out = []
     for b in report.blocks:
-        figures = {"points": listed(b.points, MAX_NAMES_IN_LIGHT), "model": t(f"model.{b.model}")}
+        figures = {"points": listed(b.points, MAX_NAMES_IN_LIGHT), "model": t(f"model_{b.model}")}
         if b.fit is not None and not b.fit.accepted:
-            text = t("light.blocks.unfit", **figures)
+            text = t("light_blocks_unfit", **figures)
         elif b.motion.accepted:
-            text = t("light.blocks.kept", **figures)
+            text = t("light_blocks_kept", **figures)
         else:
-            text = t("light.blocks.moved", **figures)
-        out.append(Light("none", t("light.blocks"), text, link="table-blocks"))
+            text = t("light_blocks_moved", **figures)
+        out.append(Light("none", t("light_blocks"), text, link="table-blocks"))
     return out
 
 
@@ -437,12 +437,12 @@ def _epochs_figures(report: EpochsReport, t: Texts) -> list[tuple[str, str]]:
     found = report.found
     freedom = found.scale.freedom
     return [
-        (t("figure.compared"), str(len(found.displacements))),
-        (t("figure.reference"), str(len(found.reference))),
-        (t("figure.stable"), str(len(found.stable))),
-        (t("figure.moved"), str(len(found.moved))),
-        (t("figure.sigma_tests"), f"{float(np.sqrt(found.scale.variance)):.4f}"),
-        (t("figure.freedom"), t("known") if np.isinf(freedom) else f"{freedom:.0f}"),
+        (t("figure_compared"), str(len(found.displacements))),
+        (t("figure_reference"), str(len(found.reference))),
+        (t("figure_stable"), str(len(found.stable))),
+        (t("figure_moved"), str(len(found.moved))),
+        (t("figure_sigma_tests"), f"{float(np.sqrt(found.scale.variance)):.4f}"),
+        (t("figure_freedom"), t("known") if np.isinf(freedom) else f"{freedom:.0f}"),
         ("α", percent(found.alpha)),
         ("1 − β", percent(found.power)),
     ]

@@ -163,7 +163,7 @@ def test_a_click_on_a_marked_observation_shows_its_row(browser, folder, block):
     worst = int(np.argmax(np.abs(rel.w)))
     with opened(browser, folder / "block.html") as found:
         found.ready()
-        _click(found, "js.doubts", worst)
+        _click(found, "js_doubts", worst)
         row = found.chosen()
     assert row[1] in {r.what for r in block.rows.all() if abs(rel.w[r.number]) > rel.critical_w}
 

@@ -9,9 +9,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.report.epochs_report import EpochsReport
 from factorgraph_adj.report.html.epochs_page import epochs_html
-from factorgraph_adj.report.html.rendering import Texts
 from factorgraph_adj.report.html.verdict import epochs_verdict
 from tests.networks import moved
 from tests.support.pages import chromium, data_of, elements, opened

@@ -5,13 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 from string import Formatter
 
+import pytest
+
 import factorgraph_adj as fga
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import KINDS as OBSERVED
+from factorgraph_adj.report import catalogue
 from factorgraph_adj.report.adjustment_report import Report
-from factorgraph_adj.report.html import english, german
+from factorgraph_adj.report.catalogue import KINDS_BY_LANGUAGE, TEXTS_BY_LANGUAGE, Texts
 from factorgraph_adj.report.html.page import adjustment_html
-from factorgraph_adj.report.html.rendering import Texts
 from tests.benchmarks.causes import adjusted
 from tests.networks.building_site import site
 from tests.networks.reported import three_points
@@ -28,7 +30,8 @@ ENGLISH = set(
 """Words of which no German sentence has one."""
 SAME = {"Iteration", "Parameter", "Filter", "Data Snooping", "robust", "Datum", "Tests", "Block"}
 """Texts that are the same word in both languages."""
-FOLDER = Path(english.__file__).parent
+ENGLISH_TEXTS, GERMAN_TEXTS = (TEXTS_BY_LANGUAGE[language] for language in ("en", "de"))
+FOLDER = Path(catalogue.__file__).parent
 
 
 def words(text: str) -> set[str]:
@@ -36,19 +39,19 @@ def words(text: str) -> set[str]:
 
 
 def test_both_languages_have_the_same_texts_with_the_same_figures():
-    assert list(english.ENGLISH_TEXTS) == list(german.GERMAN_TEXTS)
-    for key, text in english.ENGLISH_TEXTS.items():
+    assert list(ENGLISH_TEXTS) == list(GERMAN_TEXTS)
+    for key, text in ENGLISH_TEXTS.items():
         figures = {name for _, name, _, _ in Formatter().parse(text) if name}
-        other = {name for _, name, _, _ in Formatter().parse(german.GERMAN_TEXTS[key]) if name}
+        other = {name for _, name, _, _ in Formatter().parse(GERMAN_TEXTS[key]) if name}
         assert figures == other, key
 
 
 def test_no_text_is_left_in_english():
-    for key, text in german.GERMAN_TEXTS.items():
+    for key, text in GERMAN_TEXTS.items():
         assert not words(text) & ENGLISH, (key, text)
         if len(words(text)) > 1 or len(max(words(text), default="")) > 4:
-            same = english.ENGLISH_TEXTS[key].lower() == text.lower()
-            assert not same or text in SAME or key.startswith(("variance.", "col.", "symbol.")), (
+            same = ENGLISH_TEXTS[key].lower() == text.lower()
+            assert not same or text in SAME or key.startswith(("variance_", "col_", "symbol_")), (
                 key,
                 text,
             )
@@ -68,25 +71,34 @@ def test_every_kind_has_a_german_name():
 
 
 def test_every_text_is_used_and_every_used_text_is_there():
-    sources = [*FOLDER.glob("*.py"), *(FOLDER / "template").iterdir()]
-    text = "\n".join(
-        p.read_text(encoding="utf-8")
-        for p in sources
-        if not p.stem.startswith(("english", "german"))
-    )
-    said = set(re.findall(r"""["']([a-z0-9_]+(?:\.[a-z0-9_]+)*)["']""", text))
-    # Keys that are put together: of a number, and of what is in braces.
-    begun = tuple(re.findall(r"""["'`]((?:[a-z]+\.)+)(?:\{|["'] ~)""", text))
-    for key in english.ENGLISH_TEXTS:
-        plain = re.sub(r"\.(one|many)$", "", key)
-        assert key in said or plain in said or key.startswith(begun), f"{key} is not used"
-    for key in said:
-        if (
-            key.split(".")[0] in {k.split(".")[0] for k in english.ENGLISH_TEXTS if "." in k}
-            and "." in key
-        ):
-            known = key in english.ENGLISH_TEXTS or f"{key}.one" in english.ENGLISH_TEXTS
-            assert known or key.endswith((".csv", ".js", "table.sheet")), key
+    sources = [*FOLDER.rglob("*.py"), *(FOLDER / "html" / "template").iterdir()]
+    text = "\n".join(p.read_text(encoding="utf-8") for p in sources)
+    said = set(re.findall(r"""["'`]([a-z][a-z0-9_]+)["'`]""", text))
+    # Identifiers that are put together: of a number, of what is in braces, of a column's title.
+    begun = set(re.findall(r"""["'`]((?:[a-z0-9]+_)+)(?:\{|["'] ~)""", text)) - {"col_"}
+    headings = {f"col_{title}" for title in said}
+    for key in ENGLISH_TEXTS:
+        plain = re.sub(r"_(one|many)$", "", key)
+        used = key in said or plain in said or key in headings
+        assert used or key.startswith(tuple(begun)), f"{key} is not used"
+    asked = re.findall(r"""(?:\bt|tell|WORDS|t\.number)\(\s*["'`]([a-z0-9_]*[a-z0-9])["'`]""", text)
+    assert len(asked) > 200
+    for key in asked:
+        assert key in ENGLISH_TEXTS or f"{key}_one" in ENGLISH_TEXTS, key
+
+
+def test_an_identifier_that_one_language_lacks_is_found(monkeypatch):
+    monkeypatch.delitem(GERMAN_TEXTS, "unnamed")
+    with pytest.raises(KeyError, match="unnamed"):
+        Texts("de")("unnamed")
+    with pytest.raises(AssertionError):
+        test_both_languages_have_the_same_texts_with_the_same_figures()
+
+
+def test_identifiers_are_short_and_no_sentences():
+    for language in ("en", "de"):
+        for key in (*TEXTS_BY_LANGUAGE[language], *KINDS_BY_LANGUAGE[language]):
+            assert re.fullmatch(r"[a-z0-9_]+", key) and len(key) <= 40, key
 
 
 def test_a_german_page_has_german_words_alone():

@@ -15,8 +15,9 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.report.adjusted_observations import observations_table
 from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.report.html.page import adjustment_html, write_report
-from factorgraph_adj.report.html.rendering import ROWS_PER_PAGE, Texts
+from factorgraph_adj.report.html.rendering import ROWS_PER_PAGE
 from factorgraph_adj.report.html.verdict import adjustment_verdict
 from tests.networks.reported import NASTY, heights_alone, nasty_names, three_points
 from tests.networks.small_block import small_block
@@ -166,7 +167,7 @@ def test_what_was_set_aside_stands_in_its_table_and_in_the_plan():
     assert what.startswith("photo 1/P12")
     (aside,) = data_of(text, "plan")["aside"]
     assert aside["id"] == "photo 1/P12" and len(aside["lines"]) == 1
-    assert "1 observation set aside." in text
+    assert "1 observation rejected." in text
 
 
 def test_an_iteration_that_did_not_end_is_said_first():

@@ -6,7 +6,7 @@ const tell = (key, figures = {}) =>
 
 function failed(error) {
   const box = byId("failed");
-  box.textContent = `${tell("js.failed")} ${error}`;
+  box.textContent = `${tell("js_failed")} ${error}`;
   box.hidden = false;
 }
 

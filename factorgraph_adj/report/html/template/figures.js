@@ -8,9 +8,9 @@ async function drawScene(Plotly) {
   });
   const draw = () => Plotly.react(div, [
     ...d.lines.map((l, i) => line(l.kinds, l.xyz, ["sight", "sight2", "sight3"][i % 3], 1.5)),
-    ...(d.rays.shown ? [{ ...line(tell("js.rays"), d.rays.xyz, "line", 1), visible: "legendonly" }] : []),
+    ...(d.rays.shown ? [{ ...line(tell("js_rays"), d.rays.xyz, "line", 1), visible: "legendonly" }] : []),
     ...(d.photos.names.length ? [
-      { ...line(tell("js.photos"), d.photos.shapes, "photo", 2), legendgroup: "p" },
+      { ...line(tell("js_photos"), d.photos.shapes, "photo", 2), legendgroup: "p" },
       {
         type: "scatter3d", mode: "markers", showlegend: false, legendgroup: "p", x: d.photos.xyz[0],
         y: d.photos.xyz[1], z: d.photos.xyz[2], text: d.photos.names.map(plain), hoverinfo: "text",
@@ -18,7 +18,7 @@ async function drawScene(Plotly) {
       },
     ] : []),
     {
-      type: "scatter3d", mode: "markers", name: tell("js.points"), x, y, z, text: d.names.map(plain),
+      type: "scatter3d", mode: "markers", name: tell("js_points"), x, y, z, text: d.names.map(plain),
       customdata: d.names.map((_, i) => i), meta: "points", hoverinfo: "text",
       marker: { size: x.length > 2000 ? 1.5 : x.length > 100 ? 2.2 : 3.5, color: colour("point") },
     },
@@ -62,14 +62,14 @@ async function drawStatistics(Plotly) {
   const draw = () => Promise.all([
     plot("histogram", [
       ...bars(d.histogram, d.centres),
-      { type: "scatter", mode: "lines", name: tell("js.normal"), x: d.centres, y: d.normal, line: { color: colour("ink"), width: 1.5, shape: "spline" } },
-    ], { barmode: "stack", bargap: 0.05, shapes: limits.map(upright), xaxis: axisOf({ title: { text: d.test } }), yaxis: axisOf({ title: { text: tell("js.count") } }) }),
+      { type: "scatter", mode: "lines", name: tell("js_normal"), x: d.centres, y: d.normal, line: { color: colour("ink"), width: 1.5, shape: "spline" } },
+    ], { barmode: "stack", bargap: 0.05, shapes: limits.map(upright), xaxis: axisOf({ title: { text: d.test } }), yaxis: axisOf({ title: { text: tell("js_count") } }) }),
     plot("quantiles", [
-      { type: "scatter", mode: "lines", name: tell("js.normal"), x: [d.quantiles[0], d.quantiles.at(-1)], y: [d.quantiles[0], d.quantiles.at(-1)], line: { color: colour("ink"), width: 1.2 } },
+      { type: "scatter", mode: "lines", name: tell("js_normal"), x: [d.quantiles[0], d.quantiles.at(-1)], y: [d.quantiles[0], d.quantiles.at(-1)], line: { color: colour("ink"), width: 1.2 } },
       { type: "scatter", mode: "markers", name: d.test, x: d.quantiles, y: d.sorted, marker: { size: 5, color: d.sorted.map((v) => (d.critical !== null && Math.abs(v) > d.critical ? colour("doubt") : colour("held"))) } },
-    ], { showlegend: false, shapes: limits.map(level), xaxis: axisOf({ title: { text: tell("js.quantile") } }), yaxis: axisOf({ title: { text: d.test } }) }),
+    ], { showlegend: false, shapes: limits.map(level), xaxis: axisOf({ title: { text: tell("js_quantile") } }), yaxis: axisOf({ title: { text: d.test } }) }),
     plot("redundancy", bars(d.redundancy, Array.from({ length: 20 }, (_, i) => (i + 0.5) / 20)), {
-      barmode: "stack", bargap: 0.05, xaxis: axisOf({ title: { text: tell("js.redundancy") }, range: [0, 1] }), yaxis: axisOf({ title: { text: tell("js.count") } }),
+      barmode: "stack", bargap: 0.05, xaxis: axisOf({ title: { text: tell("js_redundancy") }, range: [0, 1] }), yaxis: axisOf({ title: { text: tell("js_count") } }),
     }),
   ]);
   await draw();
@@ -85,7 +85,7 @@ async function drawMeanPhotos(Plotly) {
       arrowcolor: colour(m.significant[i] ? "doubt" : "held"),
     }));
     const data = [{
-      type: "scatter", mode: "markers", x: m.from[0], y: m.from[1], text: m.count.map((n) => `${tell("js.count")}: ${n}`),
+      type: "scatter", mode: "markers", x: m.from[0], y: m.from[1], text: m.count.map((n) => `${tell("js_count")}: ${n}`),
       hoverinfo: "text", marker: { size: 4, color: colour("soft") },
     }];
     return Plotly.react(byId(`mean-photo-${k}`), data, layoutOf({

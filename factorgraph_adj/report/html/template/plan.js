@@ -106,14 +106,14 @@ function pointTraces(shown, by) {
     });
   }
   const values = by === "r" ? r : test;
-  const title = by === "r" ? tell("js.colour_r") : tell("js.colour_test", { test: plan.data.test });
+  const title = by === "r" ? tell("js_colour_r") : tell("js_colour_test", { test: plan.data.test });
   const scale = by === "r" ? [0, 1] : [0, Math.max(4, ...shown.map((i) => Math.min(values[i] ?? 0, 8)))];
   const marker = {
     size: shown.length > 500 ? 5 : 9, color: shown.map((i) => values[i]), cmin: scale[0], cmax: scale[1],
     colorscale: "Viridis", reversescale: by === "r", showscale: true, line: { width: 0.5, color: colour("soft") },
     colorbar: { title: { text: title, side: "right" }, thickness: 12, len: 0.6, y: 0.3, outlinewidth: 0 },
   };
-  return [trace(shown, { name: tell("js.points"), marker })];
+  return [trace(shown, { name: tell("js_points"), marker })];
 }
 
 const plain = (text) => String(text).replace(/[&<>]/g, (c) => `&#${c.charCodeAt(0)};`);
@@ -134,7 +134,7 @@ function hover(i) {
 function displacementTraces(shown, dash) {
   const { xy: [x, y], vectors, moved, ellipses } = plan.data.points;
   if (!vectors) return [];
-  return [[false, "js.kept", "soft", 1.4], [true, "js.moved", "doubt", 2.4]].flatMap(([own, key, look, width]) => {
+  return [[false, "js_kept", "soft", 1.4], [true, "js_moved", "doubt", 2.4]].flatMap(([own, key, look, width]) => {
     const some = shown.filter((i) => moved[i] === own && Math.hypot(vectors[0][i], vectors[1][i]) > 0);
     if (!some.length) return [];
     const out = { x: [], y: [], customdata: [], text: [] };
@@ -149,7 +149,7 @@ function displacementTraces(shown, dash) {
     const line = { color: colour(look), width };
     const group = { legendgroup: key, meta: "points" };
     return [
-      lineTrace(tell("js.region", { level: plan.data.level }), ellipsesAt(endOf, ellipses, some), {
+      lineTrace(tell("js_region", { level: plan.data.level }), ellipsesAt(endOf, ellipses, some), {
         ...group, hoverinfo: "none", showlegend: false, line: { ...line, width: 1.3, dash },
       }),
       lineTrace(`${tell(key)} (${some.length})`, out, { ...group, hoverinfo: "text", line }),
@@ -159,7 +159,7 @@ function displacementTraces(shown, dash) {
 
 function doubtTraces() {
   const { doubts, aside } = plan.data;
-  return [[doubts, "js.doubts", "doubt", "solid", "row"], [aside, "js.aside", "ink", "dot", "id"]]
+  return [[doubts, "js_doubts", "doubt", "solid", "row"], [aside, "js_aside", "ink", "dot", "id"]]
     .filter(([found]) => found.length)
     .map(([found, key, look, dash, ident]) => {
       const out = { x: [], y: [], text: [], customdata: [] };
@@ -181,7 +181,7 @@ function doubtTraces() {
         type: "scatter", mode: "lines+markers", name: `${tell(key)} (${found.length})`, ...out,
         hoverinfo: "text", meta: key, opacity: 0.8,
         line: { color: colour(look), width: found.length > 20 ? 1 : 2.2, dash },
-        marker: { color: colour(look), symbol: key === "js.doubts" ? "diamond" : "x-thin-open", size: found.length > 20 ? 3 : 5 },
+        marker: { color: colour(look), symbol: key === "js_doubts" ? "diamond" : "x-thin-open", size: found.length > 20 ? 3 : 5 },
       };
     });
 }
@@ -200,7 +200,7 @@ function traces(div) {
   if (d.photos.names.length) {
     const step = Math.ceil(d.photos.names.length / MOST_PHOTOS);
     const some = d.photos.shapes.filter((_, i) => i % step === 0);
-    const name = `${tell("js.photos")} (${d.photos.names.length})`;
+    const name = `${tell("js_photos")} (${d.photos.names.length})`;
     out.push(lineTrace(name, joined(some), { legendgroup: "photos", line: { color: colour("photo"), width: 0.8 } }));
     out.push({
       type: "scatter", mode: "markers", x: d.photos.xy[0], y: d.photos.xy[1], text: d.photos.names.map(plain),
@@ -210,11 +210,11 @@ function traces(div) {
   }
   out.push(...doubtTraces());
   // Regions of a doubtful result are dashed, as in the figures of the library.
-  const dash = d.doubtful ? "4px,2px" : "solid", doubtful = d.doubtful ? `, ${tell("js.doubtful")}` : "";
+  const dash = d.doubtful ? "4px,2px" : "solid", doubtful = d.doubtful ? `, ${tell("js_doubtful")}` : "";
   out.push(...displacementTraces(shown, dash));
   const every = ellipsesAt(endOf, d.points.ellipses, shown);
   if (!d.points.vectors && d.points.ellipses[0].some((a) => a > 0))
-    out.push(lineTrace(`${tell("js.ellipses")} ${d.level}${doubtful}`, every, {
+    out.push(lineTrace(`${tell("js_ellipses")} ${d.level}${doubtful}`, every, {
       meta: "points", hoverinfo: "none", line: { color: colour("ellipse"), width: 1.3, dash },
     }));
   if (d.points.height.some((h) => h > 0)) {
@@ -223,17 +223,17 @@ function traces(div) {
       const [x, y] = endOf(i), h = d.factor * d.points.height[i];
       return [[x, x], [y - h, y + h]];
     }));
-    out.push(lineTrace(`${tell("js.heights")} ${d.level}${doubtful}`, xy, { line: { color: colour("ellipse"), width: 3 } }));
+    out.push(lineTrace(`${tell("js_heights")} ${d.level}${doubtful}`, xy, { line: { color: colour("ellipse"), width: 3 } }));
   }
   if (d.relative.names.length) {
     const all = d.relative.names.map((_, i) => i);
-    out.push(lineTrace(tell("js.relative"), ellipsesAt((i) => [d.relative.xy[0][i], d.relative.xy[1][i]], d.relative.ellipses, all), {
+    out.push(lineTrace(tell("js_relative"), ellipsesAt((i) => [d.relative.xy[0][i], d.relative.xy[1][i]], d.relative.ellipses, all), {
       line: { color: colour("sight2"), width: 1.2, dash },
     }));
   }
   if (d.instruments.names.length)
     out.push({
-      type: "scatter", mode: "markers", name: `${tell("js.instruments")} (${d.instruments.names.length})`,
+      type: "scatter", mode: "markers", name: `${tell("js_instruments")} (${d.instruments.names.length})`,
       x: d.instruments.xy[0], y: d.instruments.xy[1], text: d.instruments.names.map(plain), hoverinfo: "text",
       marker: { symbol: "hexagon", size: 12, color: colour("sight2") },
     });
@@ -250,8 +250,8 @@ function traces(div) {
       type: "scatter", mode: "markers", x: [xy[0][chosen]], y: [xy[1][chosen]], hoverinfo: "skip",
       showlegend: false, marker: { symbol: "circle-open", size: 20, color: colour("selected"), line: { width: 3 } },
     });
-  const few = shown.length < inside ? tell("js.shown", { shown: shown.length, n: inside }) : "";
-  const marked = chosen !== null ? tell("js.selected", { name: names[chosen] }) : "";
+  const few = shown.length < inside ? tell("js_shown", { shown: shown.length, n: inside }) : "";
+  const marked = chosen !== null ? tell("js_selected", { name: names[chosen] }) : "";
   byId("plan-told").textContent = [marked, few].filter(Boolean).join(" ");
   return out;
 }
@@ -267,7 +267,7 @@ function scaleKey(box) {
   const x = low[0] + 0.03 * w, y = low[1] + 0.03 * h, long = size * d.factor;
   const unit = size >= 1 ? [1, "m"] : size >= 1e-3 ? [1e-3, "mm"] : [1e-6, "µm"];
   const line = { color: colour("ink"), width: 3 };
-  const text = tell(p.vectors ? "js.scale_displacements" : d.schematic || !d.points.ellipses[0].some((v) => v > 0) ? "js.scale_heights" : "js.scale", { size: `${+(size / unit[0]).toPrecision(3)} ${unit[1]}`, factor: d.multiple });
+  const text = tell(p.vectors ? "js_scale_displacements" : d.schematic || !d.points.ellipses[0].some((v) => v > 0) ? "js_scale_heights" : "js_scale", { size: `${+(size / unit[0]).toPrecision(3)} ${unit[1]}`, factor: d.multiple });
   return {
     shapes: [{ type: "line", x0: x, y0: y, x1: upright ? x : x + long, y1: upright ? y + long : y, line }],
     annotations: [{
@@ -344,8 +344,8 @@ function clicked(hit) {
     select(what);
     showRow(plan.data.sheet ?? "points", (_, i) => i === what);
   } else if (kind === "photos") showRow("photos", (cells) => cells[0] === what);
-  else if (kind === "js.doubts") showRow("observations", (_, i) => i === what);
-  else if (kind === "js.aside") {
+  else if (kind === "js_doubts") showRow("observations", (_, i) => i === what);
+  else if (kind === "js_aside") {
     const text = plan.data.aside.find((a) => a.id === what).text;
     showRow("rejected", (cells) => text === `${cells[0]} ${cells[1]}` || cells.includes(what));
   }
@@ -364,7 +364,7 @@ async function find(name) {
   let number = names.indexOf(name);
   if (number < 0) number = names.findIndex((n) => n.toLowerCase() === name.toLowerCase());
   if (number < 0) {
-    byId("plan-told").textContent = tell("js.not_found", { name });
+    byId("plan-told").textContent = tell("js_not_found", { name });
     return;
   }
   chosen = number;

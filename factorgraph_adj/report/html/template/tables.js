@@ -51,7 +51,7 @@ async function made(table) {
       },
     })),
     language: {
-      emptyTable: tell("js.no_rows"), zeroRecords: tell("js.no_rows"),
+      emptyTable: tell("js_no_rows"), zeroRecords: tell("js_no_rows"),
     },
   });
   if (caption && !table.caption) table.prepend(caption);
@@ -62,8 +62,8 @@ async function made(table) {
     const cell = document.createElement("td");
     const box = document.createElement("input");
     box.type = "search";
-    box.setAttribute("aria-label", `${tell("js.filter")}: ${head}`);
-    box.title = tell("js.filter_help");
+    box.setAttribute("aria-label", `${tell("js_filter")}: ${head}`);
+    box.title = tell("js_filter_help");
     cell.append(box);
     line.append(cell);
     return box;
@@ -90,13 +90,13 @@ function controls(api, name, heads, rows) {
   const search = document.createElement("label");
   const text = document.createElement("input");
   text.type = "search";
-  search.append(`${tell("js.search")} `, text);
+  search.append(`${tell("js_search")} `, text);
   text.addEventListener("input", () => api.search(text.value).draw());
-  const csv = button(tell("js.csv"), () => download(api, name, heads, rows));
-  const back = button(tell("js.previous"), () => api.page("previous").draw("page"));
-  const forth = button(tell("js.next"), () => api.page("next").draw("page"));
+  const csv = button(tell("js_csv"), () => download(api, name, heads, rows));
+  const back = button(tell("js_previous"), () => api.page("previous").draw("page"));
+  const forth = button(tell("js_next"), () => api.page("next").draw("page"));
   const length = document.createElement("select");
-  length.setAttribute("aria-label", tell("js.page_length"));
+  length.setAttribute("aria-label", tell("js_page_length"));
   length.append(...[10, 25, 100, 500].map((v) => new Option(v, v, v === 25, v === 25)));
   length.addEventListener("change", () => api.page.len(+length.value).draw());
   const told = document.createElement("span");
@@ -106,7 +106,7 @@ function controls(api, name, heads, rows) {
     const from = info.recordsDisplay ? info.start + 1 : 0;
     const figures = { from, to: info.end, n: info.recordsDisplay, all: info.recordsTotal };
     const less = info.recordsDisplay < info.recordsTotal;
-    told.textContent = tell(less ? "js.filtered" : "js.rows", figures);
+    told.textContent = tell(less ? "js_filtered" : "js_rows", figures);
     back.disabled = info.page === 0;
     forth.disabled = info.page >= info.pages - 1;
     for (const each of [back, forth, length]) each.hidden = info.recordsTotal <= 25;
