@@ -178,5 +178,5 @@ def test_what_results_compute_when_they_are_asked_has_one_thread_too() -> None:
             assert not with_more_threads(ask), f"{kind.__name__}.{name}"
             asked += 1
     assert asked > 40
-    constraint = solution.constraint, solution.datum
+    constraint = solution.run.constraint, solution.datum
     assert with_more_threads(lambda: solution.normal().for_covariances(*constraint))

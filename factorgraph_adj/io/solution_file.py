@@ -24,6 +24,7 @@ from ..errors import InputError, Problem, UnknownLeftOut
 from ..files import read_arrays
 from ..graph.equations import Equations, compile_network
 from ..solve.added_factors import AddedFactors
+from ..solve.adjustment_run import RunRecord
 from ..solve.datum_defects import Defect, FreeDatum
 from ..solve.gauss_newton_steps import ExtrapolationRecord
 from ..solve.linearised_equations import ExtraRows
@@ -76,12 +77,12 @@ def save_solution(solution: Solution, path: str | Path) -> None:
         "vtpv": solution.vtpv,
         "variance": solution.variance,
         "extrapolated": asdict(solution.extrapolated),
-        "drifting": solution.drifting,
+        "drifting": solution.run.drifting,
         "defects": len(solution.defects),
         "extra": [e.name for e in solution.extra.rows],
         "extra_apart": solution.extra.apart,
     }
-    arrays: dict[str, Any] = {"constraint": solution.constraint}
+    arrays: dict[str, Any] = {"constraint": solution.run.constraint}
     arrays |= {f"state/{kind}": x for kind, x in solution.state.items()}
     arrays |= {f"start/{kind}": x for kind, x in solution.start.items()}
     arrays["sigmas"] = solution.equations.sigmas()
@@ -173,8 +174,11 @@ def _solution(
         second_places=tuple(header["second_places"]),
         begun=tuple(header.get("begun", ())),
         vtpv=header["vtpv"],
-        solver=Solver.of(equations, rows),
-        constraint=entries["constraint"],
+        run=RunRecord(
+            Solver.of(equations, rows),
+            entries["constraint"],
+            tuple((kind, name) for kind, name in header["drifting"]),
+        ),
         datum=datum,
         defects=tuple(_defect(entries, i) for i in range(header["defects"])),
         variance=header["variance"],
@@ -182,7 +186,6 @@ def _solution(
         extra=AddedFactors(None, rows, apart=header.get("extra_apart", 0))
         if rows
         else AddedFactors(),
-        drifting=tuple((kind, name) for kind, name in header["drifting"]),
         extrapolated=ExtrapolationRecord(**header["extrapolated"]),
     )
 

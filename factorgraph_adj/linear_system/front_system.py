@@ -25,7 +25,7 @@ from ..solve.adjustment_run import ShapeMisfit
 from ..solve.doubtful_points import VaguePoint, vague_points
 from ..solve.linear_base import LinearisationDrift, ReducedCofactors, ReducedFunctions
 from ..solve.low_rank_update import Update
-from ..solve.solution import Solution
+from ..solve.solution import Solution, forget_normal_equations, solution_at
 from ..types import NO_ROWS, Array, Index, Mask
 from .border import Border
 from .free_network_cofactors import UpdatedCofactors
@@ -172,9 +172,10 @@ class FrontSystem:
     def solution(self) -> Solution:
         """The whole network where everything is by now, without new unknowns since it was made."""
         if self.section is None:
-            return self.base.at(self.state)
+            return solution_at(self.base, self.state)
         rest = self.rest
-        return rest.base.at(rest.unknowns.carried(rest.state, self.unknowns, self.state))
+        carried = rest.unknowns.carried(rest.state, self.unknowns, self.state)
+        return solution_at(rest.base, carried)
 
     def covers(self, variables: Iterable[Variable]) -> bool:
         """Return whether the base has all of some known variables."""
@@ -319,7 +320,7 @@ class FrontSystem:
     @property
     def looked(self) -> Mapping[str, ShapeMisfit]:
         """Shapes that were fitted anew in vain, see `solve.shape_minimum`."""
-        return self.base.looked
+        return self.base.run.shape_misfits
 
     @property
     def is_free(self) -> bool:
@@ -357,7 +358,7 @@ class FrontSystem:
 
     def forget(self) -> None:
         """Let what was computed of the base go."""
-        self.base.forget()
+        forget_normal_equations(self.base)
 
     @property
     def adjusted_solution(self) -> Solution | None:

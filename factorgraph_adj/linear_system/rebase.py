@@ -170,7 +170,7 @@ class Draft:
         normal = NormalEquations(Solver.of(equations, rows), state, rows)
         if constraint is None:
             return normal, np.zeros(equations.unknowns.n_columns)
-        return normal, self._carried(constraint.equations.unknowns, constraint.constraint)
+        return normal, self._carried(constraint.equations.unknowns, constraint.run.constraint)
 
     def _carried(self, there: Unknowns, values: Array) -> Array:
         """Return values (n_columns,) of the columns of another network's unknowns, by name."""
@@ -255,7 +255,7 @@ class Draft:
             except (AdjustmentError, SingularError) as error:
                 return Failure(str(error))
             start = Start(solution.equations.unknowns, solution.state, solution.start)
-            layers = solution.solver.layers
+            layers = solution.run.solver.layers
             if slow and (
                 points := points_with_narrow_rays(solution.equations, solution.state, layers)
             ):
@@ -264,7 +264,7 @@ class Draft:
                 return Failure(solution.reason, tuple(("point", n) for n in away or points))
             slow = False
         vague = tuple(("point", name) for name in _vague(solution))
-        return Failure(solution.reason, solution.drifting or vague or None)
+        return Failure(solution.reason, solution.run.drifting or vague or None)
 
 
 def _vague(solution: Solution) -> list[str]:

@@ -13,6 +13,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
 from ..result_display import Rows, Shown
+from ..solve.adjustment_run import RunRecord
 from ..solve.estimates import Estimate, estimate
 from ..solve.factorisation import Factorisation
 from ..solve.normal_equations import NormalEquations
@@ -84,9 +85,7 @@ class PartSolution(Solution):
             iterations=totals.iterations,
             within=totals.within,
             vtpv=totals.vtpv,
-            solver=normal.solver,
-            constraint=0.0 * normal.diagonal,
-            linearised=normal,
+            run=RunRecord(normal.solver, 0.0 * normal.diagonal, linearised=normal),
             totals=totals,
         )
         out.__dict__["factor"] = factor

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -38,7 +39,7 @@ from ..solve.inner_constraints import (
 )
 from ..solve.linearised_equations import LinearisedEquations
 from ..solve.normal_equations import NormalEquations
-from ..solve.solution import Solution
+from ..solve.solution import Solution, normal_equations_at, solution_at
 from ..solve.undetermined_unknowns import describe_defects
 from ..types import Array, Index
 
@@ -153,10 +154,10 @@ def _free_network_in_datum(solution: Solution, names: tuple[str, ...]) -> Soluti
 
     def step(normal: NormalEquations) -> Step | None:
         try:
-            factor = normal.factorise(solution.constraint)
+            factor = normal.factorise(solution.run.constraint)
         except SingularError:
             return None
-        return Step.of(factor, held_gradient(normal, solution.defects, solution.constraint))
+        return Step.of(factor, held_gradient(normal, solution.defects, solution.run.constraint))
 
     carried = network_on_constraints(
         equations,
@@ -164,14 +165,14 @@ def _free_network_in_datum(solution: Solution, names: tuple[str, ...]) -> Soluti
         solution.start,
         FreeDatum(solution.datum.motions, columns),
         solution.defects,
-        normal_at=solution.normal_at,
+        normal_at=partial(normal_equations_at, solution),
         step=step,
         tolerance=DATUM_STEP_TOLERANCE,
         at_rest=solution.converged,
     )
-    there = solution.at(carried.state)
+    there = solution_at(solution, carried.state)
     if carried.normal is not None:
-        there = replace(there, linearised=carried.normal)
+        there = replace(there, run=replace(there.run, linearised=carried.normal))
     lost = solution.converged and not carried.at_rest
     network = solution.network.copy()
     chosen = set(names)
@@ -187,7 +188,7 @@ def _free_network_in_datum(solution: Solution, names: tuple[str, ...]) -> Soluti
         vtpv=there.normal().system.vtpv,
         datum=carried.datum,
         defects=carried.defects,
-        linearised=there.normal(),
+        run=replace(there.run, linearised=there.normal()),
     )
 
 

@@ -32,7 +32,7 @@ from ..columns import Columns
 from ..errors import AdjustmentError, InputError, SingularError, known
 from ..result_display import FIRST, Rows, Shown
 from ..solve.leverages import Leverages, STransform, leverages, point_leverages
-from ..solve.solution import Solution
+from ..solve.solution import Solution, datum_cross
 from ..statistical_tests import (
     ALPHA_OF_OBSERVATION,
     POWER_OF_TEST,
@@ -366,7 +366,7 @@ def reliability(
     blocks, clusters = found.hats
     r = 1.0 - share_diagonal(equations, blocks, clusters)
     extra = sum(len(c.hat) - float(np.trace(c.hat)) for c in found.extra)
-    extra += solution.n_extra - sum(len(c.hat) for c in found.extra)  # rows that are constants
+    extra += solution.extra.n_rows - sum(len(c.hat) for c in found.extra)  # rows that are constants
     total = float(r.sum()) + extra
     wanted = solution.sum_of_redundancy_numbers
     if wanted is not None and not abs(total - wanted) < MAX_REDUNDANCY_SUM_ERROR:
@@ -451,9 +451,10 @@ def correlations_of_tests(pqp: Array, rows: Index, precision: Array, controlled:
 
 def _transform(solution: Solution) -> STransform | None:
     """Return the S-transformation from the minimal datum of the solver to the solution's datum."""
-    if solution.datum is None or solution.datum_cross is None:
+    cross = datum_cross(solution)
+    if solution.datum is None or cross is None:
         return None
-    return STransform(solution.datum.basis, *solution.datum_cross)
+    return STransform(solution.datum.basis, *cross)
 
 
 def stiff_ties(rel: Reliability) -> Mask:

@@ -120,7 +120,7 @@ def reliability_section(report: Report) -> list[str]:
     groups = report.rows.groups()
     uncontrolled = ~rel.controlled & ~report.stiff
     rows = [_of_group(rel, g, uncontrolled) for g in groups]
-    extra = report.solution.n_extra
+    extra = report.solution.extra.n_rows
     if extra:
         r = rel.redundancy_of_extra_factors
         rows.append(["further factors", str(extra), f"{r:.2f}", "", f"{r / extra:.2f}", "", "", ""])

@@ -42,6 +42,22 @@ class ShapeMisfit:
     """Number of its rows."""
 
 
+@dataclass(frozen=True, eq=False)
+class RunRecord:
+    """What a finished adjustment leaves to computations that go on from its solution."""
+
+    solver: Solver
+    """How the normal equations are factorised."""
+    constraint: Array
+    """Terms that a minimal datum adds to the diagonal of N, (n_columns,)."""
+    drifting: tuple[tuple[str, str], ...] = ()
+    """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
+    shape_misfits: Mapping[str, ShapeMisfit] = field(default_factory=dict)
+    """Shapes that do not fit and were fitted anew in vain, by name, see `shape_minimum`."""
+    linearised: NormalEquations | None = None
+    """Normal equations that have been made already; they serve if they belong to the state."""
+
+
 @dataclass
 class AdjustmentRun:
     """The changing values of an adjustment under way."""

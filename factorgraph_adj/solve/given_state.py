@@ -12,6 +12,7 @@ from ..graph.variables import State
 from ..start.start_values import Start
 from ..types import Array
 from .added_factors import NO_ADDED_FACTORS, AddedFactors
+from .adjustment_run import RunRecord
 from .convergence import STOPPING
 from .datum_defects import Defect, FreeDatum, find_defects
 from .inner_constraints import (
@@ -47,7 +48,7 @@ def solution_after_step(solution: Solution, movement: Array, weights: Array) -> 
     before = 1.0 if solution.weights is None else solution.weights
     equations = solution.equations.reweighted(weights / before)
     state = equations.unknowns.retract(solution.state, movement)
-    solver = solution.solver.reweighted(equations, probing=False)
+    solver = solution.run.solver.reweighted(equations, probing=False)
     extra = solution.extra.at(equations, state)
     normal = NormalEquations(solver, state, extra.rows)
     return replace(
@@ -57,10 +58,9 @@ def solution_after_step(solution: Solution, movement: Array, weights: Array) -> 
         converged=False,
         reason=STEP_TO_OTHER_WEIGHTS,
         vtpv=normal.system.vtpv,
-        solver=solver,
+        run=replace(solution.run, solver=solver, linearised=normal),
         weights=weights,
         extra=extra,
-        linearised=normal,
     )
 
 
@@ -113,8 +113,10 @@ def solution_at_given_values(
         iterations=0,
         within=np.inf if doubt else within,
         vtpv=sum_of_squares(v, *(e.residual for e in extra.rows)),
-        solver=Solver.of(equations, extra.rows),
-        constraint=np.zeros(equations.unknowns.n_columns) if constraint is None else constraint,
+        run=RunRecord(
+            Solver.of(equations, extra.rows),
+            np.zeros(equations.unknowns.n_columns) if constraint is None else constraint,
+        ),
         datum=datum,
         defects=defects,
         extra=extra,

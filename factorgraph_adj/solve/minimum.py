@@ -17,7 +17,7 @@ from ..network.network import DatumChoice
 from ..start.start_values import Start
 from ..types import Array
 from .added_factors import NO_ADDED_FACTORS, AddedFactors
-from .adjustment_run import GROSS_RMS, AdjustmentRun, ShapeMisfit, refuse_undetermined
+from .adjustment_run import GROSS_RMS, AdjustmentRun, RunRecord, ShapeMisfit, refuse_undetermined
 from .convergence import STOPPING, convergence_reason
 from .datum_defects import FreeDatum
 from .doubtful_points import describe_exchanged_points, describe_runaway_points
@@ -136,7 +136,7 @@ def readjust(
         variance=solution.variance,
         weights=weights,
         extra=solution.extra,
-        solver=solution.solver,
+        solver=solution.run.solver,
         astray=True,
     )
 
@@ -243,17 +243,13 @@ def _adjust_from_one(
         second_places=(*ended.second_places, *describe_exchanged_points(run.equations, run.state)),
         begun=start.words,
         vtpv=ended.vtpv,
-        solver=run.solver,
-        constraint=run.constraint,
+        run=RunRecord(run.solver, run.constraint, run.drifting, run.looked, run.at_solution),
         datum=run.datum,
         defects=run.defects,
         variance=variance,
         weights=None if weights is None else np.array(weights, dtype=float),
         extra=run.extra.at(run.equations, run.state),
-        drifting=run.drifting,
         extrapolated=run.extrapolated,
-        looked=run.looked,
-        linearised=run.at_solution,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import import_module
@@ -23,7 +23,7 @@ from ..statistical_tests import global_test
 from ..types import Array, Index
 from . import estimates
 from .added_factors import AddedFactors
-from .adjustment_run import ShapeMisfit
+from .adjustment_run import RunRecord
 from .datum_defects import Defect, FreeDatum
 from .estimates import (
     CalibrationEstimate,
@@ -36,7 +36,7 @@ from .estimates import (
 from .factorisation import Factorisation
 from .gauss_newton_steps import NO_EXTRAPOLATIONS, ExtrapolationRecord
 from .inner_constraints import ReferenceDatum
-from .normal_equations import NormalEquations, Solver
+from .normal_equations import NormalEquations
 
 if TYPE_CHECKING:
     import pandas
@@ -72,10 +72,8 @@ class Solution(Shown):
     """Number of iterations."""
     vtpv: float
     """Weighted sum vᵀPv, for an a-priori standard deviation of unit weight 1."""
-    solver: Solver = field(repr=False)
-    """How the normal equations are factorised."""
-    constraint: Array = field(repr=False)
-    """Terms that a free network adds to the diagonal of the normal equations, (n_columns,)."""
+    run: RunRecord = field(repr=False)
+    """What the adjustment leaves to computations that go on from the solution."""
     within: float = np.inf
     """No unknown is further than this multiple of its own σ from the minimum; infinite if the
     iteration did not come to rest."""
@@ -94,17 +92,10 @@ class Solution(Shown):
     """Factor on the weight of each scalar observation; none: all factors are 1."""
     extra: AddedFactors = field(default_factory=AddedFactors, repr=False)
     """Factors that the user added, linearised at the solution."""
-    drifting: tuple[tuple[str, str], ...] = ()
-    """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
     extrapolated: ExtrapolationRecord = NO_EXTRAPOLATIONS
     """The extrapolations of steps that the iteration took; as text it says what they gained."""
-    looked: Mapping[str, ShapeMisfit] = field(default_factory=dict, repr=False)
-    """Shapes that do not fit and were fitted anew in vain, by name, see `shape_minimum`."""
     reference: ReferenceDatum | None = None
     """Datum points that covariances refer to instead of a given datum, see `s_transform`."""
-    linearised: NormalEquations | None = field(default=None, repr=False)
-    """Normal equations that the adjustment has made already; they are used if they belong to
-    `state`."""
 
     def headline(self) -> str:
         """Return the numbers of the adjustment, and how it ended."""
@@ -134,27 +125,15 @@ class Solution(Shown):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the data for copies and pickles, without derived quantities."""
-        return {f.name: getattr(self, f.name) for f in fields(self)} | {"linearised": None}
-
-    def at(self, state: State) -> Solution:
-        """Return a solution object at another state, which need not be a minimum.
-
-        Raises:
-            InputError: the solution was pickled and has lost factors that the user added.
-        """
-        return replace(self, state=state, extra=self.extra.at(self.equations, state))
+        run = replace(self.run, linearised=None)
+        return {f.name: getattr(self, f.name) for f in fields(self)} | {"run": run}
 
     # -- figures ------------------------------------------------------------------------------
 
     @property
     def n_observations(self) -> int:
         """Number of scalar observations n, including weighted unknowns."""
-        return self.equations.n_rows + self.n_extra
-
-    @property
-    def n_extra(self) -> int:
-        """Number of rows of factors that the user added."""
-        return self.extra.n_rows
+        return self.equations.n_rows + self.extra.n_rows
 
     @property
     def n_unknowns(self) -> int:
@@ -325,8 +304,8 @@ class Solution(Shown):
         rest = np.flatnonzero((table.offset >= 0) & ~reduced)
         out[rest] = self.factor.selected.joint(table.offset[rest, None] + np.arange(3))
         out *= table.free[:, :, None] & table.free[:, None, :]
-        if self.datum is not None and self.datum_cross is not None:
-            f, e = self.datum_cross
+        if self.datum is not None and self._datum_cross is not None:
+            f, e = self._datum_cross
             on = np.flatnonzero(table.offset >= 0)
             columns = table.offset[on, None] + np.arange(3)
             both = self.datum.basis[columns], f[columns]
@@ -371,31 +350,13 @@ class Solution(Shown):
         """Return the normal equations at the solution."""
         return self._normal
 
-    def forget(self) -> None:
-        """Give the memory of the normal equations back; they are made again when asked for."""
-        object.__setattr__(self, "linearised", None)
-        for name in ("_normal", "factor"):
-            self.__dict__.pop(name, None)
-
     @cached_property
+    @with_one_thread
     def _normal(self) -> NormalEquations:
-        here = self.linearised
-        if here is not None and here.state is self.state and here.solver is self.solver:
+        here = self.run.linearised
+        if here is not None and here.state is self.state and here.solver is self.run.solver:
             return here
-        return self._linearise()
-
-    @with_one_thread
-    def normal_at(self, state: State) -> NormalEquations:
-        """Return the normal equations at any state.
-
-        Raises:
-            InputError: as `at`.
-        """
-        return NormalEquations(self.solver, state, self.extra.at(self.equations, state).rows)
-
-    @with_one_thread
-    def _linearise(self) -> NormalEquations:
-        return NormalEquations(self.solver, self.state, self.extra.rows)
+        return NormalEquations(self.run.solver, self.state, self.extra.rows)
 
     @cached_property
     @with_one_thread
@@ -408,14 +369,14 @@ class Solution(Shown):
         """
         normal = self.normal()
         try:
-            return normal.for_covariances(self.constraint, self.datum)
+            return normal.for_covariances(self.run.constraint, self.datum)
         except SingularError as error:
             what = f"singular at the solution ({error}; {self.reason})"
             raise SingularError(f"the normal equations are {what}") from None
 
     @cached_property
     @with_one_thread
-    def datum_cross(self) -> tuple[Array, Array] | None:
+    def _datum_cross(self) -> tuple[Array, Array] | None:
         """F = Q_min B_D (n_columns, d) and E = B_Dᵀ F, see `FreeDatum.transformed`."""
         if self.datum is None:
             return None
@@ -424,9 +385,9 @@ class Solution(Shown):
 
     def _free(self, block: Array, a: Index, b: Index) -> Array:
         """S-transform the cofactor block between columns a and b."""
-        if self.datum is None or self.datum_cross is None:
+        if self.datum is None or self._datum_cross is None:
             return block
-        f, e = self.datum_cross
+        f, e = self._datum_cross
         g = self.datum.basis
         return self.datum.transformed(block, (g[a], f[a]), (g[b], f[b]), e)
 
@@ -494,3 +455,35 @@ class Solution(Shown):
     def _estimate(self, kind: VariableKind, name: str) -> Estimate:
         tangent, number = self.variable_covariance((kind, name)), self.number(kind, name)
         return estimate(self.equations.unknowns, self.state, kind, number, tangent)
+
+
+def solution_at(solution: Solution, state: State) -> Solution:
+    """Return a solution object at another state, which need not be a minimum.
+
+    Raises:
+        InputError: the solution was pickled and has lost factors that the user added.
+    """
+    return replace(solution, state=state, extra=solution.extra.at(solution.equations, state))
+
+
+@with_one_thread
+def normal_equations_at(solution: Solution, state: State) -> NormalEquations:
+    """Return the normal equations of a solution at any state.
+
+    Raises:
+        InputError: as `solution_at`.
+    """
+    extra = solution.extra.at(solution.equations, state)
+    return NormalEquations(solution.run.solver, state, extra.rows)
+
+
+def forget_normal_equations(solution: Solution) -> None:
+    """Give the memory of the normal equations back; they are made again when asked for."""
+    object.__setattr__(solution, "run", replace(solution.run, linearised=None))
+    for name in ("_normal", "factor"):
+        solution.__dict__.pop(name, None)
+
+
+def datum_cross(solution: Solution) -> tuple[Array, Array] | None:
+    """Return F = Q_min B_D and E = B_Dᵀ F of a free network, see `FreeDatum.transformed`."""
+    return solution._datum_cross

@@ -11,6 +11,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import GnssVector, HeightDifference, SlopeDistance, VerticalAngle
+from factorgraph_adj.solve.solution import solution_at
 from factorgraph_adj.stochastic_model import StandardDeviation
 
 from .campaign import campaign, judged
@@ -86,7 +87,7 @@ def test_the_reference_finds_what_is_moved_away() -> None:
     state["point"] = state["point"].copy()
     sigma = solution.standard_deviations(name)[0]
     state["point"][number, 0] += 0.01 * sigma
-    assert nearest(solution.at(state)).unknown == pytest.approx(0.01, rel=1e-3)
+    assert nearest(solution_at(solution, state)).unknown == pytest.approx(0.01, rel=1e-3)
 
 
 # -- a place between two ---------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from factorgraph_adj.linear_system.joint_tests import RowsInBase
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.quality import group_tests
+from factorgraph_adj.solve.solution import normal_equations_at
 from factorgraph_adj.types import Array
 from tests.networks.eliminated import Eliminated, eliminated
 
@@ -77,8 +78,8 @@ def test_before_the_network_moves_residuals_are_those_after_the_step(name):
     step = 0.1 * case.dense.sigma * np.random.default_rng(2).normal(size=len(case.dense.free))
     unknowns = solution.equations.unknowns
     state = unknowns.retract(solution.state, np.where(case.dense.free, step, 0.0))
-    normal = solution.normal_at(state)
-    factor = normal.factorise(solution.constraint)
+    normal = normal_equations_at(solution, state)
+    factor = normal.factorise(solution.run.constraint)
     units = units_of(solution.network)
     found = RowsInBase.of(normal, factor, units)
     a = normal.system.times(np.eye(len(step)))

@@ -76,7 +76,7 @@ def test_points_that_begin_behind_their_cameras_are_pulled_back_and_named(folder
     assert not is_behind_camera(solution.equations, solution.state).any()
     assert not solution.converged
     assert "nearly undetermined: point" in solution.reason
-    named = {name for _, name in solution.drifting}
+    named = {name for _, name in solution.run.drifting}
     assert "188" in named
     assert len(named - set(begin.points)) >= len(named) / 2
 
@@ -103,8 +103,8 @@ def test_ladybug_reaches_the_published_cost_or_less_from_its_poor_start(folder: 
     assert solution.vtpv / 2 < 1.33084e4 + 0.05
     assert solution.datum_defect == 7
     assert solution.converged or "nearly undetermined: point '70" in solution.reason
-    assert not solution.converged or not solution.drifting
-    assert {kind for kind, _ in solution.drifting} <= {"point"}
+    assert not solution.converged or not solution.run.drifting
+    assert {kind for kind, _ in solution.run.drifting} <= {"point"}
 
 
 # -- the format -----------------------------------------------------------------------------------

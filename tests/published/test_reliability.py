@@ -21,6 +21,7 @@ from scipy.stats import norm
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import Azimuth, Direction, HorizontalDistance
+from factorgraph_adj.solve.solution import solution_at
 from factorgraph_adj.types import Array, Index, Mask
 from factorgraph_adj.units import ARCSEC, CC, GON
 from tests.loaders import comp3d, snap
@@ -309,7 +310,7 @@ def test_gama_redundancy_numbers_where_it_linearises_are_the_printed_ones(name: 
     """
     case = solved(name)
     state = state_at(case.equations, case.result.approximate)
-    there = case.solution.at(state)
+    there = solution_at(case.solution, state)
     r = fga.reliability(there).redundancy_numbers
     skip = correlated(case.solution)
     sigmas = case.solution.observations.sigmas

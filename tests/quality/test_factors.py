@@ -131,7 +131,7 @@ def test_snooping_finds_wrong_observations_beside_good_factors() -> None:
     found = fga.snoop(network, extra_factors=[tape(network, 0.001)])
     assert [r.id for r in found.rejected] == ["CP1"]
     assert not found.factors_set_aside
-    assert found.solution.n_extra == 1
+    assert found.solution.extra.n_rows == 1
 
 
 def test_a_factor_that_something_needs_stays() -> None:

@@ -76,7 +76,7 @@ def test_r_and_e1_are_those_of_extended_precision(play, free, in_fronts, seed, m
         ):
             monkeypatch.setattr(elimination_layers, limit, 0)
     solution = fga.adjust(measure(rig(4, free=free, play=play), seed=seed), tolerance=1e-8)
-    assert solution.solver.layers.in_fronts == in_fronts
+    assert solution.run.solver.layers.in_fronts == in_fronts
     r, e1 = extended(solution)
     found = fga.reliability(solution)
     np.testing.assert_allclose(found.redundancy_numbers, r.astype(float), atol=LOST[play], rtol=0)

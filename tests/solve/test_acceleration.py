@@ -84,7 +84,7 @@ def test_points_behind_their_cameras_at_the_start_are_pulled_back() -> None:
     network = small_block()
     solution = fga.adjust(network)
     equations, state = solution.equations, solution.state
-    reduced = solution.solver.layers.reduced
+    reduced = solution.run.solver.layers.reduced
     moved = np.flatnonzero(reduced)
     assert len(moved) > 1
     points = state["point"].copy()

@@ -104,10 +104,10 @@ def test_points_that_only_instruments_see_are_eliminated_first(
     monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
     monkeypatch.setattr(elimination_layers, "MAX_PLACED_IN_BORDER", 0)
     solution = fga.adjust(network, tolerance=1e-8)
-    assert solution.converged and solution.solver.layers.in_fronts
-    assert not solution.solver.qr_everywhere
-    assert solution.solver.plan.rays is not None
-    assert solution.solver.plan.rays.spokes is not None
+    assert solution.converged and solution.run.solver.layers.in_fronts
+    assert not solution.run.solver.qr_everywhere
+    assert solution.run.solver.plan.rays is not None
+    assert solution.run.solver.plan.rays.spokes is not None
     found = fga.reliability(solution)
     sigma = np.sqrt(np.einsum("pii->pi", covariances))
     moved = np.abs(solution.state["point"] - by_qr.state["point"])
@@ -134,7 +134,7 @@ def test_a_hall_of_scanners_is_cut_into_small_fronts() -> None:
     """40 stations with 6 000 sights; its tree would have 2 000 variables and more."""
     network = network_of(hall(40, 6_000))
     solution = fga.adjust(network)
-    layers, fronts = solution.solver.layers, solution.factor.fronts
+    layers, fronts = solution.run.solver.layers, solution.factor.fronts
     assert solution.converged and layers.in_fronts and len(layers.alone["frame"])
     assert int(layers.reduced.sum()) == sum(not all(p.fixed) for p in network.points.values())
     assert fronts is not None and len(fronts.fronts) > 1

@@ -28,12 +28,12 @@ def test_drifts_and_what_all_photos_share_have_the_same_adjustment(
     network = block()
     monkeypatch.setattr(elimination_layers, "MAX_PHOTOS_JOINED", 1000)
     by_qr = fga.adjust(network)
-    assert not by_qr.solver.layers.in_fronts
+    assert not by_qr.run.solver.layers.in_fronts
     expected = fga.reliability(by_qr)
     monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES_BESIDE_CAMERAS", 0)
     monkeypatch.setattr(elimination_layers, "MAX_PHOTOS_JOINED", 30)
     solution = fga.adjust(network)
-    layers = solution.solver.layers
+    layers = solution.run.solver.layers
     assert layers.in_fronts
     assert len(layers.alone["drift"]) == DRIFTS
     assert not len(layers.alone["mount"])  # all photos have it
@@ -71,13 +71,13 @@ def test_more_drifts_than_full_columns_may_be_are_in_fronts(
 ) -> None:
     """With the arm GTSAM would leave a dense matrix over all photos."""
     monkeypatch.setattr(elimination_layers, "MAX_SPREAD_VARIABLES", 1)
-    assert fga.adjust(block()).solver.layers.in_fronts
+    assert fga.adjust(block()).run.solver.layers.in_fronts
 
 
 def test_a_few_drifts_make_no_node_wider(always_in_fronts: None) -> None:
     few = elimination_layers.MAX_PLACED_IN_BORDER - 3
     solution = fga.adjust(drifting_block(few, photos_each=5, points_per_photo=40))
-    assert not solution.solver.layers.alone
+    assert not solution.run.solver.layers.alone
 
 
 def test_nodes_of_drifts_stand_between_their_photos(always_in_fronts: None) -> None:

@@ -81,7 +81,7 @@ def test_a_step_with_other_weights_leads_to_their_minimum(
     weights = weights_of(solution.equations.n_rows)
     here = solution_after_step(solution, np.zeros(solution.equations.unknowns.n_columns), weights)
     assert not here.converged
-    assert here.solver.plan is solution.solver.plan
+    assert here.run.solver.plan is solution.run.solver.plan
     far = Step.of(here.factor, here.normal().gradient)
     there = solution_after_step(here, far.movement, weights)
     near = Step.of(there.factor, there.normal().gradient)

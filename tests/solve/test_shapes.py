@@ -18,7 +18,7 @@ from tests.networks.shapes import SHAPES
 def adjusted(name: str) -> fga.Solution:
     solution = fga.adjust(SHAPES[name](3))
     assert solution.converged
-    assert not solution.solver.qr_everywhere
+    assert not solution.run.solver.qr_everywhere
     return solution
 
 
@@ -103,8 +103,10 @@ def test_it_is_what_gtsam_eliminates_by_qr(name: str) -> None:
     solution = adjusted(name)
     solver = Solver.of(solution.equations)
     solver.turn_to_qr()
-    other = NormalEquations(solver, solution.state).factorise(np.zeros(len(solution.constraint)))
-    y = np.random.default_rng(1).normal(size=(len(solution.constraint), 2))
+    other = NormalEquations(solver, solution.state).factorise(
+        np.zeros(len(solution.run.constraint))
+    )
+    y = np.random.default_rng(1).normal(size=(len(solution.run.constraint), 2))
     y *= np.sqrt(solution.normal().diagonal)[:, None]
     wanted, found = other.solve(y), solution.factor.solve(y)
     sigma = np.sqrt(np.maximum(np.diag(whole(name)), 1e-30))[:, None]

@@ -16,9 +16,10 @@ from factorgraph_adj.factor_graph.network_graph import build_graph
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.observations import HeightDifference, SlopeDistance
 from factorgraph_adj.solve.added_factors import AddedFactors
+from factorgraph_adj.solve.adjustment_run import RunRecord
 from factorgraph_adj.solve.linearised_equations import ExtraRows
 from factorgraph_adj.solve.normal_equations import NormalEquations, Solver
-from factorgraph_adj.solve.solution import Solution
+from factorgraph_adj.solve.solution import Solution, solution_at
 from factorgraph_adj.start.start_values import Start
 from tests.networks.simulated import free_block, gnss, own_cameras, weighted_photos
 from tests.networks.small_block import small_block
@@ -114,8 +115,7 @@ def test_a_solution_is_made_from_its_parts() -> None:
         reason="by hand",
         iterations=0,
         vtpv=vtpv,
-        solver=Solver.of(equations),
-        constraint=np.zeros(equations.unknowns.n_columns),
+        run=RunRecord(Solver.of(equations), np.zeros(equations.unknowns.n_columns)),
     )
     assert solution.redundancy == 1
     assert solution.sigma0 == pytest.approx(np.sqrt(1.8))
@@ -130,13 +130,13 @@ def test_a_solution_is_made_from_its_parts() -> None:
 def test_normal_equations_serve_only_where_they_are_those_of_the_state() -> None:
     solution = fga.adjust(free_block())
     here = solution.normal()
-    assert here is solution.linearised  # the way onto the inner constraints has made them
+    assert here is solution.run.linearised  # the way onto the inner constraints has made them
     same = replace(solution, variance="a-posteriori")
     assert same.normal() is here
-    assert solution.at(solution.state).normal() is here
+    assert solution_at(solution, solution.state).normal() is here
     step = np.zeros(solution.equations.unknowns.n_columns)
     step[3] = 1e-3
-    there = solution.at(solution.equations.unknowns.retract(solution.state, step))
+    there = solution_at(solution, solution.equations.unknowns.retract(solution.state, step))
     assert there.normal() is not here
     expected = NormalEquations(Solver.of(there.equations), there.state)
     np.testing.assert_allclose(there.normal().gradient, expected.gradient, rtol=1e-9)
@@ -166,9 +166,9 @@ def with_factor(network: fga.Network) -> tuple[fga.Network, list[gtsam.Nonlinear
 def test_the_rows_of_a_users_factors_are_part_of_the_data(how: str) -> None:
     network, factors = with_factor(small_block())
     solution = fga.adjust(network, extra_factors=factors)
-    assert (solution.n_extra, solution.converged) == (1, True)
+    assert (solution.extra.n_rows, solution.converged) == (1, True)
     other = COPIES[how](solution)
-    assert (other.n_extra, other.redundancy) == (1, solution.redundancy)
+    assert (other.extra.n_rows, other.redundancy) == (1, solution.redundancy)
     np.testing.assert_array_equal(other.point_covariances, solution.point_covariances)
     assert other.normal().gradient == pytest.approx(solution.normal().gradient)
 
@@ -184,7 +184,7 @@ def test_what_is_pickled_without_its_factors_says_what_it_cannot_do() -> None:
     np.testing.assert_array_equal(alone.covariance("P1", "P8"), solution.covariance("P1", "P8"))
     with pytest.raises(fga.InputError, match=r"left behind .* adjust again with extra_factors="):
         fga.s_transform(alone, ["P1", "P4", "P12"])
-    assert pickled(alone).n_extra == 1
+    assert pickled(alone).extra.n_rows == 1
 
 
 def test_rows_of_factors_belong_to_one_state() -> None:

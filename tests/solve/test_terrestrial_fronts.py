@@ -44,7 +44,7 @@ def test_every_network_has_the_same_adjustment(name: str, monkeypatch: pytest.Mo
     monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
     solution = fga.adjust(network)
     assert solution.converged == by_qr.converged
-    assert not solution.solver.qr_everywhere
+    assert not solution.run.solver.qr_everywhere
     found = fga.reliability(solution)
     sigma = np.sqrt(np.einsum("pii->pi", covariances))
     moved = np.abs(solution.state["point"] - by_qr.state["point"])
@@ -64,7 +64,7 @@ def test_some_of_these_networks_have_a_terrestrial_side(in_fronts: None) -> None
     count = 0
     for name in ("gnss", "total station, free, verticals", "combined block", "own cameras"):
         solution = fga.adjust(ADJUSTED[name]())
-        count += solution.solver.layers.in_fronts
+        count += solution.run.solver.layers.in_fronts
     assert count == 4
 
 
@@ -91,7 +91,7 @@ def test_photos_over_a_grid_share_its_fronts(in_fronts: None) -> None:
     """Terrestrial points tie photos that are far from one another."""
     network = simulate_mixed(1, points=200).network
     solution = fga.adjust(network)
-    assert solution.converged and solution.solver.layers.in_fronts
+    assert solution.converged and solution.run.solver.layers.in_fronts
     a = solution.normal().system.times(np.eye(solution.equations.unknowns.n_columns))
     free = solution.equations.unknowns.free
     q = np.linalg.inv(a[:, free].T @ a[:, free])
@@ -129,7 +129,7 @@ def test_photos_without_rays_and_cameras_without_photos_are_unknowns_too(in_fron
     )
     network.add(PhotoPosition("G", (5.15, 5.0, 9.0), sigma=(0.05,) * 3))
     solution = fga.adjust(network)
-    assert solution.converged and solution.solver.layers.in_fronts
+    assert solution.converged and solution.run.solver.layers.in_fronts
     # Both say the same of x, with equal weights.
     np.testing.assert_allclose(solution.pose("G").position, [5.075, 5.0, 9.0], atol=1e-9)
     found = solution.variable_covariance(("pose", "G"))
@@ -183,4 +183,4 @@ def test_what_stands_nowhere_keeps_gtsam(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
     monkeypatch.setattr(elimination_layers, "MAX_SPREAD_VARIABLES", -1)
     solution = fga.adjust(simulate_grid(1, points=25).network)
-    assert solution.converged and not solution.solver.layers.in_fronts
+    assert solution.converged and not solution.run.solver.layers.in_fronts

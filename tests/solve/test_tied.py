@@ -24,8 +24,8 @@ def solution(request: pytest.FixtureRequest) -> Iterator[fga.Solution]:
             elimination_layers, "MAX_TREE_VARIABLES_BESIDE_CAMERAS", 0 if request.param else 1000
         )
         found = fga.adjust(network)
-        assert found.converged and not found.solver.qr_everywhere
-        assert found.solver.layers.in_fronts == request.param
+        assert found.converged and not found.run.solver.qr_everywhere
+        assert found.run.solver.layers.in_fronts == request.param
         yield found
 
 

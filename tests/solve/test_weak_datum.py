@@ -247,7 +247,7 @@ def test_a_minimal_datum_that_holds_well_is_kept():
     solution = fga.adjust(held_levels())
     normal, datum = solution.normal(), solution.datum
     assert datum is not None
-    assert normal.better_minimal_datum(solution.constraint, datum) is solution.constraint
+    assert normal.better_minimal_datum(solution.run.constraint, datum) is solution.run.constraint
 
 
 def held_levels() -> fga.Network:
@@ -357,7 +357,7 @@ def test_probes_show_an_error_of_the_size_that_it_has(monkeypatch, by):
     assert probed_variance_error(normal.system, solution.factor) < MAX_CLEAN_PROBE_ERROR
     damaged(monkeypatch, by)
     again = NormalEquations(normal.solver, solution.state)
-    found = probed_variance_error(again.system, again.factorise(solution.constraint))
+    found = probed_variance_error(again.system, again.factorise(solution.run.constraint))
     assert 0.1 * by < found < 20.0 * by
 
 

@@ -167,7 +167,7 @@ class DenseNormal:
         """Compute everything from full matrices."""
         free = solution.equations.unknowns.free
         a = np.where(free, whitened_system(solution.equations, solution.state)[0], 0.0)
-        terms = solution.constraint
+        terms = solution.run.constraint
         if solution.datum is not None:
             terms = solution.normal().better_minimal_datum(terms, solution.datum, exact=True)
         n = a.T @ a + np.diag(np.where(free, terms, 0.0))

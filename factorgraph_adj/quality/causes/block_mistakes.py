@@ -118,7 +118,7 @@ def block_mistakes(
         estimated: whether σ0 is estimated; otherwise it is 1.
     """
     equations = solution.equations
-    if solution.n_extra or not 0 < equations.n_rays <= MAX_RAYS_OF_BENT_BLOCK:
+    if solution.extra.n_rows or not 0 < equations.n_rays <= MAX_RAYS_OF_BENT_BLOCK:
         return ()
     v = np.abs(np.nan_to_num(equations.residuals(solution.state)))
     unit = float(np.median(v)) if estimated else 1.0

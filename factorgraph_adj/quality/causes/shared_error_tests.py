@@ -277,7 +277,7 @@ def given_values(solution: Solution) -> tuple[GivenValue, ...]:
     Raises:
         SingularError: the normal equations are singular at the solution.
     """
-    if solution.n_extra:
+    if solution.extra.n_rows:
         return ()
     held = fixed_components(solution.equations)
     unknowns = solution.equations.unknowns.freed(held)
@@ -413,7 +413,7 @@ def axis_scales(solution: Solution) -> list[AxisScale]:
         SingularError: the normal equations are singular at the solution.
     """
     held = fixed_components(solution.equations).get("point")
-    if solution.n_extra or held is None:
+    if solution.extra.n_rows or held is None:
         return []
     at = solution.state["point"]
     wide = [
