@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import gtsam
 import numpy as np
@@ -253,3 +253,12 @@ def test_x0_is_that_of_the_start() -> None:
     assert found.converged
     for name in network.points:
         assert found.point(name) == pytest.approx(first.point(name), abs=1e-6)
+
+
+def test_what_only_further_computations_need_is_no_name_of_a_solution() -> None:
+    """The record of the run has it, and nothing of it stands twice."""
+    solution = fga.adjust(free_block())
+    internal = {f.name for f in fields(solution.run)}
+    assert {"solver", "constraint", "linearised"} <= internal
+    assert not internal & set(dir(solution))
+    assert not {"at", "normal_at", "forget", "datum_cross", "n_extra"} & set(dir(solution))
