@@ -190,7 +190,7 @@ def _correlated_of(
                 raise InputError(Problem(f"{kind} cannot be in a correlated group", where))
             if covariance is not None:
                 record = _with_sigma(record, np.diag(covariance)[begin:])
-            members.append(replace(_single_of(record, context, where), source=source or None))  # type: ignore[call-arg]
+            members.append(replace(_single_of(record, context, where), source=source or None))
             begin += _size(record)
         except InputError as error:
             problems.extend(error.problems)

@@ -285,11 +285,11 @@ class _Covariances:
 
     def join(self, found: list[Observation]) -> list[Observation | Correlated]:
         """Return the observations; each cluster takes the place of its first member."""
-        by_id = {o.id: o for o in found if getattr(o, "id", None) is not None}  # type: ignore[attr-defined]
+        by_id = {o.id: o for o in found if o.id is not None}
         out: list[Observation | Correlated] = []
         done: set[str] = set()
         for o in found:
-            cluster = self.cluster_of.get(getattr(o, "id", None) or "")
+            cluster = self.cluster_of.get(o.id or "")
             if cluster is None:
                 out.append(o)
             elif cluster not in done:
@@ -311,10 +311,10 @@ class _Covariances:
             what = f"unknown id {', '.join(map(repr, unknown))}; known: {there}"
             self.problems.append(Problem(what, where))
             return list(members)
-        place: dict[tuple[str, str], int] = {}
+        place: dict[tuple[str | None, str], int] = {}
         for o in members:
             for component in _components(o):
-                place[o.id, component] = len(place)  # type: ignore[attr-defined]
+                place[o.id, component] = len(place)
         matrix = np.full((len(place), len(place)), np.nan)
         bad = False
         for line, a, b, value in self.entries[cluster]:

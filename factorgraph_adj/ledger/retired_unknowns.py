@@ -223,7 +223,7 @@ class Retired:
             if told := self.told(variable):
                 what = f"{UNKNOWNS[variable[0]].noun} {variable[1]!r} {told}"
                 out.append(Problem(f"{what}, and then this observation can be added", o.label()))
-        ident = getattr(o, "id", None)
+        ident = o.id
         if not out and ident is not None and (moment := self.archive.moment_of(ident, self.number)):
             what = f"duplicate id {ident!r}: the observation with it was retired {moment}"
             out.append(Problem(f"{what}; give the new one another id", o.label()))

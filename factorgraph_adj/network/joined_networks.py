@@ -324,7 +324,7 @@ def _observations(out: Network, network: Network, label: str, new: Mapping[SetUp
 def _as_named(o: Observation, out: Network, label: str, new: Mapping[SetUp, str]) -> Observation:
     """Return an observation with a free id and the names of its set-up in the joined network."""
     changes: dict[str, str] = {}
-    ident = getattr(o, "id", None)
+    ident = o.id
     if ident is not None and ident in out.observations:
         changes["id"] = f"{label}/{ident}"
     for (kind, attribute), (_, key) in zip(o.record.parameters, o.parameters(), strict=False):

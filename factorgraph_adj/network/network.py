@@ -381,7 +381,7 @@ class Network(StatedUnknowns, Shown):
                         "offset, and take the observation out"
                     )
                     raise InputError(Problem(what, where))
-        ident = getattr(o, "id", None)
+        ident = o.id
         if ident is not None:
             if ident in self.observations or ident in seen:
                 raise InputError(Problem(f"duplicate id {ident!r}", where))
@@ -392,7 +392,7 @@ class Network(StatedUnknowns, Shown):
 
     def insert(self, o: Observation) -> str:
         """Add an observation whose names have been checked; return its id."""
-        ident: str | None = getattr(o, "id", None)
+        ident = o.id
         if isinstance(o, ImagePoint):
             row = self.images.size
             self.add_image_points(o.photo, [o.point], np.array([[o.x, o.y]]), sigma=o.sigma)

@@ -2,8 +2,8 @@
 
 Lengths are in metres, angles in radians, image coordinates in the units of the camera.
 ``sigma`` is a standard deviation in the unit of the value, or a `StandardDeviation` of several
-parts. ``id`` names the observation in every report; the network numbers observations without id.
-``source`` is the file and line of the observation, for error messages.
+parts. `Observation` has the fields of all of them, ``id`` and ``source``; `VectorObservation` and
+`AxesObservation` have those of observations of several components.
 
 `register_observation` adds a user's own kind. This package also exports the classes of points,
 photos, cameras and other unknowns, to which observations refer by name.
@@ -22,7 +22,7 @@ from .airborne_observations import (
     PhotoSight,
     PhotoTilt,
 )
-from .base import Observation, Sight
+from .base import AxesObservation, Observation, Sight, VectorObservation
 from .built_in_kinds import BUILT_IN
 from .correlated_observations import AnyObservation, Correlated, gauss_markov
 from .frame_observations import (
@@ -94,6 +94,7 @@ __all__ = [
     "AnyObservation",
     "AstronomicLatitude",
     "AstronomicLongitude",
+    "AxesObservation",
     "AxisAngle",
     "Azimuth",
     "Camera",
@@ -160,6 +161,7 @@ __all__ = [
     "StripCoordinate",
     "Unit",
     "UnitVector",
+    "VectorObservation",
     "VerticalAngle",
     "Weight",
     "WireReading",

@@ -14,7 +14,7 @@ import numpy as np
 from ..frames import Frame
 from ..models.attitude import FORWARD_RIGHT_DOWN, from_omega_phi_kappa, from_roll_pitch_heading
 from ..types import Array
-from .base import Observation, Sight, Sigma, checked_covariance
+from .base import AxesObservation, Observation, Sight, Sigma, VectorObservation
 
 ABOUT = ("body", "angles")
 """What standard deviations, covariances and residuals of an attitude may belong to."""
@@ -23,7 +23,7 @@ ANGLES = ("omega", "phi", "kappa", "roll", "pitch", "heading")
 
 
 @dataclass(frozen=True)
-class PhotoAttitude(Observation):
+class PhotoAttitude(VectorObservation):
     """Attitude of a photo, or of what carries it, by ω, φ, κ from the axes of the frame, radians.
 
         R1(ω) R2(φ) R3(κ) = (Eᵀ Exp(ψ) E)ᵀ R B
@@ -43,8 +43,6 @@ class PhotoAttitude(Observation):
     _: KW_ONLY
     sigma: tuple[float, float, float] | None = None
     """Standard deviations, radians; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance (3, 3), radians²; None if ``sigma`` is given."""
     about: str = "angles"
     """What these belong to, and the residuals: ``angles``, to the angles; or ``body``, to rotations
     about x, y, z of the body, in place of ω, φ, κ (forward, right and down, in place of roll, pitch
@@ -55,19 +53,11 @@ class PhotoAttitude(Observation):
     """Drift of the attitudes ψ of the strip or flight; None: none."""
     time: float = field(default=0.0, metadata={"quantity": "number"})
     """Time t of the drift, counted best from the middle of the strip."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
-        if np.shape(self.value) != (3,):
-            self._fail(f"value must have 3 components, not {self.value}")
+    def _check(self) -> None:
+        super()._check()
         if self.about not in ABOUT:
             self._fail(f"about must be {' or '.join(ABOUT)}, not {self.about!r}")
-        checked_covariance(self, 3)
 
     @property
     def by_angles(self) -> float:
@@ -125,14 +115,9 @@ class PhotoAngle(Observation):
     """Standard deviation, radians."""
     mount: str | None = None
     """Mount with the boresight B; None: B = I."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
+    def _check(self) -> None:
+        super()._check()
         if self.angle not in ANGLES:
             self._fail(f"angle must be one of {', '.join(ANGLES)}, not {self.angle!r}")
 
@@ -167,14 +152,9 @@ class PhotoRange(Observation):
     """Mount whose arm b adds to the lever arm; None: none."""
     instrument: str | None = None
     """Distance meter with scale m and zero constant z; None: m = z = 0."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
+    def _check(self) -> None:
+        super()._check()
         if np.shape(self.lever_arm) != (3,):
             self._fail(f"lever_arm must have 3 components, not {self.lever_arm}")
 
@@ -200,14 +180,9 @@ class PhotoBase(Observation):
     """Mount whose arm b adds to the lever arm; None: none."""
     instrument: str | None = None
     """Distance meter with scale m and zero constant z; None: m = z = 0."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
+    def _check(self) -> None:
+        super()._check()
         if self.photo == self.photo2:
             self._fail("an observation cannot join a photo to itself")
         if np.shape(self.lever_arm) != (3,):
@@ -215,7 +190,7 @@ class PhotoBase(Observation):
 
 
 @dataclass(frozen=True)
-class AntennaVector(Observation):
+class AntennaVector(VectorObservation):
     """Vector between two antennas of the carrier of a photo, metres: R (a + b), in the frame.
 
     It gives the attitude of the carrier about all axes but its own.
@@ -230,55 +205,25 @@ class AntennaVector(Observation):
     _: KW_ONLY
     sigma: tuple[float, float, float] | None = None
     """Standard deviations of the components, metres; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance (3, 3) of the components, metres²; None if ``sigma`` is given."""
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Vector a from the first antenna to the second in photogrammetric axes of the camera."""
     mount: str | None = None
     """Mount whose arm b adds to it; None: none."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
-        for name in ("value", "lever_arm"):
-            if np.shape(getattr(self, name)) != (3,):
-                self._fail(f"{name} must have 3 components, not {getattr(self, name)}")
+    def _check(self) -> None:
+        super()._check()
+        if np.shape(self.lever_arm) != (3,):
+            self._fail(f"lever_arm must have 3 components, not {self.lever_arm}")
         if self.mount is None and not any(self.lever_arm):
             self._fail("give the vector between the antennas as lever_arm, or a mount")
-        checked_covariance(self, 3)
 
 
 UNIT = 1e-6
 """Tolerance of the length of a unit vector."""
 
 
-class _TwoAxes(Observation):
-    """Base of observations with one or both of two components, x and y."""
-
-    components: ClassVar[tuple[str, ...]] = ("x", "y")
-    value: tuple[float, ...]
-    """Values of ``axes``, radians."""
-    axes: str
-    """Observed components."""
-
-    def _check_axes(self) -> None:
-        if self.axes not in ("xy", "yx", "x", "y"):
-            self._fail(f"axes must be x, y or both, not {self.axes!r}")
-        if np.shape(self.value) != (len(self.axes),):
-            self._fail(f"value has {np.size(self.value)} components, axes {self.axes!r}")
-        checked_covariance(self, len(self.axes))
-
-    def component_names(self) -> tuple[str, ...]:
-        """Return the observed components."""
-        return tuple(self.axes)
-
-
 @dataclass(frozen=True)
-class PhotoTilt(_TwoAxes):
+class PhotoTilt(AxesObservation):
     """Inclinations of an instrument that a camera carries: atan2(q_x, q_z) and atan2(q_y, q_z).
 
     Horizon cameras, clinometers, levels of a plotter and accelerometers measure them, in radians.
@@ -290,6 +235,7 @@ class PhotoTilt(_TwoAxes):
     """
 
     kind: ClassVar[str] = "photo_tilt"
+    components: ClassVar[tuple[str, ...]] = ("x", "y")
     photo: str
     """The photo."""
     value: tuple[float, ...]
@@ -302,21 +248,10 @@ class PhotoTilt(_TwoAxes):
     the same."""
     sigma: tuple[float, ...] | None = None
     """Standard deviations of the axes, radians; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance of the axes, radians²; None if ``sigma`` is given."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
-
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
-        self._check_axes()
 
 
 @dataclass(frozen=True)
-class PhotoSight(_TwoAxes):
+class PhotoSight(AxesObservation):
     """Direction to a body at infinity in the axes of an instrument that a camera carries.
 
     Solar periscopes, sun compasses and star trackers measure it. The residuals are the angles from
@@ -326,6 +261,7 @@ class PhotoSight(_TwoAxes):
     """
 
     kind: ClassVar[str] = "photo_sight"
+    components: ClassVar[tuple[str, ...]] = ("x", "y")
     photo: str
     """The photo."""
     body: tuple[float, float, float] = field(metadata={"quantity": "number"})
@@ -344,19 +280,15 @@ class PhotoSight(_TwoAxes):
     the same."""
     sigma: tuple[float, ...] | None = None
     """Standard deviations of the components, radians; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance of the components, radians²; None if ``sigma`` is given."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
     def __post_init__(self) -> None:
-        """Check the observation."""
-        if self.value == (0.0, 0.0) and len(self.axes) == 1:  # the default of one component
+        """Take one zero as the default of one component, and check the observation."""
+        if self.value == (0.0, 0.0) and len(self.axes) == 1:
             object.__setattr__(self, "value", (0.0,))
-        self._check()
-        self._check_axes()
+        super().__post_init__()
+
+    def _check(self) -> None:
+        super()._check()
         for name in ("body", "seen"):
             vector: Sequence[float] = getattr(self, name)
             if np.shape(vector) != (3,) or abs(float(np.linalg.norm(vector)) - 1.0) > UNIT:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, Field, dataclass, fields, replace
+from dataclasses import KW_ONLY, Field, dataclass, field, fields, replace
 from functools import cache
 from typing import Any, ClassVar, TypeAlias
 
@@ -48,8 +48,13 @@ def _is_text(f: Field[Any]) -> bool:
 
 @cache
 def _fields(kind: type[Observation]) -> tuple[tuple[str, bool, bool], ...]:
-    """Return name of each field of a class, whether it holds text, and whether it may be None."""
-    return tuple((f.name, _is_text(f), "None" in str(f.type)) for f in fields(kind))
+    """Return name of each field of a class, whether it holds text, and whether it may be None.
+
+    The order is that of a call: fields by position, then by keyword, and last those of
+    `Observation`, which dataclasses put first although a reader looks for what was measured.
+    """
+    in_order = sorted(fields(kind), key=lambda f: (f.kw_only, f.name in _COMMON))
+    return tuple((f.name, _is_text(f), "None" in str(f.type)) for f in in_order)
 
 
 def _name(observation: Observation) -> str:
@@ -67,6 +72,19 @@ class Observation(metaclass=ChecksArguments):
     """Names of the scalar components; `component_names` gives those of one observation."""
     nonnegative: ClassVar[bool] = False
     """Whether a negative value is refused."""
+    id: str | None = field(default=None, kw_only=True)
+    """Name of the observation in reports; None: the network numbers it."""
+    source: str | None = field(default=None, kw_only=True)
+    """File and line from which the observation was read."""
+
+    def __init_subclass__(cls) -> None:
+        """Give the class this representation; a dataclass keeps one that its class has."""
+        cls.__repr__ = Observation.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        """Return the call that makes the observation."""
+        shown = ", ".join(f"{name}={getattr(self, name)!r}" for name, *_ in _fields(type(self)))
+        return f"{type(self).__qualname__}({shown})"
 
     @property
     def record(self) -> ObservationKind:
@@ -142,9 +160,8 @@ class Observation(metaclass=ChecksArguments):
 
     def label(self) -> str:
         """Return a readable name for messages: source, kind, points and id."""
-        ident, source = getattr(self, "id", None), getattr(self, "source", None)
-        text = _name(self) if ident is None else f"{_name(self)} (id {ident})"
-        return f"{source}: {text}" if source else text
+        text = _name(self) if self.id is None else f"{_name(self)} (id {self.id})"
+        return f"{self.source}: {text}" if self.source else text
 
     def _fail(self, what: str) -> None:
         raise InputError(Problem(what, self.label()))
@@ -195,6 +212,54 @@ class Observation(metaclass=ChecksArguments):
         self._check()
 
 
+_COMMON = frozenset(f.name for f in fields(Observation))
+"""Names of the fields that every observation has."""
+
+
+@dataclass(frozen=True)
+class VectorObservation(Observation):
+    """Base of observations of several components, with a σ for each of them or a covariance.
+
+    A class states ``value`` and ``sigma`` with their units.
+    """
+
+    _: KW_ONLY
+    covariance: Array | None = None
+    """Covariance of the components, square units of the value; None if ``sigma`` is given."""
+
+    def _check(self) -> None:
+        super()._check()
+        self._check_components()
+
+    def _check_components(self) -> None:
+        """Check the number of components of the value, its standard deviations and covariance."""
+        size, value = len(self.component_names()), getattr(self, "value", None)
+        if np.shape(value) != (size,):  # type: ignore[arg-type]  # what has no shape is refused
+            self._fail(f"value must have {size} components, not {value}")
+        checked_covariance(self, size)
+
+
+@dataclass(frozen=True)
+class AxesObservation(VectorObservation):
+    """Base of observations of coordinates along some of the axes that the class may have."""
+
+    components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    _: KW_ONLY
+    axes: str = "xyz"
+    """Observed axes: some of the components of the class."""
+
+    def component_names(self) -> tuple[str, ...]:
+        """Return the observed axes."""
+        return tuple(self.axes)
+
+    def _check_components(self) -> None:
+        given = set(self.axes)
+        if not given or not given <= set(self.components) or len(given) < len(self.axes):
+            valid = ", ".join(self.components)
+            self._fail(f"axes must be some of {valid}, not {self.axes!r}")
+        super()._check_components()
+
+
 @dataclass(frozen=True)
 class Sight(Observation):
     """Base of observations from a station to a target."""
@@ -212,10 +277,6 @@ class Sight(Observation):
     """Height of the instrument above its point along the vertical, metres."""
     target_height: float = 0.0
     """Height of the target above its point along the vertical, metres."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 def is_condition(observation: object) -> bool:
@@ -225,11 +286,15 @@ def is_condition(observation: object) -> bool:
 
 @dataclass(frozen=True)
 class Condition(Observation):
-    """Base of observations with a flag ``condition``: whether `snoop` never sets them aside."""
+    """Base of relations of the object, which may be conditions."""
+
+    _: KW_ONLY
+    condition: bool = False
+    """Whether `snoop` never sets it aside."""
 
     def __post_init__(self) -> None:
         """Read the flag, which tables give as a number, and check the observation."""
-        object.__setattr__(self, "condition", bool(getattr(self, "condition", False)))
+        object.__setattr__(self, "condition", bool(self.condition))
         self._check()
 
 

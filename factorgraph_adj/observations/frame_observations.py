@@ -10,8 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..frames import Frame
-from ..types import Array
-from .base import Observation, Sigma, checked_covariance
+from .base import AxesObservation, Observation, Sigma, VectorObservation
 from .terrestrial_observations import check_face, check_zenith
 
 
@@ -28,10 +27,6 @@ class FrameSight(Observation):
     _: KW_ONLY
     sigma: Sigma
     """Standard deviation, unit of the value; centring in the unit of the frame."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +91,7 @@ class FrameDistance(FrameSight):
 
 
 @dataclass(frozen=True)
-class FrameCoordinate(Observation):
+class FrameCoordinate(AxesObservation):
     """Coordinates of a point or of a projection centre in a frame: q = e^{−ℓ} Rᵀ E (X − O) − c.
 
     They are model coordinates of independent models, coordinates of scanners, trackers and
@@ -105,7 +100,6 @@ class FrameCoordinate(Observation):
     """
 
     kind: ClassVar[str] = "frame_coordinate"
-    components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     frame: str
     """The frame."""
     point: str | None
@@ -115,47 +109,25 @@ class FrameCoordinate(Observation):
     _: KW_ONLY
     photo: str | None = None
     """The photo whose projection centre was measured; None if ``point`` is given."""
-    axes: str = "xyz"
-    """Measured axes of the frame: some of x, y, z."""
     sigma: tuple[float, ...] | None = None
     """Standard deviations of the axes, unit of the frame; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance of the axes, its unit squared; None if ``sigma`` is given."""
     deformation: str | None = None
     """Deformation of the model, which a group of models shares; None: there is none."""
     base: float = 1.0
     """Length to which the deformation refers, such as the base of the model, unit of the frame."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
+    def _check(self) -> None:
+        super()._check()
         if (self.point is None) == (self.photo is None):
             self._fail("give either a point or a photo")
         if not self.frame:
             self._fail("frame must name a frame")
         if not self.base > 0:
             self._fail(f"base must be greater than zero, not {self.base}")
-        if (
-            not self.axes
-            or not set(self.axes) <= set("xyz")
-            or len(set(self.axes)) < len(self.axes)
-        ):
-            self._fail(f"axes must be some of x, y, z, not {self.axes!r}")
-        if np.shape(self.value) != (len(self.axes),):
-            self._fail(f"value has {np.size(self.value)} components, axes {self.axes!r}")
-        checked_covariance(self, len(self.axes))
-
-    def component_names(self) -> tuple[str, ...]:
-        """Return the measured axes."""
-        return tuple(self.axes)
 
 
 @dataclass(frozen=True)
-class FrameVector(Observation):
+class FrameVector(VectorObservation):
     """Vector between two points along the axes of a frame: e^{−ℓ} Rᵀ E (X_j − X_i).
 
     It is a GNSS vector whose reference frame differs from that of the network by an unknown, held
@@ -180,25 +152,15 @@ class FrameVector(Observation):
     _: KW_ONLY
     sigma: tuple[float, float, float] | None = None
     """Standard deviations, unit of the frame; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance (3, 3), its unit squared; None if ``sigma`` is given."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
+    def _check(self) -> None:
+        super()._check()
         if not self.frame:
             self._fail("frame must name a frame")
-        if np.shape(self.value) != (3,):
-            self._fail(f"value must have three components, not {np.size(self.value)}")
-        checked_covariance(self, 3)
 
 
 @dataclass(frozen=True)
-class WireReading(Observation):
+class WireReading(AxesObservation):
     """Where a stretched wire passes a sensor, metres: x across the wire, z upwards.
 
     The sensor is set up level and across the wire, unless its mount states or leaves free a roll.
@@ -226,29 +188,13 @@ class WireReading(Observation):
     """Read axes of the sensor: x, z, or both."""
     sigma: tuple[float, ...] | None = None
     """Standard deviations of the axes, metres; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance of the axes, metres²; None if ``sigma`` is given."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
+    def _check(self) -> None:
+        super()._check()
         if not self.frame or not self.sag:
             self._fail("frame must name the frame of the wire, and sag its sag")
         if not self.length > 0:
             self._fail(f"the length of the wire must be greater than zero, not {self.length}")
-        if not self.axes or not set(self.axes) <= set("xz") or len(set(self.axes)) < len(self.axes):
-            self._fail(f"axes must be some of x, z, not {self.axes!r}")
-        if np.shape(self.value) != (len(self.axes),):
-            self._fail(f"value has {np.size(self.value)} components, axes {self.axes!r}")
-        checked_covariance(self, len(self.axes))
-
-    def component_names(self) -> tuple[str, ...]:
-        """Return the read axes."""
-        return tuple(self.axes)
 
 
 @dataclass(frozen=True)
@@ -281,10 +227,6 @@ class FrameInclination(Observation):
     """Standard deviation, radians."""
     mount: str | None = None
     """Mount of the instrument on the body; None: its axes are those of the frame."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
     def _check(self) -> None:
         super()._check()
@@ -304,7 +246,7 @@ LENGTH_LIMIT = 10.0
 
 
 @dataclass(frozen=True)
-class UnitVector(Observation):
+class UnitVector(VectorObservation):
     """Direction from a station to a target as components x, y of a unit vector in a frame.
 
     A camera or an alignment sensor on a body that looks along the z axis gives them; their
@@ -326,25 +268,15 @@ class UnitVector(Observation):
     """Mount of the instrument on the body; None: its axes are those of the frame."""
     sigma: tuple[float, float] | None = None
     """Standard deviations, radians; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance, radians²; None if ``sigma`` is given."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
+    def _check(self) -> None:
+        super()._check()
         if not self.frame:
             self._fail("frame must name a frame")
-        if np.shape(self.value) != (2,):
-            self._fail(f"value must have 2 components, not {self.value}")
-        covariance = checked_covariance(self, 2)
-        if covariance is None:
+        if self.covariance is None:
             largest = float(np.max(np.asarray(self.sigma)))
         else:
-            largest = float(np.sqrt(np.max(np.diag(covariance))))
+            largest = float(np.sqrt(np.max(np.diag(self.covariance))))
         if not np.hypot(*self.value) <= 1.0 + LENGTH_LIMIT * largest:
             self._fail(
                 f"a unit vector has no components {self.value[0]}, {self.value[1]}: their length "
@@ -353,7 +285,7 @@ class UnitVector(Observation):
 
 
 @dataclass(frozen=True)
-class StripCoordinate(Observation):
+class StripCoordinate(AxesObservation):
     """Coordinates of a point in a strip that bends: X = value + polynomial(along, across).
 
     The value is on the ground: coordinates of the strip after its absolute orientation, in the
@@ -361,7 +293,6 @@ class StripCoordinate(Observation):
     """
 
     kind: ClassVar[str] = "strip_coordinate"
-    components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     strip: str
     """The strip, which names its polynomial."""
     point: str
@@ -374,29 +305,10 @@ class StripCoordinate(Observation):
     across: float
     """Place across the strip, the same unit, to the left if axes of the network are right-handed
     and along points forward."""
-    axes: str = "xyz"
-    """Measured axes: xy, z or xyz, or single ones."""
     sigma: tuple[float, ...] | None = None
     """Standard deviations of the axes, metres; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance of the axes, metres²; None if ``sigma`` is given."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
+    def _check(self) -> None:
+        super()._check()
         if not self.strip:
             self._fail("strip must name a strip polynomial")
-        axes = set(self.axes)
-        if not axes or not axes <= set("xyz") or len(axes) < len(self.axes):
-            self._fail(f"axes must be some of x, y, z, not {self.axes!r}")
-        if np.shape(self.value) != (len(self.axes),):
-            self._fail(f"value has {np.size(self.value)} components, axes {self.axes!r}")
-        checked_covariance(self, len(self.axes))
-
-    def component_names(self) -> tuple[str, ...]:
-        """Return the measured axes."""
-        return tuple(self.axes)

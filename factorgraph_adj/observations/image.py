@@ -26,18 +26,13 @@ class ImagePoint(Observation):
     _: KW_ONLY
     sigma: tuple[float, float] | float
     """Standard deviations of x and y, or one for both, image units."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 def identity(o: Observation) -> str | None:
     """Return the id of an observation; none where the network has to number it."""
-    own: str | None = getattr(o, "id", None)
-    if own is None and isinstance(o, ImagePoint):
+    if o.id is None and isinstance(o, ImagePoint):
         return f"{o.photo}/{o.point}"
-    return own
+    return o.id
 
 
 MAX_DIGITS = 18
@@ -54,7 +49,7 @@ def named(o: Observation, ident: str) -> Observation:
     """Return the observation with its id; image points keep photo/point as theirs."""
     if isinstance(o, ImagePoint) and ident == f"{o.photo}/{o.point}":
         return o
-    if getattr(o, "id", None) == ident:
+    if o.id == ident:
         return o
     other = object.__new__(type(o))  # all else has been checked when it was made
     vars(other).update(vars(o), id=ident)

@@ -28,10 +28,6 @@ class PlaneOffset(Observation):
     _: KW_ONLY
     sigma: float
     """Standard deviation, metres."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
     def _check(self) -> None:
         super()._check()
@@ -68,10 +64,6 @@ class LineOffset(Observation):
     _: KW_ONLY
     sigma: float
     """Standard deviation, metres."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 @dataclass(frozen=True)
@@ -99,10 +91,6 @@ class SightPlaneOffset(Observation):
     """Height of the theodolite above its point, metres."""
     target_height: float = 0.0
     """Height of the scale above its point, metres."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 @dataclass(frozen=True)
@@ -146,10 +134,6 @@ class RadialOffset(Observation):
     """Z of the place, metres."""
     sigma: float
     """Standard deviation, metres."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 @dataclass(frozen=True)
@@ -178,10 +162,6 @@ class HydrostaticReading(Observation):
     """Relative expansion α ΔT by which the scale of the sensor is too long."""
     side: int = field(default=1, metadata={"quantity": "number"})
     """1: the sensor reads upwards to the water; −1: it reads downwards to it."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
     def _check(self) -> None:
         super()._check()

@@ -9,12 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from ..frames import Frame
-from ..types import Array
-from .base import Observation, checked_covariance
+from .base import AxesObservation, VectorObservation, checked_covariance
 
 
 @dataclass(frozen=True)
-class GnssVector(Observation):
+class GnssVector(VectorObservation):
     """GNSS vector X_j − X_i, metres, with a full covariance."""
 
     kind: ClassVar[str] = "gnss_vector"
@@ -28,27 +27,14 @@ class GnssVector(Observation):
     _: KW_ONLY
     sigma: tuple[float, float, float] | None = None
     """Standard deviations of the components, metres; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance (3, 3) of the components, metres²; None if ``sigma`` is given."""
     instrument_height: float = 0.0
     """Height of the antenna at i, metres."""
     target_height: float = 0.0
     """Height of the antenna at j, metres."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
-
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
-        if np.shape(self.value) != (3,):
-            self._fail(f"value must have 3 components, not {self.value}")
-        checked_covariance(self, 3)
 
 
 @dataclass(frozen=True)
-class ControlPoint(Observation):
+class ControlPoint(VectorObservation):
     """Known coordinates of a point with their precision: 3-D, plan or height.
 
     x, y, z are the axes of the frame; e, n, u are the axes of the horizon at the given position.
@@ -64,16 +50,8 @@ class ControlPoint(Observation):
     """Known components: any of x, y, z, or any of e, n, u."""
     sigma: tuple[float, ...] | None = None
     """Standard deviations of the components, metres; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance of the components, metres²; None if ``sigma`` is given."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
+    def _check_components(self) -> None:
         local = set(self.axes) <= set("enu")
         if (
             not self.axes
@@ -112,7 +90,7 @@ class GnssPosition(ControlPoint):
 
 
 @dataclass(frozen=True)
-class PhotoPosition(Observation):
+class PhotoPosition(AxesObservation):
     """Position of the antenna of a photo (GNSS), metres: X₀ + R (a + b) + s + d t + e t² + Ẋ τ.
 
     X₀ is the projection centre, R the rotation of ω, φ, κ from the photogrammetric axes of the
@@ -124,18 +102,14 @@ class PhotoPosition(Observation):
     """
 
     kind: ClassVar[str] = "photo_position"
-    components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     photo: str
     """The photo."""
     value: tuple[float, ...]
-    """Observed position, metres: the coordinates of ``axes``."""
+    """Observed position, metres: the coordinates of ``axes``. A position in plan has ``xy``, a
+    height ``z``."""
     _: KW_ONLY
-    axes: str = "xyz"
-    """Observed coordinates: some of x, y, z. A position in plan has ``xy``, a height ``z``."""
     sigma: tuple[float, ...] | None = None
     """Standard deviations of the coordinates, metres; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance of the coordinates, metres²; None if ``sigma`` is given."""
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Vector a from the projection centre to the antenna, metres, in photogrammetric axes of the
     camera: x right, y up, z backwards. Its sign is that of antenna − projection centre."""
@@ -152,29 +126,11 @@ class PhotoPosition(Observation):
         default=(0.0, 0.0, 0.0), metadata={"quantity": "number"}
     )
     """Recorded velocity Ẋ of the antenna, metres per second; for ``shutter``."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
-        if (
-            not self.axes
-            or not set(self.axes) <= set("xyz")
-            or len(set(self.axes)) < len(self.axes)
-        ):
-            self._fail(f"axes must be some of x, y, z, not {self.axes!r}")
-        if np.shape(self.value) != (len(self.axes),):
-            self._fail(f"value must have {len(self.axes)} components, not {self.value}")
+    def _check(self) -> None:
+        super()._check()
         for name in ("lever_arm", "velocity"):
             if np.shape(getattr(self, name)) != (3,):
                 self._fail(f"{name} must have 3 components, not {getattr(self, name)}")
         if self.shutter is not None and not any(self.velocity):
             self._fail("a shutter needs the velocity of the antenna, and it is zero")
-        checked_covariance(self, len(self.axes))
-
-    def component_names(self) -> tuple[str, ...]:
-        """Return the observed axes."""
-        return tuple(self.axes)

@@ -248,9 +248,7 @@ class ObservationKind:
         found += [
             f"its class has no attribute {c!r} for a choice" for c in self.choices if c not in have
         ]
-        needs = (
-            ["sigma", "id", "source"] if self.model is None else ["value", "sigma", "id", "source"]
-        )
+        needs = ["sigma"] if self.model is None else ["value", "sigma"]
         several = len(self.observation.components) > 1
         if several and self.model is not None:
             needs.append("covariance")

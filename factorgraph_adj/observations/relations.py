@@ -10,8 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..types import Array
-from .base import Condition, checked_covariance, share_sigma
+from .base import AxesObservation, Condition, VectorObservation, share_sigma
 
 # -- two pairs of points --------------------------------------------------------------------------
 
@@ -40,12 +39,6 @@ class _Pairs(Condition):
     """Standard deviation, metres."""
     ratio: float = field(default=1.0, metadata={"quantity": "number"})
     """What the second pair is multiplied with."""
-    condition: bool = False
-    """Whether `snoop` never sets it aside."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
     def __post_init__(self) -> None:
         """Begin both pairs with the point that they have in common, and check the observation."""
@@ -106,16 +99,10 @@ class RightAngle(Condition):
     _: KW_ONLY
     sigma: float
     """Standard deviation, radians."""
-    condition: bool = False
-    """Whether `snoop` never sets it aside."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 @dataclass(frozen=True)
-class PointDirection(Condition):
+class PointDirection(Condition, VectorObservation):
     """The direction in space from one point to another: its components across a given vector."""
 
     kind: ClassVar[str] = "point_direction"
@@ -135,32 +122,23 @@ class PointDirection(Condition):
     _: KW_ONLY
     sigma: tuple[float, ...] | float | None = None
     """Standard deviations, radians, one for both or one for each; None with ``covariance``."""
-    covariance: Array | None = None
-    """Covariance, square radians; None if ``sigma`` is given."""
-    condition: bool = False
-    """Whether `snoop` never sets it aside."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
     def __post_init__(self) -> None:
         """Take one standard deviation for both components, and check the observation."""
         share_sigma(self, 2)
         super().__post_init__()
+
+    def _check(self) -> None:
+        super()._check()
         if not np.hypot(np.hypot(self.ux, self.uy), self.uz) > 0:
             self._fail("ux, uy, uz must be a vector that is not zero")
-        if np.shape(self.value) != (2,):
-            self._fail(f"value must be two components, not {self.value!r}")
-        checked_covariance(self, 2)
 
 
 @dataclass(frozen=True)
-class CoordinateDifference(Condition):
+class CoordinateDifference(Condition, AxesObservation):
     """Differences of coordinates of two points, in axes of the network or in a horizon."""
 
     kind: ClassVar[str] = "coordinate_difference"
-    components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     station: str
     """The first point, i."""
     target: str
@@ -168,36 +146,16 @@ class CoordinateDifference(Condition):
     value: tuple[float, ...]
     """Differences of ``axes``, j less i, metres."""
     _: KW_ONLY
-    axes: str = "xyz"
-    """Observed axes: some of x, y, z."""
     horizon: bool = field(default=False, metadata={"quantity": "number"})
     """Whether x, y, z are east, north, up at the first point, and not the axes of the network."""
     sigma: tuple[float, ...] | float | None = None
     """Standard deviations, metres, one for all or one for each; None with ``covariance``."""
-    covariance: Array | None = None
-    """Covariance of the axes, m²; None if ``sigma`` is given."""
-    condition: bool = False
-    """Whether `snoop` never sets it aside."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
     def __post_init__(self) -> None:
         """Take one standard deviation for all axes, and check the observation."""
         object.__setattr__(self, "horizon", bool(self.horizon))
         share_sigma(self, len(self.axes))
         super().__post_init__()
-        given = set(self.axes)
-        if not given or not given <= set("xyz") or len(given) < len(self.axes):
-            self._fail(f"axes must be some of x, y, z, not {self.axes!r}")
-        if np.shape(self.value) != (len(self.axes),):
-            self._fail(f"value has {np.size(self.value)} components, axes {self.axes!r}")
-        checked_covariance(self, len(self.axes))
-
-    def component_names(self) -> tuple[str, ...]:
-        """Return the observed axes."""
-        return tuple(self.axes)
 
 
 # -- shapes ---------------------------------------------------------------------------------------
@@ -212,15 +170,14 @@ class _OfShapes(Condition):
     shape2: str
     """The frame of the second shape."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        super().__post_init__()
+    def _check(self) -> None:
+        super()._check()
         if not self.shape or not self.shape2 or self.shape == self.shape2:
             self._fail("shape and shape2 must name two frames, see add_shape")
 
 
 @dataclass(frozen=True)
-class ParallelAxes(_OfShapes):
+class ParallelAxes(_OfShapes, VectorObservation):
     """The z axes of two shapes are parallel: normals of planes, axes of cylinders.
 
     The two components are the inclinations of the second axis to the first one, radians.
@@ -233,22 +190,11 @@ class ParallelAxes(_OfShapes):
     _: KW_ONLY
     sigma: tuple[float, ...] | float | None = None
     """Standard deviations, radians, one for both or one for each; None with ``covariance``."""
-    covariance: Array | None = None
-    """Covariance, square radians; None if ``sigma`` is given."""
-    condition: bool = False
-    """Whether `snoop` never sets it aside."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
     def __post_init__(self) -> None:
         """Take one standard deviation for both inclinations, and check the observation."""
         share_sigma(self, 2)
         super().__post_init__()
-        if np.shape(self.value) != (2,):
-            self._fail(f"value must be two inclinations, not {self.value!r}")
-        checked_covariance(self, 2)
 
 
 @dataclass(frozen=True)
@@ -261,12 +207,6 @@ class AxisAngle(_OfShapes):
     _: KW_ONLY
     sigma: float
     """Standard deviation, radians."""
-    condition: bool = False
-    """Whether `snoop` never sets it aside."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 @dataclass(frozen=True)
@@ -283,12 +223,6 @@ class PlaneDistance(_OfShapes):
     _: KW_ONLY
     sigma: float
     """Standard deviation, metres."""
-    condition: bool = False
-    """Whether `snoop` never sets it aside."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 # -- images ---------------------------------------------------------------------------------------
@@ -316,9 +250,3 @@ class ImageLine(Condition):
     _: KW_ONLY
     sigma: float
     """Standard deviation of the measured point across the line, unit of the camera."""
-    condition: bool = False
-    """Whether `snoop` never sets it aside."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""

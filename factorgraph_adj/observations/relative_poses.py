@@ -7,8 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..types import Array
-from .base import Observation, checked_covariance
+from .base import VectorObservation
 
 RIGID_TURN, RIGID_SHIFT = 1e-6, 1e-5
 """Standard deviations, radians and metres, below which a relative pose on a mount is the tie of a
@@ -16,7 +15,36 @@ rigid mount: a play of 10 µm lets a member that slipped show, and none was meas
 
 
 @dataclass(frozen=True)
-class RelativeRotation(Observation):
+class _RelativePose(VectorObservation):
+    """Base of what was measured of one photo relative to another."""
+
+    rigid_sigma: ClassVar[float]
+    """Standard deviation below which the observation ties a member of a rig to a rigid mount."""
+    photo: str
+    """Photo A, in whose axes the value is given: the earlier one, or the carrier."""
+    photo2: str
+    """Photo B: the later one, or the member of a rig."""
+    _: KW_ONLY
+    mount: str | None = None
+    """Mount of B on A; None: the whole relative pose is observed."""
+
+    @property
+    def stated(self) -> bool:
+        """Whether it ties the member of a rig to a rigid mount, and was not measured."""
+        if self.mount is None:
+            return False
+        covariance, sigma = self.covariance, getattr(self, "sigma", None)
+        variances = np.square(sigma or 0.0) if covariance is None else np.diag(covariance)
+        return bool((variances < self.rigid_sigma**2).all())
+
+    def _check(self) -> None:
+        super()._check()
+        if self.photo == self.photo2:
+            self._fail("photo and photo2 are the same: a relative pose joins two photos")
+
+
+@dataclass(frozen=True)
+class RelativeRotation(_RelativePose):
     """Rotation of a photo B relative to a photo A: Log R_obs with R_Aᵀ R_B = B_m R_obs.
 
     R leads from photogrammetric axes of a camera (x right, y up, z backwards) to the object. With a
@@ -25,37 +53,17 @@ class RelativeRotation(Observation):
 
     kind: ClassVar[str] = "relative_rotation"
     components: ClassVar[tuple[str, ...]] = ("rx", "ry", "rz")
-    photo: str
-    """Photo A, to which the rotation refers: the earlier one, or the carrier."""
-    photo2: str
-    """Photo B: the later one, or the member of a rig."""
+    rigid_sigma: ClassVar[float] = RIGID_TURN
     value: tuple[float, float, float]
     """Rotation vector of R_obs, radians, photogrammetric axes."""
     _: KW_ONLY
     sigma: tuple[float, float, float] | None = None
     """Standard deviations of turns about the axes of B, radians; None if ``covariance`` is
     given."""
-    covariance: Array | None = None
-    """Covariance (3, 3) of turns about the axes of B, radians²; None if ``sigma`` is given."""
-    mount: str | None = None
-    """Mount of B on A; None: R_obs is the whole rotation."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
-
-    @property
-    def stated(self) -> bool:
-        """Whether it ties the member of a rig to a rigid mount, and was not measured."""
-        return _ties(self, RIGID_TURN)
-
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        _check(self)
 
 
 @dataclass(frozen=True)
-class RelativePosition(Observation):
+class RelativePosition(_RelativePose):
     """Position of a photo B relative to a photo A: R_Aᵀ (X_B − X_A) − b, metres in axes of A.
 
     The axes are photogrammetric: x right, y up, z backwards. With a mount the value is the small
@@ -64,50 +72,12 @@ class RelativePosition(Observation):
 
     kind: ClassVar[str] = "relative_position"
     components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
-    photo: str
-    """Photo A, in whose axes the vector is given: the earlier one, or the carrier."""
-    photo2: str
-    """Photo B: the later one, or the member of a rig."""
+    rigid_sigma: ClassVar[float] = RIGID_SHIFT
     value: tuple[float, float, float]
     """Observed vector, metres, or in the unit of the odometer."""
     _: KW_ONLY
     sigma: tuple[float, float, float] | None = None
     """Standard deviations of the components, unit of the value; None if ``covariance`` is given."""
-    covariance: Array | None = None
-    """Covariance (3, 3) of the components; None if ``sigma`` is given."""
-    mount: str | None = None
-    """Mount of B on A; None: the whole vector is observed."""
     instrument: str | None = None
     """Distance meter whose scale is that of the vector: (1 + scale) (t − b). An odometer of unknown
     scale has a free one; one of its own for each pair leaves only the direction."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
-
-    @property
-    def stated(self) -> bool:
-        """Whether it ties the member of a rig to a rigid mount, and was not measured."""
-        return _ties(self, RIGID_SHIFT)
-
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        _check(self)
-
-
-def _ties(o: RelativeRotation | RelativePosition, limit: float) -> bool:
-    """Return whether a relative pose on a mount has standard deviations below a limit."""
-    if o.mount is None:
-        return False
-    variances = np.square(o.sigma or 0.0) if o.covariance is None else np.diag(o.covariance)
-    return bool((variances < limit**2).all())
-
-
-def _check(o: RelativeRotation | RelativePosition) -> None:
-    """Check what both kinds share."""
-    o._check()
-    if np.shape(o.value) != (3,):
-        o._fail(f"value must have 3 components, not {o.value}")
-    if o.photo == o.photo2:
-        o._fail("photo and photo2 are the same: a relative pose joins two photos")
-    checked_covariance(o, 3)

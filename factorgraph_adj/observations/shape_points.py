@@ -9,11 +9,8 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from ..models.shapes import SHAPES
-from ..types import Array
-from .base import Condition, checked_covariance, share_sigma
+from .base import Condition, VectorObservation, share_sigma
 
 
 @dataclass(frozen=True)
@@ -33,6 +30,9 @@ class _OnShape(Condition):
             if getattr(self, size.attribute) is None and size.suffix is not None:
                 object.__setattr__(self, size.attribute, f"{self.shape}{size.suffix}")
         super().__post_init__()
+
+    def _check(self) -> None:
+        super()._check()
         if not self.shape:
             self._fail("shape must name a frame, see add_shape")
 
@@ -46,16 +46,10 @@ class _OnSurface(_OnShape):
     _: KW_ONLY
     sigma: float
     """Standard deviation, metres: the tolerance of the form."""
-    condition: bool = False
-    """Whether `snoop` never sets it aside."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 @dataclass(frozen=True)
-class _OnCurve(_OnShape):
+class _OnCurve(_OnShape, VectorObservation):
     """Base of points on curves, with two distances across the curve."""
 
     value: tuple[float, ...] = (0.0, 0.0)
@@ -63,22 +57,11 @@ class _OnCurve(_OnShape):
     _: KW_ONLY
     sigma: tuple[float, ...] | float | None = None
     """Standard deviations, metres, one for both or one for each; None with ``covariance``."""
-    covariance: Array | None = None
-    """Covariance of the distances, m²; None if ``sigma`` is given."""
-    condition: bool = False
-    """Whether `snoop` never sets it aside."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
     def __post_init__(self) -> None:
         """Take one standard deviation for both distances, and check the observation."""
         share_sigma(self, 2)
         super().__post_init__()
-        if np.shape(self.value) != (2,):
-            self._fail(f"value must be two distances, not {self.value!r}")
-        checked_covariance(self, 2)
 
 
 @dataclass(frozen=True)

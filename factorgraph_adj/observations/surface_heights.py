@@ -39,14 +39,9 @@ class ProfileHeight(Observation):
     the camera: x right, y up, z backwards. The arm of ``mount`` is added."""
     mount: str | None = None
     """Mount with an unknown arm; None: ``lever_arm`` alone."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
+    def _check(self) -> None:
+        super()._check()
         if (self.point is None) == (self.photo is None):
             self._fail("give either a point or a photo")
         if self.photo is None and (any(self.lever_arm) or self.mount is not None):
@@ -79,13 +74,8 @@ class LevelHeight(Observation):
     """Distance from the place to which w belongs, metres."""
     geoid: float = 0.0
     """Geoid undulation at the point less that at the place to which w belongs, metres."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
+    def _check(self) -> None:
+        super()._check()
         if not self.level:
             self._fail("level must name a level surface")

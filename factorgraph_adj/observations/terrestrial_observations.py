@@ -154,10 +154,6 @@ class HorizontalAngle(Observation):
     """Height of the backsight target, metres."""
     target2_height: float = 0.0
     """Height of the foresight target, metres."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 @dataclass(frozen=True)
@@ -187,10 +183,6 @@ class AstronomicLatitude(Observation):
     _: KW_ONLY
     sigma: float
     """Standard deviation, radians."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """File and line from which the observation was read."""
 
 
 @dataclass(frozen=True)

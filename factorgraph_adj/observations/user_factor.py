@@ -30,8 +30,6 @@ class OwnFactor(Observation):
     _: KW_ONLY
     sigma: float = 1.0
     """Factor of the standard deviations."""
-    id: str | None = None
-    """Name of the factor."""
     source: str | None = None
     """Type of the factor, for messages."""
 

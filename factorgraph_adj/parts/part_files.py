@@ -190,7 +190,7 @@ def write_part(folder: RunFolder, network: Network, start: Start) -> None:
         "words": start.words,
         "doubtful": start.doubtful,
         "unreached": start.unreached,
-        "sources": {name: getattr(o, "source", None) for name, o in network.observations.items()},
+        "sources": {name: o.source for name, o in network.observations.items()},
     }
     text: Any = np.frombuffer(json.dumps(header).encode("utf-8"), dtype=np.uint8)
     state = {f"state/{kind}": x for kind, x in start.state.items()}

@@ -398,8 +398,8 @@ def difference(name: str, design: Network, larger: Network, *, cost: float = 1.0
 
 def _unnumbered(o: Observation) -> Observation:
     """Return an observation without an id that is a number, which other candidates have too."""
-    ident = getattr(o, "id", None)
-    return replace(o, id=None) if ident is not None and ident.isdecimal() else o  # type: ignore[call-arg]
+    ident = o.id
+    return replace(o, id=None) if ident is not None and ident.isdecimal() else o
 
 
 def _lost(design: Network, larger: Network) -> list[Problem]:

@@ -295,7 +295,7 @@ class ReportRows:
                     names, points = observation.names(), observation.points()
                     of_frame = next(iter(observation.frames()), "")
                     of_photo = next(iter(observation.photos()), "")
-                    source = getattr(observation, "source", None) or ""
+                    source = observation.source or ""
             scale = self.scale(block)
             turned = self._turned(block, i)
             for c in range(d):

@@ -374,7 +374,7 @@ def copied_blocks(network: Network) -> list[str]:
 
 
 def _place_text(ident: str, o: Observation) -> str:
-    unknown = getattr(o, "id", None) is None and getattr(o, "source", None) is None
+    unknown = o.id is None and o.source is None
     return f"{o.label()} (id {ident})" if unknown else o.label()
 
 

@@ -78,7 +78,7 @@ class Stream:
 
 def ident(o: Observation) -> str:
     """Return the id of an observation."""
-    return f"{o.photo}/{o.point}" if isinstance(o, ImagePoint) else str(getattr(o, "id"))  # noqa: B009
+    return f"{o.photo}/{o.point}" if isinstance(o, ImagePoint) else str(o.id)
 
 
 def single(network: Network, count: int = SINGLE) -> Stream:

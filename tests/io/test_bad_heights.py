@@ -106,7 +106,7 @@ WRONG = {
     ),
     "an axis that no clinometer has": (
         {**GOOD["tilt"], "axes": "xx", "y": ""},
-        "observations.csv:2: photo_tilt 1: axes must be x, y or both, not 'xx'",
+        "observations.csv:2: photo_tilt 1: axes must be some of x, y, not 'xx'",
     ),
     "no reading of an axis": (
         {**GOOD["tilt"], "y": ""},

@@ -30,9 +30,10 @@ from factorgraph_adj.observations import (
     Observation,
     ObservationKind,
     SlopeDistance,
+    VectorObservation,
     register_observation,
 )
-from factorgraph_adj.observations.base import Sigma, checked_covariance
+from factorgraph_adj.observations.base import Sigma
 from factorgraph_adj.observations.variances import LENGTHS
 from factorgraph_adj.rotation import exp_rotation, log_rotation, skew
 from factorgraph_adj.simulation.measurement import measure
@@ -71,7 +72,7 @@ SIMILARITY = UnknownKind(
 
 
 @dataclass(frozen=True)
-class SamePoint(Observation):
+class SamePoint(VectorObservation):
     """The difference e^λ R X_a + t − X_b of one mark in two groups of points, metres."""
 
     kind: ClassVar[str] = "same_point"
@@ -87,17 +88,6 @@ class SamePoint(Observation):
     _: KW_ONLY
     sigma: tuple[float, float, float] | None = None
     """Standard deviations, metres."""
-    covariance: Array | None = None
-    """Covariance (3, 3), metres²."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """Where it was read from."""
-
-    def __post_init__(self) -> None:
-        """Check the observation."""
-        self._check()
-        checked_covariance(self, 3)
 
 
 def same_point(
@@ -137,10 +127,6 @@ class MovedDistance(Observation):
     _: KW_ONLY
     sigma: Sigma
     """Standard deviation."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """Where it was read from."""
 
 
 def moved_distance(
@@ -189,10 +175,6 @@ class DriftingStep(Observation):
     """Name of the trend."""
     time: float = field(metadata={"quantity": "number"})
     """Time τ, a plain number."""
-    id: str | None = None
-    """Name of the observation."""
-    source: str | None = None
-    """Where it was read from."""
 
 
 def drifting_step(

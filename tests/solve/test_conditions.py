@@ -229,7 +229,7 @@ WRONG = {
     ),
     "a distance for a line": (
         lambda: o.OnLine("edge", "A", 0.0, sigma=1.0),  # type: ignore[arg-type]
-        "value must be two distances, not 0.0",
+        "value must have 2 components, not 0.0",
     ),
     "no standard deviation of a line": (lambda: o.OnLine("edge", "A"), "sigma or covariance"),
     "a negative standard deviation": (

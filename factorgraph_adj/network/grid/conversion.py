@@ -142,7 +142,7 @@ def from_grid(
         sigma = None if np.isinf(geoid_offset) else geoid_offset
         out.set_level(OFFSET, 0.0, sigma=sigma)
     for ident, o in more:
-        out.add(o if ident in out.observations else replace(o, id=ident))  # type: ignore[call-arg]
+        out.add(o if ident in out.observations else replace(o, id=ident))
     return out
 
 

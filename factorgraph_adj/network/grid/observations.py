@@ -186,8 +186,8 @@ def _at(c: Context, o: ControlPoint, value: Array, number: int) -> Moved:
 
 def _named(o: Observation, found: list[Observation]) -> list[Observation]:
     """Return observations of which the first has the id of the one that they stand for."""
-    ident = getattr(o, "id", None)
-    return [replace(f, id=ident) if i == 0 else f for i, f in enumerate(found)]  # type: ignore[call-arg]
+    ident = o.id
+    return [replace(f, id=ident) if i == 0 else f for i, f in enumerate(found)]
 
 
 @converted.register

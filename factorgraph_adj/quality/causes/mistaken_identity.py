@@ -115,7 +115,7 @@ class _Search:
     def _fit(self, changed: Sequence[Observation]) -> float:
         """Return T² of readings, each predicted from the clean solution; NaN: one does not fit."""
         try:
-            found = predict(self.clean, [replace(o, id=None) for o in changed])  # type: ignore[call-arg]
+            found = predict(self.clean, [replace(o, id=None) for o in changed])
         except AdjustmentError:
             return np.nan
         fits = found.t2 <= self.critical * found.size
@@ -123,7 +123,7 @@ class _Search:
 
     def _as_is(self, ids: Sequence[str]) -> float:
         try:
-            found = predict(self.clean, [replace(self.every[i], id=None) for i in ids])  # type: ignore[call-arg]
+            found = predict(self.clean, [replace(self.every[i], id=None) for i in ids])
         except AdjustmentError:
             return np.inf
         return float(found.t2.sum())
