@@ -43,6 +43,11 @@ def wrap(angle: Array) -> Array:
     return np.asarray(np.pi - (np.pi - angle) % (2 * np.pi))
 
 
+def circular_mean(angle: Array) -> Array:
+    """Return the direction of the sum of the unit vectors of angles (…, n), in (−π, π], (…)."""
+    return np.asarray(np.arctan2(np.sin(angle).sum(axis=-1), np.cos(angle).sum(axis=-1)))
+
+
 def within(angle: Array, period: float = 2 * np.pi) -> Array:
     """Wrap angles to [0, period); a rounding error below zero is zero."""
     wrapped = np.mod(angle, period)

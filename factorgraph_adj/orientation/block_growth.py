@@ -156,7 +156,7 @@ def _weights(v: Array, blocks: tuple) -> Array:  # type: ignore[type-arg]
         if block.lens is None:
             continue
         size = np.linalg.norm(v[block.rows].reshape(-1, 2), axis=1)
-        spread = max(float(np.median(size)) / 1.1774, 1e-12)
+        spread = max(float(np.median(size)) / RAYLEIGH_MEDIAN, 1e-12)
         out[block.rows] = np.repeat(
             np.minimum(1.0, HUBER_SPREAD_RATIO * spread / np.maximum(size, 1e-12)), 2
         )

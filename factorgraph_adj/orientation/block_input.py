@@ -220,6 +220,23 @@ class IdealRays:
     """Image points whose ray could be computed, (n,)."""
 
 
+IDENTITY_POSE: Array = np.append(np.eye(3), np.zeros(3))
+"""Stored pose whose axes are those of the world, (12,)."""
+
+
+def ray_directions(tangent: Array, pose: Array = IDENTITY_POSE) -> Array:
+    """Return unit vectors of rays, (n, 3), R [t_x, −t_y, 1] normalised.
+
+    Args:
+        tangent: t_x, t_y with y up, (n, 2).
+        pose: stored poses of the photos, (n, 12) or (12,); without them, the unit vectors have the
+            axes of the photos.
+    """
+    r, t = pose[..., :9], tangent
+    d = r[..., 0::3] * t[:, :1] - r[..., 1::3] * t[:, 1:] + r[..., 2::3]
+    return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
+
+
 def well_spread_image_points(views: Views, rows: Mask, most: int) -> Mask:
     """Choose about ``most`` image points of each photo: the points with most rays, well spread.
 

@@ -23,7 +23,7 @@ from ..start.search import approximate, partial_approximation
 from ..start.start_values import Start
 from ..types import Array, Mask
 from .block_growth import BlockPart, build_parts
-from .block_input import KnownPlaces, Views, given_places, known_lengths
+from .block_input import KnownPlaces, Views, given_places, known_lengths, ray_directions
 from .block_placement import PartPlacement, place_part
 from .block_start import BlockStart, OrientedPart
 from .partial_block import GROWTH, PartialBlock
@@ -178,17 +178,15 @@ class Assembly:
         if not len(rows):
             return ()
         at, t = pose[v.photo[rows]], rays.tangent[rows]
-        r = at[:, :9]
-        d = r[:, 0::3] * t[:, :1] - r[:, 1::3] * t[:, 1:] + r[:, 2::3]
         number, first, group = np.unique(v.point[rows], return_index=True, return_inverse=True)
-        unit = d / np.linalg.norm(d, axis=1, keepdims=True)
+        unit = ray_directions(t, at)
         x, strength = nearest_to_rays(at[:, 9:], unit, group, len(number))
-        miss = ray_misses(r.reshape(-1, 3, 3), at[:, 9:], x[group], t)
+        miss = ray_misses(at[:, :9].reshape(-1, 3, 3), at[:, 9:], x[group], t)
         worst = np.zeros(len(number))
         np.maximum.at(worst, group, np.nan_to_num(miss, nan=np.inf))
         usable = (strength > GROWTH.least_parallax) & (worst < 1.0)
-        depth = self._depths(pose, point)
-        ahead = at[first, 9:] + depth[v.photo[rows[first]], None] * d[first]
+        along = self._depths(pose, point)[v.photo[rows]] / (unit * at[:, 2:9:3]).sum(axis=1)
+        ahead = at[first, 9:] + (along[:, None] * unit)[first]
         point[number] = np.where(usable[:, None], x, ahead)
         names = np.array(v.points, dtype=object)[number]
         return tuple(names.tolist())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import known
 from ..graph.observation_selection import filtered
 from ..models.variables import VariableKind
 from ..network.network import Network
@@ -113,17 +114,17 @@ class BlockStart(Shown):
         if self.by_given:
             out.append(
                 "Oriented from known projection centres or attitudes, and two rays or more: "
-                f"{_listed(self.by_given, most)}."
+                f"{known(self.by_given, most=most)}."
             )
         if self.doubtful:
             out.append(
                 f"{len(self.doubtful)} image points do not agree with the start, and were not used "
-                f"for it: {_listed(self.doubtful, most)}."
+                f"for it: {known(self.doubtful, most=most)}."
             )
         if self.unreached:
             out.append(
                 "Fewer than two image points agree on these points, whose start values are rough: "
-                f"{_listed(self.unreached, most)}."
+                f"{known(self.unreached, most=most)}."
             )
         out += [f"Photo {name} was not oriented: {why}." for name, why in self.unoriented.items()]
         return tuple(out)
@@ -157,8 +158,3 @@ def _flags_of(names: Mapping[str, object], some: Collection[str]) -> Mask:
     """Return flags of some of many names."""
     chosen = set(some)
     return np.array([n in chosen for n in names], dtype=bool)
-
-
-def _listed(names: tuple[str, ...], most: int) -> str:
-    shown = ", ".join(names[:most])
-    return shown if len(names) <= most else f"{shown}, … ({len(names)} in all)"

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..start.image_rays import nearest_to_rays
 from ..types import Array, Index, Mask
-from .block_input import IdealRays, Views
+from .block_input import IDENTITY_POSE, IdealRays, Views, ray_directions
 from .robust_poses import RAYLEIGH_MEDIAN, RelativePose, ray_misses, relative_pose
 
 
@@ -184,7 +184,7 @@ class PartialBlock:
             if not len(rows):
                 break
             points, group = np.unique(v.point[rows], return_inverse=True)
-            centre, direction = self._world(rows)
+            centre, direction = self.world_rays(rows)
             x, strength = nearest_to_rays(centre, direction, group, len(points))
             pose = self.pose[v.photo[rows]]
             miss = ray_misses(
@@ -231,7 +231,7 @@ class PartialBlock:
             return
         a, b, point = (np.concatenate(x) for x in (first, second, owner))
         n_trials = len(point)
-        centre, direction = self._world(rows[np.concatenate([a, b])])
+        centre, direction = self.world_rays(rows[np.concatenate([a, b])])
         x, strength = nearest_to_rays(centre, direction, np.tile(np.arange(n_trials), 2), n_trials)
         # The misses of every ray of the point of each trial.
         trial = np.repeat(np.arange(n_trials), size[point])
@@ -250,19 +250,17 @@ class PartialBlock:
         best = best[agree[best] >= 2]
         self.point[of_point[point[best]]] = x[best]
 
-    def _world(self, rows: Index) -> tuple[Array, Array]:
+    def world_rays(self, rows: Index) -> tuple[Array, Array]:
         """Return projection centres and unit vectors of rays, (n, 3) each."""
-        pose, t = self.pose[self.views.photo[rows]], self.rays.tangent[rows]
-        r = pose[:, :9]
-        d = r[:, 0::3] * t[:, :1] - r[:, 1::3] * t[:, 1:] + r[:, 2::3]
-        return pose[:, 9:], d / np.linalg.norm(d, axis=1, keepdims=True)
+        pose = self.pose[self.views.photo[rows]]
+        return pose[:, 9:], ray_directions(self.rays.tangent[rows], pose)
 
     def strengths(self, rows: Index) -> Array:
         """Return the strength of the intersection of each point by some rows, radians, (points,).
 
         Zero for points without rows.
         """
-        centre, direction = self._world(rows)
+        centre, direction = self.world_rays(rows)
         _, strength = nearest_to_rays(centre, direction, self.views.point[rows], len(self.point))
         return strength
 
@@ -384,9 +382,7 @@ def orient_pair(growth: PartialBlock, first: int, second: int) -> PhotoPair | No
 
 
 def _median_angle(pose: RelativePose, first: Array, second: Array) -> float:
-    d1 = np.column_stack([first[:, 0], -first[:, 1], np.ones(len(first))])
-    d2 = np.column_stack([second[:, 0], -second[:, 1], np.ones(len(second))]) @ pose.rotation.T
-    d1, d2 = (d / np.linalg.norm(d, axis=1, keepdims=True) for d in (d1, d2))
+    d1, d2 = ray_directions(first), ray_directions(second) @ pose.rotation.T
     return float(np.median(np.arctan2(np.linalg.norm(np.cross(d1, d2), axis=1), (d1 * d2).sum(1))))
 
 
@@ -400,18 +396,13 @@ def _extent(growth: PartialBlock, rows: Index, photo: int) -> float:
 
 def begin_with_pair(growth: PartialBlock, pair: PhotoPair) -> bool:
     """Begin a part with a pair, whose base is 1; return whether it has enough points."""
-    identity = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
-    growth.pose[pair.first] = identity
+    growth.pose[pair.first] = IDENTITY_POSE
     growth.pose[pair.second] = np.concatenate([pair.pose.rotation.ravel(), pair.pose.base])
     a, b = (rows[pair.pose.fits] for rows in pair.rows)
     v = growth.views
     group = np.tile(np.arange(len(a)), 2)
     rows = np.concatenate([a, b])
-    pose, t = growth.pose[v.photo[rows]], growth.rays.tangent[rows]
-    r = pose[:, :9]
-    d = r[:, 0::3] * t[:, :1] - r[:, 1::3] * t[:, 1:] + r[:, 2::3]
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-    x, strength = nearest_to_rays(pose[:, 9:], d, group, len(a))
+    x, strength = nearest_to_rays(*growth.world_rays(rows), group, len(a))
     growth.point[v.point[a]] = np.where((strength >= GROWTH.parallax / 2)[:, None], x, np.nan)
     behind = ~np.isfinite(growth.misses(a)) | ~np.isfinite(growth.misses(b))
     growth.point[v.point[a[behind]]] = np.nan

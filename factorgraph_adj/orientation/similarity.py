@@ -31,7 +31,7 @@ import numpy as np
 from ..models.similarity import Similarity, extent_ratio, fit_similarity
 from ..rotation import exp_rotation
 from ..types import Array, Index, Mask
-from .block_input import KnownPlaces
+from .block_input import KnownPlaces, ray_directions
 from .partial_block import PartialBlock
 
 MIN_LEVER_RATIO = 0.3
@@ -54,7 +54,7 @@ def scales_by_rays(
     if not len(rows):
         return []
     pose = growth.pose[v.photo[rows]]
-    ray = ray_directions(pose, growth.rays.tangent[rows]) @ rotation.T
+    ray = ray_directions(growth.rays.tangent[rows], pose) @ rotation.T
     moved = (pose[:, 9:] - x) @ rotation.T
     there = np.isfinite(known.point[v.point[rows]]).all(axis=1)
     lever = np.cross(moved[there], ray[there])
@@ -65,7 +65,7 @@ def scales_by_rays(
     if not len(others):
         return out
     theirs = known.pose[v.photo[others]]
-    d = ray_directions(theirs, growth.rays.tangent[others])
+    d = ray_directions(growth.rays.tangent[others], theirs)
     order = np.argsort(v.point[others], kind="stable")
     first = np.searchsorted(v.point[others][order], v.point[rows])
     meets = np.append(v.point[others][order], -1)[first] == v.point[rows]
@@ -80,13 +80,6 @@ def _positive_scales(weight: Array, product: Array) -> list[float]:
     strong = weight > MIN_LEVER_RATIO**2 * weight.max(initial=0.0)
     found = product[strong] / weight[strong]
     return [float(s) for s in found[found > 0.0]]
-
-
-def ray_directions(pose: Array, tangent: Array) -> Array:
-    """Return unit vectors of rays (n, 3), from stored poses (n, 12) and tangents x, y up (n, 2)."""
-    r, t = pose[:, :9], tangent
-    d = r[:, 0::3] * t[:, :1] - r[:, 1::3] * t[:, 1:] + r[:, 2::3]
-    return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
 
 
 MAX_POINT_TRIPLES = 300
@@ -303,7 +296,7 @@ def similarity_from_rays(growth: PartialBlock, known: KnownPlaces) -> tuple[Simi
         return None
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MAX_RAYS)).astype(np.intp)]
     pose = growth.pose[v.photo[rows]]
-    ray = ray_directions(pose, growth.rays.tangent[rows])
+    ray = ray_directions(growth.rays.tangent[rows], pose)
     found = similarity_from_sights(pose[:, 9:], ray, known.point[v.point[rows]])
     return None if found is None else (found, len(rows))
 

@@ -12,11 +12,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ..errors import known
 from ..rotation import nearest_rotation
 from ..start.resection import resected_pose
-from ..types import Array, Index, Mask
+from ..types import Index, Mask
 from .block_growth import BlockPart
-from .block_input import IdealRays, KnownPlaces, Views
+from .block_input import IdealRays, KnownPlaces, Views, ray_directions
 from .partial_block import GROWTH, MIN_PAIR_POINTS, PartialBlock
 from .robust_poses import absolute_pose, ray_misses
 from .unknown_calibration import PrincipalDistances
@@ -69,9 +70,7 @@ def orient_by_given_centre_or_attitude(
         for photo in np.flatnonzero(open_).tolist():
             rows = np.flatnonzero(growth.wanted & (v.photo == photo) & growth.placed[v.point])
             x, t = growth.point[v.point[rows]], growth.rays.tangent[rows]
-            d = np.column_stack([t[:, 0], -t[:, 1], np.ones(len(t))])
-            d /= np.linalg.norm(d, axis=1, keepdims=True)
-            pose = resected_pose(known.pose[photo], x, d, NO_RESECTION)
+            pose = resected_pose(known.pose[photo], x, ray_directions(t), NO_RESECTION)
             if pose is None:
                 continue
             miss = ray_misses(pose[:9].reshape(1, 3, 3), pose[None, 9:], x, t)
@@ -178,7 +177,7 @@ def _miss_of_rotation(views: Views, rays: IdealRays, first: int, second: int) ->
     """Return the median miss after the best rotation, in standard deviations."""
     a, b = (np.flatnonzero(rays.usable & (views.photo == f)) for f in (first, second))
     _, i, j = np.intersect1d(views.point[a], views.point[b], return_indices=True)
-    d, e = (_unit_vectors(rays.tangent[rows]) for rows in (a[i], b[j]))
+    d, e = (ray_directions(rays.tangent[rows]) for rows in (a[i], b[j]))
     keep = np.ones(len(d), dtype=bool)
     miss = np.zeros(len(d))
     for _ in range(5):
@@ -186,11 +185,6 @@ def _miss_of_rotation(views: Views, rays: IdealRays, first: int, second: int) ->
         miss = np.linalg.norm(d - e @ rotation.T, axis=1)
         keep = miss <= 2.0 * np.median(miss) + 1e-15
     return float(np.median(miss / (rays.unit[a[i]] + rays.unit[b[j]])))
-
-
-def _unit_vectors(tangent: Array) -> Array:
-    d = np.column_stack([tangent[:, 0], -tangent[:, 1], np.ones(len(tangent))])
-    return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
 
 
 def doubts_of_parts(
@@ -204,7 +198,7 @@ def doubts_of_parts(
     ]
     if not apart:
         return ()
-    listed = ", ".join(f"part {i + 1} {n} points" for i, n in apart[:MAX_PHOTOS_IN_MESSAGE])
+    listed = known((f"part {i + 1} {n} points" for i, n in apart), most=MAX_PHOTOS_IN_MESSAGE)
     out = [f"Parts share points with part 1 and do not fit it ({listed}): something is wrong."]
     out += _other_distances(views, distances)
     out += _photos_with_other_axes(views, parts)
@@ -245,10 +239,7 @@ def _photos_with_other_axes(views: Views, parts: Sequence[BlockPart]) -> Iterato
                 found.setdefault(what, []).append(views.photos[photo])
                 break
     for what, names in found.items():
-        listed = ", ".join(names[:MAX_PHOTOS_IN_MESSAGE]) + " …" * (
-            len(names) > MAX_PHOTOS_IN_MESSAGE
-        )
-        yield f"Photos that fit part 1 {what}: {listed}."
+        yield f"Photos that fit part 1 {what}: {known(names, most=MAX_PHOTOS_IN_MESSAGE)}."
 
 
 def _known(views: Views, usable: Mask, placed: Mask, photo: int) -> Index:

@@ -12,7 +12,6 @@ direction across the normals of all such planes, and the place nearest to all of
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -29,16 +28,16 @@ from ..network.network import Network
 from ..observations.kind_records import METROLOGY_KINDS
 from ..observations.relations import ImageLine
 from ..types import Array, Index
-from .shape_fit import MIN_NAMED_PART, rotation_onto_axis
+from .damped_fit import DampedFit, damped_fit, open_columns
+from .shape_fit import rotation_onto_axis
 
 TRIAL_BEARINGS = 8
 """Number of bearings from which a frame of unknown bearing is fitted."""
 MAX_ALIGNMENT_STEPS = 60
 """Largest number of steps of a fit."""
-MAX_SINGULAR_RATIO_OF_OPEN_ALIGNMENT = 1e-9
+MAX_OPEN_SINGULAR_RATIO = 3e-5
 """Ratio of the smallest to the largest singular value of the scaled partials at which observations
 leave a combination of components open."""
-
 MAX_COST_DIFFERENCE_OF_EQUAL_FITS = 1.0
 """Difference of vᵀPv within which two fits are equally good."""
 MIN_DISTANCE_OF_OTHER_PLACE_M = 1e-3
@@ -83,18 +82,6 @@ def place_alignments(equations: Equations, state: State) -> list[Problem]:
     return problems
 
 
-@dataclass(frozen=True)
-class _Minimum:
-    """The end of a fit."""
-
-    state: State
-    """Values of all unknowns."""
-    cost: float
-    """vᵀPv."""
-    partials: Array
-    """Whitened partials by the open components, (n, u)."""
-
-
 class _AlignmentFit:
     """The fit of one frame."""
 
@@ -134,11 +121,15 @@ class _AlignmentFit:
                 f"no approximate value: {self._n} readings at known points cannot give its "
                 f"{len(self._open)} unknowns ({', '.join(self._open)}); give values, or hold some"
             )
-        ends = [m for start in self._starts() if (m := self._descend(start)) is not None]
+        fits = (
+            damped_fit(start, self._system, self._moved, MAX_ALIGNMENT_STEPS)
+            for start in self._starts()
+        )
+        ends = [m for m in fits if np.isfinite(m.cost)]
         if not ends:
             return "no approximate value: its readings contradict each other; give values"
         if self._runs:  # a sagging wire is as well one that runs the other way
-            ahead = [m for m in ends if self._places(m.state)[:, 1].mean() > 0]
+            ahead = [m for m in ends if self._places(m.values)[:, 1].mean() > 0]
             ends = ahead or ends
         ends.sort(key=lambda m: m.cost)
         best = ends[0]
@@ -150,15 +141,15 @@ class _AlignmentFit:
             )
         other = next((m for m in ends[1:] if self._is_another(best, m)), None)
         if other is not None:
-            a, b = (m.state["frame"][self._frame, 9:12] for m in (best, other))
+            a, b = (m.values["frame"][self._frame, 9:12] for m in (best, other))
             at = [", ".join(f"{v:.3f}" for v in c) for c in (a, b)]
             return (
                 f"two positions fit equally well, offsets ({at[0]}) and ({at[1]}); give "
                 "approximate values"
             )
-        self._state["frame"][self._frame] = best.state["frame"][self._frame]
+        self._state["frame"][self._frame] = best.values["frame"][self._frame]
         for i in self._sizes:
-            self._state["size"][i] = best.state["size"][i]
+            self._state["size"][i] = best.values["size"][i]
         return ""
 
     def _starts(self) -> Iterator[State]:
@@ -208,7 +199,10 @@ class _AlignmentFit:
         """Return whitened residuals (n,) and partials by the open components (n, u)."""
         v, a = [], []
         for block in self._blocks:
-            found = block.evaluate(self._equations.network.frame, state)
+            try:
+                found = block.evaluate(self._equations.network.frame, state)
+            except InputError:  # degenerate geometry
+                return np.full(self._n, np.inf), np.zeros((self._n, len(self._open)))
             v.append(block.whiten(found.residual).ravel())
             rows = np.zeros((block.n, block.dimension, len(self._open)))
             for (kind, index), part in zip(block.variables, found.jacobians, strict=True):
@@ -231,53 +225,19 @@ class _AlignmentFit:
         out["size"][self._sizes, 0] += step[len(self._missing) :]
         return out
 
-    def _descend(self, state: State) -> _Minimum | None:
-        """Return the minimum that is reached from a start (Levenberg, Marquardt)."""
-        try:
-            v, a = self._system(state)
-        except InputError:  # degenerate geometry at the start
-            return None
-        damping = 1e-3
-        for _ in range(MAX_ALIGNMENT_STEPS):
-            normal, gradient = a.T @ a, a.T @ v
-            scale = np.diag(np.maximum(np.diag(normal), 1e-300))
-            step = np.asarray(-np.linalg.lstsq(normal + damping * scale, gradient)[0], dtype=float)
-            trial = self._moved(state, step)
-            try:
-                v_new, a_new = self._system(trial)
-            except InputError:
-                damping *= 10.0
-                continue
-            if not v_new @ v_new <= v @ v:
-                damping *= 10.0
-                if damping > 1e12:
-                    break
-                continue
-            gain = float(v @ v - v_new @ v_new)
-            state, v, a = trial, v_new, a_new
-            damping = max(damping / 10.0, 1e-12)
-            if gain <= 1e-9 * (1.0 + float(v @ v)):
-                break
-        return _Minimum(state, float(v @ v), a)
-
-    def _left_open(self, m: _Minimum) -> list[str]:
+    def _left_open(self, m: DampedFit[State]) -> list[str]:
         """Return the names of the components that the observations leave open."""
         size = np.linalg.norm(m.partials, axis=0)
-        empty = [n for n, s in zip(self._open, size, strict=True) if s == 0]
-        if empty:
-            return empty
-        _, values, vt = np.linalg.svd(m.partials / size, full_matrices=False)
-        weak = values <= np.sqrt(MAX_SINGULAR_RATIO_OF_OPEN_ALIGNMENT) * values[0]
-        parts = np.abs(vt[weak]).max(axis=0, initial=0.0)
-        return [n for n, p in zip(self._open, parts, strict=True) if p > MIN_NAMED_PART]
+        left = open_columns(m.partials / np.where(size > 0, size, 1.0), MAX_OPEN_SINGULAR_RATIO)
+        return [n for n, o in zip(self._open, left, strict=True) if o]
 
-    def _is_another(self, best: _Minimum, m: _Minimum) -> bool:
+    def _is_another(self, best: DampedFit[State], m: DampedFit[State]) -> bool:
         """Return whether a fit is as good as the best one, and is somewhere else."""
         if m.cost > best.cost + MAX_COST_DIFFERENCE_OF_EQUAL_FITS or not {3, 4} <= set(
             self._missing.tolist()
         ):
             return False
-        a, b = (x.state["frame"][self._frame] for x in (best, m))
+        a, b = (x.values["frame"][self._frame] for x in (best, m))
         places = [s[:ROTATION].reshape(3, 3) @ s[9:12] for s in (a, b)]
         return bool(np.abs(places[0] - places[1]).max() > MIN_DISTANCE_OF_OTHER_PLACE_M)
 

@@ -18,13 +18,13 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.frame_sights import place_of_sight
 from ..models.sub_frame import from_frame, horizons, split_frame
-from ..models.terrestrial_observations import direction_in_face_one, zenith_in_face_one
 from ..models.variables import ROTATION, UNKNOWNS
 from ..observations import KINDS
 from ..rotation import exp_rotation, nearest_rotation
 from ..stochastic_model import StandardDeviation
 from ..types import Array, Index, Mask
 from .search_state import SearchState
+from .terrestrial_observations import directions_read, zeniths_read
 
 SIGHT_COMPONENTS = ("direction", "zenith", "distance")
 """What sights tell of a place, in the order of the columns of `Sights.value`."""
@@ -203,9 +203,7 @@ def _in_face_one(equations: Equations, block: Block, what: str) -> Array:
         kind, number = block.variables[-1]
         scale, zero = equations.unknowns[kind].values[number].T
         return np.asarray((value - zero) / (1.0 + scale))
-    face = block.constants["face"]
-    convert = direction_in_face_one if what == "direction" else zenith_in_face_one
-    return convert(value, face)
+    return directions_read(block) if what == "direction" else zeniths_read(block)
 
 
 MIN_UPRIGHT_COSINE = 0.99

@@ -15,7 +15,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..models.base import wrap
+from ..models.base import circular_mean, wrap
 from ..types import Array
 from .polar_points import known_bearings
 from .search_state import SearchState
@@ -125,9 +125,8 @@ def loci_misfits(loci: Loci, plan: Array, size: float) -> Array:
         d = points[None] - plan[:, None]
         distance = np.hypot(d[..., 0], d[..., 1])
         turned = np.arctan2(d[..., 0], d[..., 1]) - directions
-        mean = np.arctan2(np.sin(turned).mean(axis=1), np.cos(turned).mean(axis=1))
         # k directions with one orientation are k − 1 conditions.
-        off = np.abs(wrap(turned - mean[:, None])) * distance
+        off = np.abs(wrap(turned - circular_mean(turned)[:, None])) * distance
         off = np.where(distance > 1e-6 * size, off, size)
         parts += list(np.sort(off, axis=1)[:, 1:].T)
     return np.asarray(np.mean([np.minimum(p / size, MAX_RELATIVE_MISFIT) for p in parts], axis=0))

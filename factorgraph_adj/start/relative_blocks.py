@@ -27,7 +27,7 @@ from .intersection import (
 )
 from .polar_points import bearing, orient_sets, place_clouds, place_polar_points
 from .search_state import SearchState
-from .terrestrial_observations import StationObservations
+from .terrestrial_observations import StationObservations, median_angle
 
 MAX_BLOCK_STARTS = 20
 """Largest number of starts that are tried at one stage."""
@@ -277,8 +277,7 @@ def _helmert(
         long = (la >= 0.3 * la.max()) & (la > 0) & (lb > 0)
         if long.any():
             angles = np.arctan2(b[long, 0], b[long, 1]) - np.arctan2(a[long, 0], a[long, 1])
-            mean = np.arctan2(np.sin(angles).mean(), np.cos(angles).mean())
-            turn = float(mean + np.median(wrap(angles - mean)))
+            turn = median_angle(angles)
             ratio = float(np.median(lb[long] / la[long]))
             if block.scaled:
                 if abs(ratio - 1.0) > MAX_RELATIVE_MISFIT:
@@ -307,10 +306,7 @@ def _turn_by_bearings(progress: SearchState, block: RelativeBlock) -> float:
     hints = z.value - bearing(b, z.station, z.target)
     hints = np.concatenate([hints, progress.orientation - b.orientation])
     hints = hints[np.isfinite(hints)]
-    if not len(hints):
-        return np.nan
-    mean = np.arctan2(np.sin(hints).mean(), np.cos(hints).mean())
-    return float(mean + np.median(wrap(hints - mean)))
+    return median_angle(hints) if len(hints) else np.nan
 
 
 def join_blocks(progress: SearchState, *, free: bool) -> bool:

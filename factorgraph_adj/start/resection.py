@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..models.base import circular_mean
 from ..models.sub_frame import horizons, split_frame
 from ..rotation import exp_rotation, log_rotation, nearest_rotation
 from ..types import Array, Index, Mask
@@ -452,8 +453,7 @@ def _instrument_rotation(y: Array, value: Array, unit: Array, given: Array) -> A
         turn = turn[np.isfinite(turn)]
         if not len(turn):
             return None
-        mean = np.arctan2(np.sin(turn).sum(), np.cos(turn).sum())
-        kappa = given[2] if np.isfinite(given[2]) else mean
+        kappa = given[2] if np.isfinite(given[2]) else float(circular_mean(turn))
         return np.asarray(tilt @ exp_rotation(np.array([[0.0, 0.0, kappa]]))[0])
     sound = np.isfinite(unit).all(axis=1) & np.isfinite(y).all(axis=1)
     a, b = unit[sound], y[sound]

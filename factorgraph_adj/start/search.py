@@ -69,7 +69,7 @@ from .relative_poses import (
 from .resection import intersect_sights, orient_frames, resect_frames, resect_photos, start_frame
 from .search_state import Horizon, SearchState, horizon_place
 from .shape_fit import frames_of_shapes, place_shapes
-from .terrestrial_observations import group_angle, read_survey
+from .terrestrial_observations import median_angle, read_survey
 from .unreached_unknowns import problems_of_unreached
 
 
@@ -104,10 +104,7 @@ def fill_single_components(equations: Equations, state: State) -> list[Problem]:
 
 def _median_value(values: list[float], quantity: Quantity) -> float:
     """Return the median of values, that of angles about their circular mean."""
-    if quantity != "angle":
-        return float(np.median(values))
-    group = np.zeros(len(values), dtype=np.intp)
-    return float(group_angle(group, np.array(values), 1)[0])
+    return median_angle(np.array(values)) if quantity == "angle" else float(np.median(values))
 
 
 def _values_from_rows(

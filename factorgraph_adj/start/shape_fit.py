@@ -23,6 +23,7 @@ from ..models.variables import UNKNOWNS
 from ..observations import observation_kind
 from ..rotation import exp_rotation, skew
 from ..types import Array, Index
+from .damped_fit import damped_fit, open_columns
 
 TRIAL_AXES = 80
 """Number of axes that are tried all over a sphere, some 23° from each other."""
@@ -37,8 +38,6 @@ MAX_TRIAL_POINTS = 300
 MAX_SINGULAR_RATIO_OF_OPEN_SHAPE = 1e-6
 """Ratio of the smallest to the largest singular value of the partials at which points leave a
 combination of components open."""
-MIN_NAMED_PART = 0.2
-"""Part of a component in an open combination from which on it is named."""
 
 
 class ShapeObservations(NamedTuple):
@@ -301,28 +300,8 @@ class ShapeFit:
 
     def _improved(self, t: _Trial, steps: int) -> _Trial:
         """Return a trial after damped Gauss–Newton steps."""
-        damping = 1e-3
-        v, a = self._residuals(t)
-        for _ in range(steps):
-            length = np.linalg.norm(a, axis=0)
-            length[length == 0] = 1.0
-            scaled = a / length
-            normal = scaled.T @ scaled + damping * np.eye(len(length))
-            if not np.isfinite(normal).all():
-                break
-            step = -np.linalg.lstsq(normal, scaled.T @ v, rcond=None)[0] / length
-            moved = self._costed(self._moved(t, step))
-            if np.isfinite(moved.cost) and moved.cost <= t.cost:
-                still = t.cost - moved.cost <= 1e-12 * t.cost
-                t, damping = moved, 0.2 * damping
-                if still:
-                    break
-                v, a = self._residuals(t)
-            else:
-                damping *= 10.0
-                if damping > 1e8:
-                    break
-        return t
+        end = damped_fit(t, self._residuals, self._moved, steps)
+        return end.values._replace(cost=end.cost)
 
     def _moved(self, t: _Trial, step: Array) -> _Trial:
         turn, offset, sizes = np.zeros(3), t.offset.copy(), dict(t.sizes)
@@ -342,14 +321,12 @@ class ShapeFit:
         _, a = self._residuals(t)
         turning = np.array([(k == "frame" and n < 3) or k == "angle" for k, n in self.columns])
         a = a / np.where(turning, extent, 1.0)
-        if not len(self.columns):
-            return []
-        _, values, vt = np.linalg.svd(a, full_matrices=True)
-        values = np.concatenate([values, np.zeros(len(vt) - len(values))])
-        rows = vt[values <= MAX_SINGULAR_RATIO_OF_OPEN_SHAPE * values[0]]
-        part = np.linalg.norm(rows, axis=0) if len(rows) else np.zeros(len(vt))
         return [
-            self._name(c) for c, p in zip(self.columns, part, strict=True) if p > MIN_NAMED_PART
+            self._name(c)
+            for c, o in zip(
+                self.columns, open_columns(a, MAX_SINGULAR_RATIO_OF_OPEN_SHAPE), strict=True
+            )
+            if o
         ]
 
     def _take(self, t: _Trial) -> None:

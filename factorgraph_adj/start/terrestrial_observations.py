@@ -94,6 +94,11 @@ def group_angle(group: Index, angle: Array, size: int) -> Array:
     return mean + group_median(group, wrap(angle - mean[group]), size)
 
 
+def median_angle(angles: Array) -> float:
+    """Return the median of angles (n,) about their circular mean, continuous at ±π."""
+    return float(group_angle(np.zeros(len(angles), dtype=np.intp), angles, 1)[0])
+
+
 @dataclass(frozen=True)
 class StationObservations:
     """Observations of one kind from stations to targets."""
@@ -119,12 +124,12 @@ def _as_read(block: Block) -> Array:
     return block.observed[:, 0]
 
 
-def _direction(block: Block) -> Array:
+def directions_read(block: Block) -> Array:
     """Return directions as in face 1."""
     return direction_in_face_one(block.observed[:, 0], block.constants["face"])
 
 
-def _zenith(block: Block) -> Array:
+def zeniths_read(block: Block) -> Array:
     """Return zenith angles as in face 1."""
     return zenith_in_face_one(block.observed[:, 0], block.constants["face"])
 
@@ -255,7 +260,7 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
         )
 
     up = _join(by_kind.get("vertical_angle", []))
-    zenith = _join(by_kind.get("zenith_angle", []), value=_zenith)
+    zenith = _join(by_kind.get("zenith_angle", []), value=zeniths_read)
     zeniths = StationObservations(
         np.concatenate([zenith.station, up.station]),
         np.concatenate([zenith.target, up.target]),
@@ -267,7 +272,7 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
     steps = _join(by_kind.get("height_difference", []))
     sets = len(equations.unknowns["orientation"].names)
     directions, gyro = _with_gyros(
-        _join(by_kind.get("direction", []), 4, value=_direction),
+        _join(by_kind.get("direction", []), 4, value=directions_read),
         _join(by_kind.get("gyro_azimuth", []), 4),
         sets,
     )

@@ -13,7 +13,7 @@ does not fit has a gross error, or is exchanged with another one.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -239,6 +239,29 @@ class MisfittingPlace:
     """The size that would be tolerated."""
     other: int | None = None
     """Number of the place with which it is exchanged; None: it is wrong by itself."""
+
+
+def accusations(
+    found: Mapping[tuple[str, str], float], *, alternatives: bool = True
+) -> Iterator[tuple[list[str], dict[tuple[str, str], float]]]:
+    """Yield the systems that pairs accuse, the most accused first, and the pairs that do so.
+
+    The given coordinates are right, so that the other system of a pair with them is wrong. Of two
+    others the one that more pairs accuse is meant.
+
+    Args:
+        found: what was found wrong with each pair of systems, by their names.
+        alternatives: whether two systems that equally many pairs accuse are named together.
+    """
+    rest = dict(found)
+    while rest:
+        counts = Counter(n for pair in rest for n in pair if n != GIVEN_COORDINATES)
+        sure = [n for p in rest if GIVEN_COORDINATES in p for n in p if n != GIVEN_COORDINATES]
+        most = [n for n, c in counts.items() if c == max(counts.values())]
+        names = sure[:1] or most[: 2 if alternatives else 1]
+        own = {p: v for p, v in rest.items() if set(p) & set(names)}
+        yield names, own
+        rest = {p: v for p, v in rest.items() if p not in own}
 
 
 def _inside(own: list[MisfittingPlace]) -> list[str]:

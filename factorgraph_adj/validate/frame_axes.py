@@ -8,7 +8,6 @@ the right unit one does.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -28,6 +27,7 @@ from .common_places import (
     GIVEN_COORDINATES,
     PlaceSimilarity,
     PlaceSystem,
+    accusations,
     common_places,
 )
 from .findings import Finding
@@ -104,14 +104,7 @@ def tilted_frames(
     found |= {p: t for p, t in few.items() if GIVEN_COORDINATES in p and not doubtful.isdisjoint(p)}
     named: set[str] = set()
     findings = []
-    while found:
-        counts = Counter(n for pair in found for n in pair if n != GIVEN_COORDINATES)
-        sure = [
-            n for pair in found if GIVEN_COORDINATES in pair for n in pair if n != GIVEN_COORDINATES
-        ]
-        most = [n for n, c in counts.items() if c == max(counts.values())]
-        names = sure[:1] or most[:1] if len(most) < 2 or sure else most[:2]
-        own = {p: t for p, t in found.items() if set(p) & set(names)}
+    for names, own in accusations(found):
         other = [n for p in own for n in p if n not in names]
         one = f"{names[0]} is" if len(names) == 1 else f"one of {' and '.join(names)} is"
         against = f"those of {known(other)}" if len(names) == 1 else "each other"
@@ -126,7 +119,6 @@ def tilted_frames(
             )
         )
         named |= set(names)
-        found = {p: t for p, t in found.items() if p not in own}
     return named, findings
 
 

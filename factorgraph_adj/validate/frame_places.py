@@ -30,6 +30,7 @@ from .common_places import (
     MisfittingPlace,
     PlaceSimilarity,
     PlaceSystem,
+    accusations,
     common_places,
     gross_places,
     ids_of_systems,
@@ -239,14 +240,7 @@ def _mirrored(systems: list[PlaceSystem]) -> tuple[set[str], list[Finding]]:
             found[pair.first.name, pair.second.name] = usual / max(mirror, 1e-12)
     named: set[str] = set()
     findings = []
-    while found:
-        counts = Counter(n for pair in found for n in pair if n != GIVEN_COORDINATES)
-        sure = [
-            n for pair in found if GIVEN_COORDINATES in pair for n in pair if n != GIVEN_COORDINATES
-        ]
-        most = [n for n, c in counts.items() if c == max(counts.values())]
-        names = sure[:1] or most[:1] if len(most) < 2 or sure else most[:2]
-        own = {p: t for p, t in found.items() if set(p) & set(names)}
+    for names, own in accusations(found):
         other = known([n for p in own for n in p if n not in names]) if len(names) == 1 else ""
         times = float(np.median(list(own.values())))
         one = "its axes are" if len(names) == 1 else "the axes of one of them are"
@@ -259,7 +253,6 @@ def _mirrored(systems: list[PlaceSystem]) -> tuple[set[str], list[Finding]]:
             )
         )
         named |= set(names)
-        found = {p: t for p, t in found.items() if p not in own}
     return named, findings
 
 
@@ -283,19 +276,14 @@ def _scaled(systems: list[PlaceSystem], length: str) -> tuple[set[str], list[Fin
             found[names], times[names] = ln_factor, held.rms / max(free.rms, 1e-12)
     named: set[str] = set()
     findings = []
-    while found:
-        counts = Counter(n for pair in found for n in pair if n != GIVEN_COORDINATES)
-        sure = [
-            n for pair in found if GIVEN_COORDINATES in pair for n in pair if n != GIVEN_COORDINATES
-        ]
-        name = (sure or [counts.most_common(1)[0][0]])[0]
-        own = {p: f if p[0] == name else -f for p, f in found.items() if name in p}
+    for (name,), pairs in accusations(found, alternatives=False):
+        own = {p: f if p[0] == name else -f for p, f in pairs.items()}
         factor = float(np.exp(np.median(list(own.values()))))
         others = [n for p in own for n in p if n not in (name, GIVEN_COORDINATES)]
         against = " and ".join(
             [
                 *([f"those of {known(others)}"] if others else []),
-                *([GIVEN_COORDINATES] if name in sure else []),
+                *([GIVEN_COORDINATES] if any(GIVEN_COORDINATES in p for p in own) else []),
             ]
         )
         better = float(np.median([times[p] for p in own]))
@@ -308,7 +296,6 @@ def _scaled(systems: list[PlaceSystem], length: str) -> tuple[set[str], list[Fin
             )
         )
         named.add(name)
-        found = {p: f for p, f in found.items() if p not in own}
     return named, findings
 
 
@@ -343,8 +330,7 @@ def _open_loops(fits: list[PlaceSimilarity]) -> Iterator[Finding]:
     found: list[tuple[float, Finding]] = []
     for loop in closed_loops(start, end):
         along, w, covariance = _around(fits, loop, start, end)
-        named = [names[i] for i in along[:MAX_OBSERVATIONS_OF_LOOP]]
-        more = f" … ({len(along)} in all)" if len(along) > MAX_OBSERVATIONS_OF_LOOP else ""
+        named = known((names[i] for i in along), most=MAX_OBSERVATIONS_OF_LOOP)
         for part, what, size, unit in (
             (slice(0, 3), "turns", GON / 1e3, "mgon"),
             (slice(3, 4), "scales", 1e-6, "ppm"),
@@ -352,7 +338,7 @@ def _open_loops(fits: list[PlaceSimilarity]) -> Iterator[Finding]:
             share, off = _share(w[part], covariance[part, part]), float(np.linalg.norm(w[part]))
             if share > 1.0:
                 finding = Finding(
-                    f"the {what} of the loop of {', '.join(named)}{more} do not close",
+                    f"the {what} of the loop of {named} do not close",
                     "look for names confused in one of them",
                     off / size,
                     off / size / float(np.sqrt(share)),

@@ -23,6 +23,7 @@ import numpy as np
 from ..errors import known
 from ..frames import LocalFrame
 from ..graph.equations import Equations
+from ..models.base import circular_mean, wrap
 from ..models.image import ALONG_X, ALONG_Y, EXCHANGED, OTHER, in_front
 from ..models.terrestrial_observations import direction_in_face_one
 from ..network.network import Network
@@ -236,8 +237,7 @@ def _spread(angle: Array, group: Index) -> float:
     for g in np.unique(group).tolist():
         own = angle[group == g]
         if len(own) > 1:
-            mean = np.angle(np.mean(np.exp(1j * own)))
-            out.append(np.abs(np.angle(np.exp(1j * (own - mean)))))
+            out.append(np.abs(wrap(own - circular_mean(own))))
     return float(np.median(np.concatenate(out))) if out else 0.0
 
 

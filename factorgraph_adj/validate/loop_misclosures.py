@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..crs.reference_system import ReferenceSystem
+from ..errors import known
 from ..graph.equations import Equations
 from ..observations import Observation
 from ..observations.variances import LEVELLING, Along
@@ -118,12 +119,11 @@ def misclosures(
         limit = TOLERANCE_FACTOR * np.sqrt(edges.variance[number].sum(axis=0))
         worst = int(np.argmax(np.abs(w) / limit))
         if abs(w[worst]) > limit[worst]:
-            named = [edges.label[i] for i in number[:MAX_OBSERVATIONS_OF_LOOP].tolist()]
-            more = f" … ({len(loop)} in all)" if len(loop) > MAX_OBSERVATIONS_OF_LOOP else ""
+            named = known((edges.label[i] for i, _ in loop), most=MAX_OBSERVATIONS_OF_LOOP)
             axis = f" in {axes[worst]}" if axes[worst] else ""
             why = _explaining_reading(edges, loop, w, limit)
             text = f"the loop of {len(loop)} {what} does not close{axis}{why and f', which {why}'}"
-            text += f" ({', '.join(named)}{more})"
+            text += f" ({named})"
             size, most = 1e3 * float(w[worst]), 1e3 * float(limit[worst])
             finding = Finding(text, remedy, size, most, "mm", cause=why)
             found.append((abs(size) / most, finding))
@@ -202,23 +202,22 @@ def _contradicting(
         # Along the line: from the end that the loop enters from the datum to the other.
         (first, s), (last, _) = sorted(ends, key=lambda e: -e[1])
         assert s == 1
-        known = edges.value[last] - edges.value[first]
-        led = sum((sign * edges.value[i] for i, sign in readings), np.zeros_like(known))
+        stated = edges.value[last] - edges.value[first]
+        led = sum((sign * edges.value[i] for i, sign in readings), np.zeros_like(stated))
         limit = CONTRADICTION_FACTOR * np.sqrt(sum(edges.variance[i] for i, _ in loop))
-        w = led - known
+        w = led - stated
         worst = int(np.argmax(np.abs(w) / limit))
         if abs(w[worst]) <= limit[worst]:
             continue
-        named = [edges.label[i] for i, _ in readings[:MAX_OBSERVATIONS_OF_LOOP]]
-        more = f" … ({len(readings)} in all)" if len(readings) > MAX_OBSERVATIONS_OF_LOOP else ""
+        named = known((edges.label[i] for i, _ in readings), most=MAX_OBSERVATIONS_OF_LOOP)
         axis = f" in {axes[worst]}" if axes else ""
-        made, given = (", ".join(f"{x:.4f}" for x in v.tolist()) for v in (led, known))
-        why = _explained(led, known, limit) or _explaining_reading(edges, readings, w, limit)
+        made, given = (", ".join(f"{x:.4f}" for x in v.tolist()) for v in (led, stated))
+        why = _explained(led, stated, limit) or _explaining_reading(edges, readings, w, limit)
         why = why or (_mistyped_height(edges, first, last, w, limit) if not axes else "")
         text = (
             f"{len(readings)} {what} lead from the given point {edges.label[first]} to "
             f"{edges.label[last]} and miss it{axis}: they make {made} m, the given coordinates "
-            f"{given} m{why and f', which {why}'} ({', '.join(named)}{more})"
+            f"{given} m{why and f', which {why}'} ({named})"
         )
         remedy = "look for a wrong reading, sign, unit or name, or wrong given coordinates"
         remedy += other_zone_text(crs, abs(float(w[worst]))) if axes else ""

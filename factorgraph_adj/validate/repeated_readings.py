@@ -155,7 +155,12 @@ def chance_of_equal(o: Observation, step: float, scatter: float | None) -> float
     if not known:
         return 0.0
     s = min(known)
-    return float(min(1.0, step / (2 * np.sqrt(np.pi) * s)) ** len(values)) if s > 0 else 1.0
+    return chance_of_equal_values(step, s) ** len(values)
+
+
+def chance_of_equal_values(step: float, s: float) -> float:
+    """Return p = u / (2 √π s) of two values of resolution u and standard deviation s, at most 1."""
+    return min(1.0, step / (2.0 * sqrt(pi) * s)) if isfinite(s) and s > 0 else 1.0
 
 
 def decimal_resolution(readings: Array) -> float:
@@ -386,8 +391,7 @@ def _reading_key(o: Observation) -> ReadingKey:
 def copied_returns(network: Network) -> list[str]:
     """Return a note on back readings that equal the forth ones in all digits; none: they do not.
 
-    Forth and back of a line with resolution u and standard deviation s cancel with the probability
-    p = u / (2 √π s). More lines than chance makes were computed, or copied, and count twice.
+    More lines than chance makes were computed, or copied, and count twice.
     """
     lines: dict[tuple[str, str], list[HeightDifference]] = defaultdict(list)
     for o in network.observations.values():
@@ -406,8 +410,7 @@ def copied_returns(network: Network) -> list[str]:
     expected = 0.0
     for forth, _ in pairs:
         ends = (np.array(network.points[n].coordinates) for n in (forth.station, forth.target))
-        s = line_sigma(forth, *ends)
-        expected += min(1.0, step / (2.0 * sqrt(pi) * s)) if isfinite(s) and s > 0 else 1.0
+        expected += chance_of_equal_values(step, line_sigma(forth, *ends))
     if poisson_upper_probability(len(equal), expected) > MAX_CHANCE_OF_COPIES:
         return []
     first, second = equal[0]
