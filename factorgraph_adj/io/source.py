@@ -292,7 +292,7 @@ class Field:
         return self.number(unit, scale=scale, above=0.0, least=MIN_SIGMA, default=default)
 
     def numbers(self, size: int, **options: Any) -> tuple[float, ...]:
-        """Return ``size`` numbers of a text with blanks or commas between, or of a list.
+        """Return ``size`` numbers of a text with blanks between, or of a list.
 
         Args:
             size: how many there must be.
@@ -302,7 +302,7 @@ class Field:
             The numbers; all NaN after a problem.
         """
         given = self.value
-        parts = re.split(r"[\s,]+", given) if isinstance(given, str) and given else given or ()
+        parts = given.split() if isinstance(given, str) else given or ()
         if not isinstance(parts, list | tuple):
             parts = (parts,)
         if len(parts) != size:
@@ -320,8 +320,9 @@ class Field:
         if self.is_absent and default is not _REQUIRED:
             return default
         text = "" if isinstance(self.value, bool) else str(self.value)
-        # int() of a text of thousands of digits takes long, or fails.
-        if re.fullmatch(r"[+-]?[0-9]{1,19}", text) and least <= (found := int(text)) <= largest:
+        # Programs write 6 as 6. or 6.0; int() of thousands of digits takes long, or fails.
+        whole = re.fullmatch(r"([+-]?[0-9]{1,19})(?:\.0*)?", text)
+        if whole is not None and least <= (found := int(whole[1])) <= largest:
             return found
         size = f" ≥ {least}" if largest >= 2**63 - 1 else f" from {least} to {largest}"
         self._must_be(f"a whole number{size}")

@@ -59,9 +59,10 @@ def test_units_and_defaults():
     assert field("2").number(scale=0.3048) == 2 * 0.3048
     assert field("").number(default=7.0) == 7.0
     assert field("1-30-0").number("dms") == pytest.approx(math.radians(1.5))
-    assert field("1 2, 3").numbers(3) == (1.0, 2.0, 3.0)
+    assert field("1 2\t 3").numbers(3) == (1.0, 2.0, 3.0)
     assert field([1, 2]).numbers(2) == (1.0, 2.0)
     assert field("12").integer() == 12
+    assert field("6.").integer() == 6
     assert field("b").choice({"a": 1, "b": 2}) == 2
     assert field("yes").flag()
     assert not field(False).flag()
@@ -72,8 +73,9 @@ def test_units_and_defaults():
     ("read", "said"),
     [
         (lambda p: field("1 2", p).numbers(3), "c needs 3 numbers, not 2"),
+        (lambda p: field("1,5", p).numbers(2), "c needs 2 numbers, not 1"),
         (lambda p: field("1 x 2", p).numbers(3), "c: 'x' is not a number"),
-        (lambda p: field("1.0", p).integer(), "c must be a whole number ≥ 0, not '1.0'"),
+        (lambda p: field("1.5", p).integer(), "c must be a whole number ≥ 0, not '1.5'"),
         (lambda p: field("9" * 5000, p).integer(largest=9), "c must be a whole number from 0 to 9"),
         (lambda p: field("fou", p).choice({"four": 4}), "c 'fou' is unknown; valid: four; did you"),
         (lambda p: field("", p).name(), "c is missing; valid: a name"),

@@ -22,10 +22,10 @@ from ...models.lens import BalancedLens
 from ...network.network import Network
 from ...observations import ControlPoint, SlopeDistance
 from ...units import LENGTH
+from ..source import Problems, is_unread
 from ..text_files import read_text
 from .block_source import (
     PHOTOS_SWITCHED_OFF,
-    BlockProblems,
     ImagePoints,
     filled_lines,
     whole_number,
@@ -75,19 +75,19 @@ def read_aicon(
     if not sigma_mm > 0:
         raise InputError(f"sigma_mm must be greater than zero, not {sigma_mm}")
     stem = _stem(Path(path))
-    reading = BlockProblems()
+    problems = Problems()
     network = Network(stem.name, datum="free")
-    cameras = _cameras(stem.with_name(stem.name + ".ior"), network, reading, calibration)
-    inactive = _points(stem.with_name(stem.name + ".obc"), network, reading, datum == "marked")
-    off = _photos(stem.with_name(stem.name + ".eor"), network, reading, cameras)
-    images = ImagePoints(reading)
+    cameras = _cameras(stem.with_name(stem.name + ".ior"), network, problems, calibration)
+    inactive = _points(stem.with_name(stem.name + ".obc"), network, problems, datum == "marked")
+    off = _photos(stem.with_name(stem.name + ".eor"), network, problems, cameras)
+    images = ImagePoints(problems)
     measured = stem.with_name(stem.name + ".phc")
-    _image_points(measured, images, reading, network, off, sigma_mm, rejected == "keep")
+    _image_points(measured, images, problems, network, off, sigma_mm, rejected == "keep")
     images.into(network)
     scale = stem.with_name(stem.name + ".scale")
     if scale.exists():
-        _scale_bars(scale, network, reading, inactive)
-    reading.finish(network)
+        _scale_bars(scale, network, problems, inactive)
+    problems.finish(network)
     if any(o.kind == ControlPoint.kind for o in network.observations.values()) or any(
         any(p.fixed) for p in network.points.values()
     ):
@@ -116,14 +116,14 @@ def _stem(path: Path) -> Path:
 
 
 def _rows(
-    path: Path, sizes: range, reading: BlockProblems, what: str, flags: Sequence[int] = ()
+    path: Path, sizes: range, problems: Problems, what: str, flags: Sequence[int] = ()
 ) -> Iterator[tuple[str, list[str]]]:
     """Yield file:line and the fields of each row that has a valid number of them.
 
     Args:
         path: the file.
         sizes: valid numbers of fields.
-        reading: where problems go.
+        problems: where problems go.
         what: names of the fields, for messages.
         flags: indices of fields that are 0 or 1.
     """
@@ -134,29 +134,29 @@ def _rows(
         try:
             fields = shlex.split(line) if '"' in line else line.split()
         except ValueError:
-            reading.wrong("a quotation mark is missing", where)
+            problems.wrong("a quotation mark is missing", where)
             continue
         if len(fields) not in sizes:
-            reading.wrong(f"a row has {sizes[-1]} fields ({what}), not {len(fields)}", where)
+            problems.wrong(f"a row has {sizes[-1]} fields ({what}), not {len(fields)}", where)
         elif any(fields[i] not in ("0", "1") for i in flags if i < len(fields)):
             names = [n.strip() for n in what.split(",")]
             bad = next(i for i in flags if fields[i] not in ("0", "1"))
-            reading.wrong(f"{names[bad]} must be 0 or 1, not {fields[bad][:20]!r}", where)
+            problems.wrong(f"{names[bad]} must be 0 or 1, not {fields[bad][:20]!r}", where)
         else:
             yield where, fields
 
 
 def _cameras(
-    path: Path, network: Network, reading: BlockProblems, calibration: Sequence[str]
+    path: Path, network: Network, problems: Problems, calibration: Sequence[str]
 ) -> set[str]:
     """Add the cameras, of five lines each; return their names, also of those with problems."""
-    rows = list(_rows(path, range(1, 9), reading, "a camera"))
+    rows = list(_rows(path, range(1, 9), problems, "a camera"))
     names: set[str] = set()
     for begin in range(0, len(rows), len(CAMERA_LINE_COUNTS)):
         part = rows[begin : begin + len(CAMERA_LINE_COUNTS)]
         where = part[0][0]
         if len(part) < len(CAMERA_LINE_COUNTS) - 1:
-            reading.wrong(f"a camera has {len(CAMERA_LINE_COUNTS)} lines, not {len(part)}", where)
+            problems.wrong(f"a camera has {len(CAMERA_LINE_COUNTS)} lines, not {len(part)}", where)
             break
         short = [
             (w, n, len(f))
@@ -165,19 +165,19 @@ def _cameras(
         ]
         if short:
             where, n, found_size = short[0]
-            reading.wrong(f"this line of a camera has {n} numbers, not {found_size}", where)
+            problems.wrong(f"this line of a camera has {n} numbers, not {found_size}", where)
             break
         name = part[0][1][0]
         texts = [t for (_, f), n in zip(part, CAMERA_LINE_COUNTS, strict=False) for t in f[:n]]
         texts[:2] = []
-        found = reading.numbers(texts, len(texts), f"camera {name!r}", where)
+        found = problems.field(texts, f"camera {name!r}", where).numbers(len(texts))
         names.add(name)
-        if found is None:
+        if is_unread(found):
             continue
         ck, x0, y0, a1, a2, radius, a3, b1, b2, c1, c2, *size = found
         values = {"c": -ck, "x0": x0, "y0": y0, "A1": a1, "A2": a2, "A3": a3}
         values |= {"B1": b1, "B2": b2, "C1": c1, "C2": c2}
-        with reading.at(where):
+        with problems.at(where):
             network.add_camera(
                 name,
                 BalancedLens(zero_radius=radius),
@@ -187,31 +187,31 @@ def _cameras(
                 format=size[:2] or None,
             )
     if not rows:
-        reading.wrong("has no camera", f"{path.name}:1")
+        problems.wrong("has no camera", f"{path.name}:1")
     return names
 
 
-def _points(path: Path, network: Network, reading: BlockProblems, marked: bool) -> set[str]:
+def _points(path: Path, network: Network, problems: Problems, marked: bool) -> set[str]:
     """Add the active points; return the keys of the inactive ones."""
     off: set[str] = set()
     seen: set[str] = set()
     what = "point, X, Y, Z, sX, sY, sZ, rays, active, new, datum"
-    for where, fields in _rows(path, range(11, 12), reading, what, (8, 9, 10)):
+    for where, fields in _rows(path, range(11, 12), problems, what, (8, 9, 10)):
         name, active, new, datum = fields[0], fields[8], fields[9], fields[10]
         if name in seen:
-            reading.wrong(f"point {name!r} is defined twice", where)
+            problems.wrong(f"point {name!r} is defined twice", where)
             continue
         seen.add(name)
         if whole_number(fields[7]) is None:
-            reading.wrong(f"the number of rays must be whole, not {fields[7][:20]!r}", where)
-        found = reading.numbers(fields[1:7], 6, f"point {name!r}", where)
+            problems.wrong(f"the number of rays must be whole, not {fields[7][:20]!r}", where)
+        found = problems.field(fields[1:7], f"point {name!r}", where).numbers(6)
         if active == "0":
             off.add(f"point {name}")
-            reading.leave_out(PHOTOS_SWITCHED_OFF, f"point {name}", where)
-        if active == "0" or found is None:
+            problems.leave_out(PHOTOS_SWITCHED_OFF, f"point {name}", where)
+        if active == "0" or is_unread(found):
             continue
         at = (MM * found[0], MM * found[1], MM * found[2])
-        with reading.at(where):
+        with problems.at(where):
             if new != "0":
                 network.add_point(name, at, datum=not marked or datum != "0")
                 continue
@@ -231,33 +231,33 @@ def _points(path: Path, network: Network, reading: BlockProblems, marked: bool) 
     return off
 
 
-def _photos(path: Path, network: Network, reading: BlockProblems, cameras: set[str]) -> set[str]:
+def _photos(path: Path, network: Network, problems: Problems, cameras: set[str]) -> set[str]:
     """Add the active photos; return the keys of the inactive ones."""
     off: set[str] = set()
     seen: set[str] = set()
     what = "photo, camera, X, Y, Z, ω, φ, κ, rotations, active, state"
-    for where, fields in _rows(path, range(11, 12), reading, what):
+    for where, fields in _rows(path, range(11, 12), problems, what):
         name, camera = fields[0], fields[1]
         if name in seen:
-            reading.wrong(f"photo {name!r} is defined twice", where)
+            problems.wrong(f"photo {name!r} is defined twice", where)
             continue
         seen.add(name)
         for number, what_for in zip(fields[9:11], ("active", "state"), strict=True):
             if whole_number(number) is None:
-                reading.wrong(f"{what_for} must be a whole number, not {number[:20]!r}", where)
+                problems.wrong(f"{what_for} must be a whole number, not {number[:20]!r}", where)
         if fields[9] == "0":
             off.add(f"photo {name}")
-            reading.leave_out(PHOTOS_SWITCHED_OFF, f"photo {name}", where)
+            problems.leave_out(PHOTOS_SWITCHED_OFF, f"photo {name}", where)
             continue
         if fields[8] != "0":
             what_is = f"sequence of rotations {fields[8]!r} cannot be read; valid: 0 (ω, φ, κ)"
-            reading.wrong(what_is, where)
+            problems.wrong(what_is, where)
             continue
-        found = reading.numbers(fields[2:8], 6, f"photo {name!r}", where)
-        if found is None or (camera in cameras and camera not in network.cameras):
+        found = problems.field(fields[2:8], f"photo {name!r}", where).numbers(6)
+        if is_unread(found) or (camera in cameras and camera not in network.cameras):
             continue
         oriented = fields[10] != UNORIENTED_STATE
-        with reading.at(where):
+        with problems.at(where):
             network.add_photo(
                 name,
                 camera,
@@ -270,7 +270,7 @@ def _photos(path: Path, network: Network, reading: BlockProblems, cameras: set[s
 def _image_points(
     path: Path,
     images: ImagePoints,
-    reading: BlockProblems,
+    problems: Problems,
     network: Network,
     off: set[str],
     sigma: float,
@@ -278,34 +278,34 @@ def _image_points(
 ) -> None:
     """Gather the image points of points that the network has, in active photos."""
     what = "photo, point, x, y, sx, sy, vx, vy, method, active, –"
-    for where, fields in _rows(path, range(10, 12), reading, what, (9,)):
+    for where, fields in _rows(path, range(10, 12), problems, what, (9,)):
         photo, point = fields[0], fields[1]
-        if reading.numbers(fields[2:9], 7, f"image point {photo}/{point}", where) is None:
+        if is_unread(problems.field(fields[2:9], f"image point {photo}/{point}", where).numbers(7)):
             continue
         left = point not in network.points or f"photo {photo}" in off
         if left or (fields[9] == "0" and not keep):
-            reading.leave_out(PHOTOS_SWITCHED_OFF, f"image point {photo}/{point}", where)
+            problems.leave_out(PHOTOS_SWITCHED_OFF, f"image point {photo}/{point}", where)
             continue
-        xy = reading.numbers(fields[2:4], 2, f"image point {photo}/{point}", where)
-        if xy is not None:
+        xy = problems.field(fields[2:4], f"image point {photo}/{point}", where).numbers(2)
+        if not is_unread(xy):
             images.add(photo, point, xy, (sigma,), where)
 
 
-def _scale_bars(path: Path, network: Network, reading: BlockProblems, off: set[str]) -> None:
+def _scale_bars(path: Path, network: Network, problems: Problems, off: set[str]) -> None:
     """Add the active scale bars between active points."""
     what = 'number, "name", point, point, length, σ, active'
-    for where, fields in _rows(path, range(7, 8), reading, what, (6,)):
+    for where, fields in _rows(path, range(7, 8), problems, what, (6,)):
         name, a, b = fields[1], fields[2], fields[3]
         if whole_number(fields[0]) is None:
             what_is = f"the number of a scale bar must be whole, not {fields[0][:20]!r}"
-            reading.wrong(what_is, where)
+            problems.wrong(what_is, where)
         if fields[6] == "0" or f"point {a}" in off or f"point {b}" in off:
-            reading.leave_out(PHOTOS_SWITCHED_OFF, f"scale bar {name}", where)
+            problems.leave_out(PHOTOS_SWITCHED_OFF, f"scale bar {name}", where)
             continue
-        found = reading.numbers(fields[4:6], 2, f"scale bar {name!r}", where)
-        if found is not None:
+        found = problems.field(fields[4:6], f"scale bar {name!r}", where).numbers(2)
+        if not is_unread(found):
             taken = name in network.observations
-            with reading.at(where):
+            with problems.at(where):
                 network.add(
                     SlopeDistance(
                         a,

@@ -1,4 +1,4 @@
-"""Problems, numbers, pixel cameras and image points that readers of blocks share.
+"""Pixel cameras and image points that readers of blocks share.
 
 Programs that count pixels have the origin at a corner and y down. In a network image coordinates
 are pixels with the origin at the upper left corner of the upper left pixel, x right and y up:
@@ -10,25 +10,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...errors import InputError, LeftOut, Problem, similar
 from ...models.lens import Lens
 from ...network.network import Network
-from ...start.image_axes import marks_of_known_points, problems_of_marks
 from ...types import Array
-from .. import numbers
-from ..file_problems import LeftOutReason, RowsLeftOut
+from ..numbers import MAX_NUMBER
+from ..source import LeftOutReason, Problems
 
-MAX_BLOCK_NUMBER = 1e12
-"""Largest absolute value of a number of a file: beyond it squares of squares overflow."""
 TIE_PREFIX = "tie "
 """Beginning of the names of tie points; their number in the file follows."""
-MAX_BLOCK_PROBLEMS = 60
-"""Largest number of listed problems; in a file of another layout every line is a problem."""
 
 
 def add_pixel_camera(
@@ -80,107 +73,6 @@ PHOTOS_SWITCHED_OFF = LeftOutReason(
 PHOTOS_WITHOUT_POSE = LeftOutReason("photos", "they have no pose")
 
 
-@dataclass
-class BlockProblems:
-    """Problems of the files that a reader opens, all of which one error lists."""
-
-    problems: list[Problem] = field(default_factory=list)
-    """What was found so far."""
-    left: RowsLeftOut = field(default_factory=RowsLeftOut)
-    """What is left out."""
-
-    def wrong(self, what: str, where: str) -> None:
-        """Add a problem."""
-        self.problems.append(Problem(what, where))
-
-    @contextmanager
-    def at(self, where: str) -> Iterator[None]:
-        """Add the problems of an InputError inside, with the file and line before their places.
-
-        Problems that name a line of the same file already keep it alone.
-        """
-        file = where.split(":")[0]
-        try:
-            yield
-        except InputError as error:
-            self.problems += [
-                p if p.where.startswith(f"{file}:") else p.at(where) for p in error.problems
-            ]
-
-    def number(
-        self, text: object, what: str, where: str, *, positive: bool = False
-    ) -> float | None:
-        """Return a finite number; None after a problem.
-
-        Args:
-            text: text of a field, or a number of JSON; None: the field is absent.
-            what: name of the field in messages.
-            where: file and line.
-            positive: whether it must be greater than zero.
-        """
-        if text is None:
-            self.wrong(f"{what} is missing; valid: a number", where)
-            return None
-        try:
-            value = numbers.parse_quantity(text)
-        except ValueError as error:
-            self.wrong(f"{what}: {str(error)[:120]}", where)
-            return None
-        if not abs(value) <= MAX_BLOCK_NUMBER:
-            self.wrong(f"{what}: {value:g} is too large; valid: up to {MAX_BLOCK_NUMBER:g}", where)
-            return None
-        if positive and not value > 0:
-            self.wrong(f"{what} must be greater than zero, not {value:g}", where)
-            return None
-        return value
-
-    def numbers(
-        self, texts: Sequence[object], size: int, what: str, where: str
-    ) -> tuple[float, ...] | None:
-        """Return ``size`` finite numbers; None after a problem."""
-        if len(texts) != size:
-            self.wrong(f"{what} needs {size} numbers, not {len(texts)}", where)
-            return None
-        found = [self.number(text, what, where) for text in texts]
-        return None if any(v is None for v in found) else tuple(found)  # type: ignore[arg-type]
-
-    def leave_out(self, why: LeftOutReason, name: str, where: str = "") -> None:
-        """Count and name a row that is left out; ``name``: of its photo, point or itself."""
-        self.left.add(why, name, where)
-
-    def finish(self, network: Network | None = None) -> None:
-        """Raise all problems, and say in the network what was left out.
-
-        Args:
-            network: the network that was read; its marks of known points are judged as a whole.
-
-        Raises:
-            InputError: there is any.
-        """
-        if network is not None:
-            network.left_out += self._left_out(network)
-            if not self.problems:
-                self.problems += problems_of_marks(network)
-        if not self.problems:
-            return
-        shown = self.problems[:MAX_BLOCK_PROBLEMS]
-        rest = len(self.problems) - len(shown)
-        if rest:
-            shown.append(Problem(f"and {rest} further problems", shown[-1].where))
-        raise InputError(shown)
-
-    def _left_out(self, network: Network) -> Iterator[LeftOut]:
-        """Yield what was left out; all marks of known points are a problem."""
-        for why, left in self.left.told().items():
-            if why.doubtful:
-                kept = marks_of_known_points(network)
-                hint = similar(left.names[0], network.photos)
-                left = replace(left, of=kept + left.count, hint=hint)
-                if not kept:
-                    self.wrong(str(left), left.where)
-            yield left
-
-
 def filled_lines(text: str) -> Iterator[tuple[int, str]]:
     """Iterate over the lines of a text that are not blank: number from 1, and text."""
     for number, line in enumerate(text.split("\n"), 1):
@@ -192,7 +84,7 @@ def filled_lines(text: str) -> Iterator[tuple[int, str]]:
 class ImagePoints:
     """Image coordinates of many photos, gathered in rows and added to a network in columns."""
 
-    reading: BlockProblems
+    problems: Problems
     """Where problems go."""
     rows: dict[str, list[tuple[str, float, float, float, float, str]]] = field(default_factory=dict)
     """Point, x, y, σ of x, σ of y and source of the image points of each photo."""
@@ -217,7 +109,7 @@ class ImagePoints:
         lost = set(names)
         for name in network.points:
             if name in lost:
-                self.reading.leave_out(POINTS_WITH_FEW_RAYS, name)
+                self.problems.leave_out(POINTS_WITH_FEW_RAYS, name)
         for photo, rows in self.rows.items():
             self.rows[photo] = [r for r in rows if r[0] not in lost]
         for name in lost:
@@ -236,14 +128,14 @@ class ImagePoints:
             for row in rows:
                 point, *_, source = row
                 if photo not in network.photos:
-                    self.reading.wrong(f"unknown photo {photo!r}", source)
+                    self.problems.wrong(f"unknown photo {photo!r}", source)
                 elif point not in network.points:
-                    self.reading.wrong(f"unknown point {point!r}", source)
+                    self.problems.wrong(f"unknown point {point!r}", source)
                 elif point in first:
                     what = f"point {point!r} is measured twice in photo {photo!r}, first in "
-                    self.reading.wrong(what + first[point], source)
+                    self.problems.wrong(what + first[point], source)
                 elif not (row[3] > 0 and row[4] > 0):
-                    self.reading.wrong("standard deviations must be greater than zero", source)
+                    self.problems.wrong("standard deviations must be greater than zero", source)
                 else:
                     kept.append(row)
                 first.setdefault(point, source)
@@ -258,8 +150,8 @@ class ImagePoints:
 
 
 def all_in_range(values: Array) -> bool:
-    """Return whether all values are finite and no larger than `MAX_BLOCK_NUMBER`."""
-    return bool(np.all(np.abs(values) <= MAX_BLOCK_NUMBER))  # False for NaN
+    """Return whether all values are finite and no larger than `MAX_NUMBER`."""
+    return bool(np.all(np.abs(values) <= MAX_NUMBER))  # False for NaN
 
 
 def whole_number(text: object) -> int | None:

@@ -36,6 +36,7 @@ from ...models.lens import NormalisedLens
 from ...network.network import Network
 from ...rotation import TURN_ABOUT_X, exp_rotation
 from ...types import Array, Index, Mask
+from ..source import Problems, is_unread
 from ..text_files import file_beginning, read_text
 from .block_source import (
     PHOTOS_WITHOUT_POSE,
@@ -43,7 +44,6 @@ from .block_source import (
     POINTS_WITH_FEW_RAYS,
     RAYS_WITHOUT_PHOTO,
     TIE_PREFIX,
-    BlockProblems,
     ImagePoints,
     filled_lines,
     rotation_and_scale,
@@ -316,7 +316,7 @@ def read_bundler(
     if not sigma_px > 0:
         raise InputError(f"sigma_px must be greater than zero, not {sigma_px}")
     source = Path(path)
-    reading = BlockProblems()
+    problems = Problems()
     lines = list(filled_lines(read_text(source)))
     if not lines or not lines[0][1].startswith(BUNDLER_HEAD):
         raise InputError(
@@ -342,16 +342,18 @@ def read_bundler(
     poses: dict[int, Array] = {}
     for i in range(n_cameras):
         begin = 1 + LINES_PER_CAMERA * i
-        pose = _camera(network, names[i], rows[begin : begin + LINES_PER_CAMERA], reading)
+        pose = _camera(network, names[i], rows[begin : begin + LINES_PER_CAMERA], problems)
         if pose is not None:
             poses[i] = pose
-    gathered = ImagePoints(reading)
+    gathered = ImagePoints(problems)
     for j in range(n_points):
         begin = 1 + LINES_PER_CAMERA * n_cameras + LINES_PER_POINT * j
         part = rows[begin : begin + LINES_PER_POINT]
-        _point(network, f"{TIE_PREFIX}{j}", part, names, poses, gathered, reading, sigma_px, behind)
+        _point(
+            network, f"{TIE_PREFIX}{j}", part, names, poses, gathered, problems, sigma_px, behind
+        )
     gathered.into(network)
-    reading.finish(network)
+    problems.finish(network)
     return network
 
 
@@ -377,26 +379,28 @@ def _photo_names(path: str | Path | None, count: int) -> list[str]:
 
 
 def _camera(
-    network: Network, name: str, rows: list[tuple[str, list[str]]], reading: BlockProblems
+    network: Network, name: str, rows: list[tuple[str, list[str]]], problems: Problems
 ) -> Array | None:
     """Add a camera and its photo; return its pose (12,), None if it has none."""
-    numbers = [reading.numbers(fields, 3, "a line of a camera", where) for where, fields in rows]
+    numbers = [
+        problems.field(fields, "a line of a camera", where).numbers(3) for where, fields in rows
+    ]
     where = rows[0][0]
-    if any(n is None for n in numbers):
+    if is_unread(*numbers):
         return None
     values = np.array(numbers)
     (c, k1, k2), matrix, t = values[0].tolist(), values[1:4], values[4]
     if c == 0:
-        reading.leave_out(PHOTOS_WITHOUT_POSE, name, where)
+        problems.leave_out(PHOTOS_WITHOUT_POSE, name, where)
         return None
     split = rotation_and_scale(matrix)
     if c < 0 or split is None or abs(split[1] - 1) > 1e-3:
         what = "f must not be negative" if c < 0 else "R is no rotation matrix"
-        reading.wrong(what, where)
+        problems.wrong(what, where)
         return None
     turn = split[0]
     centre, rotation = -turn.T @ t, turn.T @ TURN_ABOUT_X
-    with reading.at(where):
+    with problems.at(where):
         free = ("c", "k1", "k2")
         calibration = {"c": c, "k1": k1, "k2": k2}
         network.add_camera(name, NormalisedLens(), calibration, free=free, unit="px")
@@ -412,44 +416,44 @@ def _point(
     names: list[str],
     poses: dict[int, Array],
     images: ImagePoints,
-    reading: BlockProblems,
+    problems: Problems,
     sigma: float,
     behind: str,
 ) -> None:
     """Add a point and gather its views."""
-    at = reading.numbers(rows[0][1], 3, "coordinates of a point", rows[0][0])
-    reading.numbers(rows[1][1], 3, "colour of a point", rows[1][0])
+    at = problems.field(rows[0][1], "coordinates of a point", rows[0][0]).numbers(3)
+    problems.field(rows[1][1], "colour of a point", rows[1][0]).numbers(3)
     where, fields = rows[2]
     count = fields[0] if fields else ""
     if not (count.isascii() and count.isdigit()) or len(fields) != 1 + 4 * int(count[:9]):
-        reading.wrong("the views of a point are: number, then camera feature x y of each", where)
+        problems.wrong("the views of a point are: number, then camera feature x y of each", where)
         return
-    if at is None:
+    if is_unread(at):
         return
     seen = []
     for begin in range(1, len(fields), 4):
         camera, feature, *xy = fields[begin : begin + 4]
         if whole_number(feature) is None:
-            reading.wrong(f"the number of a feature must be whole, not {feature[:40]!r}", where)
-        found = reading.numbers(xy, 2, "view", where)
+            problems.wrong(f"the number of a feature must be whole, not {feature[:40]!r}", where)
+        found = problems.field(xy, "view", where).numbers(2)
         if not (camera.isascii() and camera.isdigit()) or int(camera[:9]) >= len(names):
-            reading.wrong(f"there is no camera {camera}; valid: 0 to {len(names) - 1}", where)
-        elif found is not None and int(camera) in poses:
+            problems.wrong(f"there is no camera {camera}; valid: 0 to {len(names) - 1}", where)
+        elif not is_unread(found) and int(camera) in poses:
             seen.append((int(camera), found))
-        elif found is not None:
-            reading.leave_out(RAYS_WITHOUT_PHOTO, names[int(camera)], where)
+        elif not is_unread(found):
+            problems.leave_out(RAYS_WITHOUT_PHOTO, names[int(camera)], where)
     if len({c for c, _ in seen}) < len(seen):
         twice = next(c for i, (c, _) in enumerate(seen) if c in {d for d, _ in seen[:i]})
-        reading.wrong(f"point {name!r} is measured twice in photo {names[twice]!r}", where)
+        problems.wrong(f"point {name!r} is measured twice in photo {names[twice]!r}", where)
         return
     if behind == "leave out" and seen:
         ahead = depth(np.array([poses[c] for c, _ in seen]), np.tile(at, (len(seen), 1))) > 0
         for (c, _), a in zip(seen, ahead.tolist(), strict=True):
             if not a:
-                reading.leave_out(POINTS_BEHIND_CAMERA, f"{names[c]} {name}", where)
+                problems.leave_out(POINTS_BEHIND_CAMERA, f"{names[c]} {name}", where)
         seen = [s for s, a in zip(seen, ahead.tolist(), strict=True) if a]
     if len(seen) < 2:
-        reading.leave_out(POINTS_WITH_FEW_RAYS, name, where)
+        problems.leave_out(POINTS_WITH_FEW_RAYS, name, where)
         return
     network.add_point(name, at)
     for camera_number, xy_found in seen:

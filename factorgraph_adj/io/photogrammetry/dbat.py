@@ -17,9 +17,10 @@ from ...network.network import Network
 from ...observations import ControlPoint, PhotoAngle, PhotoPosition
 from ...units import ANGLE
 from ..file_problems import LeftOutReason
+from ..source import Problems, is_unread
 from ..text_files import file_beginning, read_text
 from ..xml_files import Element, read_xml
-from .block_source import BlockProblems, ImagePoints, filled_lines
+from .block_source import ImagePoints, filled_lines
 from .dbat_camera import DbatCamera, read_dbat_camera, set_estimated_parameters, set_initial_values
 
 FILTERED_POINTS = LeftOutReason("points", "a <filter> of the file leaves them out")
@@ -103,9 +104,7 @@ def read_dbat(
     if root.tag != "document" or "dbat_script_version" not in root.attributes:
         what = "is no script of DBAT: <document dbat_script_version=…> is missing"
         raise InputError(Problem(what, f"{source.name}:{root.line}"))
-    return _Script(source, root, BlockProblems(), None if base is None else Path(base)).network(
-        model
-    )
+    return _Script(source, root, Problems(), None if base is None else Path(base)).network(model)
 
 
 def is_dbat(path: Path) -> bool:
@@ -119,7 +118,7 @@ class _Script:
 
     path: Path
     root: Element
-    reading: BlockProblems
+    problems: Problems
     base: Path | None
     cameras: dict[str, DbatCamera] = field(default_factory=dict)
 
@@ -140,13 +139,13 @@ class _Script:
         prior = self._prior(given)
         held = self._operations(prior)
         for camera in self.cameras.values():
-            camera.add_to(network, self.reading)
+            camera.add_to(network, self.problems)
         self._control(given, network)
         self._photos(given, network, prior, held)
-        images = ImagePoints(self.reading)
+        images = ImagePoints(self.problems)
         self._image_points(given, network, images)
         images.into(network)
-        self.reading.finish(network)
+        self.problems.finish(network)
         return network
 
     def _refuse_strange(self, element: Element) -> None:
@@ -156,13 +155,13 @@ class _Script:
             if name not in attributes:
                 valid = known(attributes, meant=name)
                 what = f"<{element.tag}> has no attribute {name[:40]!r}; valid: {valid}"
-                self.reading.wrong(what, self.where(element))
+                self.problems.wrong(what, self.where(element))
         valid_tags = DBAT_CHILDREN.get(element.tag, None if element.tag in NESTED_ELEMENTS else ())
         for child in element.children:
             if valid_tags is not None and child.tag not in valid_tags:
                 valid = known(valid_tags, meant=child.tag)
                 what = f"unknown element <{child.tag}> of <{element.tag}>; valid: {valid}"
-                self.reading.wrong(what, self.where(child))
+                self.problems.wrong(what, self.where(child))
             elif child.tag not in UNREAD_ELEMENTS:
                 self._refuse_strange(child)
 
@@ -187,9 +186,9 @@ class _Script:
         named = [c for c in columns if c != "ignored"]
         if wrong or len(set(named)) < len(named):
             what = f"format {element.attributes.get('format')!r}; valid: {', '.join(valid)}"
-            self.reading.wrong(what, where)
+            self.problems.wrong(what, where)
             return
-        with self.reading.at(where):
+        with self.problems.at(where):
             table = inside(self.folder, element.text.strip(), where)
             for number, line in filled_lines(read_text(table)):
                 if line.lstrip().startswith("#"):
@@ -200,7 +199,7 @@ class _Script:
                     what = (
                         f"has {len(cells)} cells, the format {len(columns)}: {', '.join(columns)}"
                     )
-                    self.reading.wrong(what, place)
+                    self.problems.wrong(what, place)
                     continue
                 yield DbatRow(place, dict(zip(columns, cells, strict=True)))
 
@@ -208,51 +207,51 @@ class _Script:
         """Return a number as a name: without zeros before it."""
         text = row.fields.get(column, "")
         if not text:
-            self.reading.wrong(f"has no {column}", row.where)
+            self.problems.wrong(f"has no {column}", row.where)
         return str(int(text)) if text.isascii() and text.isdigit() and len(text) < 19 else text
 
     def _triple(self, row: DbatRow) -> tuple[tuple[float, float, float], list[float]] | None:
         """Return x, y, z and their standard deviations, 0 where none is given."""
         texts = [row.fields.get(a) for a in "xyz"]
-        found = self.reading.numbers(texts, 3, "x, y, z", row.where)
+        found = self.problems.field(texts, "x, y, z", row.where).numbers(3)
         sigma = [0.0, 0.0, 0.0]
         for key, axes in (("sxyz", "xyz"), ("sxy", "xy"), ("sx", "x"), ("sy", "y"), ("sz", "z")):
             if key in row.fields:
-                s = self.reading.number(row.fields[key], key, row.where)
+                s = self.problems.field(row.fields[key], key, row.where).number()
                 for a in axes:
-                    sigma["xyz".index(a)] = s or 0.0
+                    sigma["xyz".index(a)] = 0.0 if is_unread(s) else s
         if min(sigma) < 0:
-            self.reading.wrong("standard deviations must not be negative", row.where)
+            self.problems.wrong("standard deviations must not be negative", row.where)
             return None
-        return None if found is None else ((found[0], found[1], found[2]), sigma)
+        return None if is_unread(found) else ((found[0], found[1], found[2]), sigma)
 
     # -- input --------------------------------------------------------------------------------
 
     def _read_cameras(self, given: Element, model: int | None) -> None:
         listed = given.first("cameras")
         if listed is None:
-            self.reading.wrong("has no <cameras>", self.where(given))
+            self.problems.wrong("has no <cameras>", self.where(given))
             return
         file, inner = self.path.name, listed
         link = listed.first("file")
         if link is not None:
             where = self.where(link)
-            with self.reading.at(where):
+            with self.problems.at(where):
                 target = inside(self.folder, link.text.strip(), where)
                 root = read_xml(target)
                 file, inner = target.name, root.first("cameras") or root
         for element in inner.all("camera"):
-            found = read_dbat_camera(element, file, self.reading, model)
+            found = read_dbat_camera(element, file, self.problems, model)
             if found is None:
                 continue
             ident, camera = found
             if ident in self.cameras:
-                self.reading.wrong(f"camera {ident!r} is defined twice", camera.where)
+                self.problems.wrong(f"camera {ident!r} is defined twice", camera.where)
             elif any(camera.name == c.name for c in self.cameras.values()):
                 camera.name = f"{camera.name} ({ident})"
             self.cameras[ident] = camera
-        if not self.cameras and not self.reading.problems:
-            self.reading.wrong("has no <camera>", self.where(listed))
+        if not self.cameras and not self.problems.count:
+            self.problems.wrong("has no <camera>", self.where(listed))
 
     def _control(self, given: Element, network: Network) -> None:
         """Add control and check points."""
@@ -263,7 +262,7 @@ class _Script:
                     if found is None:
                         continue
                     at, sigma = found
-                    with self.reading.at(row.where):
+                    with self.problems.at(row.where):
                         if tag == "check_pts":
                             network.add_point(name, check=at)
                             continue
@@ -288,11 +287,11 @@ class _Script:
             word = rule.text.strip()
             if word not in ("keep", "remove"):
                 what = f"a filter must be keep or remove, not {word!r}"
-                self.reading.wrong(what, self.where(rule))
+                self.problems.wrong(what, self.where(rule))
             kept = [r for r in rows if (self._name(r) in chosen) == (word == "keep")]
             for row in rows:
                 if row not in kept:
-                    self.reading.leave_out(FILTERED_POINTS, self._name(row), row.where)
+                    self.problems.leave_out(FILTERED_POINTS, self._name(row), row.where)
             rows = kept
         return rows
 
@@ -304,16 +303,16 @@ class _Script:
             unit = element.attributes.get("units")
             if unit not in (None, *DBAT_ANGLE_UNITS):
                 what = f"unknown units {unit!r}; valid: {', '.join(DBAT_ANGLE_UNITS)}"
-                self.reading.wrong(what, self.where(element))
+                self.problems.wrong(what, self.where(element))
                 continue
             self.angle = DBAT_ANGLE_UNITS.get(unit or "")
             for row in self._rows(element, PRIOR_TABLE_COLUMNS):
                 if "omega" in row.fields and self.angle is None:
-                    self.reading.wrong("angles need the attribute units", self.where(element))
+                    self.problems.wrong("angles need the attribute units", self.where(element))
                     break
                 name = self._name(row)
                 if name in out:
-                    self.reading.wrong(f"photo {name!r} has two orientations", row.where)
+                    self.problems.wrong(f"photo {name!r} has two orientations", row.where)
                 out[name] = row
         return out
 
@@ -329,7 +328,7 @@ class _Script:
         """Add the photos with their prior orientations."""
         section = given.first("images")
         if section is None:
-            self.reading.wrong("has no <images>", self.where(given))
+            self.problems.wrong("has no <images>", self.where(given))
             return
         first = next(iter(self.cameras), "")
         for element in section.all("file"):
@@ -339,11 +338,11 @@ class _Script:
                 camera = self.cameras.get(ident)
                 if camera is None:
                     valid = ", ".join(self.cameras)
-                    self.reading.wrong(f"unknown camera {ident!r}; known: {valid}", row.where)
+                    self.problems.wrong(f"unknown camera {ident!r}; known: {valid}", row.where)
                     continue
                 if camera.name not in network.cameras:
                     continue
-                with self.reading.at(row.where):
+                with self.problems.at(row.where):
                     self._photo(network, name, camera.name, prior.get(name), held.get(name))
 
     def _photo(
@@ -362,14 +361,14 @@ class _Script:
         angles = None
         if "omega" in row.fields:
             texts = [row.fields.get(a) for a in ("omega", "phi", "kappa")]
-            got = self.reading.numbers(texts, 3, "omega, phi, kappa", row.where)
-            angles = None if got is None else [v * (self.angle or 1.0) for v in got]
+            got = self.problems.field(texts, "omega, phi, kappa", row.where).numbers(3)
+            angles = None if is_unread(got) else [v * (self.angle or 1.0) for v in got]
         network.add_photo(name, camera, position=at, omega_phi_kappa=angles, fixed=held or False)
         if held and all(held):
             return
         if any(sigma):
             if not all(sigma):
-                self.reading.wrong("a position needs all of sx, sy, sz, or none", row.where)
+                self.problems.wrong("a position needs all of sx, sy, sz, or none", row.where)
                 return
             network.add(PhotoPosition(name, at, sigma=tuple(sigma), source=row.where))
         keys = {"omega": ("so", "sang"), "phi": ("sp", "sang"), "kappa": ("sk", "sang")}
@@ -377,8 +376,8 @@ class _Script:
             key = next((k for k in both if k in row.fields), None)
             if key is None or angles is None:
                 continue
-            s = self.reading.number(row.fields[key], key, row.where, positive=True)
-            if s is not None:
+            s = self.problems.field(row.fields[key], key, row.where).number(above=0.0)
+            if not is_unread(s):
                 size = s * (self.angle or 1.0)
                 value = angles[i]
                 network.add(PhotoAngle(name, value, angle=angle, sigma=size, source=row.where))
@@ -387,14 +386,14 @@ class _Script:
         """Gather image points, and add the points among them that are new."""
         section = given.first("image_pts")
         if section is None:
-            self.reading.wrong("has no <image_pts>", self.where(given))
+            self.problems.wrong("has no <image_pts>", self.where(given))
             return
         for element in section.all("file"):
             whole: dict[str, float] = {}
             for key in ("sxy", "sx", "sy"):
                 if key in element.attributes:
                     text = element.attributes[key]
-                    s = self.reading.number(text, key, self.where(element), positive=True)
+                    s = self.problems.field(text, key, self.where(element)).number(above=0.0)
                     whole[key] = s or 1.0
             for row in self._rows(element, MARK_TABLE_COLUMNS):
                 self._image_point(network, images, row, whole)
@@ -404,23 +403,25 @@ class _Script:
     ) -> None:
         photo, point = self._name(row, "im"), self._name(row)
         keys = [k for k in ("x", "y", "sxy", "sx", "sy") if k in row.fields]
-        found = self.reading.numbers([row.fields[k] for k in keys], len(keys), "row", row.where)
+        found = self.problems.field([row.fields[k] for k in keys], "row", row.where).numbers(
+            len(keys)
+        )
         if found is None:
             return
         said = dict(zip(keys, found, strict=True)) | dict(whole)
         if "x" not in said or "y" not in said:
-            self.reading.wrong("has no x or no y", row.where)
+            self.problems.wrong("has no x or no y", row.where)
             return
         sigma = [said.get(k, said.get("sxy", 0.0)) for k in ("sx", "sy")]
         if not min(sigma) > 0:
             what = "has no standard deviation > 0: state sxy in the format or as an attribute"
-            self.reading.wrong(what, row.where)
+            self.problems.wrong(what, row.where)
             return
         if photo not in network.photos:
-            self.reading.wrong(f"unknown photo {photo!r}", row.where)
+            self.problems.wrong(f"unknown photo {photo!r}", row.where)
             return
         if point not in network.points:
-            with self.reading.at(row.where):
+            with self.problems.at(row.where):
                 network.add_point(point)
         pixel = next(
             c.pixel for c in self.cameras.values() if c.name == network.photos[photo].camera
@@ -439,7 +440,7 @@ class _Script:
                 if operation.text.strip() not in HARMLESS:
                     what = f"unknown operation {operation.text.strip()!r}; valid: "
                     valid = "set_initial_values, set_bundle_estimate_params, set_datum"
-                    self.reading.wrong(what + ", ".join((*HARMLESS, valid)), self.where(operation))
+                    self.problems.wrong(what + ", ".join((*HARMLESS, valid)), self.where(operation))
                 continue
             for step in operation.children:
                 if step.tag == "set_datum":
@@ -447,7 +448,7 @@ class _Script:
                 elif step.tag in ("set_initial_values", "set_bundle_estimate_params"):
                     self._settings(step)
                 elif step.tag != "c":
-                    self.reading.wrong(f"unknown operation <{step.tag}>", self.where(step))
+                    self.problems.wrong(f"unknown operation <{step.tag}>", self.where(step))
         return held
 
     def _settings(self, step: Element) -> None:
@@ -456,7 +457,7 @@ class _Script:
             where = self.where(part)
             if part.tag == "io":
                 change = set_initial_values if initial else set_estimated_parameters
-                change(self.cameras, part, self.path.name, self.reading)
+                change(self.cameras, part, self.path.name, self.problems)
             elif part.tag in ("eo", "op"):
                 said = [(c.tag, c.text.strip()) for c in part.children if c.tag != "c"]
                 said = said or [("all", part.text.strip())]
@@ -464,20 +465,20 @@ class _Script:
                 for tag, word in said:
                     if tag != "all" or word not in valid:
                         what = f"<{tag}>{word}</{tag}> of <{part.tag}> cannot be read; valid: "
-                        self.reading.wrong(what + f"<all> {' or '.join(valid)}", where)
+                        self.problems.wrong(what + f"<all> {' or '.join(valid)}", where)
             elif part.tag != "c":
-                self.reading.wrong(f"unknown element <{part.tag}>", where)
+                self.problems.wrong(f"unknown element <{part.tag}>", where)
 
     def _datum(self, step: Element, prior: Mapping[str, DbatRow]) -> dict[str, tuple[bool, ...]]:
         """Return what the datum ``depend`` holds: a photo, and the largest offset from it."""
         where = self.where(step)
         if step.text.strip() != "depend":
-            self.reading.wrong(f"unknown datum {step.text.strip()!r}; valid: depend", where)
+            self.problems.wrong(f"unknown datum {step.text.strip()!r}; valid: depend", where)
             return {}
         reference, base = (step.attributes.get(k, "") for k in ("ref_cam", "ref_base"))
         if reference not in prior or base not in ("longest", "x", "y", "z"):
             what = "depend needs ref_cam, a photo of prior_eo, and ref_base: longest, x, y or z"
-            self.reading.wrong(what, where)
+            self.problems.wrong(what, where)
             return {}
         names = list(prior)
         found = [self._triple(row) for row in prior.values()]
@@ -488,7 +489,7 @@ class _Script:
             return {}
         photo, axis = divmod(int(np.argmax(offset[:, axes])), len(axes))
         if names[photo] == reference:
-            self.reading.wrong("no photo lies ahead of the reference photo along an axis", where)
+            self.problems.wrong("no photo lies ahead of the reference photo along an axis", where)
             return {}
         component = tuple(i == 3 + axes[axis] for i in range(6))
         return {reference: (True,) * 6, names[photo]: component}

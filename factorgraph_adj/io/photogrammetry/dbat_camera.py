@@ -15,8 +15,8 @@ from typing import TypeAlias
 
 from ...models.lens import BrownForwardLens, BrownLens, Lens
 from ...network.network import Network
+from ..source import Problems, is_unread
 from ..xml_files import Element
-from .block_source import BlockProblems
 
 LENS_BY_MODEL: dict[int, Lens] = {
     1: BrownLens(),
@@ -96,18 +96,18 @@ class DbatCamera:
         words |= {"P1": DECENTRING_PARAMETERS, "P2": DECENTRING_PARAMETERS}
         return words.get(tag)
 
-    def add_to(self, network: Network, reading: BlockProblems) -> None:
+    def add_to(self, network: Network, problems: Problems) -> None:
         """Add the camera to a network."""
         lens = LENS_BY_MODEL[self.model]
         values = {n: v for n, v in self.values.items() if n in lens.names}
         lost = [n for n, v in self.values.items() if v and n not in lens.names]
         if lost:
             what = f"lens model {self.model} has no {', '.join(lost)}; valid: model 3 or 4"
-            reading.wrong(what, self.where)
+            problems.wrong(what, self.where)
         if "c" not in values:
-            reading.wrong("the camera has neither <cc> nor <focal>", self.where)
+            problems.wrong("the camera has neither <cc> nor <focal>", self.where)
             return
-        with reading.at(self.where):
+        with problems.at(self.where):
             network.add_camera(
                 self.name,
                 lens,
@@ -121,23 +121,23 @@ class DbatCamera:
 
 
 def read_dbat_camera(
-    element: Element, file: str, reading: BlockProblems, model: int | None
+    element: Element, file: str, problems: Problems, model: int | None
 ) -> tuple[str, DbatCamera] | None:
     """Read the element ``<camera>``; return id and camera, None after a problem.
 
     Args:
         element: the element.
         file: name of its file.
-        reading: where problems go.
+        problems: where problems go.
         model: lens model that takes the place of the stated one.
     """
-    n = len(reading.problems)
+    n = problems.count
     found = {c.tag: c for c in element.children}
     where = f"{file}:{element.line}"
     for tag, child in found.items():
         if tag not in CAMERA_ELEMENTS:
             what = f"unknown element <{tag}> of a camera; valid: {', '.join(CAMERA_ELEMENTS)}"
-            reading.wrong(what, f"{file}:{child.line}")
+            problems.wrong(what, f"{file}:{child.line}")
 
     def numbers(tag: str) -> list[float]:
         child = found.get(tag)
@@ -145,27 +145,27 @@ def read_dbat_camera(
             return []
         texts = [t.strip() for t in child.text.split(",") if t.strip()]
         kept = [t for t in texts if t not in NUMBER_PLACEHOLDERS]
-        got = reading.numbers(kept, len(kept), f"<{tag}>", f"{file}:{child.line}")
-        return [] if got is None else list(got)
+        got = problems.field(kept, f"<{tag}>", f"{file}:{child.line}").numbers(len(kept))
+        return [] if is_unread(got) else list(got)
 
     def words(tag: str) -> str:
         return found[tag].text.strip() if tag in found else ""
 
     unit = words("unit") or "mm"
     if unit not in CAMERA_UNITS:
-        reading.wrong(f"unit {unit!r} of a camera; valid: {', '.join(CAMERA_UNITS)}", where)
+        problems.wrong(f"unit {unit!r} of a camera; valid: {', '.join(CAMERA_UNITS)}", where)
     image, sensor = numbers("image"), numbers("sensor")
     if len(image) != 2 or not min(image) > 0:
-        reading.wrong("a camera needs <image>: columns, lines", where)
+        problems.wrong("a camera needs <image>: columns, lines", where)
     if not sensor or not min(sensor) > 0:
-        reading.wrong("a camera needs <sensor>: width or auto, height", where)
+        problems.wrong("a camera needs <sensor>: width or auto, height", where)
     chosen = model
     if chosen is None:
         chosen = int((numbers("model") or [3])[0])
     if chosen not in LENS_BY_MODEL:
         valid = ", ".join(map(str, LENS_BY_MODEL))
-        reading.wrong(f"lens model {chosen} cannot be read; valid: {valid}", where)
-    if len(reading.problems) > n:
+        problems.wrong(f"lens model {chosen} cannot be read; valid: {valid}", where)
+    if problems.count > n:
         return None
     name = words("name") or words("id") or "camera"
     camera = DbatCamera(name, where, chosen, sensor[-1] / image[1], (image[0], image[1]))
@@ -174,7 +174,7 @@ def read_dbat_camera(
     camera.counts = (_count(numbers("nK"), 3), _count(numbers("nP"), 2))
     camera.loaded = _stated_values(camera, numbers, words, sensor)
     camera.values = dict(camera.default) | camera.loaded
-    return (words("id") or "1", camera) if len(reading.problems) == n else None
+    return (words("id") or "1", camera) if problems.count == n else None
 
 
 def _count(given: Sequence[float], most: int) -> int:
@@ -211,7 +211,7 @@ def _stated_values(
 
 
 def set_initial_values(
-    cameras: Mapping[str, DbatCamera], element: Element, file: str, reading: BlockProblems
+    cameras: Mapping[str, DbatCamera], element: Element, file: str, problems: Problems
 ) -> None:
     """Apply ``<set_initial_values><io>`` of a script to all cameras."""
     steps = [(c.tag, c.text.strip(), c.line) for c in element.children]
@@ -226,7 +226,7 @@ def set_initial_values(
             if tag == "all":
                 names = ("c", "x0", "y0", "b1", "b2", *RADIAL_PARAMETERS, *DECENTRING_PARAMETERS)
             if names is None:
-                reading.wrong(f"unknown parameter <{tag}> of a camera", where)
+                problems.wrong(f"unknown parameter <{tag}> of a camera", where)
                 break
             if said in ("loaded", "default", "focal"):
                 source = camera.loaded if said == "loaded" else camera.default
@@ -237,8 +237,8 @@ def set_initial_values(
                 }
                 continue
             texts = [t for t in said.split(",") if t.strip()]
-            given = reading.numbers(texts, len(names), f"<{tag}>", where)
-            if given is None:
+            given = problems.field(texts, f"<{tag}>", where).numbers(len(names))
+            if is_unread(given):
                 break
             sign = {"pp": (1.0, -1.0), "py": (-1.0,)}.get(tag, (1.0,) * len(names))
             new = dict(zip(names, (s * v for s, v in zip(sign, given, strict=True)), strict=True))
@@ -248,7 +248,7 @@ def set_initial_values(
 
 
 def set_estimated_parameters(
-    cameras: Mapping[str, DbatCamera], element: Element, file: str, reading: BlockProblems
+    cameras: Mapping[str, DbatCamera], element: Element, file: str, problems: Problems
 ) -> None:
     """Apply ``<set_bundle_estimate_params><io>`` of a script to all cameras.
 
@@ -262,12 +262,12 @@ def set_estimated_parameters(
         if tag == "c":
             continue
         if said not in ("true", "false"):
-            reading.wrong(f"<{tag}> must be true or false, not {said!r}", where)
+            problems.wrong(f"<{tag}> must be true or false, not {said!r}", where)
             continue
         for camera in cameras.values():
             names = camera.parameters(tag)
             if names is None:
-                reading.wrong(f"unknown parameter <{tag}> of a camera", where)
+                problems.wrong(f"unknown parameter <{tag}> of a camera", where)
                 break
             if len(names) == 1 and names[0] in RADIAL_PARAMETERS:
                 i = RADIAL_PARAMETERS.index(names[0])

@@ -19,8 +19,9 @@ from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, SlopeDistance
 from ...types import Array
 from ..file_problems import LeftOutReason
+from ..source import Problems, is_unread
 from ..text_files import file_beginning
-from .block_source import POINTS_WITH_FEW_RAYS, TIE_PREFIX, BlockProblems, ImagePoints, all_in_range
+from .block_source import POINTS_WITH_FEW_RAYS, TIE_PREFIX, ImagePoints, all_in_range
 from .metashape_cameras import CalibrationUnknowns, add_cameras, add_sensors
 from .metashape_files import ElementPlace, open_chunk, read_ply_vertices
 from .metashape_reference import (
@@ -45,14 +46,14 @@ IntegerArray = npt.NDArray[np.int64]
 
 def add_markers(context: ChunkContext, network: Network) -> dict[str, str]:
     """Add control and check points; return the names of all markers by their ids."""
-    chunk, reading = context.source.chunk, context.reading
+    chunk, problems = context.source.chunk, context.problems
     out: dict[str, str] = {}
     labels: set[str] = set()
     for marker in listed_elements(chunk.element, "markers", "marker"):
         ident, where = marker.attributes.get("id", ""), chunk.where(marker)
         label = marker.attributes.get("label", "") or f"marker {ident}"
         if ident in out or label in labels:
-            reading.wrong(f"marker {label!r} is defined twice", where)
+            problems.wrong(f"marker {label!r} is defined twice", where)
             continue
         out[ident] = label
         labels.add(label)
@@ -63,7 +64,7 @@ def add_markers(context: ChunkContext, network: Network) -> dict[str, str]:
         if found is None:
             continue
         at, covariance = found
-        with reading.at(where):
+        with problems.at(where):
             if is_disabled(element):
                 network.add_point(label, check=at)
                 continue
@@ -89,7 +90,7 @@ def gather_locations(
     markers: Mapping[str, str],
 ) -> None:
     """Gather the locations of markers in the photos that are read."""
-    frame, reading = context.source.frame, context.reading
+    frame, problems = context.source.frame, context.problems
     if frame is None:
         return
     sigma = (context.accuracy["projections"],)
@@ -97,21 +98,21 @@ def gather_locations(
     for marker in listed_elements(frame.element, "markers", "marker"):
         ident = marker.attributes.get("marker_id", "")
         if ident not in markers:
-            reading.wrong(f"unknown marker {ident!r}", frame.where(marker))
+            problems.wrong(f"unknown marker {ident!r}", frame.where(marker))
             continue
         for location in marker.all("location"):
             camera = location.attributes.get("camera_id", "")
             if camera not in known:
-                reading.wrong(f"location in the unknown camera {camera!r}", frame.where(location))
+                problems.wrong(f"location in the unknown camera {camera!r}", frame.where(location))
             photo = cameras.get(camera)
             where = frame.where(location)
             if photo is None or location.attributes.get("valid") in ("false", "0"):
                 why = LOCATION_WITHOUT_PHOTO if photo is None else LOCATION_NOT_VALID
-                reading.leave_out(why, f"{markers[ident]} in camera {camera}", where)
+                problems.leave_out(why, f"{markers[ident]} in camera {camera}", where)
                 continue
             texts = [location.attributes.get(a) for a in "xy"]
-            xy = reading.numbers(texts, 2, "location", where)
-            if xy is not None:
+            xy = problems.field(texts, "location", where).numbers(2)
+            if not is_unread(xy):
                 images.add(photo, markers[ident], (xy[0], -xy[1]), sigma, where)
 
 
@@ -150,10 +151,10 @@ def add_ties(
     values, counts = np.unique(seen, return_counts=True)
     used = np.isin(number, values[counts >= 2])
     for n in number[~used].tolist():
-        context.reading.leave_out(POINTS_WITH_FEW_RAYS, f"{TIE_PREFIX}{n}", file)
+        context.problems.leave_out(POINTS_WITH_FEW_RAYS, f"{TIE_PREFIX}{n}", file)
     for element in ties.element.all("projections"):
         if (camera := element.attributes.get("camera_id", "")) not in cameras:
-            context.reading.leave_out(FILES_WITHOUT_PHOTO, f"camera {camera}", ties.where(element))
+            context.problems.leave_out(FILES_WITHOUT_PHOTO, f"camera {camera}", ties.where(element))
     network.add_points([f"{TIE_PREFIX}{n}" for n in number[used].tolist()], xyz[used])
     sigma = (context.accuracy["tiepoints"],)
     for photo, names, xy, where in projected:
@@ -213,25 +214,25 @@ def _ply_columns(
 
 def add_scale_bars(context: ChunkContext, network: Network, markers: Mapping[str, str]) -> None:
     """Add the enabled scale bars between markers."""
-    chunk, reading = context.source.chunk, context.reading
+    chunk, problems = context.source.chunk, context.problems
     for bar in listed_elements(chunk.element, "scalebars", "scalebar"):
         element, where = bar.first("reference"), chunk.where(bar)
         if element is None or is_disabled(element) or "distance" not in element.attributes:
             name = bar.attributes.get("label", "") or bar.attributes.get("id", "")
-            reading.leave_out(SCALE_BAR_NOT_USED, name, where)
+            problems.leave_out(SCALE_BAR_NOT_USED, name, where)
             continue
         said = element.attributes
-        value = reading.number(said["distance"], "distance", where, positive=True)
-        sigma: float | None = context.accuracy["scalebars"]
+        value = problems.field(said["distance"], "distance", where).number(above=0.0)
+        sigma = context.accuracy["scalebars"]
         text = said.get("accuracy", said.get("sd"))
         if text is not None and "scalebars" not in context.overridden:
-            sigma = reading.number(text, "accuracy", where, positive=True)
+            sigma = problems.field(text, "accuracy", where).number(above=0.0)
         ends = [bar.attributes.get(k, "") for k in ("start_marker_id", "end_marker_id")]
         names = [markers[e] for e in ends if e in markers]
         if len(names) < 2:
-            reading.wrong("a scale bar must join two markers, by start_marker_id …", where)
-        elif value is not None and sigma is not None:
-            with reading.at(where):
+            problems.wrong("a scale bar must join two markers, by start_marker_id …", where)
+        elif not is_unread(value, sigma):
+            with problems.at(where):
                 bar_length = SlopeDistance(names[0], names[1], value, sigma=sigma, source=where)
                 network.add(bar_length)
 
@@ -283,21 +284,21 @@ def read_metashape(
     Raises:
         InputError: the file has problems, each with file and line.
     """
-    reading = BlockProblems()
+    problems = Problems()
     source = open_chunk(Path(path), chunk)
-    context = ChunkContext(source, reading, dict(accuracy or {}), crs == "local", geoid, heights)
+    context = ChunkContext(source, problems, dict(accuracy or {}), crs == "local", geoid, heights)
     for place in (source.chunk, source.frame):
         if place is not None:
-            check_flags(place, reading)
+            check_flags(place, problems)
     label = source.chunk.element.attributes.get("label", "")
     network = Network(label or Path(path).stem, frame=context.reference.frame)
     sensors = add_sensors(context, network, calibration)
     cameras = add_cameras(context, network, sensors, unaligned=unaligned == "keep")
     markers = add_markers(context, network)
-    images = ImagePoints(reading)
+    images = ImagePoints(problems)
     gather_locations(context, images, cameras, markers)
     if tie_points and source.ties is not None:
-        with reading.at(source.ties.file):
+        with problems.at(source.ties.file):
             add_ties(context, network, source.ties, images, cameras)
     seen = images.seen()
     for marker in markers.values():
@@ -305,9 +306,9 @@ def read_metashape(
             network.add_point(marker)
     images.into(network)
     add_scale_bars(context, network, markers)
-    if not (network.photos or network.points or reading.problems):
-        reading.wrong("the chunk has no aligned camera and no marker", source.chunk.file)
-    reading.finish(network)
+    if not (network.photos or network.points or problems.count):
+        problems.wrong("the chunk has no aligned camera and no marker", source.chunk.file)
+    problems.finish(network)
     kinds = {o.kind for o in network.observations.values()}
     if not kinds & {ControlPoint.kind, PhotoPosition.kind}:
         network.datum = "free"

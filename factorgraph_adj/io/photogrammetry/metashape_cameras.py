@@ -30,11 +30,11 @@ from ...models.ray_lens import FisheyeLens
 from ...network.network import Network
 from ...observations import PhotoPosition
 from ...types import Array
+from ..source import Problems, is_unread
 from ..xml_files import Element
 from .block_source import (
     PHOTOS_SWITCHED_OFF,
     PHOTOS_WITHOUT_POSE,
-    BlockProblems,
     add_pixel_camera,
     rotation_and_scale,
 )
@@ -71,7 +71,7 @@ class PixelCalibration:
 
 
 def read_calibration(
-    reading: BlockProblems,
+    problems: Problems,
     element: Element,
     where: str,
     *,
@@ -81,7 +81,7 @@ def read_calibration(
     """Read a calibration; None after a problem.
 
     Args:
-        reading: where problems go.
+        problems: where problems go.
         element: the element ``<calibration>``.
         where: file and line.
         size: width and height of the image, pixels.
@@ -90,29 +90,29 @@ def read_calibration(
     kind = element.attributes.get("type", "frame")
     if kind not in CALIBRATION_TYPES:
         types = ", ".join(CALIBRATION_TYPES)
-        reading.wrong(f"a calibration of type {kind!r} cannot be read; valid: {types}", where)
+        problems.wrong(f"a calibration of type {kind!r} cannot be read; valid: {types}", where)
         return None
     given = {c.tag: c for c in element.children if c.tag not in UNREAD_CALIBRATION_ELEMENTS}
     old = "f" not in given and ("fx" in given or "fy" in given)
     valid = OLD_PARAMETERS if old else CURRENT_PARAMETERS
-    n = len(reading.problems)
+    n = problems.count
     value = {}
     for name, child in given.items():
         if name not in valid:
             what = f"unknown parameter <{name}> of a calibration; valid: {', '.join(valid)}"
-            reading.wrong(what, where)
+            problems.wrong(what, where)
             continue
-        value[name] = reading.number(child.text.strip(), f"<{name}>", where) or 0.0
+        value[name] = problems.field(child.text, f"<{name}>", where).number()
     for name in ("p3", "p4"):
-        if value.get(name):
-            reading.wrong(f"<{name}> is {value[name]:g}; this lens model has no {name}", where)
+        if abs(value.get(name, 0.0)) > 0:  # not for NaN, which is a problem already
+            problems.wrong(f"<{name}> is {value[name]:g}; this lens model has no {name}", where)
     main = ("fx", "fy") if old else ("f",)
     for name in main:
         if name not in value:
-            reading.wrong(f"the calibration has no <{name}>", where)
-        elif not value[name] > 0:
-            reading.wrong(f"<{name}> must be greater than zero, not {value[name]:g}", where)
-    if len(reading.problems) > n:
+            problems.wrong(f"the calibration has no <{name}>", where)
+        elif value[name] <= 0:
+            problems.wrong(f"<{name}> must be greater than zero, not {value[name]:g}", where)
+    if problems.count > n:
         return None
     p1, p2 = value.get("p1", 0.0), value.get("p2", 0.0)
     out = {k: value.get(k, 0.0) for k in ("k1", "k2", "k3", "k4")}
@@ -187,23 +187,23 @@ def add_sensors(
     context: ChunkContext, network: Network, choice: CalibrationUnknowns
 ) -> dict[str, str]:
     """Add the sensors that cameras use; return their names by their ids."""
-    chunk, reading = context.source.chunk, context.reading
+    chunk, problems = context.source.chunk, context.problems
     out: dict[str, str] = {}
     used = {c.attributes.get("sensor_id", "") for c in chunk_cameras(chunk.element)}
     for sensor in listed_elements(chunk.element, "sensors", "sensor"):
         ident, where = sensor.attributes.get("id", ""), chunk.where(sensor)
         if ident in out:
-            reading.wrong(f"sensor {ident!r} is defined twice", where)
+            problems.wrong(f"sensor {ident!r} is defined twice", where)
         if ident in out or ident not in used:
             continue
         if "master_id" in sensor.attributes:
-            reading.wrong("belongs to a rig of several sensors; valid: single sensors", where)
+            problems.wrong("belongs to a rig of several sensors; valid: single sensors", where)
         found = _calibration(context, sensor, where, choice)
         if found is None:
             continue
         label = sensor.attributes.get("label", "") or "camera"
         out[ident] = label if label not in network.cameras else f"{label} ({ident})"
-        with reading.at(where):
+        with problems.at(where):
             add_pixel_camera(
                 network, out[ident], found.lens, found.values, size=found.size, free=found.free
             )
@@ -214,25 +214,25 @@ def _calibration(
     context: ChunkContext, sensor: Element, where: str, choice: CalibrationUnknowns
 ) -> PixelCalibration | None:
     """Return the adjusted calibration of a sensor, otherwise the initial one."""
-    reading = context.reading
+    problems = context.problems
     kind = sensor.attributes.get("type", "frame")
     if kind not in CALIBRATION_TYPES:
         valid = ", ".join(CALIBRATION_TYPES)
-        reading.wrong(f"a sensor of type {kind!r} cannot be read; valid: {valid}", where)
+        problems.wrong(f"a sensor of type {kind!r} cannot be read; valid: {valid}", where)
         return None
     resolution = sensor.first("resolution")
     if resolution is None:
-        reading.wrong("the sensor has no <resolution>", where)
+        problems.wrong("the sensor has no <resolution>", where)
         return None
     size = [
-        reading.number(resolution.attributes.get(n), n, where, positive=True)
+        problems.field(resolution.attributes.get(n), n, where).number(above=0.0)
         for n in ("width", "height")
     ]
     every = list(sensor.all("calibration"))
     adjusted = [c for c in every if c.attributes.get("class") == "adjusted"]
     if not every:
-        reading.wrong("the sensor has no <calibration>", where)
-    if size[0] is None or size[1] is None or not every:
+        problems.wrong("the sensor has no <calibration>", where)
+    if is_unread(*size) or not every:
         return None
     chosen = (adjusted or every)[0]
     if choice == "optimised":
@@ -242,7 +242,7 @@ def _calibration(
     else:
         free = choice
     place = context.source.chunk.where(chosen)
-    return read_calibration(reading, chosen, place, size=(size[0], size[1]), free=free)
+    return read_calibration(problems, chosen, place, size=(size[0], size[1]), free=free)
 
 
 def _optimised(context: ChunkContext, sensor: Element, adjusted: Element | None) -> list[str]:
@@ -276,30 +276,30 @@ def add_cameras(
     context: ChunkContext, network: Network, sensors: Mapping[str, str], *, unaligned: bool
 ) -> dict[str, str]:
     """Add photos and observed projection centres; return the names of the photos by their ids."""
-    chunk, reading = context.source.chunk, context.reading
+    chunk, problems = context.source.chunk, context.problems
     out: dict[str, str] = {}
     ids: set[str] = set()
     for camera in chunk_cameras(chunk.element):
         ident, where = camera.attributes.get("id", ""), chunk.where(camera)
         if ident in ids:
-            reading.wrong(f"camera {ident!r} is defined twice", where)
+            problems.wrong(f"camera {ident!r} is defined twice", where)
             continue
         ids.add(ident)
         label = camera.attributes.get("label", "") or f"camera {ident}"
         if is_disabled(camera):
-            reading.leave_out(PHOTOS_SWITCHED_OFF, label, where)
+            problems.leave_out(PHOTOS_SWITCHED_OFF, label, where)
             continue
         aligned, rotation, centre = _pose(context, camera, where)
         if not (aligned or unaligned):
-            reading.leave_out(PHOTOS_WITHOUT_POSE, label, where)
+            problems.leave_out(PHOTOS_WITHOUT_POSE, label, where)
             continue
         sensor = camera.attributes.get("sensor_id", "")
         if sensor not in sensors:
-            if not reading.problems:
-                reading.wrong(f"camera {label!r} has the unknown sensor {sensor!r}", where)
+            if not problems.count:
+                problems.wrong(f"camera {label!r} has the unknown sensor {sensor!r}", where)
             continue
         position = None if centre is None else centre.tolist()
-        with reading.at(where):
+        with problems.at(where):
             network.add_photo(label, sensors[sensor], position=position, rotation=rotation)
             out[ident] = label
             _observe_position(context, network, camera, label, where)
@@ -312,17 +312,17 @@ def _pose(
     """Return whether a camera is aligned, and its rotation and centre in the frame if known."""
     shutter = camera.first("rolling_shutter")
     if shutter is not None and shutter.children:
-        context.reading.wrong("has a rolling shutter; valid: photos with one pose", where)
+        context.problems.wrong("has a rolling shutter; valid: photos with one pose", where)
     element = camera.first("transform")
     if element is None or not element.text.strip():
         return False, None, None
-    found = context.reading.numbers(element.text.split(), 16, "<transform>", where)
-    if found is None:
+    found = context.problems.field(element.text, "<transform>", where).numbers(16)
+    if is_unread(found):
         return False, None, None
     matrix = np.array(found).reshape(4, 4)
     split = rotation_and_scale(matrix[:3, :3])
     if split is None or np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-9:
-        context.reading.wrong("<transform> is no rotation and translation", where)
+        context.problems.wrong("<transform> is no rotation and translation", where)
         return False, None, None
     placed = context.placed(camera.attributes.get("component_id"))
     if placed is None:

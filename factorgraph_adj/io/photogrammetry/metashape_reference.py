@@ -17,8 +17,9 @@ from ...ellipsoid import ELLIPSOIDS
 from ...errors import InputError, Problem
 from ...frames import Frame, LocalFrame, TopocentricFrame
 from ...types import Array
+from ..source import Problems, is_unread
 from ..xml_files import Element
-from .block_source import BlockProblems, rotation_and_scale, wkt_unit_length
+from .block_source import rotation_and_scale, wkt_unit_length
 from .metashape_files import ElementPlace, MetashapeChunk
 
 DIRECTION_STEP_M = 10.0
@@ -285,7 +286,7 @@ class ChunkContext:
 
     source: MetashapeChunk
     """Its files."""
-    reading: BlockProblems
+    problems: Problems
     """Where problems go."""
     overridden: Mapping[str, float]
     """Standard deviations that take the place of those of the chunk."""
@@ -307,7 +308,7 @@ class ChunkContext:
         chunk = self.source.chunk
         element = chunk.element.first("reference")
         if element is not None and not self.local:
-            given = [xyz for xyz in map(_coordinates, self._references()) if xyz is not None]
+            given = [xyz for xyz in map(_coordinates, self._references()) if not is_unread(xyz)]
             places = np.array(given).reshape(-1, 3)
             where = chunk.where(element)
             self.reference = chunk_reference(
@@ -321,8 +322,8 @@ class ChunkContext:
             name = p.attributes.get("name", "").removeprefix("accuracy_")
             if name in out:
                 text, where = p.attributes.get("value"), chunk.where(p)
-                value = self.reading.number(text, f"accuracy_{name}", where, positive=True)
-                out[name] = out[name] if value is None else value
+                value = self.problems.field(text, f"accuracy_{name}", where).number(above=0.0)
+                out[name] = out[name] if is_unread(value) else value
         for name, value in self.overridden.items():
             if name not in out or not (isinstance(value, int | float) and value > 0):
                 what = f"accuracy {name!r} = {value!r}; valid: numbers > 0 for {', '.join(out)}"
@@ -348,21 +349,19 @@ class ChunkContext:
             where: file and line.
         """
         texts = [element.attributes.get(a) for a in "xyz"]
-        xyz = self.reading.numbers(texts, 3, "reference", where)
+        xyz = self.problems.field(texts, "reference", where).numbers(3)
         sigma = [self.accuracy[kind]] * 3
         for key, axes in SIGMA_ATTRIBUTES if kind not in self.overridden else ():
-            text = element.attributes.get(key)
-            value = None
-            if text is not None:
-                value = self.reading.number(text, key, where, positive=True)
-            for i in axes if value is not None else ():
-                sigma[i] = float(value or 0.0)
+            given = self.problems.field(element.attributes.get(key), key, where)
+            value = math.nan if given.is_absent else given.number(above=0.0)
+            for i in () if is_unread(value) else axes:
+                sigma[i] = value
         metres = self.reference.unit * np.array(sigma)
         if not metres.max() <= MAX_GIVEN_SIGMA_M:
             what = f"the accuracy of a reference must be at most {MAX_GIVEN_SIGMA_M:g} m"
-            self.reading.wrong(f"{what}, not {metres.max():g} m", where)
+            self.problems.wrong(f"{what}, not {metres.max():g} m", where)
             return None
-        if xyz is None:
+        if is_unread(xyz):
             return None
         place = np.array(xyz)
         axes_there = self.reference.axes(place)
@@ -392,14 +391,14 @@ class ChunkContext:
             child = None if element is None else element.first(tag)
             text = NEUTRAL_TRANSFORMATION[tag] if child is None else child.text
             where = chunk.where(chunk.element if child is None else child)
-            parts[tag] = self.reading.numbers(text.split(), size, f"<{tag}>", where)
+            parts[tag] = self.problems.field(text.split(), f"<{tag}>", where).numbers(size)
         r, t, s = parts["rotation"], parts["translation"], parts["scale"]
-        if r is None or t is None or s is None:
+        if is_unread(r, t, s):
             return None
         turned = rotation_and_scale(np.array(r).reshape(3, 3))
         if turned is None or not s[0] > 0:
             what = "the transformation of the chunk is no rotation and scale"
-            self.reading.wrong(what, chunk.where(element or chunk.element))
+            self.problems.wrong(what, chunk.where(element or chunk.element))
             return None
         shift = self.reference.from_chunk(np.array([t]))[0]
         scale = self.reference.unit * s[0] * turned[1]
@@ -426,14 +425,14 @@ FLAG_ATTRIBUTES = ("enabled", "valid", "pinned")
 """Attributes that are true or false."""
 
 
-def check_flags(place: ElementPlace, reading: BlockProblems) -> None:
+def check_flags(place: ElementPlace, problems: Problems) -> None:
     """Note flags that are neither true nor false."""
     for element in place.element.walk():
         for name in FLAG_ATTRIBUTES:
             word = element.attributes.get(name, "true")
             if word not in ("true", "false", "1", "0"):
                 what = f"{name} of <{element.tag}> must be true or false, not {word[:20]!r}"
-                reading.wrong(what, place.where(element))
+                problems.wrong(what, place.where(element))
 
 
 def is_disabled(element: Element) -> bool:
@@ -441,7 +440,7 @@ def is_disabled(element: Element) -> bool:
     return element.attributes.get("enabled", "true") in ("false", "0")
 
 
-def _coordinates(element: Element) -> tuple[float, ...] | None:
-    """Return the coordinates of a reference; None where they are missing or wrong."""
+def _coordinates(element: Element) -> tuple[float, ...]:
+    """Return the coordinates of a reference; NaN where they are missing or wrong."""
     texts = [element.attributes.get(a) for a in "xyz"]
-    return BlockProblems().numbers(texts, 3, "reference", "")
+    return Problems().field(texts, "reference", "").numbers(3)

@@ -24,9 +24,10 @@ from ...models.normalised_lens import CentredBrownLens
 from ...network.network import Network
 from ...observations import ControlPoint
 from ...types import Array
+from ..source import Problems, is_unread
 from ..xml_files import Element, read_xml
 from . import micmac_mmvii
-from .block_source import BlockProblems, ImagePoints, add_pixel_camera, rotation_and_scale
+from .block_source import ImagePoints, add_pixel_camera, rotation_and_scale
 
 DISTORTION_CONVENTION = "eConvApero_DistM2C"
 """The convention that is read; it is MicMac's own."""
@@ -70,23 +71,23 @@ def read_micmac(
             raise InputError(f"{name} must be greater than zero, not {value}")
     source = Path(path)
     folder = source if source.is_dir() else source.parent
-    reading = BlockProblems()
+    problems = Problems()
     network = Network(folder.name)
-    images = ImagePoints(reading)
+    images = ImagePoints(problems)
     if _is_mmvii_folder(source):
-        micmac_mmvii.MmviiOrientations(folder, network, reading, tuple(calibration)).read()
+        micmac_mmvii.MmviiOrientations(folder, network, problems, tuple(calibration)).read()
         if control is not None:
-            micmac_mmvii.add_control(Path(control), network, reading, sigma_control)
+            micmac_mmvii.add_control(Path(control), network, problems, sigma_control)
         if measures is not None:
-            micmac_mmvii.add_measures(Path(measures), network, images, reading, sigma_px)
+            micmac_mmvii.add_measures(Path(measures), network, images, problems, sigma_px)
     else:
-        _Orientations(folder, network, reading, tuple(calibration)).read()
+        _Orientations(folder, network, problems, tuple(calibration)).read()
         if control is not None:
-            _control(Path(control), network, reading, sigma_control)
+            _control(Path(control), network, problems, sigma_control)
         if measures is not None:
-            _measures(Path(measures), network, images, reading, sigma_px)
+            _measures(Path(measures), network, images, problems, sigma_px)
     images.into(network)
-    reading.finish(network)
+    problems.finish(network)
     if not network.observations:
         network.datum = "free"
     return network
@@ -129,7 +130,7 @@ class _Orientations:
 
     folder: Path
     network: Network
-    reading: BlockProblems
+    problems: Problems
     free: tuple[str, ...]
     cameras: dict[str, str] = field(default_factory=dict)
     """Names of cameras by the names of their files."""
@@ -146,7 +147,7 @@ class _Orientations:
                 self._photo(file)
             except InputError as error:
                 # A calibration is read with each of its photos: its problems count once.
-                told = self.reading.problems
+                told = self.problems.problems
                 told += [p for p in error.problems if p not in told]
 
     def _photo(self, file: Path) -> None:
@@ -163,7 +164,7 @@ class _Orientations:
         affine = element.first("OrIntImaM2C")
         if affine is not None:
             texts = [t for c in affine.children for t in c.text.split()]
-            if self.reading.numbers(texts, 6, "<OrIntImaM2C>", where) != (0, 0, 1, 0, 0, 1):
+            if self.problems.field(texts, "<OrIntImaM2C>", where).numbers(6) != (0, 0, 1, 0, 0, 1):
                 what = "an interior orientation OrIntImaM2C of each image cannot be read"
                 raise InputError(Problem(what, f"{file.name}:{affine.line}"))
         parts = ("ConvOri", "Externe")
@@ -177,18 +178,18 @@ class _Orientations:
         if outer is None:
             raise InputError(Problem("has no <Externe>", where))
         at_outer = f"{file.name}:{outer.line}"
-        centre = self.reading.numbers(_words(outer.first("Centre")), 3, "<Centre>", at_outer)
+        centre = self.problems.field(_words(outer.first("Centre")), "<Centre>", at_outer).numbers(3)
         offset = outer.first("OffsetCentre")
         shift = (0.0, 0.0, 0.0)
         if offset is not None:
-            found = self.reading.numbers(_words(offset), 3, "<OffsetCentre>", at_outer)
-            shift = shift if found is None else (found[0], found[1], found[2])
+            found = self.problems.field(_words(offset), "<OffsetCentre>", at_outer).numbers(3)
+            shift = shift if is_unread(found) else (found[0], found[1], found[2])
         matrix = self._rotation(outer, file)
-        if camera is None or centre is None or matrix is None:
+        if camera is None or is_unread(centre) or matrix is None:
             return
         at = [a + b for a, b in zip(centre, shift, strict=True)]
         name = file.name.removeprefix(ORI_PREFIX).removesuffix(".xml")
-        with self.reading.at(where):
+        with self.problems.at(where):
             self.network.add_photo(name, camera, position=at, rotation=matrix)
 
     def _conventions(self, element: Element, part: str) -> list[str]:
@@ -204,10 +205,10 @@ class _Orientations:
             raise InputError(Problem("has no rotation matrix <CodageMatr>", where))
         where = f"{file.name}:{matrix.line}"
         rows = [
-            self.reading.numbers(_words(matrix.first(tag)), 3, f"<{tag}>", where)
+            self.problems.field(_words(matrix.first(tag)), f"<{tag}>", where).numbers(3)
             for tag in ("L1", "L2", "L3")
         ]
-        if any(r is None for r in rows):
+        if is_unread(*rows):
             return None
         split = rotation_and_scale(np.array(rows))
         if split is None or abs(split[1] - 1) > 1e-3:
@@ -252,14 +253,14 @@ class _Orientations:
         for tag in ("OrIntGlob", "CorrectionRefractionAPosteriori", "ParamAF"):
             if element.first(tag) is not None:
                 raise InputError(Problem(f"<{tag}> cannot be read", where))
-        reading = self.reading
-        pp = reading.numbers(_words(element.first("PP")), 2, "<PP>", where)
-        size = reading.numbers(_words(element.first("SzIm")), 2, "<SzIm>", where)
+        problems = self.problems
+        pp = problems.field(_words(element.first("PP")), "<PP>", where).numbers(2)
+        size = problems.field(_words(element.first("SzIm")), "<SzIm>", where).numbers(2)
         focal = element.first("F")
         text = None if focal is None else focal.text.strip()
-        c = reading.number(text, "<F>", where, positive=True)
-        distortion = _distortion(element, reading, where)
-        if pp is None or size is None or c is None or distortion is None:
+        c = problems.field(text, "<F>", where).number(above=0.0)
+        distortion = _distortion(element, problems, where)
+        if is_unread(pp, size, c) or distortion is None:
             return
         values, centre = distortion
         values |= {"c": c, "x0": pp[0] + 0.5, "y0": -pp[1] - 0.5}
@@ -267,17 +268,17 @@ class _Orientations:
             values |= {"xd": centre[0] - pp[0], "yd": -(centre[1] - pp[1])}
         sides = (size[0], size[1])
         lens = CentredBrownLens()
-        with reading.at(where):
+        with problems.at(where):
             add_pixel_camera(self.network, name, lens, values, size=sides, free=self.free)
 
 
 def _distortion(
-    element: Element, reading: BlockProblems, where: str
+    element: Element, problems: Problems, where: str
 ) -> tuple[dict[str, float], tuple[float, ...] | None] | None:
     """Return parameters, y up, and the centre, y down; None after a problem."""
     models = [m for d in element.all("CalibDistortion") for m in d.children]
     if len(models) != 1:
-        reading.wrong(f"has {len(models)} distortions; valid: one", where)
+        problems.wrong(f"has {len(models)} distortions; valid: one", where)
         return None
     model = models[0]
     if model.tag == "ModNoDist":
@@ -285,43 +286,43 @@ def _distortion(
     radial = model if model.tag == "ModRad" else model.first("RadialePart")
     if model.tag not in ("ModRad", "ModPhgrStd") or radial is None:
         what = f"distortion <{model.tag}> cannot be read; valid: ModNoDist, ModRad, ModPhgrStd"
-        reading.wrong(what, where)
+        problems.wrong(what, where)
         return None
-    centre = reading.numbers(_words(radial.first("CDist")), 2, "<CDist>", where)
+    centre = problems.field(_words(radial.first("CDist")), "<CDist>", where).numbers(2)
     texts = [c.text.strip() for c in radial.all("CoeffDist")]
-    found = reading.numbers(texts, len(texts), "<CoeffDist>", where)
-    if centre is None or found is None:
+    found = problems.field(texts, "<CoeffDist>", where).numbers(len(texts))
+    if is_unread(centre, found):
         return None
     if any(found[3:]):
-        reading.wrong("has more than three radial coefficients; valid: k1, k2, k3", where)
+        problems.wrong("has more than three radial coefficients; valid: k1, k2, k3", where)
         return None
     values = dict(zip(("k1", "k2", "k3"), found, strict=False))
     for tag, ours, sign in (("P1", "p1", 1), ("P2", "p2", -1), ("b1", "b1", 1), ("b2", "b2", -1)):
         child = model.first(tag) if model is not radial else None
         if child is not None:
-            value = reading.number(child.text.strip(), f"<{tag}>", where)
-            values[ours] = sign * (value or 0.0)
+            value = problems.field(child.text.strip(), f"<{tag}>", where).number()
+            values[ours] = sign * (0.0 if is_unread(value) else value)
     return values, centre
 
 
-def _control(path: Path, network: Network, reading: BlockProblems, factor: float) -> None:
+def _control(path: Path, network: Network, problems: Problems, factor: float) -> None:
     """Add control points with their uncertainties; those of zero or less are check points."""
     root = read_xml(path)
     dictionary = _element_with_tag(root, "DicoAppuisFlottant")
     if dictionary is None:
-        reading.wrong("has no <DicoAppuisFlottant>", f"{path.name}:{root.line}")
+        problems.wrong("has no <DicoAppuisFlottant>", f"{path.name}:{root.line}")
         return
     for entry in dictionary.all("OneAppuisDAF"):
         where = f"{path.name}:{entry.line}"
         named = entry.first("NamePt")
         name = "" if named is None else named.text.strip()
-        at = reading.numbers(_words(entry.first("Pt")), 3, "<Pt>", where)
+        at = problems.field(_words(entry.first("Pt")), "<Pt>", where).numbers(3)
         given = entry.first("Incertitude")
         texts = ["1", "1", "1"] if given is None else _words(given)
-        sigma = reading.numbers(texts, 3, "<Incertitude>", where)
-        if at is None or sigma is None:
+        sigma = problems.field(texts, "<Incertitude>", where).numbers(3)
+        if is_unread(at, sigma):
             continue
-        with reading.at(where):
+        with problems.at(where):
             if min(sigma) <= 0:
                 network.add_point(name, check=at)
                 continue
@@ -331,31 +332,31 @@ def _control(path: Path, network: Network, reading: BlockProblems, factor: float
 
 
 def _measures(
-    path: Path, network: Network, images: ImagePoints, reading: BlockProblems, sigma: float
+    path: Path, network: Network, images: ImagePoints, problems: Problems, sigma: float
 ) -> None:
     """Gather image measurements, and add the points among them that are new."""
     root = read_xml(path)
     whole = _element_with_tag(root, "SetOfMesureAppuisFlottants")
     if whole is None:
-        reading.wrong("has no <SetOfMesureAppuisFlottants>", f"{path.name}:{root.line}")
+        problems.wrong("has no <SetOfMesureAppuisFlottants>", f"{path.name}:{root.line}")
         return
-    oriented = not reading.problems
+    oriented = not problems.count
     for image in whole.all("MesureAppuiFlottant1Im"):
         named = image.first("NameIm")
         photo = "" if named is None else named.text.strip()
         if photo not in network.photos:
             if oriented:
                 what = f"image {photo!r} has no orientation; its measurements need one"
-                reading.wrong(what, f"{path.name}:{image.line}")
+                problems.wrong(what, f"{path.name}:{image.line}")
             continue
         for entry in image.all("OneMesureAF1I"):
             where = f"{path.name}:{entry.line}"
             point = entry.first("NamePt")
             name = "" if point is None else point.text.strip()
-            xy = reading.numbers(_words(entry.first("PtIm")), 2, "<PtIm>", where)
-            if xy is None:
+            xy = problems.field(_words(entry.first("PtIm")), "<PtIm>", where).numbers(2)
+            if is_unread(xy):
                 continue
             if name not in network.points:
-                with reading.at(where):
+                with problems.at(where):
                     network.add_point(name)
             images.add(photo, name, (xy[0] + 0.5, -xy[1] - 0.5), (sigma,), where)

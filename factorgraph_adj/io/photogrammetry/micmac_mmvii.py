@@ -36,9 +36,9 @@ from ...models.normalised_lens import FraserNormalisedLens
 from ...models.ray_lens import EquirectangularLens, FisheyeLens
 from ...network.network import Network
 from ...observations import ControlPoint
+from ..source import Problems, is_unread
 from ..xml_files import Element, parse_xml
 from .block_source import (
-    BlockProblems,
     ImagePoints,
     add_pixel_camera,
     rotation_and_scale,
@@ -130,7 +130,7 @@ class MmviiOrientations:
     """The folder."""
     network: Network
     """Network to which cameras and photos are added."""
-    reading: BlockProblems
+    problems: Problems
     """Where problems go."""
     free: tuple[str, ...]
     """Names of the unknown parameters of the cameras."""
@@ -142,12 +142,12 @@ class MmviiOrientations:
         for file in sorted(self.folder.glob("Ori-*.xml")):
             if not file.name.startswith(PREFIX):
                 what = f"is a sensor of another kind; valid: {PREFIX}….xml"
-                self.reading.wrong(what, f"{file.name}:1")
+                self.problems.wrong(what, f"{file.name}:1")
                 continue
             try:
                 self._photo(file)
             except InputError as error:
-                self.reading.problems += error.problems
+                self.problems.extend(error.problems)
 
     def _photo(self, file: Path) -> None:
         pose = mmvii_contents(file, "CameraPose", "NameImage")
@@ -164,20 +164,20 @@ class MmviiOrientations:
         if matrix is None:
             raise InputError(Problem("has no rotation matrix <RotMatrix>", at))
         axes = [self._three(matrix, tag, file) for tag in ("AxeI", "AxeJ", "AxeK")]
-        if camera is None or centre is None or any(a is None for a in axes):
+        if camera is None or is_unread(centre, *axes):
             return
         split = rotation_and_scale(np.transpose(np.array(axes, dtype=float)))
         if split is None or abs(split[1] - 1) > 1e-3:
             what = "<RotMatrix> is no rotation matrix"
             raise InputError(Problem(what, f"{file.name}:{matrix.line}"))
-        with self.reading.at(at):
+        with self.problems.at(at):
             self.network.add_photo(name, camera, position=centre, rotation=split[0])
 
-    def _three(self, element: Element, tag: str, file: Path) -> tuple[float, ...] | None:
+    def _three(self, element: Element, tag: str, file: Path) -> tuple[float, ...]:
         child = element.first(tag)
         line = element.line if child is None else child.line
-        return self.reading.numbers(
-            unquoted_text(child).split(), 3, f"<{tag}>", f"{file.name}:{line}"
+        return self.problems.field(unquoted_text(child), f"<{tag}>", f"{file.name}:{line}").numbers(
+            3
         )
 
     def _camera(self, pose: Element, file: Path) -> str | None:
@@ -199,9 +199,9 @@ class MmviiOrientations:
             what = f"<Name> is {unquoted_text(named)[:80]!r}; valid: {key!r}, as the file is named"
             raise InputError(Problem(what, f"{path.name}:{line}"))
         name = key.removeprefix(CALIBRATION_PREFIX) or key
-        before = len(self.reading.problems)
-        MmviiCalibration(calibration, path.name, self.reading).into(self.network, name, self.free)
-        if len(self.reading.problems) == before:
+        before = self.problems.count
+        MmviiCalibration(calibration, path.name, self.problems).into(self.network, name, self.free)
+        if self.problems.count == before:
             self.cameras[key] = name
         return self.cameras[key]
 
@@ -214,7 +214,7 @@ class MmviiCalibration:
     """Element of its contents."""
     file: str
     """Name of the file in messages."""
-    reading: BlockProblems
+    problems: Problems
     """Where problems go."""
 
     def _at(self, element: Element | None) -> str:
@@ -224,7 +224,7 @@ class MmviiCalibration:
         """Return a child, and report where there is none."""
         child = None if parent is None else parent.first(tag)
         if child is None and parent is not None:
-            self.reading.wrong(f"<{parent.tag}> has no <{tag}>", self._at(parent))
+            self.problems.wrong(f"<{parent.tag}> has no <{tag}>", self._at(parent))
         return child
 
     def into(self, network: Network, name: str, free: tuple[str, ...]) -> None:
@@ -235,16 +235,16 @@ class MmviiCalibration:
         said = self._child(self.element, "Projection")
         if frame is None or focal is None or middle is None or said is None:
             return
-        size = self.reading.numbers(unquoted_text(frame).split(), 2, "<NbPix>", self._at(frame))
-        c = self.reading.number(unquoted_text(focal), "<F>", self._at(focal), positive=True)
-        pp = self.reading.numbers(unquoted_text(middle).split(), 2, "<PP>", self._at(middle))
+        size = self.problems.field(unquoted_text(frame), "<NbPix>", self._at(frame)).numbers(2)
+        c = self.problems.field(unquoted_text(focal), "<F>", self._at(focal)).number(above=0.0)
+        pp = self.problems.field(unquoted_text(middle), "<PP>", self._at(middle)).numbers(2)
         projection = MMVII_PROJECTIONS.get(unquoted_text(said))
         if projection is None:
             what = f"projection {unquoted_text(said)[:40]!r} cannot be read; valid: "
-            self.reading.wrong(what + ", ".join(MMVII_PROJECTIONS), self._at(said))
+            self.problems.wrong(what + ", ".join(MMVII_PROJECTIONS), self._at(said))
             return
         values = self._distortion(projection, unquoted_text(said))
-        if size is None or c is None or pp is None or values is None:
+        if is_unread(size, c, pp) or values is None:
             return
         values |= {"c": c, "x0": pp[0] + 0.5, "y0": -pp[1] - 0.5}
         lens, sides = projection.lens, (size[0], size[1])
@@ -252,7 +252,7 @@ class MmviiCalibration:
         if isinstance(lens, FraserNormalisedLens) and not affinity:
             lens = NormalisedLens()
             values = {n: v for n, v in values.items() if n in lens.names}
-        with self.reading.at(self._at(self.element)):
+        with self.problems.at(self._at(self.element)):
             add_pixel_camera(network, name, lens, values, size=sides, free=free)
 
     def _distortion(self, projection: MmviiProjection, said: str) -> dict[str, float] | None:
@@ -266,19 +266,19 @@ class MmviiCalibration:
             what = (
                 f"<Degree> is {unquoted_text(stated)[:40]!r}; valid: three whole numbers up to 20"
             )
-            self.reading.wrong(what, self._at(stated))
+            self.problems.wrong(what, self._at(stated))
             return None
         mode = auxiliary.first("IsFraserMode")
         if mode is not None and unquoted_text(mode) != "1":
             what = f"<IsFraserMode> {unquoted_text(mode)[:40]!r} cannot be read; valid: 1"
-            self.reading.wrong(what, self._at(mode))
+            self.problems.wrong(what, self._at(mode))
             return None
         return self._coefficients(projection, said, [d or 0 for d in degree], stated)
 
     def _coefficients(
         self, projection: MmviiProjection, said: str, degree: list[int], stated: Element
     ) -> dict[str, float] | None:
-        before = len(self.reading.problems)
+        before = self.problems.count
         missing = {
             **{f"K{i}": "Radial" for i in range(1, degree[0] + 1)},
             **{f"p{i}": "Decentric" for i in range(1, 2 * degree[1] + 1)},
@@ -289,22 +289,22 @@ class MmviiCalibration:
         for part in [] if distortion is None else distortion.children:
             for entry in part.children:
                 tag, where = entry.tag, self._at(entry)
-                value = self.reading.number(unquoted_text(entry), f"<{tag[:40]}>", where)
+                value = self.problems.field(unquoted_text(entry), f"<{tag[:40]}>", where).number()
                 monomial = part.tag == "Polynomial" and re.fullmatch(r"[xy]_\d+_\d+", tag)
                 if missing.pop(tag, None) != part.tag and not (monomial and degree[2] > 1):
                     what = f"<{tag[:40]}> is given twice or lies beyond <Degree> "
-                    self.reading.wrong(what + " ".join(map(str, degree)), where)
+                    self.problems.wrong(what + " ".join(map(str, degree)), where)
                 elif tag in projection.coefficients:
                     ours, sign = projection.coefficients[tag]
-                    values[ours] = sign * (value or 0.0)
+                    values[ours] = sign * (0.0 if is_unread(value) else value)
                 elif value:
                     valid = ", ".join(projection.coefficients) or "none"
                     what = f"the coefficient <{tag}> of projection {said} cannot be read unless it "
-                    self.reading.wrong(f"{what}is 0; coefficients that can: {valid}", where)
+                    self.problems.wrong(f"{what}is 0; coefficients that can: {valid}", where)
         if missing:
             what = f"<Degree> {' '.join(map(str, degree))} needs <{', '.join(missing)}>"
-            self.reading.wrong(what, self._at(distortion or stated))
-        return None if len(self.reading.problems) > before else values
+            self.problems.wrong(what, self._at(distortion or stated))
+        return None if self.problems.count > before else values
 
 
 def matching_files(path: Path, pattern: str) -> list[Path]:
@@ -321,28 +321,28 @@ def matching_files(path: Path, pattern: str) -> list[Path]:
     return found
 
 
-def _entries(element: Element, file: str, reading: BlockProblems) -> Iterator[Element]:
+def _entries(element: Element, file: str, problems: Problems) -> Iterator[Element]:
     measures = element.first("Measures")
     if measures is None:
-        reading.wrong("has no <Measures>", f"{file}:{element.line}")
+        problems.wrong("has no <Measures>", f"{file}:{element.line}")
         return
     number = measures.first("Nb")
     found = list(measures.all("el"))
     if number is not None and unquoted_text(number) != str(len(found)):
         what = f"<Nb> is {unquoted_text(number)[:40]!r}, but there are {len(found)} measures <el>"
-        reading.wrong(what, f"{file}:{number.line}")
+        problems.wrong(what, f"{file}:{number.line}")
     yield from found
 
 
 def _numbers(
-    element: Element, tag: str, size: int, file: str, reading: BlockProblems
-) -> tuple[float, ...] | None:
+    element: Element, tag: str, size: int, file: str, problems: Problems
+) -> tuple[float, ...]:
     child = element.first(tag)
     line = element.line if child is None else child.line
-    return reading.numbers(unquoted_text(child).split(), size, f"<{tag}>", f"{file}:{line}")
+    return problems.field(unquoted_text(child), f"<{tag}>", f"{file}:{line}").numbers(size)
 
 
-def add_control(path: Path, network: Network, reading: BlockProblems, factor: float) -> None:
+def add_control(path: Path, network: Network, problems: Problems, factor: float) -> None:
     """Add the points of ground control of a file or a folder.
 
     Points of zero variances are held; those without variances have approximate coordinates.
@@ -350,27 +350,27 @@ def add_control(path: Path, network: Network, reading: BlockProblems, factor: fl
     Args:
         path: a file MesGCP-….xml, or a folder of them.
         network: the network.
-        reading: where problems go.
+        problems: where problems go.
         factor: factor of the standard deviations.
     """
     for file in matching_files(path, CONTROL_PATTERN):
-        with reading.at(file.name):
-            _control_of(file, network, reading, factor)
+        with problems.at(file.name):
+            _control_of(file, network, problems, factor)
 
 
-def _control_of(file: Path, network: Network, reading: BlockProblems, factor: float) -> None:
+def _control_of(file: Path, network: Network, problems: Problems, factor: float) -> None:
     points = mmvii_contents(file, "SetGCP", "Measures")
-    for entry in _entries(points, file.name, reading):
+    for entry in _entries(points, file.name, problems):
         where = f"{file.name}:{entry.line}"
         name = unquoted_text(entry.first("Name"))
-        at = _numbers(entry, "Pt", 3, file.name, reading)
+        at = _numbers(entry, "Pt", 3, file.name, problems)
         tag = next(
             (t for t in ("Sigma2", OPTIONAL_PREFIX + "Sigma2") if entry.first(t) is not None), None
         )
-        given = None if tag is None else _numbers(entry, tag, 6, file.name, reading)
-        if at is None or (tag is not None and given is None):
+        given = None if tag is None else _numbers(entry, tag, 6, file.name, problems)
+        if is_unread(at) or (given is not None and is_unread(given)):
             continue
-        with reading.at(where):
+        with problems.at(where):
             if given is None:
                 network.add_point(name, at)
                 continue
@@ -381,7 +381,7 @@ def _control_of(file: Path, network: Network, reading: BlockProblems, factor: fl
             matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             if min(xx, yy, zz) <= 0 or np.linalg.eigvalsh(matrix)[0] <= 0:
                 what = f"<{tag}> is no matrix of variances; valid: positive ones, or all 0 to hold"
-                reading.wrong(what, where)
+                problems.wrong(what, where)
                 continue
             network.add_point(name, at)
             if xy or xz or yz:
@@ -392,7 +392,7 @@ def _control_of(file: Path, network: Network, reading: BlockProblems, factor: fl
 
 
 def add_measures(
-    path: Path, network: Network, images: ImagePoints, reading: BlockProblems, factor: float
+    path: Path, network: Network, images: ImagePoints, problems: Problems, factor: float
 ) -> None:
     """Gather the measurements in images of a file or a folder, and add points that are new.
 
@@ -400,20 +400,20 @@ def add_measures(
         path: a file MesIm-….xml, or a folder of them.
         network: the network.
         images: where the measurements go.
-        reading: where problems go.
+        problems: where problems go.
         factor: factor of the standard deviations.
     """
-    whole = not reading.problems
+    whole = not problems.count
     for file in matching_files(path, MEASURES_PATTERN):
-        with reading.at(file.name):
-            _measures_of(file, network, images, reading, factor, whole)
+        with problems.at(file.name):
+            _measures_of(file, network, images, problems, factor, whole)
 
 
 def _measures_of(
     file: Path,
     network: Network,
     images: ImagePoints,
-    reading: BlockProblems,
+    problems: Problems,
     factor: float,
     whole: bool,
 ) -> None:
@@ -424,22 +424,22 @@ def _measures_of(
     if photo not in network.photos:
         if whole:
             what = f"image {photo[:80]!r} has no orientation; its measurements need one"
-            reading.wrong(what, f"{file.name}:{(named or image).line}")
+            problems.wrong(what, f"{file.name}:{(named or image).line}")
         return
-    for entry in _entries(image, file.name, reading):
+    for entry in _entries(image, file.name, problems):
         where = f"{file.name}:{entry.line}"
         name = unquoted_text(entry.first("Name"))
-        xy = _numbers(entry, "Pt", 2, file.name, reading)
-        variances = _numbers(entry, "Sigma2", 3, file.name, reading)
-        if xy is None or variances is None:
+        xy = _numbers(entry, "Pt", 2, file.name, problems)
+        variances = _numbers(entry, "Sigma2", 3, file.name, problems)
+        if is_unread(xy, variances):
             continue
         xx, mixed, yy = variances
         if mixed or min(xx, yy) <= 0:
             what = "<Sigma2> must have positive variances xx, yy and the covariance xy 0"
-            reading.wrong(what, where)
+            problems.wrong(what, where)
             continue
         if name not in network.points:
-            with reading.at(where):
+            with problems.at(where):
                 network.add_point(name)
         sigma = (factor * xx**0.5, factor * yy**0.5)
         images.add(photo, name, (xy[0] + 0.5, -xy[1] - 0.5), sigma, where)

@@ -30,8 +30,9 @@ from ...rotation import exp_rotation
 from ...types import Array
 from ..file_transaction import write_files
 from ..format_limits import calibration_values, pixel_format
+from ..source import Problems, is_unread
 from ..text_files import file_beginning
-from .block_source import BlockProblems, ImagePoints, add_pixel_camera
+from .block_source import ImagePoints, add_pixel_camera
 from .opencv_storage import StorageValue, read_storage
 
 FIX_ASPECT_RATIO = 2
@@ -167,27 +168,28 @@ def read_opencv(
     if isinstance(calibration, str) and calibration not in choices:
         what = f"calibration {calibration!r}; valid: {', '.join(map(repr, choices))}, or names"
         raise InputError(f"unknown {what} such as ['c', 'k1']")
-    reading = BlockProblems()
+    problems = Problems()
     stored, last = read_storage(source)
     found = _values_by_name(stored)
     network = Network(source.stem)
-    views = _views(found, reading)
+    views = _views(found, problems)
     size = [image_width, image_height]
     for i, name in enumerate(("width", "height")):
         if size[i] is None and name in found:
-            size[i] = found[name].number(reading, name, positive=True)
-    camera = _camera(found, reading, _model(model, found, reading), f"{source.name}:{last}")
+            width = found[name].field(problems, name).number(above=0.0)
+            size[i] = None if is_unread(width) else width
+    camera = _camera(found, problems, _model(model, found, problems), f"{source.name}:{last}")
     if camera is not None:
         lens, values, estimated = camera
         sides = None if size[0] is None or size[1] is None else (size[0], size[1])
         named = {"as calibrated": estimated, "held": []}
         chosen = named[calibration] if isinstance(calibration, str) else list(calibration)
         free = chosen if views is not None else ()
-        with reading.at(found["camera_matrix"].where):
+        with problems.at(found["camera_matrix"].where):
             add_pixel_camera(network, "camera", lens, values, size=sides, free=free)
-    if views is not None and not reading.problems:
-        _add_views(network, views, reading, sigma_px)
-    reading.finish(network)
+    if views is not None and not problems.count:
+        _add_views(network, views, problems, sigma_px)
+    problems.finish(network)
     return network
 
 
@@ -207,64 +209,60 @@ def _values_by_name(values: Mapping[str, StorageValue]) -> dict[str, StorageValu
     }
 
 
-def _model(given: str | None, found: Mapping[str, StorageValue], reading: BlockProblems) -> str:
+def _model(given: str | None, found: Mapping[str, StorageValue], problems: Problems) -> str:
     """Return pinhole or fisheye: what is asked for, or what the file says."""
     if given is None and "fisheye" in found:
-        return "fisheye" if found["fisheye"].number(reading, "fisheye_model") else "pinhole"
+        return "fisheye" if found["fisheye"].field(problems, "fisheye_model").flag() else "pinhole"
     return given or "pinhole"
 
 
-def _flags(found: Mapping[str, StorageValue], reading: BlockProblems) -> int | None:
+def _flags(found: Mapping[str, StorageValue], problems: Problems) -> int | None:
     """Return the flags of the calibration; None where the file has none, or after a problem."""
-    value = found["flags"].number(reading, "flags") if "flags" in found else None
-    if value is None:
+    if "flags" not in found:
         return None
-    if value != int(value) or not 0 <= value < 1 << 31:
-        reading.wrong(f"flags must be a whole number, not {value:g}", found["flags"].where)
-        return None
-    return int(value)
+    return found["flags"].field(problems, "flags").integer(largest=(1 << 31) - 1)
 
 
 def _camera(
-    found: Mapping[str, StorageValue], reading: BlockProblems, model: str, end: str
+    found: Mapping[str, StorageValue], problems: Problems, model: str, end: str
 ) -> tuple[Lens, dict[str, float], list[str]] | None:
     """Return lens, values and what a calibration estimates; None after a problem."""
     if "camera_matrix" not in found:
-        reading.wrong("has no camera_matrix", end)
+        problems.wrong("has no camera_matrix", end)
         return None
     given = found["camera_matrix"]
-    matrix = given.matrix(reading, "camera_matrix")
+    matrix = given.matrix(problems, "camera_matrix")
     if matrix is None:
         return None
     if matrix.shape != (3, 3, 1):
-        reading.wrong(
+        problems.wrong(
             f"camera_matrix must be 3 × 3, not {matrix.shape[0]} × {matrix.shape[1]}", given.where
         )
         return None
     m = matrix[:, :, 0]
     if not (m[0, 0] > 0 and m[1, 1] > 0) or m[1, 0] or np.any(m[2] != (0, 0, 1)):
-        reading.wrong("camera_matrix must be [fx s cx; 0 fy cy; 0 0 1]", given.where)
+        problems.wrong("camera_matrix must be [fx s cx; 0 fy cy; 0 0 1]", given.where)
         return None
     names = FISHEYE_COEFFICIENTS if model == "fisheye" else PINHOLE_COEFFICIENTS
     k = dict.fromkeys(names, 0.0)
     stated: list[str] = []
     if "distortion" in found:
-        vector = found["distortion"].matrix(reading, "distortion_coefficients")
+        vector = found["distortion"].matrix(problems, "distortion_coefficients")
         if vector is None:
             return None
         valid = (4,) if model == "fisheye" else (4, 5, 8, 12, 14)
         if vector.size not in valid:
             what = f"has {vector.size} distortion coefficients; valid: {', '.join(map(str, valid))}"
-            reading.wrong(what, found["distortion"].where)
+            problems.wrong(what, found["distortion"].where)
             return None
         stated = list(names[: vector.size])
         k |= dict(zip(stated, vector.ravel().tolist(), strict=True))
         lost = [n for n in ("s1", "s2", "s3", "s4", "tx", "ty") if k.get(n)]
         if lost:
             what = f"{', '.join(lost)} (thin prism, tilt) are not zero; no lens model has them here"
-            reading.wrong(what, found["distortion"].where)
+            problems.wrong(what, found["distortion"].where)
             return None
-    flags = _flags(found, reading)
+    flags = _flags(found, problems)
     held = (
         frozenset[str]() if flags is None else fixed_parameters(flags, fisheye=model == "fisheye")
     )
@@ -302,12 +300,12 @@ class _Views:
     """File and line."""
 
 
-def _views(found: Mapping[str, StorageValue], reading: BlockProblems) -> _Views | None:
+def _views(found: Mapping[str, StorageValue], problems: Problems) -> _Views | None:
     """Return the views of a calibration; None if the file does not have them all."""
     needed = ("extrinsics", "image_points", "grid_points")
     if not all(n in found for n in needed):
         return None
-    parts = [found[n].matrix(reading, n) for n in needed]
+    parts = [found[n].matrix(problems, n) for n in needed]
     a, b, c = parts
     if a is None or b is None or c is None:
         return None
@@ -318,21 +316,21 @@ def _views(found: Mapping[str, StorageValue], reading: BlockProblems) -> _Views 
             f"views do not fit: extrinsic_parameters {a.shape[:2]}, image_points {b.shape}, "
             f"grid_points {c.shape}"
         )
-        reading.wrong(what, where)
+        problems.wrong(what, where)
         return None
     return _Views(a[:, :, 0], b, board, where)
 
 
-def _add_views(network: Network, views: _Views, reading: BlockProblems, sigma: float) -> None:
+def _add_views(network: Network, views: _Views, problems: Problems, sigma: float) -> None:
     """Add board points, photos and corners."""
     names = [f"corner {i}" for i in range(len(views.board))]
     for name, at in zip(names, views.board.tolist(), strict=True):
         network.add_point(name, at, fixed="xyz")
     rotations = exp_rotation(views.vectors[:, :3])
-    images = ImagePoints(reading)
+    images = ImagePoints(problems)
     for i, (r, t) in enumerate(zip(rotations, views.vectors[:, 3:], strict=True)):
         photo = f"view {i}"
-        with reading.at(views.where):
+        with problems.at(views.where):
             network.add_photo(photo, "camera", position=(-r.T @ t).tolist(), rotation=r.T)
         for name, (x, y) in zip(names, views.corners[i].tolist(), strict=True):
             images.add(photo, name, (x + 0.5, -y - 0.5), (sigma,), views.where)

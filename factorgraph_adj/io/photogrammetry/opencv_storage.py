@@ -16,9 +16,9 @@ import numpy as np
 from ...errors import InputError, Problem
 from ...files import MAX_YAML_BYTES
 from ...types import Array
+from ..source import Field, Problems, is_unread
 from ..text_files import last_line_number, read_text
 from ..xml_files import Element, parse_xml
-from .block_source import BlockProblems
 
 PYYAML_MISSING = "OpenCV's YAML files need PyYAML: pip install 'factorgraph_adj[opencv]'"
 MATRIX_TYPE = "opencv-matrix"
@@ -37,14 +37,14 @@ class StorageValue:
     shape: tuple[str, str, str] | None = None
     """Rows, columns and type of a matrix; None of a scalar."""
 
-    def number(self, reading: BlockProblems, name: str, *, positive: bool = False) -> float | None:
-        """Return a scalar as a number; None after a problem."""
-        return reading.number(self.text.strip(), name, self.where, positive=positive)
+    def field(self, problems: Problems, name: str) -> Field:
+        """Return a scalar as a field."""
+        return problems.field(self.text, name, self.where)
 
-    def matrix(self, reading: BlockProblems, name: str) -> Array | None:
+    def matrix(self, problems: Problems, name: str) -> Array | None:
         """Return a matrix (rows, columns, channels); None after a problem."""
         if self.shape is None:
-            reading.wrong(f"{name} must be a matrix ({MATRIX_TYPE})", self.where)
+            problems.wrong(f"{name} must be a matrix ({MATRIX_TYPE})", self.where)
             return None
         rows, columns, kind = self.shape
         found_type = _TYPE.fullmatch(kind)
@@ -52,12 +52,11 @@ class StorageValue:
         if not all(s.isascii() and s.isdigit() and len(s) < 10 for s in sizes):
             said = f"rows {rows!r}, cols {columns!r}, dt {kind!r}"
             what = f"{name} has {said}; valid: two whole numbers, a type such as d or 2f"
-            reading.wrong(what, self.where)
+            problems.wrong(what, self.where)
             return None
         shape = tuple(int(s) for s in sizes)
-        texts = self.text.split()
-        found = reading.numbers(texts, int(np.prod(shape)), name, self.where)
-        return None if found is None else np.array(found).reshape(shape)
+        found = self.field(problems, name).numbers(int(np.prod(shape)))
+        return None if is_unread(found) else np.array(found).reshape(shape)
 
 
 def read_storage(path: Path) -> tuple[dict[str, StorageValue], int]:

@@ -33,13 +33,13 @@ from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
 from ...types import Array
 from ..json_files import JsonNode, parse_json
+from ..source import Problems
 from ..text_files import file_beginning, read_text
 from .block_source import (
     MARKS_WITHOUT_PHOTO,
     PHOTOS_WITHOUT_POSE,
     RAYS_WITHOUT_PHOTO,
     TIE_PREFIX,
-    BlockProblems,
     ImagePoints,
     add_pixel_camera,
     rotation_and_scale,
@@ -129,21 +129,21 @@ def read_openmvg(
     version = root.need("sfm_data_version")
     if version.text() not in OPENMVG_VERSIONS:
         raise version.fail(f"version {version.text()!r}; valid: {', '.join(OPENMVG_VERSIONS)}")
-    reading = BlockProblems()
+    problems = Problems()
     network = Network(source.parent.name or source.stem)
-    _cameras(network, root, reading, calibration == "optimised")
-    photos = _photos(network, root, reading, positions == "observe")
-    images = ImagePoints(reading)
+    _cameras(network, root, problems, calibration == "optimised")
+    photos = _photos(network, root, problems, positions == "observe")
+    images = ImagePoints(problems)
     structure = root.get("structure")
     if structure is not None:
         for key, landmark in _entries(structure):
-            with reading.at(landmark.where):
+            with problems.at(landmark.where):
                 _landmark(network, TIE_PREFIX + str(key), landmark, photos, images, sigma_px)
     marked = root.get("control_points")
     if marked is not None and control != "leave out":
         for key, landmark in _entries(marked):
             name = CONTROL_PREFIX + str(key)
-            with reading.at(landmark.where):
+            with problems.at(landmark.where):
                 xyz = _landmark(network, name, landmark, photos, images, sigma_control_px,
                                 check=control == "check")  # fmt: skip
                 if control == "observe":
@@ -151,7 +151,7 @@ def read_openmvg(
                     network.add(observed)
     _without_rays(network, images)
     images.into(network)
-    reading.finish(network)
+    problems.finish(network)
     if not network.observations:
         network.datum = "free"
     return network
@@ -196,10 +196,10 @@ class _Pointers:
         return name, found
 
 
-def _cameras(network: Network, root: JsonNode, reading: BlockProblems, free: bool) -> None:
+def _cameras(network: Network, root: JsonNode, problems: Problems, free: bool) -> None:
     pointers = _Pointers()
     for key, value in _entries(root.need("intrinsics")):
-        with reading.at(value.where):
+        with problems.at(value.where):
             name, data = pointers.content(value)
             kind = INTRINSIC_TYPES.get(name)
             if kind is None:
@@ -224,11 +224,11 @@ def _cameras(network: Network, root: JsonNode, reading: BlockProblems, free: boo
             )
 
 
-def _poses(root: JsonNode, reading: BlockProblems) -> dict[int, tuple[Array, tuple[float, ...]]]:
+def _poses(root: JsonNode, problems: Problems) -> dict[int, tuple[Array, tuple[float, ...]]]:
     """Return rotation camera ← world and projection centre by number of pose."""
     out: dict[int, tuple[Array, tuple[float, ...]]] = {}
     for key, value in _entries(root.need("extrinsics")):
-        with reading.at(value.where):
+        with problems.at(value.where):
             rows = [row.numbers(3) for row in value.need("rotation").list()]
             found = rotation_and_scale(np.array(rows)) if len(rows) == 3 else None
             if found is None or abs(found[1] - 1.0) > 1e-4:
@@ -239,16 +239,14 @@ def _poses(root: JsonNode, reading: BlockProblems) -> dict[int, tuple[Array, tup
     return out
 
 
-def _photos(
-    network: Network, root: JsonNode, reading: BlockProblems, observe: bool
-) -> dict[int, str]:
+def _photos(network: Network, root: JsonNode, problems: Problems, observe: bool) -> dict[int, str]:
     """Add the photos with a pose; return their names by number of view."""
     pointers = _Pointers()
-    poses = _poses(root, reading)
+    poses = _poses(root, problems)
     names: dict[int, str] = {}
     used: dict[int, str] = {}
     for key, value in _entries(root.need("views")):
-        with reading.at(value.where):
+        with problems.at(value.where):
             kind, view = pointers.content(value)
             if kind not in VIEW_TYPES:
                 raise value.fail(f"a view of type {kind!r} cannot be read; valid: {VIEW_TYPES[1]}")
@@ -256,7 +254,7 @@ def _photos(
             folder = view.get("local_path")
             name = view.need("filename").text()
             if pose not in poses:
-                reading.leave_out(PHOTOS_WITHOUT_POSE, name, view.where)
+                problems.leave_out(PHOTOS_WITHOUT_POSE, name, view.where)
                 continue
             if folder is not None and folder.text().strip("./"):
                 name = f"{folder.text().rstrip('/')}/{name}"
@@ -265,7 +263,7 @@ def _photos(
             used[pose] = name
             camera = view.need("id_intrinsic").integer()
             if str(camera) not in network.cameras:
-                if reading.problems:
+                if problems.count:
                     continue  # the camera may have a problem of its own
                 raise view.fail(f"view {name!r} has unknown intrinsics {camera}")
             rotation, centre = poses[pose]
@@ -300,9 +298,9 @@ def _landmark(
         if key in photos:
             images.add(photos[key], name, (x, -y), (sigma,), seen.where)
         else:
-            reading = images.reading
+            problems = images.problems
             why = RAYS_WITHOUT_PHOTO if name.startswith(TIE_PREFIX) else MARKS_WITHOUT_PHOTO
-            reading.leave_out(why, f"view {key}", seen.where)
+            problems.leave_out(why, f"view {key}", seen.where)
     return xyz
 
 

@@ -17,13 +17,13 @@ from ...rotation import exp_rotation
 from ...types import Array
 from ..file_problems import LeftOutReason
 from ..json_files import JsonNode, parse_json
+from ..source import Problems, is_unread
 from ..text_files import file_beginning, read_text
 from .block_source import (
     MARKS_WITHOUT_PHOTO,
     RAYS_WITHOUT_PHOTO,
     RAYS_WITHOUT_POINT,
     TIE_PREFIX,
-    BlockProblems,
     ImagePoints,
     add_pixel_camera,
     filled_lines,
@@ -95,32 +95,32 @@ def read_opensfm(
     for name, value in (("sigma_px", sigma_px), ("sigma_gcp_px", sigma_gcp_px)):
         if not value > 0:
             raise InputError(f"{name} must be greater than zero, not {value}")
-    reading = BlockProblems()
+    problems = Problems()
     every = parse_json(read_text(source), source.name)
     root = _chosen_reconstruction(every, reconstruction)
     elsewhere: set[str] = set()
     for number, other in enumerate(every.list() if isinstance(every.value, list) else ()):
         if other.value is not root.value:
-            reading.leave_out(OTHER_RECONSTRUCTION, str(number), other.where)
+            problems.leave_out(OTHER_RECONSTRUCTION, str(number), other.where)
             elsewhere |= set(other.need("shots").members())
     frame = _frame(root, source.parent)
     network = Network(source.parent.name or source.stem, frame=frame)
-    cameras = _cameras(network, root, reading, calibration == "optimised")
-    _shots(network, root, reading, cameras, gps == "observe")
-    _points(network, root, reading)
-    images = ImagePoints(reading)
+    cameras = _cameras(network, root, problems, calibration == "optimised")
+    _shots(network, root, problems, cameras, gps == "observe")
+    _points(network, root, problems)
+    images = ImagePoints(problems)
     beside = source.parent / "tracks.csv"
     if tracks is not None or beside.exists():
-        _tracks(Path(tracks) if tracks else beside, network, images, reading, cameras, sigma_px)
+        _tracks(Path(tracks) if tracks else beside, network, images, problems, cameras, sigma_px)
     for name in GROUND_CONTROL_FILES if gcp is None else (str(gcp),):
         listed = Path(name) if gcp is not None else source.parent / name
         if gcp is not None or listed.exists():
-            ground = read_gcp_list(listed, reading)
-            _control(network, ground, images, reading, cameras, sigma_gcp_px, sigma_gcp, elsewhere)
+            ground = read_gcp_list(listed, problems)
+            _control(network, ground, images, problems, cameras, sigma_gcp_px, sigma_gcp, elsewhere)
             break
     _without_rays(network, images)
     images.into(network)
-    reading.finish(network)
+    problems.finish(network)
     if not network.observations:
         network.datum = "free"
     return network
@@ -162,11 +162,11 @@ def _frame(root: JsonNode, folder: Path) -> Frame:
 
 
 def _cameras(
-    network: Network, root: JsonNode, reading: BlockProblems, free: bool
+    network: Network, root: JsonNode, problems: Problems, free: bool
 ) -> dict[str, SfmCamera]:
     out: dict[str, SfmCamera] = {}
     for name, node in root.need("cameras").items():
-        with reading.at(node.where):
+        with problems.at(node.where):
             camera = read_opensfm_camera(node)
             out[name] = camera
             add_pixel_camera(
@@ -183,15 +183,15 @@ def _cameras(
 def _shots(
     network: Network,
     root: JsonNode,
-    reading: BlockProblems,
+    problems: Problems,
     cameras: Mapping[str, SfmCamera],
     gps: bool,
 ) -> None:
     """Add the photos; p_camera = R(rotation) p_world + translation."""
     rigs = root.get("rig_instances")
-    poses = {} if rigs is None else _rig_poses(root, rigs, reading)
+    poses = {} if rigs is None else _rig_poses(root, rigs, problems)
     for name, node in root.need("shots").items():
-        with reading.at(node.where):
+        with problems.at(node.where):
             camera = node.need("camera").text()
             if camera not in cameras and camera in root.need("cameras").members():
                 continue  # it has a problem of its own
@@ -219,18 +219,18 @@ def _matrix(node: JsonNode) -> Array:
 
 
 def _rig_poses(
-    root: JsonNode, rigs: JsonNode, reading: BlockProblems
+    root: JsonNode, rigs: JsonNode, problems: Problems
 ) -> dict[str, tuple[Array, Array]]:
     """Return the poses of shots that stand in rig instances: rig camera after instance."""
     cameras: dict[str, tuple[Array, Array]] = {}
     listed = root.get("rig_cameras")
     for name, node in () if listed is None else listed.items():
-        with reading.at(node.where):
+        with problems.at(node.where):
             translation = np.array(node.need("translation").numbers(3))
             cameras[name] = _matrix(node.need("rotation")), translation
     out: dict[str, tuple[Array, Array]] = {}
     for _, node in rigs.items():
-        with reading.at(node.where):
+        with problems.at(node.where):
             r, t = _matrix(node.need("rotation")), np.array(node.need("translation").numbers(3))
             for shot, of in node.need("rig_camera_ids").items():
                 inner = cameras.get(of.text())
@@ -240,19 +240,19 @@ def _rig_poses(
     return out
 
 
-def _points(network: Network, root: JsonNode, reading: BlockProblems) -> None:
+def _points(network: Network, root: JsonNode, problems: Problems) -> None:
     for name, node in root.need("points").items():
         try:
             network.add_point(TIE_PREFIX + name, node.need("coordinates").numbers(3))
         except InputError as error:
-            reading.problems += [p.at(node.where) for p in error.problems]
+            problems.extend([p.at(node.where) for p in error.problems])
 
 
 def _tracks(
     path: Path,
     network: Network,
     images: ImagePoints,
-    reading: BlockProblems,
+    problems: Problems,
     cameras: Mapping[str, SfmCamera],
     sigma: float,
 ) -> None:
@@ -261,7 +261,7 @@ def _tracks(
         where = f"{path.name}:{number}"
         if number == 1 and line.startswith(TRACKS_HEAD):
             if line.strip().removeprefix(TRACKS_HEAD) not in ("0", "1", "2"):
-                reading.wrong(
+                problems.wrong(
                     f"version {line.strip()!r} of tracks; valid: {TRACKS_HEAD}0 to 2", where
                 )
                 return
@@ -269,17 +269,17 @@ def _tracks(
         fields = line.split("\t")
         if len(fields) < 5:
             what = "a row has image, track, feature, x, y … separated by tabulators"
-            reading.wrong(f"{what}, not {len(fields)} fields", where)
+            problems.wrong(f"{what}, not {len(fields)} fields", where)
             continue
         photo, track = fields[0], TIE_PREFIX + fields[1]
         if photo not in network.photos:
-            reading.leave_out(RAYS_WITHOUT_PHOTO, photo, where)
+            problems.leave_out(RAYS_WITHOUT_PHOTO, photo, where)
             continue
         if track not in network.points:
-            reading.leave_out(RAYS_WITHOUT_POINT, track, where)
+            problems.leave_out(RAYS_WITHOUT_POINT, track, where)
             continue
-        xy = reading.numbers(fields[3:5], 2, "x, y", where)
-        if xy is not None:
+        xy = problems.field(fields[3:5], "x, y", where).numbers(2)
+        if not is_unread(xy):
             camera = cameras[network.photos[photo].camera]
             images.add(photo, track, camera.pixel(*xy), (sigma,), where)
 
@@ -300,7 +300,7 @@ def _control(
     network: Network,
     ground: GroundControlList,
     images: ImagePoints,
-    reading: BlockProblems,
+    problems: Problems,
     cameras: Mapping[str, SfmCamera],
     sigma_px: float,
     sigma: tuple[float, float],
@@ -313,20 +313,20 @@ def _control(
     frame = network.frame
     if not isinstance(frame, TopocentricFrame):
         what = "ground control needs reference_lla.json, the origin of the reconstruction"
-        reading.wrong(what, ground.where)
+        problems.wrong(what, ground.where)
         return
     try:
         grid = _grid(ground.system)
     except InputError as error:
-        reading.problems += [p.at(ground.where) for p in error.problems]
+        problems.extend([p.at(ground.where) for p in error.problems])
         return
     for point in ground.points:
-        with reading.at(point.where):
+        with problems.at(point.where):
             _add_ground(network, frame, grid, point, sigma)
             for photo, x, y, normalised, where in point.marks:
                 if photo not in network.photos:
                     why = MARKS_ELSEWHERE if photo in elsewhere else MARKS_WITHOUT_PHOTO
-                    reading.leave_out(why, photo, where)
+                    problems.leave_out(why, photo, where)
                     continue
                 camera = cameras[network.photos[photo].camera]
                 xy = camera.pixel(x, y) if normalised else (x + 0.5, -y - 0.5)

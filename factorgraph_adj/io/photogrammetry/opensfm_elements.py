@@ -30,8 +30,9 @@ from ...models.normalised_lens import AffineNormalisedLens
 from ...models.ray_lens import FisheyeLens
 from ..file_problems import LeftOutReason
 from ..json_files import JsonNode, parse_json
+from ..source import Problems, is_unread
 from ..text_files import read_text
-from .block_source import BlockProblems, filled_lines
+from .block_source import filled_lines
 
 MARKS_NOT_MEASURED = LeftOutReason("marks", "they have no image coordinates")
 CHECK_PREFIX = "CHK-"
@@ -66,14 +67,14 @@ class GroundControlList:
     """File and line of the reference system."""
 
 
-def read_gcp_list(path: Path, reading: BlockProblems) -> GroundControlList:
+def read_gcp_list(path: Path, problems: Problems) -> GroundControlList:
     """Read gcp_list.txt, or ground_control_points.json by its suffix.
 
     Raises:
         InputError: the file cannot be read.
     """
     if path.suffix.lower() == ".json":
-        return _read_gcp_json(path, reading)
+        return _read_gcp_json(path, problems)
     lines = [(n, s) for n, s in filled_lines(read_text(path)) if not s.lstrip().startswith("#")]
     if not lines:
         what = "is empty: the first line must name the reference system, such as WGS84"
@@ -85,13 +86,13 @@ def read_gcp_list(path: Path, reading: BlockProblems) -> GroundControlList:
         fields = line.split()
         if len(fields) < 6:
             what = f"a row has X Y Z column row image [name], not {len(fields)} fields"
-            reading.wrong(what, where)
+            problems.wrong(what, where)
             continue
         height = math.nan if fields[2].lower() == "nan" else None
-        found = reading.numbers(
-            [*fields[:2], "0" if height is not None else fields[2], *fields[3:5]], 5, "row", where
-        )
-        if found is None:
+        found = problems.field(
+            [*fields[:2], "0" if height is not None else fields[2], *fields[3:5]], "row", where
+        ).numbers(5)
+        if is_unread(found):
             continue
         xyz = (found[0], found[1], found[2] if height is None else height)
         name = fields[6] if len(fields) > 6 else ""
@@ -103,10 +104,10 @@ def read_gcp_list(path: Path, reading: BlockProblems) -> GroundControlList:
             )
             points[key] = point
             if point.name in names:
-                reading.wrong(f"name {point.name!r} belongs to two places", where)
+                problems.wrong(f"name {point.name!r} belongs to two places", where)
             names[point.name] = point
         elif point.xyz is not None and _differ(point.xyz, xyz):
-            reading.wrong(f"point {name!r} has another place in {point.where}", where)
+            problems.wrong(f"point {name!r} has another place in {point.where}", where)
         point.marks.append((fields[5], found[3], found[4], False, where))
     return GroundControlList(
         lines[0][1].strip(), list(points.values()), f"{path.name}:{lines[0][0]}"
@@ -117,11 +118,11 @@ def _differ(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
     return any(not (x == y or (math.isnan(x) and math.isnan(y))) for x, y in zip(a, b, strict=True))
 
 
-def _read_gcp_json(path: Path, reading: BlockProblems) -> GroundControlList:
+def _read_gcp_json(path: Path, problems: Problems) -> GroundControlList:
     root = parse_json(read_text(path), path.name)
     points = []
     for node in root.need("points").list():
-        with reading.at(node.where):
+        with problems.at(node.where):
             name = str(node.need("id").value)
             position = node.get("position")
             xyz = None
@@ -136,7 +137,7 @@ def _read_gcp_json(path: Path, reading: BlockProblems) -> GroundControlList:
             for mark in node.need("observations").list():
                 at = mark.get("projection")
                 if at is None:
-                    reading.leave_out(MARKS_NOT_MEASURED, name, mark.where)
+                    problems.leave_out(MARKS_NOT_MEASURED, name, mark.where)
                     continue
                 x, y = at.numbers(2)
                 point.marks.append((mark.need("shot_id").text(), x, y, True, mark.where))

@@ -20,13 +20,13 @@ from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
 from ..file_problems import LeftOutReason
 from ..json_files import JsonNode
+from ..source import Problems
 from .block_source import (
     MARKS_WITHOUT_PHOTO,
     PHOTOS_WITHOUT_POSE,
     POINTS_WITH_FEW_RAYS,
     RAYS_WITHOUT_PHOTO,
     TIE_PREFIX,
-    BlockProblems,
     ImagePoints,
     add_pixel_camera,
 )
@@ -83,20 +83,20 @@ def read_opf(
         if not value > 0:
             raise InputError(f"{name} must be greater than zero, not {value}")
     project = open_project(source)
-    reading = BlockProblems()
+    problems = Problems()
     names = project.root.get("name")
     network = Network(source.stem if names is None else names.text())
-    photos = _Cameras(project, network, reading, calibration == "optimised", rigs == "apart")
+    photos = _Cameras(project, network, problems, calibration == "optimised", rigs == "apart")
     photos.add()
     if positions == "observe":
-        _positions(project, network, reading, photos.names)
-    images = ImagePoints(reading)
-    _control(project, network, reading, images, photos.names, sigma_mark_px)
-    _constraints(project, network, reading)
+        _positions(project, network, problems, photos.names)
+    images = ImagePoints(problems)
+    _control(project, network, problems, images, photos.names, sigma_mark_px)
+    _constraints(project, network, problems)
     if tie_points:
-        _ties(project, network, reading, images, photos.names, sigma_px)
+        _ties(project, network, problems, images, photos.names, sigma_px)
     images.into(network)
-    reading.finish(network)
+    problems.finish(network)
     kinds = {o.kind for o in network.observations.values()}
     if not kinds & {ControlPoint.kind, PhotoPosition.kind}:
         network.datum = "free"
@@ -109,7 +109,7 @@ class _Cameras:
 
     project: OpfProject
     network: Network
-    reading: BlockProblems
+    problems: Problems
     free: bool
     apart: bool
 
@@ -127,14 +127,14 @@ class _Cameras:
         }
         self.project.need("input-cameras")
         for ident, node in inputs.items():
-            with self.reading.at(node.where):
+            with self.problems.at(node.where):
                 self._sensor(ident, node, done.get(ident, node))
         poses = {
             n.need("id").integer(): n for n in self.project.list("calibrated-cameras", "cameras")
         }
         taken = set()
         for capture in self.project.list("input-cameras", "captures"):
-            with self.reading.at(capture.where):
+            with self.problems.at(capture.where):
                 every = list(capture.need("cameras").list())
                 used = [c for c in every if not poses or c.need("id").integer() in poses]
                 for camera in every:
@@ -142,7 +142,7 @@ class _Cameras:
                     taken.add(ident)
                     if poses and ident not in poses:
                         name = listed.get(ident, f"camera {ident}")
-                        self.reading.leave_out(PHOTOS_WITHOUT_POSE, name, camera.where)
+                        self.problems.leave_out(PHOTOS_WITHOUT_POSE, name, camera.where)
                 if len(used) > 1 and not self.apart:
                     what = "a capture of several cameras (a rig) is read with rigs='apart' only"
                     raise capture.fail(what)
@@ -150,7 +150,7 @@ class _Cameras:
                     self._photo(camera, poses, listed)
         for ident, node in poses.items():
             if ident not in taken:
-                self.reading.leave_out(POSE_WITHOUT_CAPTURE, f"camera {ident}", node.where)
+                self.problems.leave_out(POSE_WITHOUT_CAPTURE, f"camera {ident}", node.where)
 
     def _sensor(self, ident: int, given: JsonNode, node: JsonNode) -> None:
         size = given.need("image_size_px").numbers(2)
@@ -178,7 +178,7 @@ class _Cameras:
         ident = camera.need("id").integer()
         sensor = camera.need("sensor_id")
         if sensor.integer() not in self.sensors:
-            if not self.reading.problems:
+            if not self.problems.count:
                 raise sensor.fail(f"unknown sensor {sensor.integer()}")
             return
         name = listed.get(ident, f"camera {ident}")
@@ -198,7 +198,7 @@ class _Cameras:
 
 
 def _positions(
-    project: OpfProject, network: Network, reading: BlockProblems, photos: Mapping[int, str]
+    project: OpfProject, network: Network, problems: Problems, photos: Mapping[int, str]
 ) -> None:
     """Observe the projection centres of reference cameras by the positions of captures."""
     reference = {
@@ -206,12 +206,12 @@ def _positions(
         for n in project.list("input-cameras", "captures")
     }
     for capture in project.list("projected-input-cameras", "captures"):
-        with reading.at(capture.where):
+        with problems.at(capture.where):
             place = capture.get("geolocation")
             photo = photos.get(reference.get(capture.need("id").integer(), -1))
             if photo is None and place is not None:
                 capture_name = f"capture {capture.need('id').integer()}"
-                reading.leave_out(POSITION_WITHOUT_PHOTO, capture_name, capture.where)
+                problems.leave_out(POSITION_WITHOUT_PHOTO, capture_name, capture.where)
             if place is None or photo is None:
                 continue
             if "gps-bias" in project.resources:
@@ -247,7 +247,7 @@ def _to_processing(
 def _control(
     project: OpfProject,
     network: Network,
-    reading: BlockProblems,
+    problems: Problems,
     images: ImagePoints,
     photos: Mapping[int, str],
     sigma_px: float,
@@ -268,9 +268,9 @@ def _control(
     for name, node in projected.items():
         if name not in stated:
             what = f"point {name[:40]!r} is none of the input control points"
-            reading.wrong(what, node.need("id").where)
+            problems.wrong(what, node.need("id").where)
     for node in project.list("input-control-points", "gcps"):
-        with reading.at(node.where):
+        with problems.at(node.where):
             name = node.need("id").text()
             if name in projected:
                 own = projected[name]
@@ -282,41 +282,41 @@ def _control(
             else:
                 network.add_point(name, at)
                 network.add(ControlPoint(name, at, sigma=sigma, source=node.where))
-            _marks(node, name, reading, images, photos, sigma_px)
+            _marks(node, name, problems, images, photos, sigma_px)
     for node in project.list("input-control-points", "mtps"):
-        with reading.at(node.where):
+        with problems.at(node.where):
             name = node.need("id").text()
             if node.need("is_checkpoint").truth():
-                reading.leave_out(TIES_AS_CHECK_POINTS, name, node.where)
+                problems.leave_out(TIES_AS_CHECK_POINTS, name, node.where)
                 continue
             network.add_point(name, found.get(name))
-            _marks(node, name, reading, images, photos, sigma_px)
+            _marks(node, name, problems, images, photos, sigma_px)
 
 
 def _marks(
     node: JsonNode,
     name: str,
-    reading: BlockProblems,
+    problems: Problems,
     images: ImagePoints,
     photos: Mapping[int, str],
     sigma_px: float,
 ) -> None:
     for mark in node.need("marks").list():
-        with reading.at(mark.where):
+        with problems.at(mark.where):
             photo = photos.get(mark.need("camera_id").integer())
             column, row = mark.need("position_px").numbers(2)
             sigma = sigma_px * mark.need("accuracy").number(above=0.0)
             if photo is None:  # a camera that is not calibrated has no photo
                 camera = f"camera {mark.need('camera_id').integer()}"
-                reading.leave_out(MARKS_WITHOUT_PHOTO, camera, mark.where)
+                problems.leave_out(MARKS_WITHOUT_PHOTO, camera, mark.where)
                 continue
             images.add(photo, name, (column, -row), (sigma,), mark.where)
 
 
-def _constraints(project: OpfProject, network: Network, reading: BlockProblems) -> None:
+def _constraints(project: OpfProject, network: Network, problems: Problems) -> None:
     """Add scale constraints as distances and orientation constraints as directions."""
     for node in project.list("constraints", "scale_constraints"):
-        with reading.at(node.where):
+        with problems.at(node.where):
             network.add(
                 SlopeDistance(
                     node.need("id_from").text(),
@@ -328,7 +328,7 @@ def _constraints(project: OpfProject, network: Network, reading: BlockProblems) 
                 )
             )
     for node in project.list("constraints", "orientation_constraints"):
-        with reading.at(node.where):
+        with problems.at(node.where):
             ux, uy, uz = node.need("unit_vector").numbers(3)
             network.add(
                 PointDirection(
@@ -352,7 +352,7 @@ def _unused_id(node: JsonNode, network: Network) -> str | None:
 def _ties(
     project: OpfProject,
     network: Network,
-    reading: BlockProblems,
+    problems: Problems,
     images: ImagePoints,
     photos: Mapping[int, str],
     sigma_px: float,
@@ -360,15 +360,15 @@ def _ties(
     """Add the tie points that two photos see at least, and gather their image points."""
     begin = 0
     for path in project.clouds:
-        with reading.at(path.name):
+        with problems.at(path.name):
             for cloud in read_tie_cloud(path):
                 known = np.array([c in photos for c in cloud.camera], dtype=bool)
                 count = np.bincount(cloud.point[known], minlength=len(cloud.points))
                 used = count >= 2
                 for i in np.flatnonzero(~used).tolist():
-                    reading.leave_out(POINTS_WITH_FEW_RAYS, f"{TIE_PREFIX}{begin + i}", cloud.name)
+                    problems.leave_out(POINTS_WITH_FEW_RAYS, f"{TIE_PREFIX}{begin + i}", cloud.name)
                 for i in np.flatnonzero(~known).tolist():
-                    reading.leave_out(RAYS_WITHOUT_PHOTO, f"camera {cloud.camera[i]}", cloud.name)
+                    problems.leave_out(RAYS_WITHOUT_PHOTO, f"camera {cloud.camera[i]}", cloud.name)
                 names = [f"{TIE_PREFIX}{begin + i}" for i in np.flatnonzero(used).tolist()]
                 network.add_points(names, cloud.points[used])
                 kept = np.flatnonzero(known & used[cloud.point])
