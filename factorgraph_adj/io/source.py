@@ -115,6 +115,10 @@ class Problems:
             else:
                 self._not_kept += 1
 
+    def count_further(self, number: int) -> None:
+        """Count problems that are like those that were added, of which there are too many."""
+        self._not_kept += number
+
     @contextmanager
     def at(self, where: str) -> Iterator[None]:
         """Add the problems of an InputError inside; ``where`` precedes their own places.

@@ -218,7 +218,7 @@ def test_a_shifted_file_names_its_first_problems_and_how_many_more(tmp_path: Pat
     with pytest.raises(InputError) as error:
         read_bal(written(tmp_path, lines))
     assert len(error.value.problems) == 51
-    assert "and 150 more of this kind" in str(error.value)
+    assert "and 150 further problems" in str(error.value)
 
 
 def test_a_missing_or_damaged_file_is_refused(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ from ...models.lens import NormalisedLens
 from ...network.network import Network
 from ...rotation import TURN_ABOUT_X, exp_rotation
 from ...types import Array, Index, Mask
-from ..source import Problems, is_unread
+from ..source import MAX_LISTED_PROBLEMS, Problems, is_unread
 from ..text_files import file_beginning, read_text
 from .block_source import (
     PHOTOS_WITHOUT_POSE,
@@ -53,8 +53,6 @@ from .block_source import (
 BAL_SIGMA_PX = 1.0
 """Standard deviation of an image coordinate, pixels; the cost of the format, ½ vᵀv, implies 1."""
 HEAD_NUMBERS, NUMBERS_PER_OBSERVATION, NUMBERS_PER_CAMERA, NUMBERS_PER_POINT = 3, 4, 9, 3
-MAX_BAL_PROBLEMS = 50
-"""Largest number of listed problems of one kind; in a shifted file every number is a problem."""
 BUNDLER_HEAD = "# Bundle file v0."
 """Beginning of the first line."""
 
@@ -144,25 +142,17 @@ class _BalFile:
         """Return file:line of a word; an index past the end gives the last word."""
         return f"{self.source}:{self.lines[min(word, len(self.lines) - 1)]}"
 
-    def not_numbers(self) -> list[Problem]:
+    def not_numbers(self) -> Problems:
         """Return the problems of the words that are not numbers."""
-        problems = []
+        problems = Problems()
         for i, word in enumerate(self.text.split()):
             try:
                 # Python accepts 1_000 as a number; this format does not.
                 float(word if b"_" not in word else b"")
             except ValueError:
                 shown = word.decode("ascii", "backslashreplace")[:30]
-                problems.append(Problem(f"{shown!r} is not a number", self.where(i)))
-        return _first_problems(problems, len(problems))
-
-
-def _first_problems(problems: list[Problem], count: int) -> list[Problem]:
-    """Return the first problems of a kind, and a last one with the number of further ones."""
-    shown = problems[:MAX_BAL_PROBLEMS]
-    if count > len(shown):
-        shown.append(Problem(f"and {count - len(shown)} more of this kind", shown[-1].where))
-    return shown
+                problems.wrong(f"{shown!r} is not a number", self.where(i))
+        return problems
 
 
 def _unpack(source: Path) -> bytes:
@@ -186,8 +176,8 @@ def _bal_numbers(file: _BalFile) -> Array:
             warnings.simplefilter("error", DeprecationWarning)
             return np.asarray(np.fromstring(file.text.decode("ascii"), sep=" "), dtype=float)
     except (DeprecationWarning, ValueError):
-        problems = file.not_numbers() or [Problem("not a text of numbers", str(file.source))]
-        raise InputError(problems) from None
+        file.not_numbers().raise_all()
+        raise InputError(Problem("not a text of numbers", str(file.source))) from None
 
 
 def _split_numbers(file: _BalFile, values: Array) -> tuple[Array, Array, Array]:
@@ -222,25 +212,21 @@ def _split_numbers(file: _BalFile, values: Array) -> tuple[Array, Array, Array]:
         )
         problems = file.not_numbers()
         if len(values) > ends[-1]:
-            problems.append(Problem(f"numbers are left over here: {size}", file.where(ends[-1])))
+            problems.wrong(f"numbers are left over here: {size}", file.where(ends[-1]))
         else:
             part = next(i for i in range(3) if len(values) < ends[i + 1])
             what = ("observation", "camera", "point")[part]
             at = (len(values) - ends[part]) // widths[part]
-            problems.append(
-                Problem(
-                    f"the file ends in {what} {at} of {counts[part]}: {size}",
-                    file.where(len(values)),
-                )
+            problems.wrong(
+                f"the file ends in {what} {at} of {counts[part]}: {size}", file.where(len(values))
             )
-        raise InputError(problems)
+        problems.raise_all()
     infinite = np.flatnonzero(~np.isfinite(values))
-    if len(infinite):
-        found = [
-            Problem(f"a number must be finite, not {values[i]}", file.where(int(i)))
-            for i in infinite[:MAX_BAL_PROBLEMS]
-        ]
-        raise InputError(_first_problems(found, len(infinite)))
+    problems = Problems()
+    for i in infinite[:MAX_LISTED_PROBLEMS].tolist():
+        problems.wrong(f"a number must be finite, not {values[i]}", file.where(i))
+    problems.count_further(len(infinite[MAX_LISTED_PROBLEMS:]))
+    problems.raise_all()
     table, cameras, points = (
         values[a:b].reshape(-1, width) for a, b, width in zip(ends, ends[1:], widths, strict=False)
     )
@@ -249,12 +235,13 @@ def _split_numbers(file: _BalFile, values: Array) -> tuple[Array, Array, Array]:
 
 def _check_bal(file: _BalFile, table: Array, cameras: Array, points: Array) -> None:
     """Refuse indices out of range, points observed twice in a photo, and f ≤ 0."""
-    problems: list[Problem] = []
+    problems = Problems()
 
     def refuse(wrong: Mask, word: Callable[[int], int], what: Callable[[int], str]) -> None:
         rows = np.flatnonzero(wrong)
-        found = [Problem(what(int(i)), file.where(word(int(i)))) for i in rows[:MAX_BAL_PROBLEMS]]
-        problems.extend(_first_problems(found, len(rows)))
+        for i in rows[:MAX_LISTED_PROBLEMS].tolist():
+            problems.wrong(what(i), file.where(word(i)))
+        problems.count_further(len(rows[MAX_LISTED_PROBLEMS:]))
 
     def refuse_index(column: int, name: str, size: int) -> None:
         index = table[:, column]
@@ -266,7 +253,7 @@ def _check_bal(file: _BalFile, table: Array, cameras: Array, points: Array) -> N
 
     refuse_index(0, "camera", len(cameras))
     refuse_index(1, "point", len(points))
-    if not problems:
+    if not problems.count:
         code = table[:, 0] * len(points) + table[:, 1]
         order = np.argsort(code, kind="stable")
         again = np.zeros(len(code), dtype=bool)
@@ -281,8 +268,7 @@ def _check_bal(file: _BalFile, table: Array, cameras: Array, points: Array) -> N
         lambda i: HEAD_NUMBERS + table.size + NUMBERS_PER_CAMERA * i + 6,
         lambda i: f"f of camera {i} must be positive, not {cameras[i, 6]:g}",
     )
-    if problems:
-        raise InputError(problems)
+    problems.raise_all()
 
 
 LINES_PER_CAMERA, LINES_PER_POINT = 5, 3

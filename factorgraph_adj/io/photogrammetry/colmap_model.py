@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import InputError, Problem, known
+from ...errors import known
 from ...types import Array, Index
+from ..numbers import MAX_NUMBER
+from ..source import Problems
 from .colmap_cameras import CAMERA_MODEL_BY_NAME, READABLE_NAMES
 
 NO_POINT = -1
 """Number of the point of an image measurement that belongs to none."""
-MAX_PROBLEMS_OF_A_KIND = 20
-"""Largest number of problems of a file that are listed."""
 SENSOR_TYPES = ("CAMERA", "IMU")
 """Types of sensors, by their numbers in binary files."""
-MAX_COLMAP_NUMBER = 1e12
-"""Largest absolute value of a coordinate or parameter; beyond, squares lose all digits."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +75,8 @@ class Pose:
             return "quaternion and translation must be finite numbers"
         if not 1e-6 < np.abs(self.turn).max() < 1e6:
             return "the quaternion has the length zero, or a strange one; valid: about 1"
-        if np.abs(self.shift).max() > MAX_COLMAP_NUMBER:
-            return f"the translation is larger than {MAX_COLMAP_NUMBER:g}"
+        if np.abs(self.shift).max() > MAX_NUMBER:
+            return f"the translation is larger than {MAX_NUMBER:g}"
         return ""
 
 
@@ -194,36 +192,6 @@ class SparseModel:
     """Frames; the same."""
 
 
-@dataclass
-class ModelProblems:
-    """Problems, of which the first ones of each kind are kept."""
-
-    problems: list[Problem] = field(default_factory=list)
-    """The problems."""
-    _more: dict[str, int] = field(default_factory=dict)
-
-    def add(self, what: str, where: str, kind: str = "") -> None:
-        """Add a problem; of a kind `MAX_PROBLEMS_OF_A_KIND` are kept and the rest counted."""
-        n = self._more.get(kind, 0) + 1
-        self._more[kind] = n
-        if n <= MAX_PROBLEMS_OF_A_KIND:
-            self.problems.append(Problem(what, where))
-
-    def refuse(self) -> None:
-        """Raise all problems if there are any.
-
-        Raises:
-            InputError: the problems, and the numbers of those that are not listed.
-        """
-        if not self.problems:
-            return
-        for n in self._more.values():
-            if n > MAX_PROBLEMS_OF_A_KIND:
-                more = f"and {n - MAX_PROBLEMS_OF_A_KIND} more of this kind"
-                self.problems.append(Problem(more, self.problems[-1].where))
-        raise InputError(self.problems)
-
-
 def check_model(model: SparseModel) -> None:
     """Refuse a model that contradicts itself.
 
@@ -232,26 +200,24 @@ def check_model(model: SparseModel) -> None:
             models, numbers that are not finite or not possible, tracks that do not fit the
             measurements; all with file and line.
     """
-    found = ModelProblems()
+    found = Problems()
     _duplicates(model, found)
     for camera in model.cameras:
         for what in camera_problems(camera):
-            found.add(what, camera.where, "camera")
+            found.wrong(what, camera.where)
     cameras = {c.number for c in model.cameras}
     points = {p.number for p in model.points}
     for image in model.images:
         for what in _image_problems(image, cameras, points):
-            found.add(what, image.where, "image")
+            found.wrong(what, image.where)
     for point in model.points:
-        if not (np.isfinite(point.xyz).all() and np.abs(point.xyz).max() <= MAX_COLMAP_NUMBER):
-            found.add(
-                f"coordinates must be finite and below {MAX_COLMAP_NUMBER:g}, not {point.xyz}",
-                point.where,
-                "point",
+        if not (np.isfinite(point.xyz).all() and np.abs(point.xyz).max() <= MAX_NUMBER):
+            found.wrong(
+                f"coordinates must be finite and below {MAX_NUMBER:g}, not {point.xyz}", point.where
             )
     _tracks(model, found)
     _rigs(model, found, cameras)
-    found.refuse()
+    found.raise_all()
 
 
 def camera_problems(camera: CameraRecord) -> Iterator[str]:
@@ -267,11 +233,8 @@ def camera_problems(camera: CameraRecord) -> Iterator[str]:
             f"not {len(camera.parameters)} numbers"
         )
         return
-    if not (
-        np.isfinite(camera.parameters).all()
-        and np.abs(camera.parameters).max() <= MAX_COLMAP_NUMBER
-    ):
-        yield f"parameters must be finite and below {MAX_COLMAP_NUMBER:g}"
+    if not (np.isfinite(camera.parameters).all() and np.abs(camera.parameters).max() <= MAX_NUMBER):
+        yield f"parameters must be finite and below {MAX_NUMBER:g}"
         return
     given = dict(zip(model.parameters, camera.parameters, strict=True))
     for name in ("f", "fx", "fy", "w", "h"):
@@ -294,14 +257,14 @@ def _image_problems(image: ImageRecord, cameras: set[int], points: set[int]) -> 
         yield "the image has no name"
     used = image.points != NO_POINT
     xy = image.xy[used]
-    if not (np.isfinite(xy).all() and (np.abs(xy) <= MAX_COLMAP_NUMBER).all()):
-        yield f"coordinates of measurements must be finite and below {MAX_COLMAP_NUMBER:g}"
+    if not (np.isfinite(xy).all() and (np.abs(xy) <= MAX_NUMBER).all()):
+        yield f"coordinates of measurements must be finite and below {MAX_NUMBER:g}"
     absent = sorted(set(image.points[used].tolist()) - points)
     if absent:
         yield f"measurements of points that points3D lacks: {known(absent)}"
 
 
-def _duplicates(model: SparseModel, found: ModelProblems) -> None:
+def _duplicates(model: SparseModel, found: Problems) -> None:
     """Note numbers and names that are used twice."""
     tables: tuple[tuple[str, Iterable[tuple[object, str]]], ...] = (
         ("CAMERA_ID", ((c.number, c.where) for c in model.cameras)),
@@ -315,11 +278,11 @@ def _duplicates(model: SparseModel, found: ModelProblems) -> None:
         first: dict[object, str] = {}
         for key, where in rows:
             if key in first:
-                found.add(f"{what} {key!r} stands at {first[key]} already", where, what)
+                found.wrong(f"{what} {key!r} stands at {first[key]} already", where)
             first.setdefault(key, where)
 
 
-def _tracks(model: SparseModel, found: ModelProblems) -> None:
+def _tracks(model: SparseModel, found: Problems) -> None:
     """Note tracks of points that do not fit the measurements of the images."""
     images = {i.number: i for i in model.images}
     count = dict.fromkeys((p.number for p in model.points), 0)
@@ -340,7 +303,7 @@ def _tracks(model: SparseModel, found: ModelProblems) -> None:
                     f"the track of point {point.number} names measurement {measured} of image "
                     f"{number}, which is not a measurement of this point"
                 )
-                found.add(what, point.where, "track")
+                found.wrong(what, point.where)
                 break
         else:
             if len(set(point.track)) != len(point.track) or len(point.track) != count[point.number]:
@@ -348,44 +311,44 @@ def _tracks(model: SparseModel, found: ModelProblems) -> None:
                     f"the track of point {point.number} has {len(point.track)} measurements, the "
                     f"images have {count[point.number]} of it"
                 )
-                found.add(what, point.where, "track")
+                found.wrong(what, point.where)
 
 
-def _rigs(model: SparseModel, found: ModelProblems, cameras: set[int]) -> None:
+def _rigs(model: SparseModel, found: Problems, cameras: set[int]) -> None:
     """Note rigs and frames that do not fit the cameras and images."""
     rigs: Mapping[int, RigRecord] = {r.number: r for r in model.rigs}
     images = {i.number: i for i in model.images}
     sensors: dict[int, set[Sensor]] = {}
     for rig in model.rigs:
         if rig.reference is None:
-            found.add("the rig has no sensors", rig.where, "rig")
+            found.wrong("the rig has no sensors", rig.where)
             continue
         every = [rig.reference, *(s for s, _ in rig.others)]
         sensors[rig.number] = set(every)
         if len(set(every)) < len(every):
-            found.add("a sensor stands twice in the rig", rig.where, "rig")
+            found.wrong("a sensor stands twice in the rig", rig.where)
         for kind, number in every:
             if kind == "CAMERA" and number not in cameras:
-                found.add(f"unknown CAMERA_ID {number} in the rig", rig.where, "rig")
+                found.wrong(f"unknown CAMERA_ID {number} in the rig", rig.where)
         for _, pose in rig.others:
             if pose is not None and (wrong := pose.wrong()):
-                found.add(wrong, rig.where, "rig")
+                found.wrong(wrong, rig.where)
     of_image: dict[int, str] = {}
     for frame in model.frames:
         if wrong := frame.pose.wrong():
-            found.add(wrong, frame.where, "frame")
+            found.wrong(wrong, frame.where)
         if frame.rig not in rigs:
-            found.add(f"unknown RIG_ID {frame.rig}", frame.where, "frame")
+            found.wrong(f"unknown RIG_ID {frame.rig}", frame.where)
             continue
         for sensor, number in frame.data:
             if sensor not in sensors.get(frame.rig, set()):
                 what = f"{sensor[0]} {sensor[1]} is no sensor of rig {frame.rig}"
-                found.add(what, frame.where, "frame")
+                found.wrong(what, frame.where)
             elif sensor[0] == "CAMERA" and number in images:
                 if images[number].camera != sensor[1]:
                     what = f"image {number} is of camera {images[number].camera}, not {sensor[1]}"
-                    found.add(what, frame.where, "frame")
+                    found.wrong(what, frame.where)
                 if number in of_image:
                     what = f"image {number} belongs to the frame at {of_image[number]} already"
-                    found.add(what, frame.where, "frame")
+                    found.wrong(what, frame.where)
                 of_image.setdefault(number, frame.where)

@@ -14,15 +14,16 @@ from typing import TypeVar
 import numpy as np
 
 from ...control_characters import has_control_characters, why_refused
-from ...errors import InputError
+from ...errors import InputError, Problem
 from ...types import Array, Index
+from ..numbers import parse_quantity
+from ..source import Problems
 from ..text_files import read_text
 from .colmap_model import (
     SENSOR_TYPES,
     CameraRecord,
     FrameRecord,
     ImageRecord,
-    ModelProblems,
     PointRecord,
     Pose,
     RigRecord,
@@ -45,7 +46,7 @@ class _Words:
 
     def word(self, what: str) -> str:
         if self.at == len(self.words):
-            raise _Wrong(f"{what} is missing", self.where)
+            raise _refusal(f"{what} is missing", self.where)
         self.at += 1
         return self.words[self.at - 1]
 
@@ -53,18 +54,18 @@ class _Words:
         word = self.word(what)
         digits = word[1:] if word[:1] in "+-" else word
         if not (digits.isascii() and digits.isdigit() and len(digits) < 20):
-            raise _Wrong(f"{what} must be a whole number, not {word[:QUOTE_SIZE]!r}", self.where)
+            raise _refusal(f"{what} must be a whole number, not {word[:QUOTE_SIZE]!r}", self.where)
         value = int(word)
         if not least <= value <= largest:
-            raise _Wrong(f"{what} must be {least} to {largest}, not {value}", self.where)
+            raise _refusal(f"{what} must be {least} to {largest}, not {value}", self.where)
         return value
 
     def number(self, what: str) -> float:
         word = self.word(what)
         try:
             return _number(word)
-        except ValueError:
-            raise _Wrong(f"{what}: {word[:QUOTE_SIZE]!r} is not a number", self.where) from None
+        except ValueError as error:
+            raise _refusal(f"{what}: {error}", self.where) from None
 
     def pose(self) -> Pose:
         w, x, y, z, tx, ty, tz = (
@@ -76,36 +77,30 @@ class _Words:
         kind = self.word("the type of a sensor")
         if kind not in SENSOR_TYPES:
             what = f"unknown type of sensor {kind[:QUOTE_SIZE]!r}; valid: {', '.join(SENSOR_TYPES)}"
-            raise _Wrong(what, self.where)
+            raise _refusal(what, self.where)
         return kind, self.whole("the number of a sensor")
 
     def end(self) -> None:
         if self.at < len(self.words):
             left = self.words[self.at][:QUOTE_SIZE]
-            raise _Wrong(f"nothing may follow here, but {left!r} does", self.where)
-
-
-class _Wrong(Exception):
-    """What is wrong with a line."""
-
-    def __init__(self, what: str, where: str) -> None:
-        self.what, self.where = what, where
-        super().__init__(what)
+            raise _refusal(f"nothing may follow here, but {left!r} does", self.where)
 
 
 def _number(word: str) -> float:
-    """Return a number; Python's digits of other scripts and underscores are none."""
-    if not word.isascii() or "_" in word:
-        raise ValueError(word)
-    return float(word)
+    """Return a number; what is not finite is refused by `check_model`, with all that it finds."""
+    return float(word) if word.lower().lstrip("+-") in ("nan", "inf") else parse_quantity(word)
 
 
-def _lines(path: Path, found: ModelProblems) -> list[tuple[int, str]]:
+def _refusal(what: str, where: str) -> InputError:
+    return InputError(Problem(what, where))
+
+
+def _lines(path: Path, found: Problems) -> list[tuple[int, str]]:
     """Return the lines that are no comments, with their numbers; blank lines stay."""
     try:
         text = read_text(path)
     except InputError as error:
-        found.problems += error.problems
+        found.extend(error.problems)
         return []
     lines = text.split("\n")
     if lines and not lines[-1]:
@@ -113,7 +108,7 @@ def _lines(path: Path, found: ModelProblems) -> list[tuple[int, str]]:
     return [(i, line) for i, line in enumerate(lines, 1) if not line.lstrip().startswith("#")]
 
 
-def _rows(path: Path, found: ModelProblems) -> Iterator[_Words]:
+def _rows(path: Path, found: Problems) -> Iterator[_Words]:
     """Iterate over the lines of a table that has one line for each row."""
     for number, line in _lines(path, found):
         if line.strip():
@@ -126,7 +121,7 @@ def read_text_model(folder: Path) -> SparseModel:
     Raises:
         InputError: what is no row of these files, with file and line.
     """
-    found = ModelProblems()
+    found = Problems()
     cameras = _read_rows(folder / "cameras.txt", found, _camera)
     images = _images(folder / "images.txt", found)
     points = _read_rows(folder / "points3D.txt", found, _point)
@@ -134,17 +129,17 @@ def read_text_model(folder: Path) -> SparseModel:
     frames = (
         _read_rows(folder / "frames.txt", found, _frame) if (folder / "frames.txt").exists() else []
     )
-    found.refuse()
+    found.raise_all()
     return SparseModel(tuple(cameras), tuple(images), tuple(points), tuple(rigs), tuple(frames))
 
 
-def _read_rows(path: Path, found: ModelProblems, row: Callable[[_Words], T]) -> list[T]:
+def _read_rows(path: Path, found: Problems, row: Callable[[_Words], T]) -> list[T]:
     out = []
     for words in _rows(path, found):
         try:
             out.append(row(words))
-        except _Wrong as wrong:
-            found.add(wrong.what, wrong.where, path.name)
+        except InputError as error:
+            found.extend(error.problems)
     return out
 
 
@@ -158,7 +153,7 @@ def _camera(words: _Words) -> CameraRecord:
     return CameraRecord(number, model, size, tuple(parameters), words.where)
 
 
-def _images(path: Path, found: ModelProblems) -> list[ImageRecord]:
+def _images(path: Path, found: Problems) -> list[ImageRecord]:
     """Read images.txt: pairs of lines."""
     out = []
     lines = iter(_lines(path, found))
@@ -174,14 +169,14 @@ def _images(path: Path, found: ModelProblems) -> list[ImageRecord]:
             camera = words.whole("CAMERA_ID", largest=2**32 - 1)
             first = line.split(None, 9)
             if len(first) < 10:
-                raise _Wrong("NAME is missing", where)
+                raise _refusal("NAME is missing", where)
             name = first[9].rstrip()
             if has_control_characters(name):
-                raise _Wrong(why_refused(name), where)
+                raise _refusal(why_refused(name), where)
             xy, points = _measurements(measured, f"{path.name}:{below}")
             out.append(ImageRecord(image, pose, camera, name, xy, points, where))
-        except _Wrong as wrong:
-            found.add(wrong.what, wrong.where, path.name)
+        except InputError as error:
+            found.extend(error.problems)
     return out
 
 
@@ -193,7 +188,7 @@ def _measurements(line: str, where: str) -> tuple[Array, Index]:
             f"the second line of an image has X Y POINT3D_ID of each measurement, "
             f"not {len(words)} words"
         )
-        raise _Wrong(what, where)
+        raise _refusal(what, where)
     try:
         if not line.isascii() or "_" in line:
             raise ValueError
@@ -203,9 +198,9 @@ def _measurements(line: str, where: str) -> tuple[Array, Index]:
         numbers = list(map(int, words[2::3]))
     except ValueError:
         bad = next((w for i, w in enumerate(words) if not _is_number_word(w, i % 3 == 2)), "?")
-        raise _Wrong(f"{bad[:QUOTE_SIZE]!r} is not a number of X Y POINT3D_ID", where) from None
+        raise _refusal(f"{bad[:QUOTE_SIZE]!r} is not a number of X Y POINT3D_ID", where) from None
     if numbers and not (min(numbers) >= -1 and max(numbers) < 2**63 - 1):
-        raise _Wrong("POINT3D_ID must be −1, or a number from 0", where)
+        raise _refusal("POINT3D_ID must be −1, or a number from 0", where)
     return xy, np.array(numbers, dtype=np.int64)
 
 

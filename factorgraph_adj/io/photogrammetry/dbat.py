@@ -16,8 +16,7 @@ from ...files import inside
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoAngle, PhotoPosition
 from ...units import ANGLE
-from ..file_problems import LeftOutReason
-from ..source import Problems, is_unread
+from ..source import LeftOutReason, Problems, is_unread
 from ..text_files import file_beginning, read_text
 from ..xml_files import Element, read_xml
 from .block_source import ImagePoints, filled_lines

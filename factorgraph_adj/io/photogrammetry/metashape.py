@@ -18,8 +18,7 @@ from ...errors import InputError, Problem
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, SlopeDistance
 from ...types import Array
-from ..file_problems import LeftOutReason
-from ..source import Problems, is_unread
+from ..source import LeftOutReason, Problems, is_unread
 from ..text_files import file_beginning
 from .block_source import POINTS_WITH_FEW_RAYS, TIE_PREFIX, ImagePoints, all_in_range
 from .metashape_cameras import CalibrationUnknowns, add_cameras, add_sensors

@@ -15,9 +15,8 @@ from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
 from ...rotation import exp_rotation
 from ...types import Array
-from ..file_problems import LeftOutReason
 from ..json_files import JsonNode, parse_json
-from ..source import Problems, is_unread
+from ..source import LeftOutReason, Problems, is_unread
 from ..text_files import file_beginning, read_text
 from .block_source import (
     MARKS_WITHOUT_PHOTO,

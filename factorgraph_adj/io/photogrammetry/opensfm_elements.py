@@ -28,9 +28,8 @@ from ...errors import InputError, Problem
 from ...models.lens import Lens, NormalisedLens
 from ...models.normalised_lens import AffineNormalisedLens
 from ...models.ray_lens import FisheyeLens
-from ..file_problems import LeftOutReason
 from ..json_files import JsonNode, parse_json
-from ..source import Problems, is_unread
+from ..source import LeftOutReason, Problems, is_unread
 from ..text_files import read_text
 from .block_source import filled_lines
 

@@ -18,9 +18,8 @@ from ...errors import InputError
 from ...models.lens import NormalisedLens
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
-from ..file_problems import LeftOutReason
 from ..json_files import JsonNode
-from ..source import Problems
+from ..source import LeftOutReason, Problems
 from .block_source import (
     MARKS_WITHOUT_PHOTO,
     PHOTOS_WITHOUT_POSE,
