@@ -22,8 +22,9 @@ measurement.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib import import_module
 
 import numpy as np
 
@@ -122,14 +123,8 @@ class Reliability(Shown):
     @with_one_thread
     def first_rows(self) -> Rows:
         """Return the observations with the largest test values."""
-        return Rows(
-            ("observation", "w", "r", "∇"),
-            (
-                (s.label, s.value, float(self.redundancy_numbers[s.row]), float(self.mdb[s.row]))
-                for s in self.suspects(FIRST)
-            ),
-            len(self.w),
-        )
+        rows = [s.row for s in self.suspects(FIRST)]
+        return replace(self._columns(rows).first_rows(), total=len(self.w))
 
     # -- parts --------------------------------------------------------------------------------
 
@@ -210,24 +205,14 @@ class Reliability(Shown):
 
     def table(self) -> Columns:
         """Return the figures of all observations as columns, SI or image units."""
-        rows = self.solution.observations
-        components = [rows[i].component for i in range(len(rows))]
-        text = {"id": rows.ids, "kind": rows.kinds, "component": components}
-        figures = {
-            "residual": rows.residuals,
-            "sigma": rows.sigmas,
-            "r": self.redundancy_numbers,
-            "w": self.w,
-            "tau": self.tau,
-            "mdb": self.mdb,
-            "delta_bar": self.delta_bar,
-            "estimated_error": self.estimated_errors,
-            "largest_effect": self.largest_effect,
-            "controlled": self.controlled,
-        }
-        return Columns(
-            "observations", {n: np.array(c, dtype=object) for n, c in text.items()} | figures
-        )
+        return self._columns()
+
+    def _columns(self, rows: Sequence[int] | None = None) -> Columns:
+        """Return the figures of some observations, or of all."""
+        # The table of observations, and all reports, stand above this module.
+        reports = import_module("factorgraph_adj.report.adjusted_observations")
+        found: Columns = reports.observation_frame(self, rows)
+        return found
 
     # -- of single observations ---------------------------------------------------------------
 

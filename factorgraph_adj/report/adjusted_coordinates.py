@@ -23,6 +23,7 @@ from .adjustment_report import Report
 from .layout import (
     decimals,
     exponent,
+    figure,
     paragraph,
     percent,
     rms,
@@ -182,15 +183,6 @@ def photo_ellipsoid_columns(report: Report) -> dict[str, list[str]]:
                 figure(getattr(found[n], what)[i] / size) if n in found else "" for n in names
             ]
     return out
-
-
-def figure(value: float) -> str:
-    """Return a derived figure with enough digits for further use; empty if not finite.
-
-    >>> figure(-0.0), figure(float("nan"))
-    ('0', '')
-    """
-    return f"{value + 0.0:.9g}" if isfinite(value) else ""
 
 
 NOT_AT_A_MINIMUM = (

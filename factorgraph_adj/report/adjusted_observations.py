@@ -1,31 +1,337 @@
-"""Adjusted observations: text by station, weighted coordinates, and tables of all rows.
+"""Adjusted observations: the table of all scalar observations, and those of some of them.
 
-The tables observations.csv and snooping.csv have a row for each scalar observation.
+`observation_table` is the one table of observations: its listing station by station, the pages,
+observations.csv, results.json and data frames are renderings of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from math import isfinite, sqrt
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from math import isfinite, log10, sqrt
+from typing import Any
 
 import numpy as np
 
+from ..columns import Columns
 from ..graph.blocks import Block
-from ..io.csv_tables import write_columns
 from ..quality.reliability import Reliability
-from ..types import Array
 from ..units import decimal
-from .adjusted_coordinates import figure
 from .adjustment_report import Report
-from .layout import decimals, paragraph, short, table, title, without_empty_columns
+from .layout import decimals, paragraph, short, title
 from .observation_rows import Row, identity_columns
 from .rejected_observations import RejectedObservations
-
-# -- station by station ---------------------------------------------------------------------------
-
+from .tables import (
+    DATA,
+    Column,
+    Table,
+    Unit,
+    as_csv,
+    as_frame,
+    as_text,
+    figures_by_number,
+)
 
 ROUNDING_OF_REDUNDANCY = 1e-9
 """Redundancy number below which there is nothing but rounding."""
+
+
+def test_symbol(report: Report) -> str:
+    """Return the symbol of the test values of a report."""
+    return "τ" if report.pope else "w"
+
+
+# -- the table of observations --------------------------------------------------------------------
+
+
+def observation_table(report: Report, rows: Sequence[Row] | None = None) -> Table[Row]:
+    """Return the table of observations; a column that is added here appears in every rendering.
+
+    Args:
+        report: the report.
+        rows: rows of the solution, in their order; None: all.
+    """
+    chosen = report.rows.all() if rows is None else rows
+    of = ObservationColumns(report, chosen)
+    found = [*of.station_by_station(), *of.identity(), *of.values(), *of.figures()]
+    if report.snooping is not None:
+        found.append(Column(title="set_aside", value=lambda row: False, only=("csv",)))
+    source = Column[Row](title="source", value=_source, only=("html", "csv", "json"))
+    return Table("observations", chosen, (*found, source))
+
+
+class ObservationColumns:
+    """Columns of scalar observations, from which every table of them is made."""
+
+    def __init__(self, report: Report, rows: Sequence[Row]) -> None:
+        """Refer to rows of the report, which determine the decimals."""
+        self.report = report
+        self.rows = rows
+        self._places = decimals_by_unit(rows)
+
+    def station_by_station(self) -> list[Column[Row]]:
+        """Return the identity of observations between points in text, each station once."""
+        before = [None, *self.rows][:-1]
+        begun = {
+            row.number
+            for row, last in zip(self.rows, before, strict=True)
+            if last is None or row.names[:1] != last.names[:1]
+        }
+        station = "station_frame" if any(r.frame for r in self.rows) else "station"
+
+        def first(row: Row) -> str:
+            return row.names[0] if row.names and row.number in begun else ""
+
+        return [
+            Column(title=station, value=first, only=("text",)),
+            Column(title="target", value=lambda row: " ".join(row.names[1:]), only=("text",)),
+            Column(
+                title="observation",
+                value=lambda row: row.with_component(row.kind_name),
+                only=("text",),
+            ),
+        ]
+
+    def identity(self) -> list[Column[Row]]:
+        """Return kind, name and id as a page has them, and the columns of tables of a project."""
+        cells = identity_columns(self.rows)
+        place = {row.number: i for i, row in enumerate(self.rows)}
+
+        def cell(name: str) -> Callable[[Row], str]:
+            values = cells[name]
+            return lambda row: values[place[row.number]]
+
+        written = [n for n in cells if n not in ("observed", "unit")]
+        framed = ("id", "kind", "component")
+        return [
+            Column(title="kind", value="kind_name", only=("html",), translated=True),
+            Column(title="observation", value="what", only=("html",)),
+            Column(title="id", value="own_id", only=("html",)),
+            *(
+                Column(title=n, value=cell(n), only=DATA if n in framed else ("csv", "json"))
+                for n in written
+            ),
+        ]
+
+    def values(self) -> list[Column[Row]]:
+        """Return observed and adjusted values, residuals and standard deviations."""
+        return [
+            Column(
+                title="observed",
+                value="observed",
+                unit=_whole,
+                digits=self._coarse,
+                exact=True,
+                with_unit=True,
+                only=("text", "html", "csv", "json"),
+            ),
+            Column(title="unit", value=lambda row: row.scale.unit, only=("html", "csv")),
+            self.residual(digits=self._fine, with_unit=True, only=("text",)),
+            self.residual(only=("html", *DATA)),
+            Column(
+                title="adjusted",
+                value="adjusted",
+                unit=_whole,
+                digits=self._coarse,
+                help="adjusted",
+                exact=True,
+                only=("text", "html", "csv", "json"),
+            ),
+            self.sigma(),
+            Column(title="small_unit", value=lambda row: row.scale.small, only=("html", "csv")),
+            Column(
+                title="v/σ",
+                key="normalised",
+                value=lambda row: row.residual / row.sigma,
+                digits=2,
+                help="normalised",
+                only=("html", "csv") if self.report.reliability is None else ("csv",),
+            ),
+        ]
+
+    def residual(self, **options: Any) -> Column[Row]:
+        """Return v."""
+        return Column(title="v", key="residual", value="residual", unit=_fine, help="v", **options)
+
+    def sigma(self) -> Column[Row]:
+        """Return σ a priori."""
+        return Column(title="σ", key="sigma", value="sigma", unit=_fine, help="sigma")
+
+    def figures(self) -> list[Column[Row]]:
+        """Return the figures of quality; none without reliability."""
+        rel, report = self.report.reliability, self.report
+        if rel is None:
+            return []
+        shares = (("e1", rel.e1), ("e2", rel.e2), ("e12", rel.e12))
+        small = report.units.sigma_length
+        largest = Column[Row](
+            title="effect",
+            key=f"largest_effect_{small}",
+            frame_key="largest_effect",
+            value=figures_by_number(rel.largest_effect),
+            unit=Unit(small, report.small),
+            only=("csv", "frame"),
+        )
+        controlled = Column[Row](
+            title="controlled", value=figures_by_number(rel.controlled), only=DATA
+        )
+        return [
+            self.redundancy_number(rel),
+            *(Column(title=n, value=figures_by_number(v), only=("csv",)) for n, v in shares),
+            replace(self.test(), only=("text",)),
+            replace(self.test(), shown=None, only=("html",)),
+            Column(title="w", value=_signed(rel.w), only=DATA),
+            Column(title="τ", key="tau", value=_signed(rel.tau), only=DATA),
+            self.detectable(rel),
+            Column(
+                title="δ̄",
+                key="delta_bar",
+                value=figures_by_number(rel.delta_bar),
+                only=("csv", "frame"),
+            ),
+            largest,
+            replace(self.error(rel), only=("html", *DATA)),
+            controlled,
+        ]
+
+    def redundancy_number(self, rel: Reliability) -> Column[Row]:
+        """Return r."""
+        value = figures_by_number(rel.redundancy_numbers)
+        return Column(
+            title="r",
+            key="redundancy_number",
+            frame_key="r",
+            value=value,
+            shown=lambda row: redundancy_text(value(row)),
+            digits=2,
+            help="r",
+        )
+
+    def test(self) -> Column[Row]:
+        """Return the test value of the report; a star stands at critical ones."""
+        values, critical = self.report.tests
+        value = _signed(values)
+
+        def starred(row: Row) -> str | None:
+            found = value(row)
+            return f"{decimal(found, 2)} *" if abs(found) > critical else None
+
+        symbol = test_symbol(self.report)
+        return Column(title=symbol, value=value, digits=2, shown=starred, help="test")
+
+    def detectable(self, rel: Reliability, **options: Any) -> Column[Row]:
+        """Return ∇, the smallest detectable error; none of what cannot be tested."""
+        tests = self.report.tests[0]
+
+        def shown(row: Row) -> str | None:
+            return None if isfinite(tests[row.number]) else ""
+
+        value = figures_by_number(rel.mdb)
+        return Column(
+            title="∇", key="mdb", value=value, unit=_fine, shown=shown, help="mdb", **options
+        )
+
+    def error(self, rel: Reliability, **options: Any) -> Column[Row]:
+        """Return the estimated error."""
+        return Column(
+            title="error",
+            key="estimated_error",
+            value=_signed(rel.estimated_errors),
+            unit=_fine,
+            help="error",
+            **options,
+        )
+
+    def _coarse(self, row: Row) -> int:
+        """Return the decimals of a value."""
+        coarse, fine = self._places[row.scale.small]
+        return fine + round(-log10(row.scale.size)) if row.scale.image else coarse
+
+    def _fine(self, row: Row) -> int:
+        """Return the decimals of v."""
+        return self._places[row.scale.small][1]
+
+
+def _whole(row: Row) -> Unit:
+    return row.scale.whole(turn=row.circular)
+
+
+def _fine(row: Row) -> Unit:
+    return row.scale.fine
+
+
+def _source(row: Row) -> str:
+    return row.source
+
+
+def _signed(values: Any) -> Callable[[Row], float]:
+    """Return the function that gives each row its figure in the axes of files."""
+    every = values.tolist()
+    return lambda row: row.sign * every[row.number]
+
+
+def observations_csv(report: Report) -> str:
+    """Return observations.csv: all figures of each observation; rejected ones are at the end."""
+    made, aside = observation_table(report), report.set_aside
+    return as_csv(made) if aside is None else as_csv(made, _rejected_table(aside))
+
+
+def observation_frame(rel: Reliability, numbers: Sequence[int] | None = None) -> Columns:
+    """Return the figures of observations as arrays, SI or image units, in the network's axes.
+
+    Args:
+        rel: the reliability of a solution.
+        numbers: numbers of rows; None: all.
+    """
+    report = Report(rel.solution, known=rel)
+    rows = report.rows.all() if numbers is None else report.rows.at(numbers)
+    return as_frame(observation_table(report, [_in_network(r) for r in rows]))
+
+
+def _in_network(row: Row) -> Row:
+    """Return a row in the axes of the network."""
+    if row.sign == 1.0:
+        return row
+    observed, residual = row.sign * row.observed, row.sign * row.residual
+    return replace(row, observed=observed, residual=residual, sign=1.0)
+
+
+def _rejected_table(aside: RejectedObservations) -> Table[Row]:
+    """Return the rejected observations, which the clean solution predicts."""
+    rows = aside.rows.at(aside.numbers.tolist())
+    place = {row.number: i for i, row in enumerate(rows)}
+    cells = identity_columns(rows)
+
+    def at(values: Any, of: Callable[[Row], float] = lambda row: 1.0) -> Callable[[Row], Any]:
+        every = values.tolist()
+        return lambda row: of(row) * every[place[row.number]]
+
+    def sign(row: Row) -> float:
+        return row.sign
+
+    innovation = at(aside.innovation, sign)
+    known = {"value": "adjusted", "unit": _whole, "exact": True}
+    columns: list[Column[Row]] = [
+        *(
+            Column(title=n, value=lambda row, v=v: v[place[row.number]])  # type: ignore[misc]
+            for n, v in cells.items()
+        ),
+        Column(title="residual", value=innovation, unit=_fine),
+        Column(title="adjusted", **known),  # type: ignore[arg-type]
+        Column(title="sigma", value="sigma", unit=_fine),
+        Column(title="small_unit", value=lambda row: row.scale.small),
+        Column(title="normalised", value=lambda row: innovation(row) / row.sigma),
+        Column(title="redundancy_number", value=at(aside.redundancy_numbers)),
+        Column(title="w", value=at(aside.w, sign)),
+        Column(title="estimated_error", value=lambda row: -innovation(row), unit=_fine),
+        Column(title="controlled", value=lambda row: isfinite(aside.w[place[row.number]])),
+        Column(title="set_aside", value=lambda row: True),
+        Column(title="source", value=_source),
+    ]
+    return Table("rejected", rows, columns)
+
+
+# -- station by station ---------------------------------------------------------------------------
 
 
 def adjusted_observations_section(report: Report) -> list[str]:
@@ -34,60 +340,18 @@ def adjusted_observations_section(report: Report) -> list[str]:
     if not numbers:
         return []
     some, note = report.cut(numbers, "adjusted observations", "observations.csv")
-    shown = report.rows.at(some)
-    places = decimals_by_unit(shown)
-    widths = [max(len(u) for u in x) for x in zip(*map(_units, shown), strict=True)]
-    name = "τ" if report.pope else "w"
-    cells, last = [], ""
-    for row in shown:
-        station, *targets = row.names
-        coarse, fine = places[row.scale.small]
-        unit, small = f"{row.scale.unit:{widths[0]}}", f"{row.scale.small:{widths[1]}}"
-        cells.append(
-            [
-                station if station != last else "",
-                " ".join(targets),
-                row.with_component(row.kind_name),
-                f"{row.scale.value(row.observed, coarse, turn=row.circular)} {unit}",
-                f"{decimal(row.residual / row.scale.size, fine)} {small}",
-                row.scale.value(row.adjusted, coarse, turn=row.circular),
-                short(row.sigma / row.scale.size),
-                *_tests(report, row),
-            ]
-        )
-        last = station
-    first = "station, frame" if any(r.frame for r in shown) else "station"
-    header = [first, "target", "observation", "observed", "v", "adjusted", "σ", "r", name, "∇"]
-    header, cells = without_empty_columns(header, cells)
+    made = observation_table(report, report.rows.at(some))
+    name = test_symbol(report)
     words = "v = adjusted − observed; σ a priori, in the unit of v"
-    if "∇" in header:
+    shown = as_text(made)
+    if report.reliability is not None and "∇" in shown[0]:
         words += ", as is ∇, the smallest detectable error"
-    if any(text.endswith("*") for c in cells for text in c):
+    if any("*" in line for line in shown):
         words += f"; *: |{name}| above its critical value {report.tests[1]:.2f}"
     if any(b.kind == "image" for b in report.solution.equations.blocks):
         words += f"; image coordinates: {report.where('observations.csv')}"
-    return [
-        *title("Adjusted observations, station by station"),
-        *table(header, cells, left=3),
-        *note,
-        *paragraph(words),
-    ]
-
-
-def _tests(report: Report, row: Row) -> list[str]:
-    """Return r, the test value, and the smallest detectable error; empty where there are none."""
-    rel, (values, critical) = report.reliability, report.tests
-    if rel is None:
-        return ["", "", ""]
-    r, test = float(rel.redundancy_numbers[row.number]), row.sign * float(values[row.number])
-    if not isfinite(test):
-        return [redundancy_text(r), "", ""]
-    mark = " *" if abs(test) > critical else ""
-    return [
-        redundancy_text(r),
-        decimal(test, 2) + mark,
-        short(float(rel.mdb[row.number]) / row.scale.size),
-    ]
+    heading = title("Adjusted observations, station by station")
+    return [*heading, *shown, *note, *paragraph(words)]
 
 
 def lists_every_observation(report: Report) -> bool:
@@ -99,10 +363,6 @@ def lists_every_observation(report: Report) -> bool:
 def redundancy_text(r: float) -> str:
     """Write a redundancy number with two decimals, small ones with three digits."""
     return decimal(r, 2) if r >= 0.1 or r < ROUNDING_OF_REDUNDANCY else short(r)
-
-
-def _units(row: Row) -> tuple[str, str]:
-    return row.scale.unit, row.scale.small
 
 
 def _by_station(report: Report) -> list[int]:
@@ -142,43 +402,40 @@ def decimals_by_unit(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
 
 def weighted_coordinates_section(report: Report) -> list[str]:
     """Return given coordinates with σ: their corrections, and σ before and after."""
-    found = [
-        (number, sigma)
+    found = {
+        number: sigma
         for block in report.solution.equations.blocks
         if block.by_axis
         for number, sigma in enumerate(_sigma_after(report, block), start=block.first_row)
-    ]
+    }
     if not found:
         return []
-    some, note = report.cut(found, "weighted coordinates", "observations.csv")
-    rows = report.rows.at(number for number, _ in some)
-    shown = [(row, sigma) for row, (_, sigma) in zip(rows, some, strict=True)]
-    places = decimals_by_unit(row for row, _ in shown)
-    values, _ = report.tests
-    name = "τ" if report.pope else "w"
-    cells = []
-    for row, sigma in shown:
-        coarse, fine = places[row.scale.small]
+    some, note = report.cut(list(found), "weighted coordinates", "observations.csv")
+    rows = report.rows.at(some)
+    length, small = (
+        Unit(report.units.length, report.metre),
+        Unit(report.units.sigma_length, report.small),
+    )
+    of = ObservationColumns(report, rows)
+
+    def local(row: Row) -> str | None:
         # Along east, north and up the given value is the origin: only its correction has a number.
-        local = row.component in ("e", "n", "u")
-        test = float(values[row.number]) if len(values) else np.nan
-        cells.append(
-            [
-                *_place(row),
-                "" if local else row.scale.value(row.observed, coarse),
-                decimal(row.residual / row.scale.size, fine),
-                "" if local else row.scale.value(row.adjusted, coarse),
-                short(row.sigma / row.scale.size),
-                short(sigma / row.scale.size),
-                decimal(test, 2) if isfinite(test) else "",
-            ]
-        )
-    unit, small = report.units.length, report.units.sigma_length
-    header = ["point", "", f"given [{unit}]", f"correction [{small}]", f"adjusted [{unit}]"]
-    header += [f"σ given [{small}]", f"σ adjusted [{small}]", name]
-    header, cells = without_empty_columns(header, cells)
+        return "" if row.component in ("e", "n", "u") else None
+
+    given = {"unit": length, "digits": of._coarse, "shown": local}
+    columns: list[Column[Row]] = [
+        Column(title="point", value=lambda row: _place(row)[0]),
+        Column(title="", value=lambda row: _place(row)[1]),
+        Column(title="given", value="observed", **given),  # type: ignore[arg-type]
+        Column(title="correction", value="residual", unit=small, digits=of._fine),
+        Column(title="adjusted", value="adjusted", **given),  # type: ignore[arg-type]
+        Column(title="σ given", value="sigma", unit=small),
+        Column(title="σ adjusted", value=lambda row: found[row.number], unit=small),
+    ]
+    if report.reliability is not None:
+        columns.append(replace(of.test(), shown=None))
     out = title("Weighted coordinates: corrections adjusted − given, σ before and after")
-    return [*out, *table(header, cells, left=2 if header[1] == "" else 1), *note]
+    return [*out, *as_text(Table("control", rows, columns)), *note]
 
 
 def _sigma_after(report: Report, block: Block) -> list[float]:
@@ -195,154 +452,3 @@ def _place(row: Row) -> list[str]:
         return [row.names[0], f"{row.component} ({row.kind_name})"]
     name = row.id.removeprefix("point ").removesuffix(f" {row.component}")
     return [name, row.component]
-
-
-def observations_table(report: Report) -> str:
-    """Return observations.csv: all figures of each observation; set-aside ones are at the end."""
-    rows = list(report.rows.all())
-    columns = dict(report.rows.identities)
-    residuals, sigmas = report.solution.observations.residuals, report.solution.observations.sigmas
-    columns |= _residuals(rows, _signs(rows) * residuals, sigmas)
-    if report.reliability is not None:
-        columns |= _reliability(report, report.reliability, rows)
-    aside = report.set_aside
-    if report.snooping is not None:
-        columns["set_aside"] = ["no"] * len(rows)
-    columns["source"] = [r.source for r in rows]
-    if aside is not None:
-        more = _set_aside(aside)
-        n = len(aside.numbers)
-        columns = {c: [*v, *more.get(c, [""] * n)] for c, v in columns.items()}
-    return write_columns(columns)
-
-
-def _residuals(rows: Sequence[Row], residuals: Array, sigmas: Array) -> dict[str, list[str]]:
-    size = _sizes(rows)
-    return {
-        "residual": figures(residuals / size),
-        "adjusted": [_adjusted(r) for r in rows],
-        "sigma": figures(sigmas / size),
-        "small_unit": [r.scale.small for r in rows],
-        "normalised": figures(residuals / sigmas),
-    }
-
-
-def _reliability(report: Report, rel: Reliability, rows: Sequence[Row]) -> dict[str, list[str]]:
-    size, sign = _sizes(rows), _signs(rows)
-    effect = rel.largest_effect / report.small
-    return {
-        "redundancy_number": figures(rel.redundancy_numbers),
-        "e1": figures(rel.e1),
-        "e2": figures(rel.e2),
-        "e12": figures(rel.e12),
-        "w": figures(sign * rel.w),
-        "tau": figures(sign * rel.tau),
-        "mdb": figures(rel.mdb / size),
-        "delta_bar": figures(rel.delta_bar),
-        f"largest_effect_{report.units.sigma_length}": figures(effect),
-        "estimated_error": figures(sign * rel.estimated_errors / size),
-        "controlled": yes_or_no(rel.controlled),
-    }
-
-
-def _set_aside(aside: RejectedObservations) -> dict[str, list[str]]:
-    """Return the columns of the set-aside observations, predicted by the clean solution."""
-    rows = aside.rows.at(aside.numbers.tolist())
-    size, sign = _sizes(rows), _signs(rows)
-    columns = identity_columns(rows)
-    innovation = sign * aside.innovation
-    columns |= _residuals(rows, innovation, np.array([r.sigma for r in rows]))
-    return columns | {
-        "redundancy_number": figures(aside.redundancy_numbers),
-        "w": figures(sign * aside.w),
-        "estimated_error": figures(-innovation / size),
-        "controlled": yes_or_no(np.isfinite(aside.w)),
-        "set_aside": ["yes"] * len(rows),
-        "source": [r.source for r in rows],
-    }
-
-
-def snooping_table(report: Report) -> str:
-    """Return snooping.csv: observations that were set aside, readmitted or unresolved."""
-    found, aside = report.snooping, report.set_aside
-    if found is None or aside is None:
-        return ""
-    records: list[tuple[Row, dict[str, str]]] = []
-    for r in found.rejected:
-        row = aside.find(r.id, r.component)
-        size = row.sign * row.scale.size
-        records.append(
-            (
-                row,
-                {
-                    "state": "set aside",
-                    "round": str(r.round),
-                    "test_value": figure(row.sign * r.test),
-                    "estimated_error": figure(r.estimated_error / size),
-                    "final_error": figure(r.final_error / size),
-                    "final_sigma": figure(r.final_sigma / row.scale.size),
-                    "final_test_value": figure(row.sign * r.final_test),
-                    "not_told_apart_from": "; ".join(
-                        f"{label} ({rho:+.3f})" for label, rho in r.inseparable
-                    ),
-                },
-            )
-        )
-    for p in found.points_set_aside:
-        for ray in p.rays:
-            fields = {"state": "point set aside", "round": str(p.round), "reason": p.reason}
-            records.append((aside.find(ray, ""), fields))
-    rejected = {r.id for r in found.rejected}
-    for ident in found.readmitted:
-        if ident not in rejected:
-            records.append((aside.find(ident, ""), {"state": "readmitted"}))
-    for u in found.unresolved:
-        row = aside.find(u.id, u.component)
-        fields = {
-            "state": "unresolved",
-            "test_value": figure(row.sign * u.test),
-            "estimated_error": figure(row.sign * u.estimated_error / row.scale.size),
-            "reason": u.reason,
-        }
-        records.append((row, fields))
-    rows = [row for row, _ in records]
-    whole = ("point set aside", "readmitted")
-    columns = identity_columns(rows)
-    for i, (_, fields) in enumerate(records):
-        if fields["state"] in whole:
-            # The row stands for the whole observation with all its components.
-            columns["component"][i] = columns["observed"][i] = ""
-    columns["sigma"] = [figure(r.sigma / r.scale.size) for r in rows]
-    columns["small_unit"] = [r.scale.small for r in rows]
-    for name in (
-        *("state", "round", "test_value", "estimated_error", "final_error", "final_sigma"),
-        *("final_test_value", "not_told_apart_from", "reason"),
-    ):
-        columns[name] = [fields.get(name, "") for _, fields in records]
-    columns["source"] = [r.source for r in rows]
-    return write_columns(columns)
-
-
-def _sizes(rows: Sequence[Row]) -> Array:
-    return np.array([r.scale.size for r in rows], dtype=float)
-
-
-def _adjusted(row: Row) -> str:
-    """Return observed + v; empty where it is not known."""
-    return row.scale.exact(row.adjusted) if np.isfinite(row.residual) else ""
-
-
-def _signs(rows: Sequence[Row]) -> Array:
-    return np.array([r.sign for r in rows], dtype=float)
-
-
-def figures(values: Array) -> list[str]:
-    """Write derived figures with enough digits for further use; empty if not finite."""
-    if np.isfinite(values).all():
-        return list(map("{:.9g}".format, (values + 0.0).tolist()))
-    return [figure(v) for v in values.tolist()]
-
-
-def yes_or_no(values: Iterable[bool]) -> list[str]:
-    """Write yes or no for each value."""
-    return ["yes" if v else "no" for v in values]

@@ -97,6 +97,8 @@ class Report:
     """Units, lengths of lists, probabilities and tests of the report."""
     provenance: Provenance = field(default_factory=Provenance)
     """Data snooping or variance components that the solution comes from."""
+    known: Reliability | None = None
+    """Reliability that was computed before."""
 
     @property
     def network(self) -> Network:
@@ -140,8 +142,11 @@ class Report:
     @cached_property
     def _reliability(self) -> Reliability | str:
         """Reliability of every observation, or the reason why it cannot be computed."""
-        if self.snooping is not None and self.snooping.solution is self.solution:
-            return self.snooping.reliability
+        snooping = self.snooping
+        if snooping is not None and snooping.solution is self.solution:
+            return snooping.reliability
+        if self.known is not None:
+            return self.known
         if self.singular:
             return "no reliability: the normal equations are singular where the iteration stopped"
         try:
@@ -164,14 +169,15 @@ class Report:
     @cached_property
     def stiff(self) -> Mask:
         """Which rows are stiff ties of the model, (n_rows,); none without reliability."""
-        rel = self.reliability
-        return np.zeros(len(self.rows), dtype=bool) if rel is None else stiff_ties(rel)
+        if self.reliability is None:
+            return np.zeros(len(self.rows), dtype=bool)
+        return stiff_ties(self.reliability)
 
     @property
     def pope(self) -> bool:
         """Whether the test values are τ (Pope) and not w (Baarda)."""
-        default = "pope" if self.solution.variance == "a-posteriori" else "baarda"
-        return (self.options.test or default) == "pope"
+        test = self.options.test
+        return test == "pope" if test else self.solution.variance == "a-posteriori"
 
     @property
     def tests(self) -> tuple[Array, float]:
@@ -243,16 +249,14 @@ class Report:
         """
         if not self.solution.converged:
             return True
-        first = () if self.causes is None else self.causes.found[:1]
-        return not all(c.plausible for c in first)
+        return not all(c.plausible for c in (self.causes.found[:1] if self.causes else ()))
 
     @cached_property
     def _found_before(self) -> list[str]:
         """The preliminary findings that explain what does not fit.
 
-        After data snooping they concern observations set aside or unresolved; without it, where
-        the adjustment did not converge or the global test failed, they are mistakes of whole
-        groups, such as a unit, and where gross errors have bent it, all others.
+        After data snooping they concern rejected or unresolved observations; without it they are
+        mistakes of whole groups, such as a unit, and where gross errors have bent it, all others.
         """
         original = self.provenance.original
         if self.snooping is None and doubts_of_solution(self.solution):
@@ -286,10 +290,9 @@ class Report:
 
     @property
     def likelier(self) -> list[str]:
-        """The cause that explains more than what data snooping set aside; empty if there is none.
+        """The cause that explains more than what data snooping rejected; empty if there is none.
 
-        Without snooping the test values are the doubt, and a cause with a size stands in its own
-        section; where σ0 is estimated, it may show in no test value.
+        Without snooping the test values are the doubt; with σ0 estimated it may show in none.
         """
         if self.causes is None:
             return []
@@ -327,10 +330,10 @@ class Report:
     @cached_property
     def set_aside(self) -> RejectedObservations | None:
         """Observations set aside by data snooping; None without snooping or original network."""
-        original = self.provenance.original
-        if self.snooping is None or original is None:
+        found, original = self.snooping, self.provenance.original
+        if found is None or original is None:
             return None
-        return set_aside(self.solution, self.snooping.ids_set_aside, original, self.units)
+        return set_aside(self.solution, found.ids_set_aside, original, self.units)
 
     def sign_in_report(self, found: Rejected | Unresolved) -> float:
         """Return the factor from figures of data snooping to those shown, as `Row.sign`.
@@ -362,8 +365,7 @@ class Report:
 
     @cached_property
     def _tests(self) -> dict[ParameterLabel, TestedParameter]:
-        found = self.significance
-        return {} if found is None else {p.label: p for p in found.parameters}
+        return {p.label: p for p in getattr(self.significance, "parameters", ())}
 
     @cached_property
     def ellipses(self) -> dict[str, ErrorEllipse]:
@@ -440,17 +442,16 @@ class Report:
     @cached_property
     def calibrations(self) -> dict[str, CalibrationEstimate]:
         """Calibrations of the network by camera or camera@photo, in the axes of files."""
-        names = dict.fromkeys(calibration_name(self.network, f) for f in self.network.photos)
-        found = {name: self.solution.calibration(name) for name in names}
-        return {n: image_axes.calibration_in_files(self.network, n, e) for n, e in found.items()}
+        network, found = self.network, self.solution.calibration
+        names = dict.fromkeys(calibration_name(network, f) for f in network.photos)
+        return {n: image_axes.calibration_in_files(network, n, found(n)) for n in names}
 
     @cached_property
     def sigmas(self) -> dict[str, tuple[float, ...]]:
         """Standard deviations of points, metres."""
         variances = np.einsum("nii->ni", self.solution.point_covariances)
         found = np.sqrt(np.maximum(variances, 0.0)).tolist()
-        names = self.solution.equations.unknowns["point"].names
-        return {n: tuple(s) for n, s in zip(names, found, strict=True)}
+        return dict(zip(self.network.points, map(tuple, found), strict=True))
 
     @cached_property
     def geographic(self) -> GeodeticCoordinates | None:
@@ -488,8 +489,8 @@ class Report:
 
     def where(self, file: str) -> str:
         """Return the place of a table, or the way to write it."""
-        tables, noun = self.options.tables, "the table" if file.endswith(".csv") else "the file"
-        return f"{tables}/{file}" if tables else f"{noun} {file} (option --out)"
+        folder, noun = self.options.tables, "the table" if file.endswith(".csv") else "the file"
+        return f"{folder}/{file}" if folder else f"{noun} {file} (option --out)"
 
     def cut(self, rows: list[Line], what: str, file: str) -> tuple[list[Line], list[str]]:
         """Return the rows to show, and a line about omitted rows, if any."""

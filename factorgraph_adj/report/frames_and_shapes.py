@@ -23,10 +23,18 @@ from ..quality.derived_quantities import (
 )
 from ..rotation import TURN_ABOUT_X, angles_by_rotation, omega_phi_kappa
 from ..units import ANGLE, decimal, decimal_angle
-from .adjusted_coordinates import figure
-from .adjusted_observations import figures
 from .adjustment_report import Report
-from .layout import decimals, paragraph, short, table, title, with_sigma, without_empty_columns
+from .layout import (
+    decimals,
+    figure,
+    figures,
+    paragraph,
+    short,
+    table,
+    title,
+    with_sigma,
+    without_empty_columns,
+)
 from .observation_rows import all_digits
 
 FRAMES_LEGEND = (

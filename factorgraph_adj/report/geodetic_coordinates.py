@@ -13,9 +13,8 @@ from ..frames import MEAN_EARTH_RADIUS, LocalFrame
 from ..types import Array
 from ..units import ANGLE, decimal, format_angle
 from .adjusted_coordinates import decimals_of_points
-from .adjusted_observations import figures
 from .adjustment_report import Report
-from .layout import exponent, paragraph, table, title
+from .layout import exponent, figures, paragraph, table, title
 from .observation_rows import without_trailing_zeros
 
 EAST_NORTH_UP = ("east", "north", "up")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite, nan
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +30,9 @@ from .layout import (
     unbroken,
     without_empty_columns,
 )
-from .observation_rows import kind_name
+from .observation_rows import Row, identity_columns, kind_name
 from .reliability import IDENTITY_HEADER, MAX_INSEPARABLE_LISTED, identity_cells
+from .tables import Column, Table, Unit, as_csv
 
 MAX_CAUSES_LISTED = 3
 """Largest number of causes that are listed, those that explain as much as these apart."""
@@ -375,3 +379,84 @@ def _component(c: VarianceComponent, *, kind: bool) -> list[str]:
     sigma = short(c.sigma) if c.estimated and np.isfinite(c.sigma) else "–"
     name = kind_name(c.name) if kind else c.name
     return [name, str(c.n), f"{c.redundancy:.2f}", f"{c.factor:.3f}", sigma, interval, c.state]
+
+
+# -- snooping.csv ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Finding:
+    """An observation that data snooping rejected, readmitted, or could not resolve."""
+
+    row: Row
+    """Its row in the network before data snooping."""
+    state: str
+    """What became of it."""
+    found: Any
+    """The finding of data snooping; None where it has no figures."""
+    whole: bool = False
+    """Whether the row stands for the whole observation with all its components."""
+
+    def figure(self, name: str) -> Any:
+        """Return a figure or a text of the finding; None where it has none."""
+        return getattr(self.found, name, None)
+
+    def signed(self, name: str) -> float | None:
+        """Return a figure of the finding in the axes of files."""
+        value = self.figure(name)
+        return None if value is None else self.row.sign * value
+
+
+def _findings(report: Report) -> list[_Finding]:
+    found, aside = report.snooping, report.set_aside
+    if found is None or aside is None:
+        return []
+    gone = {r.id for r in found.rejected}
+    again = [i for i in found.readmitted if i not in gone]
+    return [
+        *(_Finding(aside.find(r.id, r.component), "set aside", r) for r in found.rejected),
+        *(
+            _Finding(aside.find(ray, ""), "point set aside", replace(p, test=nan), whole=True)
+            for p in found.points_set_aside
+            for ray in p.rays
+        ),
+        *(_Finding(aside.find(i, ""), "readmitted", None, whole=True) for i in again),
+        *(_Finding(aside.find(u.id, u.component), "unresolved", u) for u in found.unresolved),
+    ]
+
+
+def snooping_csv(report: Report) -> str:
+    """Return snooping.csv: observations that were rejected, readmitted or unresolved."""
+    every = _findings(report)
+    rows = [f.row for f in every]
+    cells = list(identity_columns(rows).items())
+    place = {id(f): i for i, f in enumerate(every)}
+
+    def fine(f: _Finding) -> Unit:
+        return f.row.scale.fine
+
+    def cell(name: str, values: Sequence[str]) -> Column[_Finding]:
+        empty = name in ("component", "observed")
+        return Column(
+            title=name, value=lambda f: None if empty and f.whole else values[place[id(f)]]
+        )
+
+    def inseparable(f: _Finding) -> str:
+        return "; ".join(f"{label} ({rho:+.3f})" for label, rho in f.figure("inseparable") or ())
+
+    columns = [
+        *(cell(name, values) for name, values in cells),
+        Column(title="sigma", value=lambda f: f.row.sigma, unit=fine),
+        Column(title="small_unit", value=lambda f: f.row.scale.small),
+        Column(title="state", value="state"),
+        Column(title="round", value=lambda f: f.figure("round")),
+        Column(title="test_value", value=lambda f: f.signed("test")),
+        Column(title="estimated_error", value=lambda f: f.signed("estimated_error"), unit=fine),
+        Column(title="final_error", value=lambda f: f.signed("final_error"), unit=fine),
+        Column(title="final_sigma", value=lambda f: f.figure("final_sigma"), unit=fine),
+        Column(title="final_test_value", value=lambda f: f.signed("final_test")),
+        Column(title="not_told_apart_from", value=inseparable),
+        Column(title="reason", value=lambda f: f.figure("reason")),
+        Column(title="source", value=lambda f: f.row.source),
+    ]
+    return as_csv(Table("snooping", every, columns)) if every else ""

@@ -15,6 +15,9 @@ from textwrap import wrap
 from typing import Any
 from unicodedata import combining
 
+import numpy as np
+
+from ..types import Array
 from ..units import decimal
 
 SCALAR_TYPES = frozenset({str, float, int, bool, type(None)})
@@ -178,6 +181,22 @@ def with_sigma(value: float, sigma: float) -> str:
     if value == 0 or exponent(abs(value)) > -4:
         return decimal(value, max(-last, 0)) if last > -12 else f"{value:.3e}"
     return f"{value:.{max(exponent(abs(value)) - last, 1)}e}"
+
+
+def figure(value: float) -> str:
+    """Return a derived figure with enough digits for further use; empty if not finite.
+
+    >>> figure(-0.0), figure(float("nan"))
+    ('0', '')
+    """
+    return f"{value + 0.0:.9g}" if isfinite(value) else ""
+
+
+def figures(values: Array) -> list[str]:
+    """Write derived figures, see `figure`."""
+    if np.isfinite(values).all():
+        return list(map("{:.9g}".format, (values + 0.0).tolist()))
+    return [figure(v) for v in values.tolist()]
 
 
 def percent(share: float) -> str:

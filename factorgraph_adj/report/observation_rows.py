@@ -16,9 +16,11 @@ from ..graph.image_blocks import ImageIds
 from ..graph.variables import camera_of_calibration
 from ..io.numbers import Units, parse_quantity, write_quantity
 from ..models.base import within
-from ..observations import KINDS, Unit, observation_kind
+from ..observations import KINDS, observation_kind
+from ..observations import Unit as ObservationUnit
 from ..types import Array, Index
-from ..units import ANGLE, LENGTH, decimal, format_angle, format_turn
+from ..units import ANGLE, LENGTH
+from .tables import Unit, unit_of
 
 POINT_COLUMNS = ("station", "target", "target2", "station2", "point", "start", "end")
 """Columns of the points of observations, in tables of a project as in those of results."""
@@ -56,21 +58,16 @@ class Scale:
         whole = ANGLE[unit] if unit in ANGLE else LENGTH[unit]
         return ceil(log10(whole / self.size) - DECIMALS_TOLERANCE)
 
-    def value(self, value: float, digits: int, *, turn: bool = False) -> str:
-        """Write a value, given in the unit of the solution.
+    def whole(self, *, turn: bool = False) -> Unit:
+        """Return the unit of values; ``turn``: of angles of the whole circle."""
+        if self.image or not self.unit:
+            return Unit(self.unit)
+        return unit_of(self.unit, turn=turn and (self.unit in ANGLE or self.unit == "dms"))
 
-        Args:
-            value: the value.
-            digits: number of decimals.
-            turn: whether it is an angle of the whole circle, from 0 to less than 2π.
-        """
-        if self.unit in ANGLE or self.unit == "dms":
-            return (format_turn if turn else format_angle)(value, self.unit, digits)
-        return decimal(value if self.image else value / LENGTH.get(self.unit, 1.0), digits)
-
-    def exact(self, value: float) -> str:
-        """Write a value, given in the unit of the solution, with all its digits."""
-        return all_digits(value, "" if self.image else self.unit)
+    @property
+    def fine(self) -> Unit:
+        """Unit of σ and v."""
+        return Unit(self.small, self.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -388,7 +385,7 @@ def identity_columns(rows: Sequence[Row]) -> dict[str, list[str]]:
         "photo": [r.photo for r in rows],
         "frame": [r.frame for r in rows],
         "component": [r.component for r in rows],
-        "observed": [r.scale.exact(r.observed) for r in rows],
+        "observed": [r.scale.whole().exact(r.observed) for r in rows],
         "unit": [r.scale.unit for r in rows],
     }
 
@@ -403,7 +400,7 @@ def _ends(kind: str, count: int) -> tuple[str, ...]:
     return ("point",) if count == 1 else POINT_COLUMNS
 
 
-def observation_scale(unit: Unit, units: Units) -> Scale:
+def observation_scale(unit: ObservationUnit, units: Units) -> Scale:
     """Return the units of a kind of observation; `image_scale` does this for image coordinates."""
     if unit == "m":
         return Scale(units.length, units.sigma_length, LENGTH[units.sigma_length])

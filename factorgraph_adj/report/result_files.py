@@ -28,19 +28,18 @@ from ..statistical_tests import global_test
 from ..units import decimal
 from . import image_axes
 from .adjusted_coordinates import (
-    figure,
     image_statistics_by_photo,
     lines_table,
     photo_ellipsoid_columns,
     point_ellipse_columns,
 )
-from .adjusted_observations import figures, observations_table, snooping_table
+from .adjusted_observations import observations_csv
 from .adjustment_report import Report
 from .doubtful_results import unknowns_left_out
 from .frames_and_shapes import measured_frames, shapes_table
 from .geodetic_coordinates import geographic_columns, grid_columns, grid_photo_columns
-from .gross_errors import unit_of_error
-from .layout import LINE_WIDTH, paragraph, table, title
+from .gross_errors import snooping_csv, unit_of_error
+from .layout import LINE_WIDTH, figure, figures, paragraph, table, title
 from .observation_rows import ReportRows, all_digits
 from .options import Provenance, ReportOptions, Run
 from .results_json import results_text
@@ -311,10 +310,10 @@ def write_tables(report: Report, folder: str | Path) -> None:
     files |= {
         "protocol.txt": render_text(report),
         "results.json": results_text(report),
-        "observations.csv": observations_table(report),
+        "observations.csv": observations_csv(report),
         "shapes.csv": shapes_table(report) or None,
         "relative.csv": lines_table(report) or None,
-        "snooping.csv": snooping_table(report) or None,
+        "snooping.csv": snooping_csv(report) or None,
         "unknowns_left_out.csv": _left_out_table(report)
         if report.network.unknowns_left_out
         else None,

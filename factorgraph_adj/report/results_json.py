@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -22,11 +21,13 @@ from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..statistical_tests import global_test
 from ..version import __version__
 from .adjusted_coordinates import line_record
+from .adjusted_observations import observation_table
 from .adjustment_report import Report
 from .doubtful_results import notes_of_network, notes_of_solution
 from .epochs_report import EpochsReport
 from .geodetic_coordinates import grid_record
 from .layout import finite_json, json_text
+from .tables import as_json_columns
 from .unknowns import unknown_components
 
 RESULTS_FORMAT = 2
@@ -104,7 +105,7 @@ def results_record(report: Report) -> dict[str, Any]:
         **({} if report.significance is None else {"parameters": _parameters(report)}),
         **({} if report.singular else _unknown_values(report)),
         **({"relative": [line_record(x) for x in report.lines]} if report.lines else {}),
-        "observations": _observations(report),
+        "observations": as_json_columns(observation_table(report)),
     }
 
 
@@ -127,33 +128,6 @@ def system_record(system: ReferenceSystem) -> dict[str, Any]:
         "parameters": None if system.parameters is None else asdict(system.parameters),
     }
     return {n: v for n, v in stated.items() if v is not None}
-
-
-def _observations(report: Report) -> dict[str, Sequence[Any]]:
-    """Return every scalar observation as columns, in the order of observations.csv."""
-    rows = report.rows.all()
-    sign = np.array([r.sign for r in rows], dtype=float)
-    sigmas = report.solution.observations.sigmas
-    columns: dict[str, Any] = dict(report.rows.identities)
-    del columns["unit"]
-    columns |= {
-        "observed": [r.observed for r in rows],
-        "residual": [r.residual for r in rows],
-        "adjusted": [r.adjusted for r in rows],
-        "sigma": sigmas.tolist(),
-    }
-    rel = report.reliability
-    if rel is not None:
-        columns |= {
-            "redundancy_number": rel.redundancy_numbers.tolist(),
-            "w": (sign * rel.w).tolist(),
-            "tau": (sign * rel.tau).tolist(),
-            "mdb": rel.mdb.tolist(),
-            "estimated_error": (sign * rel.estimated_errors).tolist(),
-            "controlled": rel.controlled.tolist(),
-        }
-    columns["source"] = [r.source for r in rows]
-    return columns
 
 
 def _reliability(report: Report) -> dict[str, Any]:

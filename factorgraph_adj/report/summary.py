@@ -17,11 +17,10 @@ from ..quality.rejections import Snooping
 from ..solve.solution import Solution
 from ..statistical_tests import AdjustmentFigures, global_test
 from ..units import decimal
-from .adjusted_observations import redundancy_text
+from .adjusted_observations import redundancy_text, test_symbol
 from .adjustment_report import Report
 from .catalogue import Texts
 from .doubtful_results import doubts_of_solution, notes_of_solution, unknowns_left_out
-from .html.observations import test_symbol
 from .html.verdict import LightColour, adjustment_verdict
 from .layout import LINE_WIDTH, clipped, listed, paragraph, short, table
 from .observation_rows import Row

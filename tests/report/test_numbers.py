@@ -130,5 +130,8 @@ def test_the_search_for_signed_zeros_finds_them():
 def test_observed_values_are_in_the_unit_that_stands_beside_them():
     """A distance in a project of millimetres was written in metres, with mm beside it."""
     millimetres = observation_scale("m", Units(length="mm"))
-    assert (millimetres.exact(9.4948), millimetres.value(9.4948, 1)) == ("9494.8", "9494.8")
+    assert (millimetres.whole().exact(9.4948), millimetres.whole().shown(9.4948, 1)) == (
+        "9494.8",
+        "9494.8",
+    )
     assert all_digits(-0.0, "m") == "0"

@@ -20,13 +20,12 @@ from ..layout import listed, percent, short
 from ..plots.displacements import EpochsDrawing
 from ..plots.observation_lines import lines_by_kinds
 from ..plots.style import factor_text
+from ..tables import NO_FIGURE, Sheet
 from . import rendering
 from .plan import axis_words, rounded_or_none, rounded_xy
 from .rendering import (
-    NO_FIGURE,
     ColumnHead,
     PageSection,
-    Sheet,
     capitalised,
     columns_from_rows,
     filled_sheet,

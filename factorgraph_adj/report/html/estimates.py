@@ -26,8 +26,9 @@ from ..geodetic_coordinates import angle_digits
 from ..layout import decimals, percent, short, with_sigma
 from ..plots.point_symbols import point_status
 from ..reliability import point_redundancy
+from ..tables import NO_FIGURE, Sheet, SheetColumn
 from ..unknowns import STRONG_CORRELATION, unknown_components
-from .rendering import NO_FIGURE, Column, ColumnHead, Sheet, columns_from_rows, filled_sheet
+from .rendering import ColumnHead, columns_from_rows, filled_sheet
 
 NEW_POINT = "new"
 """What a point is that is nothing else."""
@@ -67,12 +68,12 @@ def points_sheet(report: Report, t: Texts) -> Sheet | None:
     places, digits = decimals_of_points(report)
     x = report.solution.state["point"] / report.metre
     columns = [
-        Column(t("col_point"), list(given)),
-        Column(t("col_state"), [t(f"state_{k}") for k in point_states(report)]),
+        SheetColumn(t("col_point"), list(given)),
+        SheetColumn(t("col_state"), [t(f"state_{k}") for k in point_states(report)]),
     ]
     for i, a in enumerate("xyz"):
         values = [decimal(v, digits) for v in x[:, i].tolist()]
-        columns.append(Column(f"{a} [{units.length}]", values, True))
+        columns.append(SheetColumn(f"{a} [{units.length}]", values, True))
     if not report.singular:
         sigmas = np.array([report.sigmas[n] for n in given]).reshape(-1, 3) / report.small
         for i, a in enumerate("xyz"):
@@ -81,19 +82,19 @@ def points_sheet(report: Report, t: Texts) -> Sheet | None:
                 t("held") if h else f"{s:.{places}f}"
                 for h, s in zip(held, sigmas[:, i].tolist(), strict=True)
             ]
-            columns.append(Column(f"σ{a} [{units.sigma_length}]", cells, True))
+            columns.append(SheetColumn(f"σ{a} [{units.sigma_length}]", cells, True))
         header, cells_of, _ = ellipse_columns(report, places)
         for i, head in enumerate(header):
             values = [cells_of[n][i] if n in cells_of else "" for n in given]
             title = head.replace("azimuth", t("col_azimuth"))
-            columns.append(Column(title, values, True, t("help_ellipse")))
+            columns.append(SheetColumn(title, values, True, t("help_ellipse")))
         columns += _geographic(report, t, digits)
     if report.reliability is not None:
         counts = point_redundancy(report.reliability)
         mean = counts.redundancy / np.maximum(counts.rows, 1)
         columns += [
-            Column(t("col_scalars"), [str(n) for n in counts.rows.tolist()], True),
-            Column(
+            SheetColumn(t("col_scalars"), [str(n) for n in counts.rows.tolist()], True),
+            SheetColumn(
                 t("col_mean_r"),
                 [
                     f"{max(v, 0.0):.2f}" if n else NO_FIGURE
@@ -102,7 +103,7 @@ def points_sheet(report: Report, t: Texts) -> Sheet | None:
                 True,
                 t("help_r"),
             ),
-            Column(
+            SheetColumn(
                 f"max |{'τ' if report.pope else 'w'}|",
                 [f"{v:.2f}" if isfinite(v) else NO_FIGURE for v in largest_tests(report).tolist()],
                 True,
@@ -117,7 +118,7 @@ def points_sheet(report: Report, t: Texts) -> Sheet | None:
     return filled_sheet("points", t("points_caption"), columns, notes=notes)
 
 
-def _geographic(report: Report, t: Texts, digits: int) -> list[Column]:
+def _geographic(report: Report, t: Texts, digits: int) -> list[SheetColumn]:
     found = report.geographic
     if found is None:
         return []
@@ -126,12 +127,12 @@ def _geographic(report: Report, t: Texts, digits: int) -> list[Column]:
     out = []
     for key, values in (("col_latitude", found.latitude), ("col_longitude", found.longitude)):
         cells = [format_angle(v, unit, fine) for v in values.tolist()]
-        out.append(Column(f"{t(key)} [{unit}]", cells, unit != "dms"))
+        out.append(SheetColumn(f"{t(key)} [{unit}]", cells, unit != "dms"))
     heights = [decimal(v / report.metre, digits) for v in found.height.tolist()]
-    out.append(Column(f"{t('col_height')} [{report.units.length}]", heights, True))
+    out.append(SheetColumn(f"{t('col_height')} [{report.units.length}]", heights, True))
     for i, a in enumerate("ENU"):
         sigmas = [short(v) for v in (found.sigma[:, i] / report.small).tolist()]
-        out.append(Column(f"σ{a} [{small}]", sigmas, True))
+        out.append(SheetColumn(f"σ{a} [{small}]", sigmas, True))
     return out
 
 
@@ -149,18 +150,18 @@ def check_points_sheet(report: Report, t: Texts) -> Sheet | None:
     def cell(value: float) -> str:
         return decimal(value, places) if isfinite(value) else NO_FIGURE
 
-    columns = [Column(t("col_point"), list(found.names))]
+    columns = [SheetColumn(t("col_point"), list(found.names))]
     for i, a in enumerate("xyz"):
-        columns.append(Column(f"d{a} [{unit}]", [cell(v) for v in d[:, i].tolist()], True))
+        columns.append(SheetColumn(f"d{a} [{unit}]", [cell(v) for v in d[:, i].tolist()], True))
     for name, values in (
         (f"√(dx²+dy²) [{unit}]", np.hypot(d[:, 0], d[:, 1])),
         (f"√(dx²+dy²+dz²) [{unit}]", np.sqrt(np.sum(d**2, axis=1))),
     ):
-        columns.append(Column(name, [cell(v) for v in values.tolist()], True))
+        columns.append(SheetColumn(name, [cell(v) for v in values.tolist()], True))
     for i, a in enumerate("xyz"):
         ratio = found.normalised[:, i].tolist()
         cells = [decimal(v, 2) if isfinite(v) else NO_FIGURE for v in ratio]
-        columns.append(Column(f"d{a}/σ", cells, True, t("help_check_ratio")))
+        columns.append(SheetColumn(f"d{a}/σ", cells, True, t("help_check_ratio")))
 
     def three(values: np.ndarray) -> str:
         return ", ".join(cell(v) for v in (values / report.small).tolist())

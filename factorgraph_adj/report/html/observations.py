@@ -2,103 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from math import isfinite, log10
+from collections.abc import Sequence
+from dataclasses import replace
+from math import isfinite
 
 import numpy as np
 
 from ...models.variables import UNKNOWNS
 from ...quality.rejections import Snooping
 from ...units import decimal
-from ..adjusted_observations import decimals_by_unit, redundancy_text
+from ..adjusted_observations import observation_table, test_symbol
 from ..adjustment_report import Report
 from ..catalogue import Texts
 from ..gross_errors import unit_of_error
 from ..layout import listed, short
 from ..observation_rows import Row
 from ..reliability import MAX_INSEPARABLE_LISTED
-from .rendering import NO_FIGURE, Column, ColumnHead, Sheet, columns_from_rows, filled_sheet
+from ..tables import NO_FIGURE, Column, Sheet, Table, as_html
+from .rendering import ColumnHead, columns_from_rows, filled_sheet
 
 MAX_IDS_OF_CAUSE_IN_CELL = 6
 """Largest number of observations of a cause that are named."""
 
 
-def test_symbol(report: Report) -> str:
-    """Return the symbol of the test values of a report."""
-    return "τ" if report.pope else "w"
-
-
 def observations_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return all scalar observations, in the order of the rows of the adjustment."""
-    rows = report.rows.all()
-    columns = _columns(report, t, rows)
-    return filled_sheet(
-        "observations", t("observations_caption"), columns, notes=[t("observations_note")]
-    )
+    return as_html(observation_table(report), t, notes=[t("observations_note")])
 
 
 def control_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return the coordinates that were given with a standard deviation, and how they fit."""
-    numbers = [
-        i
-        for b in report.solution.equations.blocks
-        if b.by_axis
-        for i in range(b.rows.start, b.rows.stop)
-    ]
-    columns = _columns(report, t, report.rows.at(numbers))
-    return filled_sheet("control", t("control_caption"), columns)
-
-
-def _columns(report: Report, t: Texts, rows: Sequence[Row]) -> list[Column]:
-    places, size = decimals_by_unit(rows), [r.scale.size for r in rows]
-    observed, adjusted = [], []
-    for row in rows:
-        coarse, fine = places[row.scale.small]
-        if row.scale.image:
-            coarse = fine + round(-log10(row.scale.size))
-        observed.append(row.scale.value(row.observed, coarse, turn=row.circular))
-        adjusted.append(row.scale.value(row.adjusted, coarse, turn=row.circular))
-    kinds = {k: t.kind(k) for k in {r.kind_name for r in rows}}
-    small = list(zip(rows, size, strict=True))
-    columns = [
-        Column(t("col_kind"), [kinds[r.kind_name] for r in rows]),
-        Column(t("col_observation"), [r.what for r in rows]),
-        Column(t("col_id"), [r.own_id for r in rows]),
-        Column(t("col_observed"), observed, True),
-        Column(t("col_adjusted"), adjusted, True, t("help_adjusted")),
-        Column(t("col_unit"), [r.scale.unit for r in rows]),
-        Column("v", [short(r.residual / s) for r, s in small], True, t("help_v")),
-        Column("σ", [short(r.sigma / s) for r, s in small], True, t("help_sigma")),
-        Column(t("col_small_unit"), [r.scale.small for r in rows]),
-        *_tests(report, t, rows),
-        Column(t("col_source"), [r.source for r in rows]),
-    ]
-    return columns
-
-
-def _tests(report: Report, t: Texts, rows: Sequence[Row]) -> list[Column]:
-    """Return r, the test value, the estimated error and the smallest detectable one."""
-    rel = report.reliability
-    if rel is None:
-        normalised = [decimal(r.residual / r.sigma, 2) for r in rows]
-        return [Column("v/σ", normalised, True, t("help_normalised"))]
-    n = [r.number for r in rows]
-    sign, size = np.array([[r.sign, r.scale.size] for r in rows]).reshape(-1, 2).T
-    values = (sign * report.tests[0][n]).tolist()
-    errors = (sign * rel.estimated_errors[n] / size).tolist()
-    return [
-        Column(
-            "r", [redundancy_text(v) for v in rel.redundancy_numbers[n].tolist()], True, t("help_r")
-        ),
-        Column(
-            test_symbol(report),
-            [decimal(v, 2) if isfinite(v) else NO_FIGURE for v in values],
-            True,
-            t("help_test"),
-        ),
-        Column(t("col_error"), [short(v) for v in errors], True, t("help_error")),
-        Column("∇", [short(v) for v in (rel.mdb[n] / size).tolist()], True, t("help_mdb")),
-    ]
+    blocks = (b for b in report.solution.equations.blocks if b.by_axis)
+    rows = report.rows.at(i for b in blocks for i in range(b.rows.start, b.rows.stop))
+    return as_html(replace(observation_table(report, rows), name="control"), t)
 
 
 def worst_observations_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -128,13 +64,18 @@ def worst_observations_sheet(report: Report, t: Texts) -> Sheet | None:
         key = "worst_above" if above else "worst_none"
         shown = len(rows)
         caption = t(key, n=above, shown=shown, name=test_symbol(report), critical=_two(critical))
-    columns = _columns(report, t, rows)
-    close = [_partners(report, t, r, p) for r, p in zip(rows, partners, strict=True)]
-    columns.insert(-1, Column(t("col_partners"), close, help=t("help_partners")))
-    columns.insert(
-        -1, Column(t("col_cause"), _causes(report, rows), help=t("help_cause"), english=True)
+    close = {r.number: p for r, p in zip(rows, partners, strict=True)}
+    made = observation_table(report, rows)
+    named = Column[Row](
+        title="partners",
+        value=lambda row: _partners(report, t, row, close[row.number]),
+        help="partners",
     )
-    return filled_sheet("worst", caption, columns, order=t("order_test"))
+    cause = Column[Row](
+        title="cause", value=lambda row: _cause(report, row), help="cause", english=True
+    )
+    columns = (*made.columns[:-1], named, cause, made.columns[-1])
+    return as_html(Table("worst", rows, columns), t, caption=caption, order=t("order_test"))
 
 
 def _two(value: float) -> str:
@@ -154,14 +95,11 @@ def _partners(report: Report, t: Texts, row: Row, found: Sequence[tuple[int, flo
     return "; ".join([*named, *more])
 
 
-def _causes(report: Report, rows: Iterable[Row]) -> list[str]:
-    """Return the likeliest cause that each observation shares; empty where there is none."""
+def _cause(report: Report, row: Row) -> str:
+    """Return the most probable cause that an observation shares; empty where there is none."""
     found = () if report.causes is None else report.causes.likelier
-    out = []
-    for row in rows:
-        mine = next((c for c in found if row.id in c.ids), None)
-        out.append("" if mine is None else f"{mine.cause} {mine.where}")
-    return out
+    mine = next((c for c in found if row.id in c.ids), None)
+    return "" if mine is None else f"{mine.cause} {mine.where}"
 
 
 def observation_groups_sheet(report: Report, t: Texts) -> Sheet | None:

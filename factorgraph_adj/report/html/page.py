@@ -19,6 +19,7 @@ from ...errors import InputError
 from ...io.file_transaction import write_files
 from ...solve.solution import Solution
 from ...statistical_tests import CONFIDENCE_OF_REGION
+from ..adjusted_observations import test_symbol
 from ..adjustment_report import Report
 from ..catalogue import Language, Texts
 from ..epochs_report import EpochsReport
@@ -29,7 +30,6 @@ from ..plots.style import factor_text, length_text, readable_number
 from ..text import render_text
 from . import estimates, observations, rendering
 from .epochs_page import epochs_html
-from .observations import test_symbol
 from .plan import PlanDrawing, scene_data
 from .rendering import PageSection, capitalised, packed_json, rendered_page
 from .verdict import adjustment_verdict

@@ -18,6 +18,7 @@ from ...quality.error_ellipses import FIXED_AXIS_VARIANCE_RATIO
 from ...statistical_tests import CONFIDENCE_OF_REGION
 from ...types import Array, Index
 from ..adjusted_coordinates import place_name
+from ..adjusted_observations import test_symbol
 from ..adjustment_report import Report
 from ..catalogue import Texts
 from ..layout import percent
@@ -35,7 +36,6 @@ from ..plots.point_symbols import plan_window
 from ..plots.style import factor_text, length_text, readable_number
 from ..reliability import point_redundancy
 from .estimates import POINT_STATES, largest_tests, point_states
-from .observations import test_symbol
 
 MAX_DOUBTS_MARKED = 300
 """Largest number of observations in doubt that are marked, those with the largest tests first."""

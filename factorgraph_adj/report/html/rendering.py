@@ -12,8 +12,8 @@ import hashlib
 import json
 import platform
 from base64 import b64encode
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
@@ -29,11 +29,8 @@ from ..adjustment_report import Report
 from ..catalogue import Texts
 from ..layout import percent
 from ..options import Run
+from ..tables import NO_FIGURE, ROWS_PER_PAGE, Sheet, SheetColumn
 
-ROWS_PER_PAGE = 25
-"""Number of rows that a table shows at a time, and has in a page whose script does not run."""
-NO_FIGURE = "–"
-"""What stands for a figure that there is not."""
 MAX_FILES_LISTED = 200
 """Largest number of files of a folder that are listed."""
 
@@ -95,75 +92,12 @@ def _packed(data: bytes, level: int) -> str:
 
 ColumnHead: TypeAlias = tuple[str, bool] | tuple[str, bool, str]
 """Title of a column, whether it is numeric, and where needed its help."""
-LETTERS_OF_LONG_TEXT, MAX_CELLS_EXAMINED = 30, 1000
-"""Number of letters from which a text is long, and number of cells that are looked at."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column of a table."""
-
-    title: str
-    """Its heading, with the unit in brackets."""
-    values: Sequence[str]
-    """Its cells."""
-    numeric: bool = False
-    """Whether it is sorted as numbers and set flush right."""
-    help: str = ""
-    """What the heading means, in a sentence; empty where it says so itself."""
-    english: bool = False
-    """Whether its cells are words of the adjustment itself, English in every language."""
-
-    @property
-    def look(self) -> str:
-        """Class of its cells in the style sheet: ``number``, ``long`` for long texts, or none."""
-        if self.numeric:
-            return "number"
-        return (
-            "long"
-            if any(len(v) > LETTERS_OF_LONG_TEXT for v in self.values[:MAX_CELLS_EXAMINED])
-            else ""
-        )
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """One table of the report."""
-
-    id: str
-    """Name of the table in the page."""
-    caption: str
-    """What the rows are."""
-    columns: Sequence[Column]
-    """The columns, all of the same length."""
-    notes: Sequence[str] = field(default_factory=tuple)
-    """Sentences below the table."""
-    order: str = ""
-    """How the rows are ordered at first, for the caption; empty: as in the network."""
-
-    def __len__(self) -> int:
-        """Return the number of rows."""
-        return len(self.columns[0].values) if self.columns else 0
-
-    @property
-    def first(self) -> Iterator[tuple[str, ...]]:
-        """Rows that stand in the page before its script has run."""
-        return zip(*(c.values[:ROWS_PER_PAGE] for c in self.columns), strict=True)
-
-    @property
-    def data(self) -> dict[str, Any]:
-        """What the script of the page needs."""
-        return {
-            "looks": [c.look for c in self.columns],
-            "english": [c.english for c in self.columns],
-            "columns": [list(c.values) for c in self.columns],
-        }
 
 
 def filled_sheet(
     ident: str,
     caption: str,
-    columns: Iterable[Column],
+    columns: Iterable[SheetColumn],
     *,
     notes: Sequence[str] = (),
     order: str = "",
@@ -177,7 +111,7 @@ def filled_sheet(
 
 def columns_from_rows(
     heads: Sequence[ColumnHead], rows: Sequence[Sequence[str]], *, english: Collection[str] = ()
-) -> list[Column]:
+) -> list[SheetColumn]:
     """Return columns from rows of cells.
 
     Args:
@@ -187,7 +121,7 @@ def columns_from_rows(
     """
     cells = list(zip(*rows, strict=True)) if rows else [()] * len(heads)
     return [
-        Column(head[0], values, head[1], head[2] if len(head) == 3 else "", head[0] in english)
+        SheetColumn(head[0], values, head[1], head[2] if len(head) == 3 else "", head[0] in english)
         for head, values in zip(heads, cells, strict=True)
     ]
 

@@ -11,6 +11,7 @@ import numpy as np
 from ...quality.point_precision import check_points
 from ...statistical_tests import global_test
 from ...units import LENGTH
+from ..adjusted_observations import test_symbol
 from ..adjustment_report import Report
 from ..catalogue import Texts
 from ..doubtful_results import (
@@ -23,7 +24,6 @@ from ..epochs_report import EpochsReport
 from ..gross_errors import all_doubts
 from ..layout import listed, percent, short
 from ..reliability import point_redundancy
-from .observations import test_symbol
 
 LightColour: TypeAlias = Literal["green", "amber", "red", "none"]
 """State of a light; ``none``: nothing to judge."""

@@ -74,12 +74,16 @@ def test_every_text_is_used_and_every_used_text_is_there():
     sources = [*FOLDER.rglob("*.py"), *(FOLDER / "html" / "template").iterdir()]
     text = "\n".join(p.read_text(encoding="utf-8") for p in sources)
     said = set(re.findall(r"""["'`]([a-z][a-z0-9_]+)["'`]""", text))
-    # Identifiers that are put together: of a number, of what is in braces, of a column's title.
+    # Identifiers that are put together: of a number, of what is in braces, of a table or a column.
     begun = set(re.findall(r"""["'`]((?:[a-z0-9]+_)+)(?:\{|["'] ~)""", text)) - {"col_"}
-    headings = {f"col_{title}" for title in said}
+    made = {
+        f"{part}{name}{end}"
+        for name in said
+        for part, end in (("col_", ""), ("help_", ""), ("", "_caption"))
+    }
     for key in ENGLISH_TEXTS:
         plain = re.sub(r"_(one|many)$", "", key)
-        used = key in said or plain in said or key in headings
+        used = key in said or plain in said or key in made
         assert used or key.startswith(tuple(begun)), f"{key} is not used"
     asked = re.findall(r"""(?:\bt|tell|WORDS|t\.number)\(\s*["'`]([a-z0-9_]*[a-z0-9])["'`]""", text)
     assert len(asked) > 200

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report.adjusted_observations import observations_table
+from factorgraph_adj.report.adjusted_observations import observations_csv
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.report.html.page import adjustment_html, write_report
@@ -82,7 +82,7 @@ def test_the_tables_hold_every_row_with_the_figures_of_the_solution():
 
 def test_observations_are_those_of_the_csv_table():
     text = page()
-    rows = list(csv.DictReader(io.StringIO(observations_table(industry()))))
+    rows = list(csv.DictReader(io.StringIO(observations_csv(industry()))))
     for title, name in (("v", "residual"), ("r", "redundancy_number"), ("w", "w"), ("∇", "mdb")):
         shown = np.array(column(text, "observations", title), dtype=float)
         known = np.array([float(r[name]) for r in rows])

@@ -1,0 +1,160 @@
+"""A table is written once: what a column says, every rendering says."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.report.adjusted_observations import ObservationColumns, observations_csv
+from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.catalogue import Texts
+from factorgraph_adj.report.html.page import adjustment_html
+from factorgraph_adj.report.results_json import results_text
+from factorgraph_adj.report.tables import (
+    Column,
+    Table,
+    Unit,
+    as_csv,
+    as_frame,
+    as_html,
+    as_json,
+    as_json_columns,
+    as_text,
+    unit_of,
+)
+from factorgraph_adj.report.text import protocol
+from tests.networks.trilateration import trilateration
+from tests.support.pages import data_of
+
+MM = Unit("mm", 1e-3)
+
+
+def test_a_figure_of_quality_that_is_added_appears_in_every_rendering(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The column is that of CONTRIBUTING: inner reliability, ∇/σ."""
+    before = ObservationColumns.figures
+
+    def with_inner_reliability(self: ObservationColumns) -> list[Column]:
+        rel = self.report.reliability
+        assert rel is not None
+        inner = rel.mdb / rel.solution.equations.sigmas()
+        value = lambda row: inner[row.number]  # noqa: E731
+        return [*before(self), Column(title="∇/σ", key="inner_reliability", value=value, digits=3)]
+
+    monkeypatch.setattr(ObservationColumns, "figures", with_inner_reliability)
+    solution = fga.adjust(trilateration(1, points=6)[0])
+    report, rel = Report(solution), fga.reliability(solution)
+    expected = rel.delta0 / np.sqrt(rel.redundancy_numbers)
+    read = [f"{v:.3f}" for v in expected]
+
+    text = protocol(solution)
+    listing = text[text.index("Adjusted observations") :].splitlines()[2:]
+    assert listing[0].split()[-1] == "∇/σ"
+    assert {line.split()[-1] for line in listing[2 : 2 + len(read)]} == set(read)
+
+    page = adjustment_html(report)
+    assert ">∇/σ</th>" in page
+    assert read in data_of(page, "sheet-observations")["columns"]
+
+    header, *rows = observations_csv(report).splitlines()
+    at = header.split(",").index("inner_reliability")
+    assert [float(r.split(",")[at]) for r in rows] == pytest.approx(expected)
+
+    written = json.loads(results_text(report))["observations"]["inner_reliability"]
+    assert written == pytest.approx(expected)
+
+    table = rel.table()
+    assert table["inner_reliability"] == pytest.approx(expected)
+    assert "<th>inner_reliability</th>" in table._repr_html_()
+    assert "<th>inner_reliability</th>" in rel._repr_html_()
+
+
+def points() -> Table[dict[str, object]]:
+    """Two points, one of which is held."""
+    return Table(
+        "points",
+        [{"name": "A", "x": 1.5, "s": 0.0, "n": 3}, {"name": "B", "x": -0.0, "s": 0.0123, "n": 0}],
+        [
+            Column(title="point", key="name", value="name"),
+            Column(title="x", value="x", unit=Unit("m"), digits=2, exact=True),
+            Column(
+                title="σx",
+                key="sigma_x_mm",
+                frame_key="sigma_x",
+                value="s",
+                unit=MM,
+                digits=1,
+                shown=lambda row: None if row["s"] else "held",
+            ),
+            Column(title="number", value="n"),
+            Column(title="reason", value=lambda row: None),
+        ],
+    )
+
+
+def test_text_has_units_in_headings_and_no_empty_column() -> None:
+    assert as_text(points()) == [
+        "  point  x [m]  σx [mm]  number",
+        "  -----------------------------",
+        "  A       1.50     held       3",
+        "  B       0.00     12.3       0",
+    ]
+
+
+def test_csv_keeps_the_digits_that_text_rounds() -> None:
+    assert as_csv(points()).splitlines() == ["name,x,sigma_x_mm,number", "A,1.5,0,3", "B,0,12.3,0"]
+
+
+def test_further_tables_of_csv_fill_the_columns_of_the_first() -> None:
+    more = Table("more", [7], [Column(title="number", value=lambda row: row)])
+    assert as_csv(points(), more).splitlines()[-1] == ",,,7"
+
+
+def test_json_and_frames_have_the_units_of_the_solution() -> None:
+    assert as_json(points())[1] == {
+        "name": "B", "x": -0.0, "sigma_x_mm": 0.0123, "number": 0, "reason": None
+    }  # fmt: skip
+    assert as_json_columns(points())["x"] == [1.5, -0.0]
+    frame = as_frame(points())
+    assert list(frame) == ["name", "x", "sigma_x", "number", "reason"]
+    assert frame["sigma_x"].tolist() == [0.0, 0.0123]
+    assert frame["name"].dtype == object
+
+
+def test_a_page_has_its_language_and_drops_empty_columns() -> None:
+    made = as_html(points(), Texts("de"))
+    assert made is not None
+    assert [c.title for c in made.columns] == ["Punkt", "x [m]", "σx [mm]", "Anzahl"]
+    assert [c.numeric for c in made.columns] == [False, True, True, True]
+    assert as_html(Table("points", [], points().columns), Texts("en")) is None
+
+
+def test_cells_below_others_make_a_second_line_and_sentences_a_paragraph() -> None:
+    made = Table(
+        "photos",
+        [1.0, 2.0],
+        [
+            Column(title="X0", value=lambda row: row, digits=1),
+            Column(title="σ X0", value=lambda row: row / 10 if row > 1 else None, below="X0"),
+            Column(title="why", value=lambda row: "held" if row < 2 else "", below=""),
+        ],
+    )
+    assert as_text(made)[2:] == ["    1.0", "      held", "    2.0", "  0.200"]
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "text"),
+    [
+        (unit_of("gon"), np.pi, "200.000"),
+        (unit_of("dms"), np.pi / 180, "1-00-00.000"),
+        (unit_of("gon", turn=True), -np.pi / 2, "300.000"),
+        (unit_of("mm"), 0.0015, "1.500"),
+        (Unit("px"), 3.25, "3.250"),
+    ],
+)
+def test_units_write_figures(unit: Unit, value: float, text: str) -> None:
+    assert unit.shown(value, 3) == text
