@@ -48,8 +48,10 @@ def upper_transposed_solve(r: Array, b: Array) -> Array:
     return np.asarray(blas.dtrsm(1.0, r, b, lower=0, trans_a=1))
 
 
-def lower_solve(root: Array, b: Array, *, transposed: bool = False) -> Array:
-    """Return L⁻¹ b or L⁻ᵀ b for lower triangular L (n, n) and b (n, k)."""
+def solve_lower(root: Array, b: Array, *, transposed: bool = False) -> Array:
+    """Return L⁻¹ b or L⁻ᵀ b for lower triangular L (n, n) and b (n, k); BLAS takes no empty b."""
+    if not b.size:
+        return b.copy()
     return np.asarray(blas.dtrsm(1.0, root, b, lower=1, trans_a=int(transposed)))
 
 
@@ -171,11 +173,6 @@ def inverse_from_cholesky(root: Array) -> Array:
         return np.zeros((0, 0), order="F")
     inverse, _ = lapack.dpotri(root, lower=1)
     return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
-
-
-def solve_lower(root: Array, b: Array, *, transposed: bool = False) -> Array:
-    """Return L⁻¹ b, or L⁻ᵀ b; BLAS takes no empty arrays."""
-    return lower_solve(root, b, transposed=transposed) if b.size else b.copy()
 
 
 @dataclass

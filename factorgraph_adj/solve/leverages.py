@@ -26,10 +26,10 @@ from .datum_defects import FreeDatum, minimal_datum
 from .elimination_layers import Layers
 from .factorisation import EliminationPlan, Factorisation
 from .linearised_equations import LinearBlock, LinearisedEquations
-from .linearised_rays import LinearRays, symmetric_matrices
-from .point_elimination import RayCovariances, ReducedPoints, factorise_points
+from .linearised_rays import LinearRays
+from .point_elimination import factorise_points
 from .point_rays import PointRays
-from .ray_leverages import point_hats, ray_leverages, spoke_hats, spoke_leverages
+from .ray_leverages import first_layer_leverages, single_point_hats, spoke_leverages
 from .reduced_system import Nodes
 from .terrestrial_rows import NodeRows
 
@@ -109,17 +109,11 @@ def leverages(
             _from_tree(lb, outer, inverse, out)
         blocks.append(out)
     if factor.points is not None and reduced is not None:
-        for found in ray_leverages(factor.points, reduced, factor.inverse):
+        for found in first_layer_leverages(factor.points, reduced, factor.inverse):
             out = blocks[found.place]
             out.hat[found.rows] = found.hat
             out.others[found.rows] = found.others
             out.own[found.rows] = found.own
-        for sight in spoke_leverages(factor.points, reduced, factor.inverse):
-            out = blocks[sight.place]
-            out.hat[sight.rows] = sight.hat
-            out.others[sight.rows] = sight.others
-            out.own[sight.rows] = sight.own
-        _from_points(factor.points, reduced, blocks)
     clusters = [_dense(columns, a, inverse, system) for columns, a in system.cluster_rows()]
     extra = [_dense(e.columns, e.a, inverse, system) for e in system.extra]
     if transform is not None:
@@ -158,21 +152,12 @@ def point_leverages(
         assert joint is not None
         for sight in spoke_leverages(alone.points, joint, alone.inverse):
             blocks[sight.place][sight.rows] = sight.hat
-        own = [_empty(lb) for lb in only.blocks]
-        _from_points(alone.points, joint, own)
-        for place, _, at, _ in alone.points.sums.coordinates():
-            blocks[place][at] = own[place].hat[at]
     elif factor.points is not None:
         # Without the terms that a minimal datum adds to the diagonal of a point.
         sums = factor.points.sums
         single, _ = factorise_points(sums, np.zeros(system.unknowns.n_columns))
-        for place, rows, hat in point_hats(factor.points, single):
+        for place, rows, hat in single_point_hats(factor.points, single):
             blocks[place][rows] = hat
-        for place, rows, hat in spoke_hats(factor.points, single):
-            blocks[place][rows] = hat
-        for place, number, rows, partials in sums.coordinates():
-            u = single.lower(partials.transpose(2, 1, 0), number)
-            blocks[place][rows] = np.einsum("kim,kjm->mij", u, u)
     for place, lb in enumerate(only.blocks):
         _, outer = parts[place]
         if len(outer) and tree is not None:
@@ -261,18 +246,6 @@ def _chunks(rows: Index, size: int) -> Iterator[Index]:
     step = max(1, MAX_ELEMENTS_AT_ONCE // size)
     for start in range(0, len(rows), step):
         yield rows[start : start + step]
-
-
-def _from_points(
-    points: ReducedPoints, covariances: RayCovariances, blocks: list[BlockLeverage]
-) -> None:
-    """Fill in the observed coordinates of points of the first layer."""
-    for place, number, rows, partials in points.sums.coordinates():
-        u = points.cholesky.lower(partials.transpose(2, 1, 0), number)
-        k = symmetric_matrices(np.take(covariances.inner, number, axis=1))
-        ku = np.einsum("mij,jdm->idm", k, u)
-        blocks[place].hat[rows] = np.einsum("kim,kjm->mij", u, ku)
-        blocks[place].own[rows] = points.cholesky.upper(ku, number).transpose(2, 0, 1)
 
 
 def _dense(

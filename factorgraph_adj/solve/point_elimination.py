@@ -22,7 +22,7 @@ from .linearised_rays import (
     symmetric_matrices,
 )
 from .nested_dissection import BlockPattern
-from .point_rays import RayPart, RaySums
+from .point_rays import RaySums
 from .terrestrial_rows import Spokes, add_to_spokes
 
 POOR_POINT_PIVOT = 1e-6
@@ -62,12 +62,13 @@ class ReducedPoints:
             of_spokes = self.w[rays.spokes.rows]
             of_spokes[:] = 0.0
             for sights in rays.spoke_rows:
-                arrays = sights.arrays(self.system)
-                u = self.cholesky.lower(arrays[sights.target].transpose(2, 1, 0), sights.points)
-                add_to_spokes(sights, arrays, u, of_spokes)
+                if sights.slots:
+                    arrays = sights.arrays(self.system)
+                    u = self.cholesky.lower(arrays[sights.target].transpose(2, 1, 0), sights.points)
+                    add_to_spokes(sights, arrays, u, of_spokes)
             self._add_own(rays.spokes)
 
-    def _add_own(self, part: RayPart | Spokes) -> None:
+    def _add_own(self, part: Spokes) -> None:
         """Add WᵀW and WᵀE of each node, E that of the shared calibrations, to those of its rays."""
         rays = self.rays
         w = self.w[part.rows]
@@ -356,10 +357,6 @@ def _in_axes(
             has = np.flatnonzero(places >= 0)
             for axis in range(3):
                 np.add.at(cross[:, axis], (local[at[has]], places[has]), value[has, axis])
-    for _, number, _, j in sums.coordinates():
-        on = np.flatnonzero(local[number] >= 0)
-        if len(on):
-            add(j[on].transpose(2, 1, 0), number[on])
     root = np.sqrt(added)
     for c in range(3):
         rows = np.zeros((3, 1, len(points)))

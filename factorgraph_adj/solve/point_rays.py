@@ -17,19 +17,13 @@ from ..graph.equations import Equations
 from ..graph.image_blocks import RAYS, PointSums, stable_order
 from ..types import Array, Index
 from .linearised_equations import LinearisedEquations
-from .linearised_rays import (
-    POINT_PARTIALS,
-    SYMMETRIC_ELEMENTS,
-    LinearRays,
-    add_components,
-    photo_products,
-)
+from .linearised_rays import POINT_PARTIALS, LinearRays, add_components, photo_products
 from .reduced_system import Nodes
 from .terrestrial_rows import SpokeRows, Spokes, add_to_points, find_spokes
 
 
 @dataclass(frozen=True)
-class RayPart:
+class RayPart(Spokes):
     """The rays of one chunk to points of the first layer."""
 
     place: int
@@ -40,14 +34,6 @@ class RayPart:
     """Numbers of the rays in the chunk, (m,); none: all of them."""
     in_block: Index | slice
     """Numbers of the rays in the block."""
-    rows: slice
-    """Numbers of the rays among those of all parts."""
-    runs: tuple[tuple[int, int, int], ...]
-    """Node, first ray and end of each run of rays of one photo."""
-    points: Index
-    """Number of the point of each ray in the first layer, (m,)."""
-    sums: PointSums
-    """Sums over the rays to the same point."""
     camera: int
     """Place of the calibration that all rays share; −1: each photo has its own."""
 
@@ -99,13 +85,13 @@ class PointRays:
         points, of_ray = self._parts(equations)
         spokes, spoke_rows, of_spoke = find_spokes(equations, nodes, self.n_rays)
         self.spoke_rows: list[SpokeRows] = spoke_rows
-        """Observations that are no images and join points of the first layer with others."""
+        """Observations of points of the first layer that are no images."""
         ends = [c.side.stop for c in nodes.cameras]
         ends += [int(at.max()) + 1 for rows in spoke_rows for _, at in rows.border if at.size]
         self.side = max(ends, default=0)
         """Number of the first columns of the border, in which are all that rays and spokes touch,
         such as shared calibrations."""
-        self.parts: list[RayPart | Spokes] = [*self.photo_parts]
+        self.parts: list[Spokes] = [*self.photo_parts]
         """All parts, spokes last."""
         if spokes is not None:
             self.parts.append(spokes)
@@ -116,11 +102,6 @@ class PointRays:
         self.node_of_ray = np.concatenate([of_ray, of_spoke.astype(np.int32)])
         """Node of every ray and spoke, (n_rays,)."""
         self._pairs(points, self.node_of_ray)
-        self.coordinate_places = [
-            i
-            for i, b in enumerate(equations.blocks)
-            if b.kind != "image" and len(b.variables) == 1 and b.variables[0][0] == "point"
-        ]
 
     def _parts(self, equations: Equations) -> tuple[Index, Index]:
         """Choose the rays of each chunk; return point and node of every ray, (n_rays,) each."""
@@ -148,14 +129,14 @@ class PointRays:
                 point = local[number[chunk.rows]][keep]
                 self.photo_parts.append(
                     RayPart(
-                        place,
-                        i,
-                        chosen,
-                        chunk.rows if chosen is None else chosen + chunk.rows.start,
                         slice(first, first + m),
                         runs,
                         point,
                         PointSums.of(point, self.n_points, ones),
+                        place,
+                        i,
+                        chosen,
+                        chunk.rows if chosen is None else chosen + chunk.rows.start,
                         self.places.camera_of.get(chunk.calibration, -1),
                     )
                 )
@@ -253,25 +234,3 @@ class RaySums:
                 self.cross[part.sums.points, :, side] += part.cross(system)
         for rows in rays.spoke_rows:
             add_to_points(rows, rows.arrays(system), self.points, self.cross)
-        for _, number, _, j in self.coordinates():
-            for place, (r, c) in enumerate(SYMMETRIC_ELEMENTS):
-                value = np.sum(j[:, :, r] * j[:, :, c], axis=1)
-                self.points[place] += np.bincount(number, weights=value, minlength=p)
-
-    def coordinates(self) -> list[tuple[int, Index, Index, Array]]:
-        """Return the observed coordinates of points of the first layer.
-
-        Returns:
-            For each block: its place, the points of the first layer (n,), the observations in the
-            block (n,), and their partials (n, d, 3).
-        """
-        out = []
-        reduced = self.rays.layers.reduced
-        local = np.cumsum(reduced) - 1
-        for place in self.rays.coordinate_places:
-            lb = self.system.blocks[place]
-            number = lb.block.variables[0][1]
-            on = np.flatnonzero(reduced[number])
-            if len(lb.a[0]) and len(on):
-                out.append((place, local[number[on]], on, lb.a[0][on]))
-        return out

@@ -1,4 +1,4 @@
-"""Leverages of the observations of points of the first layer: image rays and spokes.
+"""Leverages of the observations of points of the first layer: rays, sights and coordinates.
 
 With U = L⁻¹Jₚᵀ of an observation's point, and M = W Σ of the point (`ReducedPoints.joint`),
 
@@ -19,34 +19,45 @@ from .fronts import BlockMatrix
 from .linearised_rays import POINT_PARTIALS, PointCholesky, symmetric_matrices
 from .point_elimination import RayCovariances, ReducedPoints
 from .point_rays import RayPart
-from .terrestrial_rows import SPOKE_ROWS_AT_ONCE, SpokeRows
+from .terrestrial_rows import SpokeRows
+
+SPOKE_ROWS_AT_ONCE = 20_000
+"""Largest number of observations whose products are in memory at once."""
 
 
-class RayLeverage(NamedTuple):
-    """Leverages of the rays of one part."""
+class PartLeverage(NamedTuple):
+    """Leverages of some observations of a block."""
 
     place: int
     """Place of the block in the network."""
     rows: Index | slice
-    """Numbers of the rays in the block."""
+    """Numbers of the observations in the block."""
     hat: Array
-    """H = A Q Aᵀ, (m, 2, 2)."""
+    """H = A Q Aᵀ, (m, d, d)."""
     others: Array
-    """A_c Σ A_cᵀ, the part of all unknowns but the points, (m, 2, 2)."""
+    """A_1 Σ A_1ᵀ, the part of all unknowns but points, (m, d, d)."""
     own: Array
-    """Q_p Aᵀ for the coordinates of the point, (m, 3, 2)."""
+    """Q_p Aᵀ for the coordinates of each observation's points, (m, 3 × points, d)."""
 
 
-def ray_leverages(
+def first_layer_leverages(
     points: ReducedPoints, joint: RayCovariances, inverse: BlockMatrix
-) -> Iterator[RayLeverage]:
-    """Iterate over the leverages of the rays of every part.
+) -> Iterator[PartLeverage]:
+    """Iterate over the leverages of all observations of points of the first layer.
 
     Args:
         points: the first layer.
-        joint: its joint covariances with the cameras.
-        inverse: covariances of the cameras.
+        joint: its joint covariances with the other layers.
+        inverse: covariances of the other layers.
     """
+    yield from _ray_leverages(points, joint, inverse)
+    yield from spoke_leverages(points, joint, inverse)
+
+
+def _ray_leverages(
+    points: ReducedPoints, joint: RayCovariances, inverse: BlockMatrix
+) -> Iterator[PartLeverage]:
+    """Iterate over the leverages of the rays of every part; see `first_layer_leverages`."""
     rays, system = points.rays, points.system
     for part in rays.photo_parts:
         a = part.partials(system)
@@ -79,7 +90,7 @@ def ray_leverages(
                 value = u[:, i] * ku[:, j] - z[:, i] * u[:, j]
                 hat[:, i, j] += value[0] + value[1] + value[2]
         own = points.cholesky.upper(ku, part.points)
-        yield RayLeverage(part.place, part.in_block, hat, others, own.transpose(2, 0, 1))
+        yield PartLeverage(part.place, part.in_block, hat, others, own.transpose(2, 0, 1))
 
 
 def _others(part: RayPart, a: Array, inverse: BlockMatrix, width: int, side: slice) -> Array:
@@ -100,10 +111,10 @@ def _others(part: RayPart, a: Array, inverse: BlockMatrix, width: int, side: sli
     return out
 
 
-def point_hats(
+def single_point_hats(
     points: ReducedPoints, alone: PointCholesky
 ) -> Iterator[tuple[int, Index | slice, Array]]:
-    """Iterate over place of the block, rows and JₚN⁻¹Jₚᵀ (m, 2, 2) of the rays of every part.
+    """Iterate over place of the block, rows and JₚN⁻¹Jₚᵀ (m, d, d) of all observations of points.
 
     Args:
         points: the first layer.
@@ -116,33 +127,16 @@ def point_hats(
             for j in range(i, 2):
                 hat[:, i, j] = hat[:, j, i] = np.einsum("km,km->m", u[:, i], u[:, j])
         yield part.place, part.in_block, hat
-
-
-class SpokeLeverage(NamedTuple):
-    """Leverages of some observations of a block."""
-
-    place: int
-    """Place of the block in the network."""
-    rows: Index
-    """Numbers of the observations in the block, (m,)."""
-    hat: Array
-    """H = A Q Aᵀ, (m, d, d)."""
-    others: Array
-    """A_1 Σ A_1ᵀ, the part of all unknowns but points, (m, d, d)."""
-    own: Array
-    """Q_p Aᵀ for the coordinates of each observation's points, (m, 3 × points, d)."""
+    for sights in points.rays.spoke_rows:
+        j = sights.arrays(points.system)[sights.target]
+        u = alone.lower(j.transpose(2, 1, 0), sights.points)
+        yield sights.place, sights.rows, np.einsum("kim,kjm->mij", u, u)
 
 
 def spoke_leverages(
     points: ReducedPoints, joint: RayCovariances, inverse: BlockMatrix
-) -> Iterator[SpokeLeverage]:
-    """Iterate over the leverages of the observations, some of a block at once.
-
-    Args:
-        points: the first layer.
-        joint: its joint covariances with the other layers.
-        inverse: covariances of the other layers.
-    """
+) -> Iterator[PartLeverage]:
+    """Iterate over the leverages of sights and coordinates; see `first_layer_leverages`."""
     rays = points.rays
     of_spokes = joint.rays[slice(0, 0) if rays.spokes is None else rays.spokes.rows]
     for sights in rays.spoke_rows:
@@ -153,13 +147,15 @@ def spoke_leverages(
             a, sigma, m = _around(sights, part, some, joint, inverse, of_spokes)
             at = sights.points[part]
             u = points.cholesky.lower(some[sights.target].transpose(2, 1, 0), at)
-            u = np.ascontiguousarray(u.transpose(2, 0, 1))
             across = a.transpose(0, 2, 1)
             along = sigma @ across
             z = m @ across
-            ku = symmetric_matrices(np.take(joint.inner, at, axis=1)) @ u - z
-            hat = a @ along + u.transpose(0, 2, 1) @ ku - z.transpose(0, 2, 1) @ u
-            of_point = points.cholesky.upper(np.ascontiguousarray(ku.transpose(1, 2, 0)), at)
+            k = symmetric_matrices(np.take(joint.inner, at, axis=1))
+            ku = np.einsum("mij,jdm->idm", k, u) - z.transpose(1, 2, 0)
+            hat = a @ along + np.einsum("kim,kjm->mij", u, ku)
+            u = np.ascontiguousarray(u.transpose(2, 0, 1))
+            hat -= z.transpose(0, 2, 1) @ u
+            of_point = points.cholesky.upper(ku, at)
             variables = points.system.blocks[sights.place].block.variables
             stations = [j for j, (kind, _) in enumerate(variables) if kind == "point"]
             moved = along - m.transpose(0, 2, 1) @ u  # Q_b Aᵀ
@@ -170,7 +166,7 @@ def spoke_leverages(
                 for j in stations
             ]
             a1 = _without_points(sights, part, some, a, stations, inverse.pattern.width)
-            yield SpokeLeverage(
+            yield PartLeverage(
                 sights.place,
                 sights.rows[part],
                 hat,
@@ -254,16 +250,3 @@ def _around(
     elements[has] = inverse.at(place[:, one][has], place[:, other][has])
     sigma[:, one, other] = sigma[:, other, one] = elements
     return a, sigma, m
-
-
-def spoke_hats(points: ReducedPoints, alone: PointCholesky) -> Iterator[tuple[int, Index, Array]]:
-    """Iterate over place of the block, rows and JₚN⁻¹Jₚᵀ (m, d, d) of the observations.
-
-    Args:
-        points: the first layer.
-        alone: factors of the normal matrices N of the points.
-    """
-    for sights in points.rays.spoke_rows:
-        j = sights.arrays(points.system)[sights.target]
-        u = alone.lower(j.transpose(2, 1, 0), sights.points)
-        yield sights.place, sights.rows, np.einsum("kim,kjm->mij", u, u)

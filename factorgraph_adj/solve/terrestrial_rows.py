@@ -18,14 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.image_blocks import PointSums
-from ..models.variables import VariableKind
 from ..types import Array, Index, Mask
 from .elimination_layers import first_point, rows_outside_first_layer
 from .fronts import BlockMatrix
 from .linearised_equations import LinearBlock, LinearisedEquations
-from .linearised_rays import LinearRays
 from .reduced_system import Nodes
 
 
@@ -69,19 +68,20 @@ class NodeSlot:
 
 
 def node_slots_of(
-    nodes: Nodes, variables: tuple[tuple[VariableKind, Index], ...]
+    nodes: Nodes, block: Block, rows: Index
 ) -> tuple[tuple[NodeSlot, ...], tuple[tuple[int, Index], ...]]:
     """Return the nodes of observations, and the places of their variables in the border.
 
     Args:
-        nodes: places of the unknowns.
-        variables: kind and numbers (m,) of each variable; those without a place are left out.
+        nodes: places of the unknowns; variables without a place are left out.
+        block: a block of observations.
+        rows: numbers of the observations in it, (m,).
     """
     inner = nodes.n * nodes.width
     slots: list[tuple[Index, list[tuple[int, Index]]]] = []
     border: list[tuple[int, Index]] = []
-    for j, (kind, index) in enumerate(variables):
-        places = nodes.places(kind, index)
+    for j, (kind, index) in enumerate(block.variables):
+        places = nodes.places(kind, index[rows])
         at_border = places >= inner
         if at_border.any():
             border.append((j, np.where(at_border, places - inner, -1)))
@@ -117,16 +117,39 @@ class NodePairSums:
 
 @dataclass(frozen=True)
 class BlockRows:
-    """The observations of one block."""
+    """Observations of one block, with the nodes and the columns of the border that they touch."""
 
     place: int
     """Place of the block in the network."""
     rows: Index
-    """Observations that are summed here, (m,)."""
+    """Numbers of the observations in the block, (m,)."""
     slots: tuple[NodeSlot, ...]
     """Their nodes."""
     border: tuple[tuple[int, Index], ...]
-    """Place of each variable in the block, and those of its components in the border, (m, k)."""
+    """Place of each variable in the block, and those of its components in the border, (m, k); −1:
+    held."""
+
+    def arrays(self, system: LinearisedEquations) -> tuple[Array, ...]:
+        """Return the whitened partials by each variable, (m, d, k)."""
+        lb = system.blocks[self.place]
+        if len(self.rows) == lb.block.n and isinstance(lb, LinearBlock):
+            return lb.a
+        return lb.partials(self.rows)
+
+    def border_columns(self, arrays: tuple[Array, ...]) -> list[tuple[Index, Array]]:
+        """Return places in the border (m,) and partials (m, d) of every column there."""
+        return [
+            (places[:, c], arrays[j][:, :, c])
+            for j, places in self.border
+            if len(arrays[j])
+            for c in range(arrays[j].shape[2])
+        ]
+
+
+@dataclass(frozen=True)
+class PairRows(BlockRows):
+    """Observations whose products are summed in the blocks of the reduced system."""
+
     products: tuple[NodePairSums, ...]
     """Pairs of nodes that they join, single nodes among them."""
 
@@ -137,18 +160,13 @@ class NodeRows:
     def __init__(self, equations: Equations, nodes: Nodes) -> None:
         """Find the places of all variables."""
         self.nodes = nodes
-        self.blocks: list[BlockRows] = []
+        self.blocks: list[PairRows] = []
         for place, block in enumerate(equations.blocks):
             rows = rows_outside_first_layer(equations, nodes.layers, place)
             if len(rows):
-                variables = tuple((kind, index[rows]) for kind, index in block.variables)
-                self.blocks.append(self._block(place, rows, variables))
-
-    def _block(
-        self, place: int, rows: Index, variables: tuple[tuple[VariableKind, Index], ...]
-    ) -> BlockRows:
-        slots, border = node_slots_of(self.nodes, variables)
-        return BlockRows(place, rows, slots, border, tuple(self._products(slots)))
+                slots, border = node_slots_of(self.nodes, block, rows)
+                products = tuple(self._products(slots))
+                self.blocks.append(PairRows(place, rows, slots, border, products))
 
     def _products(self, slots: tuple[NodeSlot, ...]) -> list[NodePairSums]:
         out = []
@@ -181,10 +199,9 @@ class NodeRows:
     def add_to(self, matrix: BlockMatrix, system: LinearisedEquations) -> None:
         """Add AᵀA of all observations to the reduced system, in place."""
         for block in self.blocks:
-            self._add(matrix, system.blocks[block.place], block)
+            self._add(matrix, block.arrays(system), block)
 
-    def _add(self, matrix: BlockMatrix, lb: LinearBlock | LinearRays, block: BlockRows) -> None:
-        arrays = lb.partials(block.rows)
+    def _add(self, matrix: BlockMatrix, arrays: tuple[Array, ...], block: PairRows) -> None:
         if not any(len(a) for a in arrays):
             return
         n, w = max(self.nodes.n, 1), self.nodes.width
@@ -209,14 +226,9 @@ class NodeRows:
         self._add_border(matrix, arrays, block, of_slot)
 
     def _add_border(
-        self, matrix: BlockMatrix, arrays: tuple[Array, ...], block: BlockRows, of_slot: list[Array]
+        self, matrix: BlockMatrix, arrays: tuple[Array, ...], block: PairRows, of_slot: list[Array]
     ) -> None:
-        columns = [
-            (places[:, c], arrays[j][:, :, c])
-            for j, places in block.border
-            if len(arrays[j])
-            for c in range(arrays[j].shape[2])
-        ]
+        columns = block.border_columns(arrays)
         for number, (at, a) in enumerate(columns):
             on = np.flatnonzero(at >= 0)
             for slot, partials in zip(block.slots, of_slot, strict=True):
@@ -232,16 +244,9 @@ class NodeRows:
                     np.add.at(matrix.corner, (other_at[both], at[both]), value)
 
 
-SPOKE_ROWS_AT_ONCE = 20_000
-"""Largest number of observations whose products are in memory at once."""
-
-
 @dataclass(frozen=True)
 class Spokes:
-    """Spokes in the order of their nodes.
-
-    The interface is that of `factorgraph_adj.solve.point_rays.RayPart`.
-    """
+    """Pairs of a point of the first layer and a node, in the order of their nodes."""
 
     rows: slice
     """Numbers of the spokes among all rays and spokes."""
@@ -251,48 +256,25 @@ class Spokes:
     """Number of the point of each spoke in the first layer, (m,)."""
     sums: PointSums
     """Sums over the spokes of the same point."""
-    camera: int = -1
-    """No calibration is shared."""
 
 
 @dataclass(frozen=True)
-class SpokeRows:
-    """Observations of one block that join points of the first layer with nodes."""
+class SpokeRows(BlockRows):
+    """Observations of points of the first layer that are no images.
 
-    place: int
-    """Place of the block in the network."""
+    Observed coordinates of such points are among them: they touch no node.
+    """
+
     target: int
     """Place of the point among the variables."""
-    rows: Index
-    """Numbers of the observations in the block, (m,)."""
     points: Index
     """Number of the point of each in the first layer, (m,)."""
     of_points: csr_array
     """One for each observation in the row of its point, (p, m)."""
-    slots: tuple[NodeSlot, ...]
-    """Their nodes."""
     spokes: tuple[Index, ...]
     """Number of the spoke of each observation, for each slot, −1 where it is none, (m,)."""
     of_spokes: tuple[csr_array, ...]
     """One for each observation in the row of its spoke, for each slot, (n_spokes, m)."""
-    border: tuple[tuple[int, Index], ...]
-    """Place of each variable, and those of its components in the border, (m, k); −1: held."""
-
-    def arrays(self, system: LinearisedEquations) -> tuple[Array, ...]:
-        """Return the whitened partials by each variable, (m, d, k)."""
-        lb = system.blocks[self.place]
-        if len(self.rows) == lb.block.n:
-            return lb.a
-        return lb.partials(self.rows)
-
-    def border_columns(self, arrays: tuple[Array, ...]) -> list[tuple[Index, Array]]:
-        """Return places in the border (m,) and partials (m, d) of every column there."""
-        return [
-            (places[:, c], arrays[j][:, :, c])
-            for j, places in self.border
-            if len(arrays[j])
-            for c in range(arrays[j].shape[2])
-        ]
 
 
 def find_spokes(
@@ -311,45 +293,40 @@ def find_spokes(
     """
     layers = nodes.layers
     local = np.cumsum(layers.reduced) - 1
-    n_points, n_nodes = int(layers.reduced.sum()), max(nodes.n, 1)
-    found: list[
-        tuple[int, int, Index, Index, tuple[NodeSlot, ...], tuple[tuple[int, Index], ...]]
-    ] = []
+    n_points = int(layers.reduced.sum())
+    found: list[tuple[BlockRows, int, Index]] = []
     for place, block in enumerate(equations.blocks):
         target = first_point(block)
-        if block.lens is not None or target is None or len(block.variables) == 1:
+        if block.lens is not None or target is None:
             continue
         number = block.variables[target][1]
         rows = np.flatnonzero(layers.reduced[number])
         if len(rows):
-            variables = tuple((kind, index[rows]) for kind, index in block.variables)
-            slots, border = node_slots_of(nodes, variables)
-            found.append((place, target, rows, local[number[rows]], slots, border))
+            sights = BlockRows(place, rows, *node_slots_of(nodes, block, rows))
+            found.append((sights, target, local[number[rows]]))
     codes = [
         np.where(slot.node >= 0, slot.node * n_points + points, -1)
-        for _, _, _, points, slots, _ in found
-        for slot in slots
+        for sights, _, points in found
+        for slot in sights.slots
     ]
     every = np.unique(np.concatenate([np.zeros(0, dtype=np.intp), *codes]))
     every = every[every >= 0]
     made = []
-    for place, target, rows, points, slots, border in found:
+    for sights, target, points in found:
+        m = len(sights.rows)
         own, incidences = [], []
-        for slot in slots:
+        for slot in sights.slots:
             on = slot.node >= 0
             spoke = np.searchsorted(every, slot.node * n_points + points)
             spoke = np.where(on, np.minimum(spoke, len(every) - 1), -1)
             own.append(spoke)
             at = np.flatnonzero(on)
-            incidences.append(
-                csr_array((np.ones(len(at)), (spoke[at], at)), shape=(len(every), len(rows)))
-            )
-        shape = (n_points, len(rows))
-        of_points = csr_array((np.ones(len(rows)), (points, np.arange(len(rows)))), shape=shape)
+            incidences.append(csr_array((np.ones(len(at)), (spoke[at], at)), shape=(len(every), m)))
+        of_points = csr_array((np.ones(m), (points, np.arange(m))), shape=(n_points, m))
         made.append(
             SpokeRows(
-                *(place, target, rows, points, of_points, slots),
-                *(tuple(own), tuple(incidences), border),
+                *(sights.place, sights.rows, sights.slots, sights.border),
+                *(target, points, of_points, tuple(own), tuple(incidences)),
             )
         )
     node, point = np.divmod(every, max(n_points, 1))
@@ -359,7 +336,6 @@ def find_spokes(
     stops = np.append(starts[1:], len(node))
     runs = tuple(zip(node[starts].tolist(), starts.tolist(), stops.tolist(), strict=True))
     sums = PointSums.of(point, n_points, np.ones(len(point)))
-    assert n_nodes > int(node.max())
     return Spokes(slice(first, first + len(every)), runs, point, sums), made, node
 
 
