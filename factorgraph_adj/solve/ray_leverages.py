@@ -128,8 +128,8 @@ def single_point_hats(
                 hat[:, i, j] = hat[:, j, i] = np.einsum("km,km->m", u[:, i], u[:, j])
         yield part.place, part.in_block, hat
     for sights in points.rays.spoke_rows:
-        j = sights.arrays(points.system)[sights.target]
-        u = alone.lower(j.transpose(2, 1, 0), sights.points)
+        of_target = sights.arrays(points.system)[sights.target]
+        u = alone.lower(of_target.transpose(2, 1, 0), sights.points)
         yield sights.place, sights.rows, np.einsum("kim,kjm->mij", u, u)
 
 

@@ -325,8 +325,15 @@ def find_spokes(
         of_points = csr_array((np.ones(m), (points, np.arange(m))), shape=(n_points, m))
         made.append(
             SpokeRows(
-                *(sights.place, sights.rows, sights.slots, sights.border),
-                *(target, points, of_points, tuple(own), tuple(incidences)),
+                sights.place,
+                sights.rows,
+                sights.slots,
+                sights.border,
+                target,
+                points,
+                of_points,
+                tuple(own),
+                tuple(incidences),
             )
         )
     node, point = np.divmod(every, max(n_points, 1))
