@@ -77,6 +77,7 @@ def _check(options: argparse.Namespace) -> int:
         *([] if start is None else wrong_line_lengths(compile_rows(network), start.state)),
     ]
     noted = [str(left) for left in network.left_out if not left.doubtful]
+    noted += network.remarks
     noted += notes_of_network(network)
     name = network.name or "a network without a name"
     if not found and not without:

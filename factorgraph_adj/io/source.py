@@ -18,10 +18,11 @@ from typing import Any, TypeVar
 
 from ..control_characters import has_control_characters, why_refused
 from ..errors import InputError, LeftOut, Problem, known, similar
+from ..files import read_bytes
 from ..network.network import Network
 from ..start.image_axes import marks_of_known_points, problems_of_marks
 from .numbers import MAX_NUMBER, parse_quantity
-from .text_files import last_line_number, read_text
+from .text_files import decoded, is_unicode, last_line_number
 
 MAX_LISTED_PROBLEMS = 50
 """Number of problems that one error lists; it counts the others."""
@@ -33,6 +34,11 @@ MAX_LISTED_CHOICES = 40
 """Number of words that a message lists as valid."""
 TRUE_WORDS = ("yes", "true", "1", "on")
 FALSE_WORDS = ("no", "false", "0", "off", "")
+
+CODE_PAGE_NAMES = {"cp1252": "Windows-1252"}
+"""Names of code pages in sentences."""
+END_OF_TEXT = re.compile("[\0\x1a]")
+"""End of the text of a file in DOS, which zeros may follow."""
 
 T = TypeVar("T")
 _PLACE = re.compile(r"(?P<file>.*?)(?::(?P<line>\d+))?(?::|$)")
@@ -90,6 +96,8 @@ class Problems:
         """Start without problems."""
         self.problems: list[Problem] = []
         self.left = RowsLeftOut()
+        self.remarks: list[str] = []
+        """Sentences on how files were read, which the network keeps."""
         self.files: list[str] = []
         """Names of the files in the order in which they were opened, which orders problems."""
         self._seen: set[Problem] = set()
@@ -181,7 +189,7 @@ class Problems:
         raise InputError(listed)
 
     def finish(self, network: Network | None = None) -> None:
-        """Raise all problems, and say in the network what was left out.
+        """Raise all problems, and say in the network how it was read and what was left out.
 
         Args:
             network: the network that was read; its marks of known points are judged as a whole.
@@ -191,6 +199,7 @@ class Problems:
         """
         if network is not None:
             network.left_out += self._left_out(network)
+            network.remarks += self.remarks
             if not self.problems:
                 self.extend(problems_of_marks(network))
         self.raise_all()
@@ -290,6 +299,10 @@ class Field:
         limit = limit.removeprefix("a number ").removeprefix("of ")
         self.wrong(f"must be {limit}, not {str(self.value)[:40]}")
         return math.nan
+
+    def number_or_none(self, unit: str = "", *, scale: float = 1.0) -> float | None:
+        """Return a number, see `number`; None for an absent field."""
+        return None if self.is_absent else self.number(unit, scale=scale)
 
     def sigma(self, unit: str = "", *, scale: float = 1.0, default: float = _REQUIRED) -> float:
         """Return a standard deviation, at least `MIN_SIGMA`; NaN after a problem."""
@@ -447,7 +460,13 @@ class TextSource(Source):
             InputError: the file cannot be read, or is not text.
         """
         super().__init__(path, problems)
-        text = read_text(self.path, code_page=code_page)
+        found = read_bytes(self.path)
+        text = decoded(found, self.path.name, code_page).replace("\r\n", "\n").replace("\r", "\n")
+        if code_page and not is_unicode(found):
+            self._remark_code_page(text, code_page)
+        content = text.rstrip("\0\x1a\n ")
+        if END_OF_TEXT.search(text, len(content)):
+            text = content
         if "\0" in text:
             line = text.count("\n", 0, text.index("\0")) + 1
             raise InputError(Problem("is not text: it has zero bytes", self.place(line)))
@@ -457,6 +476,15 @@ class TextSource(Source):
     def numbered(self) -> Iterator[tuple[int, str]]:
         """Yield the lines with their numbers."""
         return enumerate(self.lines, 1)
+
+    def _remark_code_page(self, text: str, code_page: str) -> None:
+        """Add the remark that lines were read in a code page."""
+        lines = [i for i, line in enumerate(text.split("\n"), 1) if not line.isascii()]
+        said = "1 line is" if len(lines) == 1 else f"{len(lines)} lines are"
+        name = CODE_PAGE_NAMES.get(code_page, code_page)
+        self.problems.remarks.append(
+            f"{said} not UTF-8: read as {name}; first in {self.place(lines[0])}"
+        )
 
     def filled(self) -> Iterator[tuple[int, str]]:
         """Yield the lines that are not blank, with their numbers."""

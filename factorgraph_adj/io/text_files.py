@@ -73,6 +73,15 @@ def decoded(found: bytes, name: str, code_page: str = "") -> str:
         raise InputError(encoding_problem(error.object, error.start, name)) from None
 
 
+def is_unicode(found: bytes) -> bool:
+    """Return whether bytes are text in UTF-8, or in UTF-16 with its mark."""
+    try:
+        decoded(found, "")
+    except InputError:
+        return False
+    return True
+
+
 def last_line_number(text: str) -> int:
     """Return the number of the last line that is not blank, from 1."""
     return text.rstrip().count("\n") + 1

@@ -317,6 +317,7 @@ def _observations(out: Network, network: Network, label: str, new: Mapping[SetUp
         ids[old] = out.insert(_as_named(o, out, label, new))
     out.clusters += [(tuple(ids[i] for i in group), q) for group, q in network.clusters]
     out.left_out += network.left_out
+    out.remarks += network.remarks
     for doubt in network.doubts:
         out.doubts.append(Doubt(doubt.what, doubt.where, tuple(ids[i] for i in doubt.ids)))
 

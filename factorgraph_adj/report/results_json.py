@@ -66,6 +66,7 @@ def results_record(report: Report) -> dict[str, Any]:
         "iterations": s.iterations,
         **({"start": list(s.begun)} if s.begun else {}),
         **({"left_out": [str(left) for left in network.left_out]} if network.left_out else {}),
+        **({"remarks": list(network.remarks)} if network.remarks else {}),
         **({"extrapolated": asdict(s.extrapolated)} if s.extrapolated.count else {}),
         "n_observations": s.n_observations,
         "n_unknowns": s.n_unknowns,

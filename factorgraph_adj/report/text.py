@@ -158,7 +158,7 @@ def _overview(report: Report) -> list[str]:
         out += [f"  cameras        {', '.join(named)}{more}"]
     if network.orientations:
         out += [f"  direction sets {len(network.orientations)}"]
-    for sentence in (*report.solution.begun, *map(str, network.left_out)):
+    for sentence in (*report.solution.begun, *map(str, network.left_out), *network.remarks):
         out += paragraph(sentence, indent=2)
     return out
 

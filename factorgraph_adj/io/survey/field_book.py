@@ -13,7 +13,6 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, get_args
 
 from ...errors import InputError, Problem, known
@@ -24,7 +23,7 @@ from ...network.network import Network
 from ...observations import HeightDifference, HorizontalDistance, Observation
 from ...stochastic_model import StandardDeviation
 from ...units import ANGLE, LENGTH
-from ..file_problems import SurveyProblems
+from ..source import Source
 
 DEFAULT_DIRECTION_MGON, DEFAULT_ZENITH_MGON = 1.0, 1.0
 """Default σ of a reading of a circle in one face, milligons: an instrument of 3″."""
@@ -193,18 +192,19 @@ class StatedSigmas:
 class FieldBook:
     """Points, set-ups, sights and height differences of a file."""
 
-    def __init__(self, path: Path, accuracies: Accuracies, fixed: str | Iterable[str] = ()) -> None:
+    def __init__(
+        self, source: Source, accuracies: Accuracies, fixed: str | Iterable[str] = ()
+    ) -> None:
         """Start an empty book of a file.
 
         Args:
-            path: the file.
+            source: the file.
             accuracies: standard deviations, and how readings are reduced.
             fixed: names of the points that are held at the coordinates of the file; in a text
                 they are separated by commas.
         """
-        self.path = path
+        self.source = source
         self.held = name_list(fixed)
-        self.notes = SurveyProblems(path)
         self.accuracies = accuracies
         self.points: dict[str, tuple[float, float, float]] = {}
         self.said: dict[str, int] = {}
@@ -242,7 +242,9 @@ class FieldBook:
         both = [(a, b) for a, b in zip(given, new, strict=True) if a == a and b == b]
         if agree and any(abs(a - b) > MAX_COORDINATE_DIFFERENCE_M for a, b in both):
             first = self.said[name]
-            self.notes.add(line, f"coordinates of point {name!r} differ from those of line {first}")
+            self.source.add(
+                line, f"coordinates of point {name!r} differ from those of line {first}"
+            )
         e, n, u = (b if math.isnan(a) else a for a, b in zip(given, new, strict=True))
         self.points[name] = (e, n, u)
         self.said[name] = self.said[name] if given != UNKNOWN_COORDINATES else line
@@ -285,14 +287,14 @@ class FieldBook:
         self.point(line, target)
         self.sighted |= {at.station, target}
         read = (direction, zenith, distance, horizontal, target_height)
-        if self.notes and any(v is not None and math.isnan(v) for v in read):
+        if self.source.problems.count and any(v is not None and math.isnan(v) for v in read):
             return  # what is no number has been noted
         if face is None:
             face = 2 if zenith is not None and zenith > math.pi else 1
-        place = self.notes.place(line)
+        place = self.source.place(line)
         of_sight: dict[str, Any] = {"instrument_height": at.height, "target_height": target_height}
         if distance is None and horizontal is not None:
-            found = self.notes.attempt(
+            found = self.source.attempt(
                 line,
                 lambda: HorizontalDistance(
                     at.station,
@@ -333,21 +335,21 @@ class FieldBook:
         for name in (back, fore):
             self.levelled_points.add(name)
             self.point(line, name)
-        if self.notes and math.isnan(value):
+        if self.source.problems.count and math.isnan(value):
             return  # what is no number has been noted
         known_length = length if length > 0 else None
         sigma = self.accuracies.levelling()
         if known_length is None:
             # Without lengths of sights a set-up counts as 60 m of line.
             sigma = StandardDeviation(sigma.per_sqrt_km * math.sqrt(0.06))
-        found = self.notes.attempt(
+        found = self.source.attempt(
             line,
             lambda: HeightDifference(
                 back,
                 fore,
                 value,
                 sigma=sigma,
-                source=self.notes.place(line),
+                source=self.source.place(line),
                 length_km=None if known_length is None else known_length / LENGTH["km"],
             ),
         )
@@ -362,18 +364,18 @@ class FieldBook:
             InputError: the problems that were noted, and those of the readings, all of them.
         """
         reduced = [self._reduced(k, list(v)) for k, v in self.readings.items()]
-        if not self.notes and not reduced and not self.others and not self.points:
-            self.notes.add(1, "holds neither points nor observations")
+        if not self.source.problems.count and not reduced and not self.others and not self.points:
+            self.source.add(1, "holds neither points nor observations")
         held = self.held
         for name in held:
             if name not in self.points:
                 names = known(self.points, meant=name)
-                self.notes.add(1, f"fixed: there is no point {name!r}; known: {names}")
+                self.source.add(1, f"fixed: there is no point {name!r}; known: {names}")
             elif all(math.isnan(v) for v in self.points[name]):
-                self.notes.add(1, f"fixed: the file has no coordinates of point {name!r}")
-        self.notes.raise_all()
-        network = Network(self.path.stem, frame=LocalFrame(), datum="given" if held else "free")
-        network.left_out += self.notes.left.told().values()
+                self.source.add(1, f"fixed: the file has no coordinates of point {name!r}")
+        self.source.raise_all()
+        stem = self.source.path.stem
+        network = Network(stem, frame=LocalFrame(), datum="given" if held else "free")
         self._add_points(network, held)
         if self.accuracies.refraction is not None and reduced:
             # Heights follow the curved Earth while the frame is flat: κ = k − 1 does both.
@@ -382,6 +384,7 @@ class FieldBook:
         for r in reduced:
             if r is not None:
                 r.add_to(network)
+        self.source.problems.finish(network)
         return network
 
     def _add_points(self, network: Network, held: tuple[str, ...]) -> None:
@@ -414,7 +417,7 @@ class FieldBook:
             lines = {r.label(): line for line, r, _ in found}
             for p in error.problems:
                 of = next((n for label, n in lines.items() if p.where == label), found[0][0])
-                self.notes.add(of, f"station {key[0]!r}, set {key[1]!r}: {p.what}")
+                self.source.add(of, f"station {key[0]!r}, set {key[1]!r}: {p.what}")
             return None
 
 

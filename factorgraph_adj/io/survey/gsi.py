@@ -19,24 +19,29 @@ from pathlib import Path
 
 from ...errors import known
 from ...network.network import Network
-from ...units import ANGLE
-from ..file_problems import SurveyProblems
-from ..text_files import read_text
+from ...units import ANGLE, FOOT
+from ..source import Field, LeftOutReason, TextSource
 from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from .field_records import SI, RecordField, Scales, read_record
 
 GSI_WORD_PATTERN = re.compile(r"(\d\d)([0-9?./ ]{4})([+-])(.{1,16})", re.ASCII)
 GSI_LENGTHS = {
     "0": (1.0, 1e3),
     "6": (1.0, 1e4),
     "8": (1.0, 1e5),
-    "1": (0.3048, 1e3),
-    "7": (0.3048, 1e4),
+    "1": (FOOT, 1e3),
+    "7": (FOOT, 1e4),
 }
 """Metres of the unit, and how many of the last digit make one, by the sixth character; 1 and 7 are
 feet. A division gives the float of the decimal number, 151.2 and not 151.20000000000002."""
-GSI_ANGLES = {"2": 1e-5 * ANGLE["gon"], "3": 1e-5 * ANGLE["deg"], "5": 1e-4 * math.pi / 3200}
-"""Radians of one unit of the last digit; 4 is DDDMMSSs, 5 are mils, 6400 of a circle."""
-GSI_DMS = "4"
+GSI_ANGLES = {
+    "2": 1e-5 * ANGLE["gon"],
+    "3": 1e-5 * ANGLE["deg"],
+    "4": 0.1 * ANGLE["arcsec"],
+    "5": 1e-4 * math.pi / 3200,
+}
+"""Radians of one unit of the last digit; 4 is packed as DDDMMSSs, 5 are mils, 6400 of a circle."""
+VALUES_MISSING = LeftOutReason("values", "the file has dashes in their place")
 
 
 @dataclass(frozen=True)
@@ -57,33 +62,41 @@ class GsiWord:
         """The data as a name: without the zeros that fill it from the left."""
         return self.data[1:].strip().lstrip("0") or "0"
 
-    def number(self, notes: SurveyProblems) -> float:
-        """Return length or angle, metres or radians; note a problem and return NaN otherwise."""
-        digits = self.data[1:].strip()
-        unit, sign = self.info[3], -1.0 if self.data[0] == "-" else 1.0
-        if not (digits.isascii() and digits.isdigit()):
-            notes.add(self.line, f"word {self.index} has {digits!r}, which is not a number")
-            return math.nan
-        if self.index in ("21", "22"):
-            if unit == GSI_DMS:
-                return sign * self._dms(digits.rjust(8, "0"), notes)
-            if unit in GSI_ANGLES:
-                return sign * int(digits) * GSI_ANGLES[unit]
-            valid = "2 gon, 3 degrees, 4 degrees-minutes-seconds, 5 mil"
-        else:
-            if unit in GSI_LENGTHS:
-                metres, parts = GSI_LENGTHS[unit]
-                return sign * int(digits) * metres / parts
-            valid = "0 mm, 6 1/10 mm, 8 1/100 mm, 1 and 7 feet"
-        notes.add(self.line, f"word {self.index} has unit {unit!r}; valid: {valid}")
-        return math.nan
+    @property
+    def is_missing(self) -> bool:
+        """Whether the value is dashes."""
+        return not self.text.strip("-")
 
-    def _dms(self, digits: str, notes: SurveyProblems) -> float:
-        degrees, minutes, tenths = int(digits[:-5]), int(digits[-5:-3]), int(digits[-3:])
-        if minutes >= 60 or tenths > 600:
-            notes.add(self.line, f"word {self.index}: {digits} has 60 or more minutes or seconds")
+    def number(self, field: Field) -> float:
+        """Return length or angle, metres or radians; NaN after a problem.
+
+        Args:
+            field: the word as a field of its file.
+        """
+        digits = self.data[1:].strip()
+        if not (digits.isascii() and digits.isdigit()):
+            field.wrong(f"must be a whole number, not {digits!r}")
             return math.nan
-        return math.radians(degrees + minutes / 60 + tenths / 36000)
+        sign = -1.0 if self.data[0] == "-" else 1.0
+        angular = self.index in ("21", "22")
+        units = "2 gon, 3 degrees, 4 degrees-minutes-seconds, 5 mil"
+        if not angular:
+            units = "0 mm, 6 1/10 mm, 8 1/100 mm, 1 and 7 feet"
+        unit = Field(self.info[3], f"unit ({units}) of {field.what}", field.where, field.problems)
+        if not angular:
+            metres, parts = unit.choice(GSI_LENGTHS) or (math.nan, 1.0)
+            return sign * int(digits) * metres / parts
+        if unit.value == "4":
+            return sign * _degrees_minutes_seconds(digits.rjust(8, "0"), field)
+        return sign * int(digits) * (unit.choice(GSI_ANGLES) or math.nan)
+
+
+def _degrees_minutes_seconds(digits: str, field: Field) -> float:
+    degrees, minutes, tenths = int(digits[:-5]), int(digits[-5:-3]), int(digits[-3:])
+    if minutes >= 60 or tenths > 600:
+        field.wrong(f"has 60 or more minutes or seconds: {digits}")
+        return math.nan
+    return math.radians(degrees + minutes / 60 + tenths / 36000)
 
 
 @dataclass
@@ -97,16 +110,11 @@ class GsiBlock:
         """Return the first word with an index."""
         return next((w for w in self.words if w.index == index), None)
 
-    @property
-    def is_code(self) -> bool:
-        """Whether the block is a code."""
-        return self.words[0].index == "41"
 
-
-def gsi_blocks(text: str, notes: SurveyProblems) -> Iterator[GsiBlock]:
+def gsi_blocks(source: TextSource) -> Iterator[GsiBlock]:
     """Iterate over the blocks of a file; what is not GSI is noted as a problem."""
     current: GsiBlock | None = None
-    for number, line in enumerate(text.split("\n"), start=1):
+    for number, line in source.numbered():
         rest = line.strip("\x1a\x00")
         size = 16 if rest.lstrip().startswith("*") else 8
         rest = rest.lstrip().removeprefix("*")
@@ -115,7 +123,7 @@ def gsi_blocks(text: str, notes: SurveyProblems) -> Iterator[GsiBlock]:
             match = GSI_WORD_PATTERN.fullmatch(word)
             if match is None or (rest and len(word) < 7 + size):
                 what = f"{word[:24]!r} is not a word of GSI: two digits, four characters, a sign"
-                notes.add(number, f"{what} and {size} characters, such as 21.322+16901313")
+                source.add(number, f"{what} and {size} characters, such as 21.322+16901313")
                 break
             found = GsiWord(match[1], match[2], match[3] + match[4], number)
             if current is None or found.index in ("11", "41") or current.line != number:
@@ -127,43 +135,17 @@ def gsi_blocks(text: str, notes: SurveyProblems) -> Iterator[GsiBlock]:
         yield current
 
 
-BACKSIGHT_WORDS, FORESIGHT_WORDS, INTERMEDIATE_WORDS = (
-    ("331", "335"),
-    ("332", "336"),
-    ("333", "334"),
-)
-"""Word indices, with the first character of the information, of readings of the staff."""
+STAFF_WORDS = {
+    **dict.fromkeys(("331", "335"), "back"),
+    **dict.fromkeys(("332", "336"), "fore"),
+    **dict.fromkeys(("333", "334"), "intermediate"),
+}
+"""Sight of a reading of the staff, by word index with the first character of the information."""
+LEVELLING_WORDS = (*STAFF_WORDS, "390", "391", "392", "571", "572", "573", "574")
 SINGLE_READING_METHODS = (1, 10)
 """Methods BF and aBF; the others read backsight and foresight twice."""
-UNREAD_LEVEL_WORDS = (
-    "11",
-    "32",
-    "33",
-    "39",
-    "57",
-    "83",
-    "71",
-    "72",
-    "73",
-    "74",
-    "75",
-    "76",
-    "77",
-    "78",
-    "79",
-)
-LEVELLING_WORDS = (
-    *BACKSIGHT_WORDS,
-    *FORESIGHT_WORDS,
-    *INTERMEDIATE_WORDS,
-    "390",
-    "391",
-    "392",
-    "571",
-    "572",
-    "573",
-    "574",
-)
+WORDS_OF_LEVELS = ("11", "32", "33", "39", "57", "83", *(str(i) for i in range(71, 80)))
+"""Word indices that a block of a level has."""
 
 
 @dataclass
@@ -191,10 +173,10 @@ class LevelledLine:
     def __init__(self, book: FieldBook) -> None:
         """Start without a line."""
         self.book = book
+        self.source = book.source
         self.method: int | None = None
         self.in_line = False
-        self.back: StaffReadings | None = None
-        self.fore: StaffReadings | None = None
+        self.sights: dict[str, StaffReadings] = {}
         self.complete = False
         self.line = 0
 
@@ -203,85 +185,110 @@ class LevelledLine:
         self.end()
         digits = (word.info + word.data).rpartition("?")[2].strip(".+ ")
         self.method = int(digits) if digits.isascii() and digits.isdigit() else None
-        self.in_line, self.back, self.fore, self.complete = True, None, None, False
+        self.in_line, self.sights, self.complete = True, {}, False
 
     def takes(self, block: GsiBlock, name: str) -> bool:
         """Read a block of a line; return whether it is one."""
-        indices = [w.index + w.info[0] for w in block.words]
-        found = [(i, w) for i, w in zip(indices, block.words, strict=True) if i in LEVELLING_WORDS]
-        notes = self.book.notes
+        found = [(w.index + w.info[0], w) for w in block.words]
+        found = [(index, w) for index, w in found if index in LEVELLING_WORDS]
         if not found:
             height = block.first("83")
             if not self.in_line or any(block.first(i) for i in ("21", "22", "31")):
                 return False
-            if height is not None and self.back is None:
-                self.book.point(block.line, name, up=height.number(notes), agree=False)
+            if height is not None and "back" not in self.sights:
+                self.book.point(block.line, name, up=self._number(height), agree=False)
             return True
         for w in block.words:
-            if w.index not in UNREAD_LEVEL_WORDS:
-                notes.add(w.line, f"word {w.index} cannot stand in a block of a level")
+            if w.index not in WORDS_OF_LEVELS:
+                self.source.add(w.line, f"word {w.index} cannot stand in a block of a level")
         distance = block.first("32")
-        length = 0.0 if distance is None else abs(distance.number(notes))
+        length = 0.0 if distance is None else abs(self._number(distance))
         for index, w in found:
-            if index in (*BACKSIGHT_WORDS, *FORESIGHT_WORDS, *INTERMEDIATE_WORDS):
-                self._reading(block.line, index, name, w.number(notes), length)
+            if index in STAFF_WORDS:
+                self._reading(block.line, STAFF_WORDS[index], name, self._number(w), length)
         return True
 
-    def _reading(self, line: int, index: str, name: str, value: float, length: float) -> None:
-        if index in INTERMEDIATE_WORDS:
-            if self.back is None:
-                self.book.notes.add(line, f"intermediate reading of {name!r} without a backsight")
+    def _number(self, word: GsiWord) -> float:
+        return word.number(self.source.field(word.line, word, f"word {word.index}"))
+
+    def _reading(self, line: int, sight: str, name: str, value: float, length: float) -> None:
+        back = self.sights.get("back")
+        if sight == "intermediate":
+            if back is None:
+                self.source.add(line, f"intermediate reading of {name!r} without a backsight")
             else:
-                dh = self.back.height - value
-                self.book.levelled(line, self.back.point, name, dh, self.back.distance + length)
+                dh = back.height - value
+                self.book.levelled(line, back.point, name, dh, back.distance + length)
             return
         if self.complete:
-            self.back = self.fore = None
-            self.complete = False
-        which = "back" if index in BACKSIGHT_WORDS else "fore"
-        staff: StaffReadings | None = getattr(self, which)
-        if staff is None:
-            staff = StaffReadings(name)
-            setattr(self, which, staff)
+            self.sights, self.complete = {}, False
+        staff = self.sights.setdefault(sight, StaffReadings(name))
         if staff.point != name:
-            what = f"{which}sight of {name!r} in a set-up whose {which}sight is {staff.point!r}"
-            self.book.notes.add(line, what)
+            what = f"{sight}sight of {name!r} in a set-up whose {sight}sight is {staff.point!r}"
+            self.source.add(line, what)
         staff.readings.append(value)
         staff.distances += [length] if length else []
         self.line = line
         needed = 1 if self.method in (None, *SINGLE_READING_METHODS) else 2
-        if (
-            self.back
-            and self.fore
-            and min(len(self.back.readings), len(self.fore.readings)) >= needed
-        ):
-            length = self.back.distance + self.fore.distance
-            dh = self.back.height - self.fore.height
-            self.book.levelled(line, self.back.point, self.fore.point, dh, length)
+        if len(self.sights) == 2 and all(len(s.readings) >= needed for s in self.sights.values()):
+            back, fore = self.sights["back"], self.sights["fore"]
+            length = back.distance + fore.distance
+            dh = back.height - fore.height
+            self.book.levelled(line, back.point, fore.point, dh, length)
             self.complete = True
 
     def end(self) -> None:
         """Note a set-up that is not complete at the end of a line."""
-        if (self.back is None) != (self.fore is None) and not self.complete:
-            there = "back" if self.back else "fore"
-            self.book.notes.add(self.line, f"the line ends with a {there}sight alone")
-        elif self.back and self.fore and not self.complete:
-            self.book.notes.add(
-                self.line,
-                "the line ends with an incomplete set-up: the method "
-                "reads backsight and foresight twice",
-            )
+        if self.complete or not self.sights:
+            return
+        what = f"the line ends with a {next(iter(self.sights))}sight alone"
+        if len(self.sights) == 2:
+            what = "the line ends with an incomplete set-up: the method reads backsight and "
+            what += "foresight twice"
+        self.source.add(self.line, what)
 
 
+def _value(field: Field, scales: Scales = SI) -> float:
+    word = field.value
+    assert isinstance(word, GsiWord)
+    return word.number(field)
+
+
+def _field(target: str, index: str, default: float | None = None) -> RecordField:
+    return RecordField(target, f"word {index}", _value, index, default)
+
+
+def _coordinates(*indices: str, default: float | None = None) -> tuple[RecordField, ...]:
+    targets = ("east", "north", "up")
+    return tuple(_field(t, i, default) for t, i in zip(targets, indices, strict=True))
+
+
+POINT_FIELDS = _coordinates("81", "82", "83", default=math.nan)
+STATION_FIELDS = (
+    *_coordinates("84", "85", "86", default=math.nan),
+    _field("instrument_height", "88", 0.0),
+)
+SIGHT_FIELDS = (
+    _field("direction", "21"),
+    _field("zenith", "22"),
+    _field("distance", "31"),
+    _field("horizontal", "32"),
+    _field("target_height", "87", 0.0),
+    _field("instrument_height", "88"),
+    *_coordinates("81", "82", "83"),
+)
 OBSERVED_WORDS = ("21", "22", "31", "32")
-KNOWN_WORDS = {
-    *(f"{i}" for i in range(11, 20)),
-    *("21", "22", "31", "32", "33", "87", "88"),
-    *(f"{i}" for i in range(41, 50)),
-    *(f"{i}" for i in range(51, 60)),
-    *(f"{i}" for i in range(70, 80)),
-    *(f"{i}" for i in range(81, 87)),
-}
+WORDS_OF_STATIONS = ("84", "85", "86", "88")
+MAY_BE_MISSING = (*OBSERVED_WORDS, *(str(i) for i in range(81, 87)))
+"""Words that may have dashes for a value; without a height of instrument or target there is no
+sight."""
+KNOWN_WORDS = dict.fromkeys(
+    [
+        *(str(i) for i in (*range(11, 20), 21, 22, 25, 31, 32, 33, *range(41, 50))),
+        *(str(i) for i in (*range(51, 60), *range(70, 80), *range(81, 89))),
+    ],
+    True,
+)
 """Word indices that the reader knows."""
 
 
@@ -311,8 +318,9 @@ def read_gsi(
     intermediate ones, 32 distances of the staff; a code block with ``?`` begins a line and says the
     method.
 
-    Harmless and not read: instrument, date and time (12-19), other codes (41-49), remarks (70-79),
-    differences and sums that the level has computed (83 of turning points, 390, 571-574).
+    Harmless and not read: instrument, date and time (12-19), the difference of the circle to its
+    orientation (25), other codes (41-49), remarks (70-79), differences and sums that the level has
+    computed (83 of turning points, 390, 571-574). A value of dashes was not measured.
 
     Args:
         path: the file.
@@ -324,12 +332,12 @@ def read_gsi(
     Raises:
         InputError: every problem of the file, each with its line.
     """
-    source = Path(path)
+    source = TextSource(path, code_page="cp1252")
     book = FieldBook(source, accuracies, fixed)
     reader = _Reader(book, None if station_code is None else str(station_code))
     if station is not None:
         book.begin(1, str(station), math.nan)
-    for block in gsi_blocks(read_text(source), book.notes):
+    for block in gsi_blocks(source):
         reader.read(block)
     reader.levelling.end()
     reader.ask_for_stations()
@@ -339,6 +347,7 @@ def read_gsi(
 class _Reader:
     def __init__(self, book: FieldBook, code: str | None) -> None:
         self.book = book
+        self.source = book.source
         self.code = code
         self.levelling = LevelledLine(book)
         self.codes: list[str] = []
@@ -346,24 +355,40 @@ class _Reader:
 
     def read(self, block: GsiBlock) -> None:
         """Read a block."""
-        if block.is_code:
+        line, begin = block.line, block.words[0]
+        if begin.index == "41":
             self._code(block)
             return
-        if block.words[0].index != "11":
-            what = f"a block must begin with word 11 or 41, not {block.words[0].index}"
-            self.book.notes.add(block.line, what)
+        if begin.index != "11":
+            self.source.add(line, f"a block must begin with word 11 or 41, not {begin.index}")
             return
-        name = self.book.notes.name(block.line, block.words[0].text, "word 11, the point,")
+        name = self._name(begin, "word 11, the point,")
         if self.levelling.takes(block, name):
             return
         for w in block.words:
-            if w.index not in KNOWN_WORDS:
-                what = f"word {w.index} is not known; valid: {known(sorted(KNOWN_WORDS), most=60)}"
-                self.book.notes.add(w.line, what)
+            self.source.field(w.line, w.index, "word").choice(KNOWN_WORDS)
         if any(block.first(i) for i in OBSERVED_WORDS):
             self._sight(block, name)
+        elif any(block.first(i) for i in WORDS_OF_STATIONS):
+            of = self._values(block, STATION_FIELDS)
+            self.book.point(line, name, of["east"], of["north"], of["up"], agree=False)
+            self.book.begin(line, name, of["instrument_height"])
         else:
-            self._station_or_point(block, name)
+            of = self._values(block, POINT_FIELDS)
+            self.book.point(line, name, of["east"], of["north"], of["up"])
+
+    def _name(self, word: GsiWord, what: str) -> str:
+        return self.source.field(word.line, word.text, what).name()
+
+    def _values(self, block: GsiBlock, fields: tuple[RecordField, ...]) -> dict[str, float]:
+        """Return the values of words by targets; those of dashes are left out."""
+        words = {}
+        for w in reversed(block.words):
+            if w.is_missing and w.index in MAY_BE_MISSING:
+                self.source.leave_out(w.line, VALUES_MISSING, f"{block.words[0].text} {w.index}")
+            else:
+                words[w.index] = w
+        return read_record(fields, words, self.source, block.line)
 
     def _code(self, block: GsiBlock) -> None:
         if "?" in block.words[0].info + block.words[0].data:
@@ -378,61 +403,38 @@ class _Reader:
             what = (
                 f"code {code} begins a set-up: it needs words 42, the station, and 43, its height"
             )
-            self.book.notes.add(block.line, what)
+            self.source.add(block.line, what)
             return
-        digits = height.data[1:].strip()
-        value = self.book.notes.finite(block.line, digits, "word 43, the height in mm,", 1e-3)
-        station = self.book.notes.name(block.line, name.text, "word 42, the station,")
+        of = self.source.field(block.line, height.data[1:], "word 43, the height in mm,")
+        value = of.number(scale=1e-3)
+        station = self._name(name, "word 42, the station,")
         self.book.begin(block.line, station, value if height.data[0] == "+" else -value)
 
-    def _station_or_point(self, block: GsiBlock, name: str) -> None:
-        def of(*indices: str) -> list[float]:
-            words = [block.first(i) for i in indices]
-            return [math.nan if w is None else w.number(self.book.notes) for w in words]
-
-        station = of("84", "85", "86")
-        (height,) = of("88")
-        if block.first("88") or any(block.first(i) for i in ("84", "85", "86")):
-            self.book.point(block.line, name, *station, agree=False)
-            self.book.begin(block.line, name, 0.0 if math.isnan(height) else height)
-        else:
-            self.book.point(block.line, name, *of("81", "82", "83"))
-
     def _sight(self, block: GsiBlock, name: str) -> None:
-        notes, book = self.book.notes, self.book
-        if book.current is None:
-            self.without_station.append(block.line)
+        at, line = self.book.current, block.line
+        if at is None:
+            self.without_station.append(line)
             return
-
-        def number(index: str) -> float | None:
-            word = block.first(index)
-            return None if word is None else word.number(notes)
-
-        height = number("88")
-        if height is not None and book.current.height != height:
-            if math.isnan(book.current.height):
-                book.current.height = height
-            else:
-                what = (
-                    f"height of the instrument {height:.3f} m differs from that of the set-up, "
-                    f"{book.current.height:.3f} m: a new set-up needs a block of its station"
-                )
-                notes.add(block.line, what)
-                return
-        if math.isnan(book.current.height):
-            book.current.height = 0.0
-        zenith = number("22")
-        coordinates = [number(i) for i in ("81", "82", "83")]
+        of = self._values(block, SIGHT_FIELDS)
+        height = of["instrument_height"]
+        if math.isnan(at.height):
+            at.height = 0.0 if height is None else height
+        elif height is not None and at.height != height:
+            what = f"height of the instrument {height:.3f} m differs from that of the set-up, "
+            what += f"{at.height:.3f} m: a new set-up needs a block of its station"
+            self.source.add(line, what)
+            return
+        coordinates = [of[axis] for axis in ("east", "north", "up")]
         if None not in coordinates:
-            book.point(block.line, name, *coordinates, agree=False)  # type: ignore[arg-type]
-        book.sight(
-            block.line,
+            self.book.point(line, name, *coordinates, agree=False)
+        self.book.sight(
+            line,
             name,
-            direction=number("21"),
-            zenith=zenith,
-            distance=number("31") or None,
-            horizontal=number("32") or None,
-            target_height=number("87") or 0.0,
+            direction=of["direction"],
+            zenith=of["zenith"],
+            distance=of["distance"] or None,
+            horizontal=of["horizontal"] or None,
+            target_height=of["target_height"],
         )
 
     def ask_for_stations(self) -> None:
@@ -449,4 +451,4 @@ class _Reader:
             )
         else:
             what += "; state station, the name of the only one"
-        self.book.notes.add(first, what)
+        self.source.add(first, what)

@@ -10,22 +10,22 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
-from ...errors import InputError, Problem, known
+from ...errors import known
 from ...network.network import Network
-from ..file_problems import ROWS_SWITCHED_OFF, LeftOutReason
-from ..xml_files import (
-    Element,
-    begins_with_element,
-    element_at,
-    nan_for_none,
-    number_at,
-    root_with_tag,
-    text_at,
-)
+from ...units import ANGLE
+from ..source import ROWS_SWITCHED_OFF, LeftOutReason
+from ..xml_files import Element, begins_with_element, element_at, text_at
+from ..xml_source import XmlSource
 from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook, StatedSigmas
 
-DEG = math.pi / 180.0
-JOBXML_FACES = {"Face1": 1, "Face2": 2, "FaceNull": None, "": None}
+DEG = ANGLE["deg"]
+JOBXML_FACES = {"Face1": 1, "Face2": 2, "FaceNull": None}
+STANDARD_ERRORS = (
+    ("HorizontalCircleStandardError", DEG),
+    ("VerticalCircleStandardError", DEG),
+    ("EDMDistanceStandardError", 1.0),
+)
+"""Elements of a circle with standard errors, and their units."""
 
 
 def read_jobxml(
@@ -55,12 +55,9 @@ def read_jobxml(
     Raises:
         InputError: every problem of the file, each with its line.
     """
-    source = Path(path)
-    root = root_with_tag(source, "JOBFile")
-    if root is None:
-        raise InputError(Problem("is no JobXML: its root must be <JOBFile>", f"{source.name}:1"))
-    reader = _Reader(FieldBook(source, accuracies, fixed))
-    reader.read(root)
+    source = XmlSource(path, "JOBFile")
+    reader = _Reader(source, FieldBook(source, accuracies, fixed))
+    reader.read(source.root)
     return reader.book.network()
 
 
@@ -70,7 +67,8 @@ GNSS_POINTS = LeftOutReason("points of GNSS", "sights of total stations alone ar
 
 
 class _Reader:
-    def __init__(self, book: FieldBook) -> None:
+    def __init__(self, source: XmlSource, book: FieldBook) -> None:
+        self.source = source
         self.book = book
         self.records: dict[str, dict[str, Element]] = {}
         self.at: str | None = None
@@ -86,7 +84,7 @@ class _Reader:
                 continue
             if text_at(record, "Deleted").lower() == "true":
                 name = text_at(record, "Name")
-                self.book.notes.leave_out(record.line, ROWS_SWITCHED_OFF, name)
+                self.source.leave_out(record.line, ROWS_SWITCHED_OFF, name)
                 continue
             self._point(record)
         reductions = element_at(root, "Reductions")
@@ -101,67 +99,53 @@ class _Reader:
         found = self.records.get(tag, {}).get(ident)
         if found is None:
             names = known(self.records.get(tag, {}), meant=ident)
-            self.book.notes.add(of.line, f"there is no {tag} {ident!r}; known: {names}")
+            self.source.add(of.line, f"there is no {tag} {ident!r}; known: {names}")
         return found
 
     def _coordinates(self, record: Element, name: str, tag: str) -> None:
-        values = [
-            number_at(self.book.notes, record, tag, axis) for axis in ("East", "North", "Elevation")
-        ]
-        if name and any(v is not None for v in values):
-            self.book.point(record.line, name, *map(nan_for_none, values), agree=False)
+        fields = [self.source.inside(record, tag, a) for a in ("East", "North", "Elevation")]
+        values = [f.number(default=math.nan) for f in fields]
+        if name and not all(f.is_absent for f in fields):
+            self.book.point(record.line, name, *values, agree=False)
 
     def _point(self, record: Element) -> None:
-        notes = self.book.notes
-        name = notes.name(record.line, text_at(record, "Name"), "<Name> of a point")
+        inside = self.source.inside
+        name = inside(record, "Name").name()
         self._coordinates(record, name, "Grid")
         circle = element_at(record, "Circle")
         if circle is None and any(element_at(record, tag) is not None for tag in GNSS_ELEMENTS):
-            notes.leave_out(record.line, GNSS_POINTS, name)
+            self.source.leave_out(record.line, GNSS_POINTS, name)
         if circle is None or not name:
             return
         station = self._record(record, "StationRecord", "StationID")
         if station is None:
             if not text_at(record, "StationID"):
-                notes.add(record.line, f"the sight to {name!r} has no <StationID>")
+                self.source.add(record.line, f"the sight to {name!r} has no <StationID>")
             return
         ident = text_at(record, "StationID")
         if ident != self.at:
             self.at = ident
-            at = notes.name(station.line, text_at(station, "StationName"), "<StationName>")
-            height = number_at(notes, station, "TheodoliteHeight")
-            self.book.begin(station.line, at, height or 0.0)
+            at = inside(station, "StationName").name()
+            height = inside(station, "TheodoliteHeight").number(default=0.0)
+            self.book.begin(station.line, at, height)
         target = self._record(record, "TargetRecord", "TargetID")
-        height = constant = None
+        height = constant = 0.0
         if target is not None:
-            height = number_at(notes, target, "TargetHeight")
-            constant = number_at(notes, target, "PrismConstant")
-        face = text_at(circle, "Face")
-        if face not in JOBXML_FACES:
-            notes.add(
-                circle.line,
-                f"<Face> must be one of {known(filter(None, JOBXML_FACES))}, not {face!r}",
-            )
-        distance = number_at(notes, circle, "EDMDistance")
+            height = inside(target, "TargetHeight").number(default=0.0)
+            constant = inside(target, "PrismConstant").number(default=0.0)
+        distance = inside(circle, "EDMDistance").number_or_none()
         if distance:
-            distance = distance * (1.0 + self._ppm(station)) + (constant or 0.0)
-        errors = [
-            number_at(notes, circle, f"{part}StandardError", scale=scale)
-            for part, scale in (
-                ("HorizontalCircle", DEG),
-                ("VerticalCircle", DEG),
-                ("EDMDistance", 1.0),
-            )
-        ]
+            distance = distance * (1.0 + self._ppm(station)) + constant
+        errors = [inside(circle, e).number(scale=s, default=0.0) for e, s in STANDARD_ERRORS]
         self.book.sight(
             record.line,
             name,
-            direction=number_at(notes, circle, "HorizontalCircle", scale=DEG),
-            zenith=number_at(notes, circle, "VerticalCircle", scale=DEG),
+            direction=inside(circle, "HorizontalCircle").number_or_none(scale=DEG),
+            zenith=inside(circle, "VerticalCircle").number_or_none(scale=DEG),
             distance=distance or None,
-            target_height=height or 0.0,
-            face=JOBXML_FACES.get(face),
-            stated=StatedSigmas(*(e if e is not None and e > 0 else None for e in errors)),
+            target_height=height,
+            face=inside(circle, "Face").choice(JOBXML_FACES, default=None),
+            stated=StatedSigmas(*(e if e > 0 else None for e in errors)),
         )
 
     def _ppm(self, station: Element) -> float:
@@ -169,7 +153,7 @@ class _Reader:
         air = self._record(station, "AtmosphereRecord", "AtmosphereID")
         if air is None or text_at(air, "ApplyPPMToRawDistances").lower() != "true":
             return 0.0
-        return 1e-6 * (number_at(self.book.notes, air, "PPM") or 0.0)
+        return 1e-6 * self.source.inside(air, "PPM").number(default=0.0)
 
 
 def is_jobxml(path: Path) -> bool:

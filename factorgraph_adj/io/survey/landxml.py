@@ -18,12 +18,13 @@ from ...crs.reference_system import ReferenceSystem
 from ...errors import InputError, Problem, known
 from ...frames import LocalFrame
 from ...network.network import Network
-from ...units import GON
-from ..file_problems import ROWS_SWITCHED_OFF
+from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
 from ..file_transaction import write_files
 from ..format_limits import grid_points
 from ..numbers import write_quantity
-from ..xml_files import Element, attribute_number, begins_with_element, element_at, root_with_tag
+from ..source import ROWS_SWITCHED_OFF
+from ..xml_files import Element, begins_with_element, element_at
+from ..xml_source import XmlSource
 from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
 
 LINEAR_UNITS = {
@@ -31,15 +32,22 @@ LINEAR_UNITS = {
     "centimeter": 1e-2,
     "meter": 1.0,
     "kilometer": 1e3,
-    "foot": 0.3048,
-    "ussurveyfoot": 1200.0 / 3937.0,
+    "foot": FOOT,
+    "ussurveyfoot": US_SURVEY_FOOT,
     "inch": 0.0254,
     "mile": 1609.344,
 }
 """Metres of ``linearUnit``."""
-ANGULAR_UNITS = {"radians": 1.0, "grads": GON, "decimal degrees": math.pi / 180.0}
-"""Radians of ``angularUnit``; ``decimal dd.mm.ss`` is packed."""
 PACKED_ANGLE_UNIT = "decimal dd.mm.ss"
+ANGULAR_UNITS = {
+    "radians": 1.0,
+    "grads": GON,
+    "decimal degrees": ANGLE["deg"],
+    PACKED_ANGLE_UNIT: 1.0,
+}
+"""Radians of ``angularUnit``; the last one is packed."""
+DIRECT_FACES = {"true": 1, "1": 1, "false": 2, "0": 2}
+"""Face by ``directFace``."""
 OBSERVATION_ELEMENTS = ("RawObservation", "ReducedObservation")
 SETUP_ELEMENTS = ("InstrumentSetup",)
 UNREAD_SURVEY_ELEMENTS = {
@@ -80,17 +88,15 @@ def read_landxml(
     """
     if order not in ("NE", "EN"):
         raise InputError(Problem(f"must be NE or EN, not {order!r}", "order"))
-    source = Path(path)
-    root = root_with_tag(source, "LandXML")
-    if root is None:
-        raise InputError(Problem("is no LandXML: its root must be <LandXML>", f"{source.name}:1"))
-    reader = _Reader(FieldBook(source, accuracies, fixed), order == "EN")
-    reader.read(root)
+    source = XmlSource(path, "LandXML")
+    reader = _Reader(source, FieldBook(source, accuracies, fixed), order == "EN")
+    reader.read(source.root)
     return reader.book.network()
 
 
 class _Reader:
-    def __init__(self, book: FieldBook, east_first: bool) -> None:
+    def __init__(self, source: XmlSource, book: FieldBook, east_first: bool) -> None:
+        self.source = source
         self.book = book
         self.east_first = east_first
         self.length, self.angle = 1.0, "radians"
@@ -108,14 +114,12 @@ class _Reader:
         for e in elements:
             if e.tag in ("CgPoint", *SETUP_ELEMENTS) and _deleted(e):
                 name = e.attributes.get("name") or e.attributes.get("stationName", "")
-                self.book.notes.leave_out(e.line, ROWS_SWITCHED_OFF, name)
+                self.source.leave_out(e.line, ROWS_SWITCHED_OFF, name)
                 continue
             if e.tag == "CgPoint":
                 self._cg_point(e)
             elif e.tag in UNREAD_SURVEY_ELEMENTS:
-                self.book.notes.add(
-                    e.line, f"<{e.tag}> is not read: {UNREAD_SURVEY_ELEMENTS[e.tag]}"
-                )
+                self.source.add(e.line, f"<{e.tag}> is not read: {UNREAD_SURVEY_ELEMENTS[e.tag]}")
             elif e.tag in SETUP_ELEMENTS:
                 self._setup(e)
         surveys = [e for e in elements if e.tag == "Survey"]
@@ -130,23 +134,20 @@ class _Reader:
         units = element_at(root, "Units")
         children = [] if units is None else units.children
         if not children:
-            self.book.notes.add(root.line, "has no <Units> with <Metric> or <Imperial>")
+            self.source.add(root.line, "has no <Units> with <Metric> or <Imperial>")
             return
         given = children[0].attributes
-        linear = given.get("linearUnit", "meter").lower()
+        linear = given.get("linearUnit", "").lower()
         self.angle = given.get("angularUnit", "radians").lower()
-        if linear not in LINEAR_UNITS:
-            what = f"linearUnit {linear!r}; valid: {known(LINEAR_UNITS, meant=linear)}"
-            self.book.notes.add(children[0].line, what)
-        if self.angle not in (*ANGULAR_UNITS, PACKED_ANGLE_UNIT):
-            valid = known([*ANGULAR_UNITS, PACKED_ANGLE_UNIT], meant=self.angle)
-            what = f"angularUnit {self.angle!r}; valid: {valid}"
-            self.book.notes.add(children[0].line, what)
-        self.length = LINEAR_UNITS.get(linear, 1.0)
+        line = children[0].line
+        self.source.field(line, self.angle, "angularUnit").choice(ANGULAR_UNITS)
+        field = self.source.field(line, linear, "linearUnit")
+        self.length = field.choice(LINEAR_UNITS, default=1.0) or 1.0
 
     def _angle(self, e: Element, name: str) -> float | None:
         if self.angle != PACKED_ANGLE_UNIT:
-            return attribute_number(self.book.notes, e, name, ANGULAR_UNITS.get(self.angle, 1.0))
+            scale = ANGULAR_UNITS.get(self.angle, 1.0)
+            return self.source.attribute(e, name).number_or_none(scale=scale)
         text = e.attributes.get(name, "")
         if not text:
             return None
@@ -154,10 +155,13 @@ class _Reader:
         digits = (match[2] or "").ljust(4, "0") if match else ""
         if match is None or len(text) > 40 or int(digits[:2]) >= 60 or int(digits[2:4]) >= 60:
             what = f"{name} must be packed as dd.mmss, not {text[:40]!r}"
-            self.book.notes.add(e.line, what)
+            self.source.add(e.line, what)
             return math.nan
         seconds = float(f"{digits[2:4]}.{digits[4:] or 0}")
         return math.radians(int(match[1]) % 1000 + int(digits[:2]) / 60 + seconds / 3600)
+
+    def _length(self, e: Element, name: str) -> float | None:
+        return self.source.attribute(e, name).number_or_none(scale=self.length)
 
     # -- points ---------------------------------------------------------------------------------
 
@@ -165,7 +169,7 @@ class _Reader:
         name = e.attributes.get("name") or e.attributes.get("oID", "")
         if not name and (e.attributes.get("pntRef") or not e.text.strip()):
             return
-        self._coordinates(e, self.book.notes.name(e.line, name, "name of a <CgPoint>"))
+        self._coordinates(e, self.source.field(e.line, name, "name of a <CgPoint>").name())
 
     def _coordinates(self, e: Element, name: str) -> None:
         """Note a point with the coordinates in the text of an element, north first."""
@@ -174,20 +178,21 @@ class _Reader:
             return
         if len(words) not in (2, 3):
             what = f"<{e.tag}> needs north, east and elevation, not {len(words)} numbers"
-            self.book.notes.add(e.line, what)
+            self.source.add(e.line, what)
             return
-        a, b, *up = (self.book.notes.finite(e.line, w, "coordinate", self.length) for w in words)
+        fields = [self.source.field(e.line, w, "coordinate") for w in words]
+        a, b, *up = (f.number(scale=self.length) for f in fields)
         east, north = (a, b) if self.east_first else (b, a)
         self.book.point(e.line, name, east, north, *up, agree=False)
 
     def _setup(self, e: Element) -> None:
         ident = e.attributes.get("id", "")
         if ident in self.setups:
-            self.book.notes.add(
+            self.source.add(
                 e.line, f"id {ident!r} of two set-ups; first in line {self.setups[ident].line}"
             )
             return
-        name = self.book.notes.name(e.line, e.attributes.get("stationName", ""), "stationName")
+        name = self.source.attribute(e, "stationName").name()
         self.setups[ident] = e
         point = element_at(e, "InstrumentPoint")
         if point is not None and name:
@@ -209,12 +214,10 @@ class _Reader:
                     station = self.setups.get(setup)
                     at = setup if station is None else station.attributes.get("stationName", "")
                     why = ROWS_SWITCHED_OFF
-                    self.book.notes.leave_out(o.line, why, f"{at} {self._target(o)}".strip())
+                    self.source.leave_out(o.line, why, f"{at} {self._target(o)}".strip())
                     continue
                 if o.tag == "ReducedObservation":
-                    self.book.notes.add(
-                        o.line, "<ReducedObservation> is not read: give the raw one"
-                    )
+                    self.source.add(o.line, "<ReducedObservation> is not read: give the raw one")
                 elif o.tag == "RawObservation":
                     yield o, o.attributes.get("setupID") or group
                 elif o.tag == "Backsight":
@@ -236,15 +239,15 @@ class _Reader:
             self.book.sight(e.line, name, direction=self._angle(e, "circle"), face=1)
 
     def _observation(self, o: Element, setup: str) -> None:
-        notes = self.book.notes
+        number = self._length
         at = self.setups.get(setup)
         if at is None:
             what = f"the observation needs setupID; {setup!r} is none of {known(self.setups)}"
-            notes.add(o.line, what)
+            self.source.add(o.line, what)
             return
         if self.current != setup:
             self.current = setup
-            height = attribute_number(notes, at, "instrumentHeight", self.length)
+            height = number(at, "instrumentHeight")
             station = at.attributes.get("stationName", "").strip()
             if not station:
                 return
@@ -252,22 +255,21 @@ class _Reader:
             for e in self.backsights.pop(setup, []):
                 self._backsight(e, setup)
         target = element_at(o, "TargetPoint")
-        name = notes.name(o.line, self._target(o), "name of the <TargetPoint>")
+        name = self.source.field(o.line, self._target(o), "name of the <TargetPoint>").name()
         if target is not None:
             self._coordinates(target, name)
-        face = o.attributes.get("directFace", "").lower()
-        if face not in ("", "true", "false", "1", "0"):
-            notes.add(o.line, f"directFace must be true or false, not {face!r}")
+        word = o.attributes.get("directFace", "").lower()
+        face = self.source.field(o.line, word, "directFace").choice(DIRECT_FACES, default=None)
         self.book.sight(
             o.line,
             name,
             direction=self._angle(o, "horizAngle"),
             zenith=(zenith := self._angle(o, "zenithAngle")),
-            distance=attribute_number(notes, o, "slopeDistance", self.length) or None,
-            horizontal=attribute_number(notes, o, "horizDistance", self.length) or None,
-            target_height=attribute_number(notes, o, "targetHeight", self.length) or 0.0,
+            distance=number(o, "slopeDistance") or None,
+            horizontal=number(o, "horizDistance") or None,
+            target_height=number(o, "targetHeight") or 0.0,
             # Where the zenith reading tells the face, writers do not agree on directFace.
-            face=None if zenith is not None or not face else 1 if face in ("true", "1") else 2,
+            face=None if zenith is not None else face,
         )
 
 

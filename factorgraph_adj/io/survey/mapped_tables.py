@@ -16,10 +16,10 @@ from ...network.network import Network
 from ...observations import Observation
 from .. import numbers
 from ..csv_tables import unguarded_cell
-from ..file_problems import SurveyProblems
 from ..numbers import Units
 from ..observation_fields import RecordContext
 from ..observation_records import observation_from_record
+from ..source import Problems, Source
 from ..text_files import read_toml
 from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
 
@@ -263,8 +263,9 @@ class _Reader:
         self.path = path
         self.map = mapping
         self.accuracies = accuracies
-        self.book = FieldBook(path, accuracies, fixed)
-        self.problems: list[Problem] = []
+        self.problems = Problems()
+        self.source = Source(path, self.problems)
+        self.book = FieldBook(self.source, accuracies, fixed)
         self.held: dict[str, str] = {}
         self.observations: list[Observation] = []
         self.at: tuple[str, float, str] | None = None
@@ -278,24 +279,22 @@ class _Reader:
                 try:
                     file = inside(self.path.parent, section.file, section.where)
                 except InputError as error:
-                    self.problems += error.problems
+                    self.problems.extend(error.problems)
                     continue
             read = {
                 "points": self._point,
                 "readings": self._reading,
                 "observations": self._observation,
             }[section.name]
-            self.book.notes = SurveyProblems(file)
+            self.book.source = self.source = Source(file, self.problems)
             self.book.current = None
             for line, row in self._rows(file, section):
                 read(line, row)
-            self.problems += self.book.notes.problems
-        self.book.notes = SurveyProblems(self.path)
+        self.book.source = self.source = Source(self.path, self.problems)
         for o in self.observations:
             for name in o.points():
                 self.book.point(0, name)
-        if self.problems:
-            raise InputError(self.problems)
+        self.problems.raise_all()
         self.book.others += self.observations
         network = self.book.network()
         zenith = any(o.kind in ("zenith_angle", "vertical_angle") for o in self.observations)
@@ -324,6 +323,7 @@ class _Reader:
         out.add(*network.observations.values())
         out.doubts = list(network.doubts)
         out.left_out = list(network.left_out)
+        out.remarks = list(network.remarks)
         return out
 
     # -- rows -----------------------------------------------------------------------------------
@@ -333,7 +333,7 @@ class _Reader:
         lines = self._lines(file)
         start = max(self.map.header - 1, 0)
         if len(lines) <= start:
-            self.problems.append(Problem("has no header, or no rows", file.name))
+            self.source.add(0, "has no header, or no rows")
             return
         delimiter = self.map.delimiter or next((d for d in ";\t," if d in lines[start]), ",")
         found = csv.reader(lines[start:], delimiter=delimiter, skipinitialspace=delimiter == " ")
@@ -346,7 +346,7 @@ class _Reader:
                     cells = [c for c in cells if c]
                 if any(len(c) > MAX_CELL for c in cells):
                     what = f"a cell has more than {MAX_CELL} characters: a missing quotation mark?"
-                    self.problems.append(Problem(what, f"{file.name}:{line}"))
+                    self.source.add(line, what)
                     return
                 if header is None:
                     header = self._header(file, line, cells, section)
@@ -357,20 +357,20 @@ class _Reader:
                 if any(cells):
                     yield line, self._cells(file, line, header, cells, section)
         except csv.Error as error:
-            self.problems.append(Problem(f"is not a table: {error}", f"{file.name}:{start + 1}"))
+            self.source.add(start + 1, f"is not a table: {error}")
 
     def _lines(self, file: Path) -> list[str]:
         try:
             text = read_bytes(file).decode(self.map.encoding)
         except InputError as error:
-            self.problems += error.problems
+            self.problems.extend(error.problems)
             return []
         except UnicodeDecodeError as error:
             line = error.object[: error.start].count(b"\n") + 1
             what = (
                 f"is not {self.map.encoding} text: state encoding, such as cp1252, in the mapping"
             )
-            self.problems.append(Problem(what, f"{file.name}:{line}"))
+            self.source.add(line, what)
             return []
         text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "\ufffd")
         return [f"{line}\n" for line in text.split("\n")]
@@ -384,9 +384,9 @@ class _Reader:
         twice = [v for v in section.columns.values() if header.count(v) > 1]
         for name in missing:
             what = f"there is no column {name!r}; columns: {known(header, meant=name, most=30)}"
-            self.problems.append(Problem(what, f"{file.name}:{line}"))
+            self.source.add(line, what)
         for name in twice:
-            self.problems.append(Problem(f"two columns are named {name!r}", f"{file.name}:{line}"))
+            self.source.add(line, f"two columns are named {name!r}")
         return None if missing or twice else header
 
     def _cells(
@@ -394,7 +394,7 @@ class _Reader:
     ) -> dict[str, str]:
         if len(cells) > len(header) and any(cells[len(header) :]):
             what = f"{len(cells)} cells, but the header has {len(header)} columns"
-            self.problems.append(Problem(what, f"{file.name}:{line}"))
+            self.source.add(line, what)
         by_name = dict(zip(header, cells, strict=False))
         out = {}
         for ours, theirs in section.columns.items():
@@ -415,33 +415,31 @@ class _Reader:
         except ValueError as error:
             comma = self.map.decimal == "." and "," in row[name]
             hint = ", or state decimal = ',' in the mapping" if comma else ""
-            self.book.notes.add(line, f"{name}: {error}{hint}")
+            self.source.add(line, f"{name}: {error}{hint}")
             return math.nan
 
     def _point(self, line: int, row: dict[str, str]) -> None:
         if "name" not in row:
-            self.book.notes.add(line, "a point without a name")
+            self.source.add(line, "a point without a name")
             return
         values = [self._number(line, row, a, self.map.units.length) for a in "xyz"]
         x, y, z = (math.nan if v is None else v for v in values)
-        self.book.point(line, self.book.notes.name(line, row["name"], "name"), x, y, z)
+        self.book.point(line, self.source.field(line, row["name"], "name").name(), x, y, z)
         word = row.get("fixed", "").lower()
         axes = word if word and set(word) <= set("xyz") else HELD_BY_WORD.get(word)
         if axes is None:
-            self.book.notes.add(
-                line, f"fixed must be yes, no or axes such as xy, not {word[:20]!r}"
-            )
+            self.source.add(line, f"fixed must be yes, no or axes such as xy, not {word[:20]!r}")
         elif missing := [a for a, v in zip("xyz", values, strict=True) if a in axes and v is None]:
             if word in ("yes", "true", "1"):
                 axes = "".join(a for a in axes if a not in missing)
             else:
-                self.book.notes.add(line, f"{', '.join(missing)} is held, but has no value")
+                self.source.add(line, f"{', '.join(missing)} is held, but has no value")
         self.held[row["name"]] = axes or ""
 
     def _reading(self, line: int, row: dict[str, str]) -> None:
         station, target = row.get("station", ""), row.get("target", "")
         if not station or not target:
-            self.book.notes.add(line, "a reading needs station and target")
+            self.source.add(line, "a reading needs station and target")
             return
         length, angle = self.map.units.length, self.map.units.angle
         value = {
@@ -456,18 +454,18 @@ class _Reader:
             )
         }
         if not any(n in row for n in SIGHT_COLUMNS):
-            self.book.notes.add(line, f"a reading needs one of {', '.join(SIGHT_COLUMNS)}")
+            self.source.add(line, f"a reading needs one of {', '.join(SIGHT_COLUMNS)}")
         height, own = value["instrument_height"] or 0.0, row.get("set", "")
         key = (station, height, own)
         if self.book.current is None or key != self.at:
-            self.book.begin(line, self.book.notes.name(line, station, "station"), height)
+            self.book.begin(line, self.source.field(line, station, "station").name(), height)
             self.at = key
         word = row.get("face", "").lower()
         if word and word not in FACE_BY_WORD:
-            self.book.notes.add(line, f"face must be 1 or 2 (I, II, L, R), not {word[:20]!r}")
+            self.source.add(line, f"face must be 1 or 2 (I, II, L, R), not {word[:20]!r}")
         self.book.sight(
             line,
-            self.book.notes.name(line, target, "target"),
+            self.source.field(line, target, "target").name(),
             direction=value["direction"],
             zenith=value["zenith"],
             distance=value["distance"],
@@ -477,10 +475,7 @@ class _Reader:
         )
 
     def _observation(self, line: int, row: dict[str, str]) -> None:
-        try:
-            source = self.book.notes.place(line)
-            self.observations.append(
-                observation_from_record(row, context=self.context, source=source)
-            )
-        except InputError as error:
-            self.problems += error.problems
+        place = self.source.place(line)
+        with self.problems.at(place):
+            found = observation_from_record(row, context=self.context, source=place)
+            self.observations.append(found)

@@ -11,17 +11,58 @@ import math
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-from ...errors import known
 from ...network.network import Network
-from ...units import GON
-from ..file_problems import DERIVED_OBSERVATIONS, ROWS_SWITCHED_OFF
-from ..text_files import read_text
+from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
+from ..source import DERIVED_OBSERVATIONS, ROWS_SWITCHED_OFF, TextSource
 from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from .field_records import (
+    NEEDED,
+    RecordField,
+    Scales,
+    in_columns,
+    read_angle,
+    read_length,
+    read_name,
+    read_number,
+    read_record,
+)
 
-FEET_US, FEET = 1200.0 / 3937.0, 0.3048
-SDR_ANGLES = {"1": math.radians(1.0), "2": GON, "4": math.pi / 3200}
-SDR_LENGTHS = {"1": 1.0, "2": FEET, "3": FEET_US}
+SDR_ANGLES = {"1": ANGLE["deg"], "2": GON, "4": math.pi / 3200}
+SDR_LENGTHS = {"1": 1.0, "2": FOOT, "3": US_SURVEY_FOOT}
+SDR_ORDERS = {"1": False, "2": True, "3": True}
+"""Whether east is first, by option 5 of the header."""
+SDR_VERTICAL_READINGS = {
+    "1": lambda reading: reading,
+    "2": lambda reading: (math.pi / 2 - reading) % (2 * math.pi),
+}
+"""Zenith reading of a vertical one, by what the instrument (01) states: from zenith or horizon."""
+SDR_HEADER_PATTERN = re.compile(r"00..(SDR\s?\S+).*?([0-9]{6})\s*", re.ASCII)
+COORDINATES = tuple(RecordField(t, "coordinate", read_length) for t in ("first", "second", "up"))
+SDR_RECORDS = {
+    "02": (
+        RecordField("station", "station", read_name, default=NEEDED),
+        *COORDINATES,
+        RecordField("height", "height of the instrument", read_length, default=0.0),
+    ),
+    "03": (RecordField("height", "target height", read_length, default=0.0),),
+    "04": (
+        RecordField("vertical", "vertical collimation", read_number),
+        RecordField("horizontal", "horizontal collimation", read_number),
+    ),
+    "08": (RecordField("point", "point", read_name, default=NEEDED), *COORDINATES),
+    "09": (
+        RecordField("station", "station", read_name, default=NEEDED),
+        RecordField("target", "target", read_name, default=NEEDED),
+        RecordField("distance", "slope distance", read_length),
+        RecordField("vertical", "vertical reading", read_angle),
+        RecordField("direction", "horizontal reading", read_angle),
+    ),
+}
+"""Fields behind the derivation code, by type of record."""
+SDR_FACES = {"F1": 1, "F2": 2, "MD": None}
+"""Face by derivation code of an observation."""
 UNREAD_RECORDS = {
     "05": "atmosphere, which is in the distances",
     "06": "scale factor, which raw distances do not have",
@@ -31,7 +72,11 @@ UNREAD_RECORDS = {
     "13": "note",
 }
 """Records that are not read, and why none is needed."""
-SDR_HEADER_PATTERN = re.compile(r"00..(SDR\s?\S+).*?([0-9]{6})\s*", re.ASCII)
+SDR_TYPES: dict[str, tuple[RecordField, ...]] = {
+    **dict.fromkeys(("00", "01", *UNREAD_RECORDS), ()),
+    **SDR_RECORDS,
+}
+"""Fields that are read, by type of record."""
 
 
 def read_sdr33(
@@ -58,9 +103,9 @@ def read_sdr33(
     Raises:
         InputError: every problem of the file, each with its line.
     """
-    source = Path(path)
+    source = TextSource(path, code_page="cp1252")
     reader = _Reader(FieldBook(source, accuracies, fixed))
-    for number, line in enumerate(read_text(source).split("\n"), start=1):
+    for number, line in source.numbered():
         reader.read(number, line.lstrip("\x02\x03").rstrip("\x03\x1a\x00"))
     return reader.book.network()
 
@@ -68,141 +113,108 @@ def read_sdr33(
 class _Reader:
     def __init__(self, book: FieldBook) -> None:
         self.book = book
-        self.name, self.real = 16, 16
-        self.angle, self.length = GON, 1.0
+        self.source = book.source
+        self.name_width, self.number_width = 16, 16
+        self.scales = Scales(angle=GON)
         self.east_first = False
         self.header = False
-        self.zenith = True
+        self.vertical = "1"
         self.target_height = 0.0
 
     def read(self, line: int, text: str) -> None:
         """Read a record."""
-        code, notes = text[:2], self.book.notes
+        code, derivation = text[:2], text[2:4]
         if not text.strip() or re.fullmatch(r"\d{1,6}\s*", text):
             return  # a check sum stands alone at the end
         if code == "DD":
-            notes.leave_out(line, ROWS_SWITCHED_OFF, text[:40].strip())
-            return
-        if code == "00":
+            self.source.leave_out(line, ROWS_SWITCHED_OFF, text[:40].strip())
+        elif code == "00":
             self._header(line, text)
         elif not self.header:
-            notes.add(line, "a record before the header, which begins with 00NMSDR33 or 00NMSDR2")
+            what = "a record before the header, which begins with 00NMSDR33 or 00NMSDR2"
+            self.source.add(line, what)
             self.header = True
         elif code == "01":
-            self._instrument(line, text)
-        elif code == "02":
-            self._station(line, text)
-        elif code == "03":
-            (height,) = self._fields(line, text, "r")
-            self.target_height = self._number(line, height, "target height", self.length) or 0.0
-        elif code == "04":
-            self._collimation(line, text)
-        elif code == "08":
-            name, a, b, up = self._fields(line, text, "nrrr")
-            self._coordinates(line, name, a, b, up)
-        elif code == "09":
-            self._observation(line, text)
-        elif code == "13" and text[2:4] == "DU":
-            notes.add(line, "unit of length in a note (13DU) is not read: correct the header")
+            self.vertical = text[50:51].strip() or "1"
+        elif code == "13" and derivation == "DU":
+            what = "unit of length in a note (13DU) is not read: correct the header"
+            self.source.add(line, what)
         elif code == "12":
-            notes.add(
-                line,
-                "sets (12) are not read: take the record out, and its observations if "
-                "the set is marked bad",
-            )
-        elif code == "11":
-            notes.leave_out(line, DERIVED_OBSERVATIONS, "11")
-        elif code not in UNREAD_RECORDS:
-            valid = known(["00", "01", "02", "03", "04", "08", "09", *UNREAD_RECORDS], most=20)
-            notes.add(line, f"record {text[:4]!r} is not known; valid: {valid}")
-
-    def _fields(self, line: int, text: str, form: str) -> list[str]:
-        """Return fields after the derivation code: names (n) and numbers (r)."""
-        out, at = [], 4
-        for f in form:
-            size = self.name if f == "n" else self.real
-            out.append(text[at : at + size].strip())
-            at += size
-        if form[0] == "n" and not out[0]:
-            self.book.notes.add(line, f"record {text[:4]} names no point")
-        return out
-
-    def _number(self, line: int, text: str, what: str, scale: float) -> float | None:
-        """Return a number; None for an empty field, which was not measured."""
-        return self.book.notes.finite(line, text, what, scale) if text else None
+            what = "sets (12) are not read: take the record out, and its observations if "
+            self.source.add(line, f"{what}the set is marked bad")
+        elif code == "11" or (code == "09" and derivation == "MC"):
+            self.source.leave_out(line, DERIVED_OBSERVATIONS, derivation if code == "09" else code)
+        elif fields := self.source.field(line, code, "record").choice(SDR_TYPES):
+            widths = [self.name_width if f.kind is read_name else self.number_width for f in fields]
+            texts = in_columns(text, widths, 4)
+            values = read_record(fields, texts, self.source, line, self.scales)
+            self._use(line, code, derivation, values)
 
     def _header(self, line: int, text: str) -> None:
-        notes, match = self.book.notes, SDR_HEADER_PATTERN.fullmatch(text)
+        match = SDR_HEADER_PATTERN.fullmatch(text)
         self.header = True
         if match is None or not match[1].replace(" ", "").startswith(("SDR33", "SDR2")):
             what = "the header must be 00, a code, SDR33 or SDR2x and six options, such as "
-            notes.add(line, f"{what}00NMSDR33 V04-04.02     01-Jan-04 16:26 211111")
+            self.source.add(line, f"{what}00NMSDR33 V04-04.02     01-Jan-04 16:26 211111")
             return
         if match[1].replace(" ", "").startswith("SDR2"):
-            self.name, self.real = 4, 10
-        angle, length, _, _, order, sense = list(match[2])
-        if angle not in SDR_ANGLES:
-            notes.add(line, f"option 1, angles, is {angle}; valid: 1 degrees, 2 gon, 4 mil")
-        if length not in SDR_LENGTHS:
-            notes.add(line, f"option 2, distances, is {length}; valid: 1 metres, 2 feet, 3 US feet")
-        if order not in "123":
-            notes.add(
-                line, f"option 5, coordinates, is {order}; valid: 1 north first, 2 east first"
+            self.name_width, self.number_width = 4, 10
+        options: dict[int, Any] = {
+            number: self.source.field(line, match[2][number - 1], f"option {number}, {what},")
+            for number, what in (
+                (1, "angles (1 degrees, 2 gon, 4 mil)"),
+                (2, "distances (1 metres, 2 feet, 3 US feet)"),
+                (5, "coordinates (1 north first, 2 east first)"),
+                (6, "angles (1 clockwise)"),
             )
-        if sense != "1":
-            notes.add(line, f"option 6, angles, is {sense}; valid: 1, clockwise")
-        self.angle, self.length = SDR_ANGLES.get(angle, GON), SDR_LENGTHS.get(length, 1.0)
-        self.east_first = order in "23"
+        }
+        options[6].choice({"1": 1})
+        self.scales = Scales(
+            options[2].choice(SDR_LENGTHS) or 1.0, options[1].choice(SDR_ANGLES) or GON
+        )
+        self.east_first = bool(options[5].choice(SDR_ORDERS))
 
-    def _instrument(self, line: int, text: str) -> None:
-        option = text[50:51]
-        if option not in ("1", "2", " ", ""):
-            what = f"vertical angles of the instrument are {option!r}; valid: 1 zenith, 2 horizon"
-            self.book.notes.add(line, what)
-        self.zenith = option != "2"
-
-    def _station(self, line: int, text: str) -> None:
-        name, a, b, up, height = self._fields(line, text, "nrrrr")
-        self._coordinates(line, name, a, b, up)
-        value = self._number(line, height, "height of the instrument", self.length)
-        self.book.begin(line, name, value or 0.0)
-
-    def _coordinates(self, line: int, name: str, a: str, b: str, up: str) -> None:
-        values = [self._number(line, t, "coordinate", self.length) for t in (a, b, up)]
-        first, second, height = (math.nan if v is None else v for v in values)
-        east, north = (first, second) if self.east_first else (second, first)
-        checked = self.book.notes.name(line, name, "the point") if name else ""
-        self.book.point(line, checked, east, north, height, agree=False)
-
-    def _collimation(self, line: int, text: str) -> None:
-        for field in self._fields(line, text, "rr"):
-            if self._number(line, field, "collimation", 1.0):
+    def _use(self, line: int, code: str, derivation: str, values: dict[str, Any]) -> None:
+        """Use the values of a record."""
+        if code == "03":
+            self.target_height = values["height"]
+        elif code == "04":
+            if any(values.values()):
                 what = "corrections of collimation other than 0 are not applied: read both faces"
-                self.book.notes.add(line, what)
+                self.source.add(line, what)
+        elif code == "09":
+            self._observation(line, derivation, values)
+        else:
+            point = values["station" if code == "02" else "point"]
+            first, second, up = (
+                math.nan if values[t] is None else values[t] for t in ("first", "second", "up")
+            )
+            east, north = (first, second) if self.east_first else (second, first)
+            self.book.point(line, point, east, north, up, agree=False)
+            if code == "02":
+                self.book.begin(line, point, values["height"])
 
-    def _observation(self, line: int, text: str) -> None:
-        notes, book = self.book.notes, self.book
-        code = text[2:4]
-        if code == "MC":
-            notes.leave_out(line, DERIVED_OBSERVATIONS, "MC")
+    def _observation(self, line: int, derivation: str, values: dict[str, Any]) -> None:
+        problems, book = self.source.problems.count, self.book
+        face = self.source.field(line, derivation, "derivation of an observation").choice(SDR_FACES)
+        if self.source.problems.count > problems:
             return
-        if code not in ("F1", "F2", "MD"):
-            notes.add(line, f"observation 09{code}; valid: F1, F2, MD and MC, which is derived")
-            return
-        station, target, slope, vertical, horizontal = self._fields(line, text, "nnrrr")
+        station, vertical = values["station"], values["vertical"]
         if book.current is None or book.current.station != station:
             at = "before any station" if book.current is None else f"at {book.current.station!r}"
-            notes.add(line, f"observation from {station!r} {at}: record 02 is missing")
+            self.source.add(line, f"observation from {station!r} {at}: record 02 is missing")
             return
-        zenith = self._number(line, vertical, "vertical reading", self.angle)
-        if zenith is not None and not self.zenith:
-            zenith = (math.pi / 2 - zenith) % (2 * math.pi)
+        zenith = None
+        if vertical is not None:
+            what = "vertical readings of the instrument (1 zenith, 2 horizon)"
+            turned = self.source.field(line, self.vertical, what).choice(SDR_VERTICAL_READINGS)
+            zenith = math.nan if turned is None else turned(vertical)
         book.sight(
             line,
-            notes.name(line, target, "the target"),
-            direction=self._number(line, horizontal, "horizontal reading", self.angle),
+            values["target"],
+            direction=values["direction"],
             zenith=zenith,
-            distance=self._number(line, slope, "slope distance", self.length) or None,
+            distance=values["distance"] or None,
             target_height=self.target_height,
-            face={"F1": 1, "F2": 2}.get(code),
+            face=face,
         )

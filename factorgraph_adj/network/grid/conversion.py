@@ -123,6 +123,7 @@ def from_grid(
     out.cameras = network.cameras.copy()
     out.doubts = network.doubts.copy()
     out.left_out = network.left_out.copy()
+    out.remarks = network.remarks.copy()
     out.unknowns_left_out = network.unknowns_left_out.copy()
     out.images = network.images.copy()
     out.clusters = network.clusters.copy()

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.io.file_problems import SurveyProblems
+from factorgraph_adj.io.source import TextSource
 from factorgraph_adj.io.survey.gsi import gsi_blocks
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
 from factorgraph_adj.units import GON, LENGTH
@@ -157,8 +156,12 @@ def test_wrong_words_of_gsi_are_refused_with_their_line(tmp_path):
     good = gsi()
     path = tmp_path / "a.gsi"
     for old, new, said in (
-        ("22.322+", "22.329+", "word 22 has unit '9'; valid: 2 gon, 3 degrees"),
-        ("31...6", "61...6", "word 61 is not known"),
+        (
+            "22.322+",
+            "22.329+",
+            "unit (2 gon, 3 degrees, 4 degrees-minutes-seconds, 5 mil) of word 22 '9' is unknown",
+        ),
+        ("31...6", "61...6", "word '61' is unknown; valid: 11, 12"),
         ("87...0+", "87...0 ", "is not a word of GSI"),
         ("*110010+", "*210010+", "a block must begin with word 11 or 41, not 21"),
         ("+0000000016901313", "", ""),
@@ -223,10 +226,14 @@ def test_what_sdr_says_in_its_header_counts(tmp_path):
     assert np.allclose(network.points["B"].coordinates, (10 * 0.3048, 60 * 0.3048, 101 * 0.3048))
     text = sdr33()
     for old, new, said in (
-        ("211111", "911111", "option 1, angles, is 9"),
-        ("211111", "211112", "option 6, angles, is 2"),
+        (
+            "211111",
+            "911111",
+            "option 1, angles (1 degrees, 2 gon, 4 mil), '9' is unknown; valid: 1, 2, 4",
+        ),
+        ("211111", "211112", "option 6, angles (1 clockwise), '2' is unknown; valid: 1"),
         ("03NM", "12SC", "sets (12) are not read"),
-        ("03NM", "77NM", "record '77NM' is not known"),
+        ("03NM", "77NM", "record '77' is unknown; valid: 00, 01"),
         ("09F1S", "09F1X", "observation from 'X' at 'S'"),
         ("SDR33 V", "XYZ33 V", "the header must be"),
     ):
@@ -289,9 +296,13 @@ def test_wrong_references_of_jobxml_are_refused(tmp_path):
     for old, new, said in (
         ("<StationID>s1", "<StationID>s2", "there is no StationRecord 's2'; known: s1"),
         ("<TargetID>t1", "<TargetID>t9", "there is no TargetRecord 't9'"),
-        ("Face1<", "Face3<", "<Face> must be one of Face1, Face2, FaceNull, not 'Face3'"),
-        ("<TheodoliteHeight>1.5", "<TheodoliteHeight>high", "<TheodoliteHeight> must be a finite"),
-        ("JOBFile", "JobFile", "is no JobXML: its root must be <JOBFile>"),
+        ("Face1<", "Face3<", "<Face> 'Face3' is unknown; valid: Face1, Face2, FaceNull"),
+        (
+            "<TheodoliteHeight>1.5",
+            "<TheodoliteHeight>high",
+            "<TheodoliteHeight>: 'high' is not a number",
+        ),
+        ("JOBFile", "JobFile", "the root element must be <JOBFile>, not <JobFile>"),
     ):
         found = problems(path, fga.read_jobxml, jobxml().replace(old, new))
         assert any(said in p for p in found), found
@@ -331,8 +342,16 @@ def test_angular_units_of_landxml(tmp_path, unit, text, value):
 def test_wrong_landxml_is_refused_with_its_line(tmp_path):
     path = tmp_path / "a.xml"
     for old, new, said in (
-        ('angularUnit="grads"', 'angularUnit="gon"', "angularUnit 'gon'; valid: radians, grads"),
-        ('linearUnit="meter"', 'linearUnit="ell"', "linearUnit 'ell'; valid:"),
+        (
+            'angularUnit="grads"',
+            'angularUnit="gon"',
+            "angularUnit 'gon' is unknown; valid: radians, grads",
+        ),
+        (
+            'linearUnit="meter"',
+            'linearUnit="ell"',
+            "linearUnit 'ell' is unknown; valid: millimeter",
+        ),
         ('setupID="s1"', 'setupID="s2"', "the observation needs setupID; 's2' is none of s1"),
         ("<RawObservation", "<ReducedObservation", "<ReducedObservation> is not read"),
         ("<Units>", "<Unit>", "is not well-formed XML"),
@@ -450,10 +469,13 @@ def test_the_circle_of_a_backsight_counts_where_no_raw_observation_repeats_it(tm
         ("87...1+0000000000001000", 0.3048),
     ],
 )
-def test_lengths_of_gsi_are_the_floats_of_their_decimals(word, metres):
+def test_lengths_of_gsi_are_the_floats_of_their_decimals(tmp_path, word, metres):
     """151.2, not 151.20000000000002, so that a project written from it reads as the book does."""
-    (block,) = gsi_blocks("*" + word + " ", SurveyProblems(Path("book.gsi")))
-    assert block.words[0].number(SurveyProblems(Path("book.gsi"))) == metres
+    path = tmp_path / "book.gsi"
+    path.write_text(f"*{word} ", encoding="utf-8")
+    source = TextSource(path)
+    (block,) = gsi_blocks(source)
+    assert block.words[0].number(source.field(1, block.words[0], "word")) == metres
 
 
 def test_a_table_without_a_mapping_and_with_commas_says_what_to_state(tmp_path):

@@ -191,7 +191,7 @@ def test_a_file_of_which_all_is_used_says_nothing(what: str, tmp_path: Path) -> 
 
 REFUSED: dict[str, tuple[Any, ...]] = {
     "GSI": (
-        one("s.gsi", field_files.gsi), "s.gsi", "21.322", "29.322", "word 29 is not known", {},
+        one("s.gsi", field_files.gsi), "s.gsi", "21.322", "29.322", "word '29' is unknown", {},
     ),
     "GSI, a level": (
         one("s.gsi", survey_files.LEVELS), "s.gsi",

@@ -1,0 +1,117 @@
+"""Records of fields: what a line of a survey file holds, as a table.
+
+A format whose lines have fields in an order, in columns, or by keys is a table of its records. Each
+field has a name for the reader, a name in messages and a kind, a function that reads it:
+`read_name`, `read_number`, `read_length`, `read_angle`. `read_record` returns the values of a line
+by the reader's names::
+
+    POINT = (
+        RecordField("name", "point", read_name),
+        RecordField("east", "easting", read_length),
+    )
+    read_record(POINT, line.split(), source, number, Scales(length=0.3048))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..source import Field, Source
+
+NEEDED: Any = object()
+"""Default of a field that must not be absent."""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """SI units in one unit of a file."""
+
+    length: float = 1.0
+    """Metres."""
+    angle: float = 1.0
+    """Radians."""
+
+
+SI = Scales()
+"""Metres and radians."""
+
+
+def read_name(field: Field, scales: Scales = SI) -> str:
+    """Return the name in a field; '' after a problem."""
+    return field.name()
+
+
+def read_number(field: Field, scales: Scales = SI) -> float:
+    """Return the number in a field; NaN after a problem."""
+    return field.number()
+
+
+def read_length(field: Field, scales: Scales = SI) -> float:
+    """Return the length in a field, metres; NaN after a problem."""
+    return field.number(scale=scales.length)
+
+
+def read_angle(field: Field, scales: Scales = SI) -> float:
+    """Return the angle in a field, radians; NaN after a problem."""
+    return field.number(scale=scales.angle)
+
+
+@dataclass(frozen=True)
+class RecordField:
+    """A field of a record."""
+
+    target: str
+    """Name by which the reader takes its value."""
+    what: str
+    """Name in messages."""
+    kind: Callable[[Field, Scales], Any]
+    """Function that reads it."""
+    key: str = ""
+    """Key of its word, where fields have keys; otherwise they stand in the order of the record."""
+    default: Any = None
+    """Value of an absent field; `NEEDED`: it must not be absent."""
+
+
+def read_record(
+    fields: Sequence[RecordField],
+    given: Sequence[object] | Mapping[str, object],
+    source: Source,
+    line: int,
+    scales: Scales = SI,
+) -> dict[str, Any]:
+    """Return the values of a record by their targets; what is wrong with them is noted.
+
+    Args:
+        fields: the fields of the record.
+        given: texts of the fields in their order, or by key.
+        source: the file.
+        line: number of the line.
+        scales: units of the file.
+    """
+    out = {}
+    for i, f in enumerate(fields):
+        if isinstance(given, Mapping):
+            value = given.get(f.key)
+        else:
+            value = given[i] if i < len(given) else None
+        field = source.field(line, value, f.what)
+        absent = field.is_absent and f.default is not NEEDED
+        out[f.target] = f.default if absent else f.kind(field, scales)
+    return out
+
+
+def in_columns(text: str, widths: Sequence[int], begin: int = 0) -> list[str]:
+    """Return the texts of fields of fixed widths.
+
+    Args:
+        text: the line.
+        widths: number of characters of each field.
+        begin: number of characters before the first.
+    """
+    out = []
+    for width in widths:
+        out.append(text[begin : begin + width])
+        begin += width
+    return out
