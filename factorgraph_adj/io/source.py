@@ -358,6 +358,12 @@ class Field:
             self._must_be("a name")
         return ""
 
+    def word(self, valid: Collection[str], default: str = _REQUIRED) -> str:
+        """Return one of several words; after a problem the default, or '' without one."""
+        return self.choice({w: w for w in valid}, default) or (
+            "" if default is _REQUIRED else default
+        )
+
     def choice(self, table: Mapping[str, T], default: T = _REQUIRED) -> T | None:
         """Return the value of a word in a table; None after a problem."""
         if self.is_absent and default is not _REQUIRED:

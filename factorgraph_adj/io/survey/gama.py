@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +26,15 @@ from ...observations import (
     ZenithAngle,
 )
 from ...units import ARCSEC, CC, GON, LENGTH, parse_angle
+from ..source import Field, Problems
 from ..xml_files import Element
+from ..xml_source import XmlSource
 from .gama_elements import (
     DEFAULT_STDEV_ATTRIBUTES,
     GamaPoints,
-    GamaSource,
     GamaWeights,
     PendingObservation,
+    gama_source,
 )
 
 MM = LENGTH["mm"]
@@ -85,10 +88,10 @@ def read_gama(path: str | Path) -> Network:
     Raises:
         InputError: every problem of the file, each with its line.
     """
-    source = GamaSource(Path(path))
+    source = gama_source(Path(path))
     reader = _Reader(source)
     network = reader.read()
-    source.raise_problems()
+    source.raise_all()
     return network
 
 
@@ -103,7 +106,7 @@ class _Setup:
 
 
 class _Reader:
-    def __init__(self, source: GamaSource) -> None:
+    def __init__(self, source: XmlSource) -> None:
         self.source = source
         self.points = GamaPoints(source)
         self.weights = GamaWeights(source)
@@ -117,14 +120,13 @@ class _Reader:
         """Return the network; problems are noted in ``source``."""
         networks = list(self.source.root.all("network"))
         if len(networks) != 1:
-            self.source.add(self.source.root, f"must have one <network>, not {len(networks)}")
-            self.source.raise_problems()
+            self.source.add(self.source.root.line, f"must have one <network>, not {len(networks)}")
+            self.source.raise_all()
         (top,) = networks
-        axes = self.source.choice(
-            top, "axes-xy", ("ne", "sw", "es", "wn", "en", "nw", "se", "ws"), "ne"
-        )
-        angles = self.source.choice(top, "angles", ("left-handed", "right-handed"), "left-handed")
-        self.source.number(top, "epoch", default=0.0)
+        attribute = partial(self.source.attribute, top)
+        axes = attribute("axes-xy").word(("ne", "sw", "es", "wn", "en", "nw", "se", "ws"), "ne")
+        angles = attribute("angles").word(("left-handed", "right-handed"), "left-handed")
+        attribute("epoch").number(default=0.0)
         self.sense = 1.0 if angles == "left-handed" else -1.0
         for parameters in top.all("parameters"):
             self._parameters(parameters)
@@ -140,18 +142,18 @@ class _Reader:
             datum="free" if self.points.constrained else "given",
         )
         self.points.add_to(network)
-        if not self.source.problems:
+        if not self.source.problems.count:
             network.add(*self.weights.observations)
         return network
 
     def _parameters(self, element: Element) -> None:
-        number, choice = self.source.number, self.source.choice
-        self.sigma_apr = number(element, "sigma-apr", default=self.sigma_apr, positive=True)
+        attribute = partial(self.source.attribute, element)
+        self.sigma_apr = attribute("sigma-apr").number(default=self.sigma_apr, above=0.0)
         for name in ("conf-pr", "tol-abs"):
-            number(element, name, default=1.0, positive=True)
-        choice(element, "sigma-act", ("apriori", "aposteriori"), "aposteriori")
+            attribute(name).number(default=1.0, above=0.0)
+        attribute("sigma-act").word(("apriori", "aposteriori"), "aposteriori")
         for name in ("angular", "angles"):
-            choice(element, name, ("400", "360"), "400")
+            attribute(name).word(("400", "360"), "400")
 
     # -- groups of observations -----------------------------------------------------------------
 
@@ -172,9 +174,9 @@ class _Reader:
         if any(group.all("direction")):
             self.sets[station] = self.sets.get(station, 0) + 1
             number = str(self.sets[station])
-        self.source.number(group, "orientation", default=0.0)
+        self.source.attribute(group, "orientation").number(default=0.0)
         self._find_reverse(group)
-        height = self.source.number(group, "from_dh", default=0.0)
+        height = self.source.attribute(group, "from_dh").number(default=0.0)
         setup = _Setup(station, height, number, section)
         out = []
         for element in group.children:
@@ -194,14 +196,12 @@ class _Reader:
         zenith angle to it.
         """
         of_target: dict[tuple[str, str], list[tuple[Element, float]]] = {}
-        before = len(self.source.problems)
         for element in group.children:
             if element.tag in ("direction", "z-angle"):
                 key = element.tag, element.attributes.get("to", "")
-                angle = self._angular(element)[0]
-                of_target.setdefault(key, []).append((element, angle))
-        # What is no angle is noted where it is read.
-        del self.source.problems[before:]
+                # What is no angle is reported where it is read.
+                reading = Problems().field(element.attributes.get("val"), "val", "")
+                of_target.setdefault(key, []).append((element, _angle_of(reading)[0]))
         for (tag, target), directions in of_target.items():
             zeniths = of_target.get(("z-angle", target), [])
             if tag != "direction" or len(zeniths) != len(directions):
@@ -219,26 +219,25 @@ class _Reader:
     # -- single observations ----------------------------------------------------------------------
 
     def _sight(self, element: Element, setup: _Setup) -> PendingObservation | None:
-        before = len(self.source.problems)
+        before = self.source.problems.count
         cls = _SIGHTS[element.tag]
         station, target = self._ends(element, setup.station)
         if element.tag in ("distance", "s-distance"):
-            value, unit = self.source.number(element, "val", positive=True), MM
+            value, unit = self.source.attribute(element, "val").number(above=0.0), MM
             sigma = self._stdev(element, self._default_of_distance(setup.defaults, value))
         else:
-            value, unit = self._angular(element)
+            value, unit = _angle_of(self.source.attribute(element, "val"))
             value *= 1.0 if element.tag == "z-angle" else self.sense
             value += math.pi if id(element) in self.reverse else 0.0
             if element.tag == "z-angle" and value > math.pi:
                 value = 2 * math.pi - value
-            default = self.source.positive(setup.defaults, DEFAULT_STDEV_ATTRIBUTES[element.tag])
-            sigma = self._stdev(element, default)
-        hi = self.source.number(element, "from_dh", default=setup.height)
-        ht = self.source.number(element, "to_dh", default=0.0)
+            sigma = self._stdev(element, self._default_stdev(element, setup))
+        hi = self.source.attribute(element, "from_dh").number(default=setup.height)
+        ht = self.source.attribute(element, "to_dh").number(default=0.0)
         plan, height = element.tag not in ("z-angle",), element.tag in ("z-angle", "s-distance")
         for name in (station, target):
             self.points.require(element, name, plan=plan, height=height)
-        if len(self.source.problems) > before:
+        if self.source.problems.count > before:
             return None
         of_set: dict[str, Any] = {"set": setup.set} if cls is Direction else {}
         return PendingObservation(
@@ -252,24 +251,23 @@ class _Reader:
                 sigma=math.sqrt(q[0, 0]),
                 instrument_height=hi,
                 target_height=ht,
-                source=self.source.place(element),
+                source=self.source.place(element.line),
                 **of_set,
             ),
         )
 
     def _angle(self, element: Element, setup: _Setup) -> PendingObservation | None:
-        before = len(self.source.problems)
+        before = self.source.problems.count
         station, target = self._ends(element, setup.station, to="bs")
-        target2 = self.source.name(element, "fs")
-        value, unit = self._angular(element)
-        default = self.source.positive(setup.defaults, DEFAULT_STDEV_ATTRIBUTES["angle"])
-        sigma = self._stdev(element, default)
-        hi = self.source.number(element, "from_dh", default=setup.height)
-        ht = self.source.number(element, "bs_dh", default=0.0)
-        ht2 = self.source.number(element, "fs_dh", default=0.0)
+        target2 = self.source.attribute(element, "fs").name()
+        value, unit = _angle_of(self.source.attribute(element, "val"))
+        sigma = self._stdev(element, self._default_stdev(element, setup))
+        hi = self.source.attribute(element, "from_dh").number(default=setup.height)
+        ht = self.source.attribute(element, "bs_dh").number(default=0.0)
+        ht2 = self.source.attribute(element, "fs_dh").number(default=0.0)
         for name in (station, target, target2):
             self.points.require(element, name, plan=True)
-        if len(self.source.problems) > before:
+        if self.source.problems.count > before:
             return None
         return PendingObservation(
             element,
@@ -284,19 +282,19 @@ class _Reader:
                 instrument_height=hi,
                 target_height=ht,
                 target2_height=ht2,
-                source=self.source.place(element),
+                source=self.source.place(element.line),
             ),
         )
 
     def _height_difference(self, element: Element, station: str) -> PendingObservation | None:
-        before = len(self.source.problems)
+        before = self.source.problems.count
         station, target = self._ends(element, station)
-        value = self.source.number(element, "val")
-        length = self.source.positive(element, "dist")
-        sigma = self._stdev(element, None if length is None else self.sigma_apr * length**0.5)
+        value = self.source.attribute(element, "val").number()
+        length = self.source.attribute(element, "dist").number(above=0.0, default=math.nan)
+        sigma = self._stdev(element, self.sigma_apr * length**0.5)
         for name in (station, target):
             self.points.require(element, name, height=True)
-        if len(self.source.problems) > before:
+        if self.source.problems.count > before:
             return None
         return PendingObservation(
             element,
@@ -307,25 +305,25 @@ class _Reader:
                 target,
                 value,
                 sigma=math.sqrt(q[0, 0]),
-                length_km=length,
-                source=self.source.place(element),
+                length_km=None if math.isnan(length) else length,
+                source=self.source.place(element.line),
             ),
         )
 
     def _vector(self, element: Element) -> PendingObservation | None:
-        before = len(self.source.problems)
+        before = self.source.problems.count
         station, target = self._ends(element, "")
-        x, y, z = (self.source.number(element, a) for a in ("dx", "dy", "dz"))
-        hi = self.source.number(element, "from_dh", default=0.0)
-        ht = self.source.number(element, "to_dh", default=0.0)
+        x, y, z = (self.source.attribute(element, a).number() for a in ("dx", "dy", "dz"))
+        hi = self.source.attribute(element, "from_dh").number(default=0.0)
+        ht = self.source.attribute(element, "to_dh").number(default=0.0)
         for name in (station, target):
             self.points.require(element, name, plan=True, height=True)
-        if len(self.source.problems) > before:
+        if self.source.problems.count > before:
             return None
         return PendingObservation(
             element,
             (MM, MM, MM),
-            None,
+            math.nan,
             lambda q: GnssVector(
                 station,
                 target,
@@ -333,60 +331,66 @@ class _Reader:
                 covariance=q,
                 instrument_height=hi,
                 target_height=ht,
-                source=self.source.place(element),
+                source=self.source.place(element.line),
             ),
         )
 
     def _coordinates(self, element: Element) -> PendingObservation | None:
-        before = len(self.source.problems)
-        name = self.source.name(element, "id")
+        before = self.source.problems.count
+        name = self.source.attribute(element, "id").name()
         axes = "".join(a for a in "xyz" if a in element.attributes)
-        values = tuple(self.source.number(element, a) for a in axes)
+        values = tuple(self.source.attribute(element, a).number() for a in axes)
         if not axes:
-            self.source.add(element, "an observed point needs x and y, or z, or all three")
+            self.source.add(element.line, "an observed point needs x and y, or z, or all three")
         self.points.require(element, name, plan="x" in axes, height="z" in axes)
-        if len(self.source.problems) > before:
+        if self.source.problems.count > before:
             return None
         return PendingObservation(
             element,
             (MM,) * len(axes),
-            None,
+            math.nan,
             lambda q: ControlPoint(
-                name, values, axes=axes, covariance=q, source=self.source.place(element)
+                name, values, axes=axes, covariance=q, source=self.source.place(element.line)
             ),
         )
 
     def _ends(self, element: Element, station: str, *, to: str = "to") -> tuple[str, str]:
         if "from" in element.attributes or not station:
-            station = self.source.name(element, "from")
-        return station, self.source.name(element, to)
+            station = self.source.attribute(element, "from").name()
+        return station, self.source.attribute(element, to).name()
 
-    def _angular(self, element: Element) -> tuple[float, float]:
-        """Return ``val`` in radians, and the unit of its standard deviation in radians."""
-        text = element.attributes.get("val", "")
-        if not _DMS.match(text):
-            return self.source.number(element, "val") * GON, CC
-        try:
-            return parse_angle(text, "dms"), ARCSEC
-        except ValueError as error:
-            self.source.add(element, f"val: {error}")
-            return math.nan, ARCSEC
+    def _stdev(self, element: Element, default: float) -> float:
+        return self.source.attribute(element, "stdev").number(above=0.0, default=default)
 
-    def _stdev(self, element: Element, default: float | None) -> float | None:
-        given = self.source.positive(element, "stdev")
-        return default if given is None else given
+    def _default_stdev(self, element: Element, setup: _Setup) -> float:
+        """Return the default of the section; NaN where it states none."""
+        field = self.source.attribute(setup.defaults, DEFAULT_STDEV_ATTRIBUTES[element.tag])
+        return field.number(above=0.0, default=math.nan)
 
-    def _default_of_distance(self, section: Element, length: float) -> float | None:
-        """Return a + b Dᶜ in mm, D in km; None where the section states no default."""
-        text = section.attributes.get("distance-stdev", "")
-        if not text or not length > 0:
-            return None
-        try:
-            a, b, c = (*(float(w) for w in text.split()), *(0.0, 1.0)[len(text.split()) - 1 :])
-        except ValueError:
-            a = b = c = math.nan
+    def _default_of_distance(self, section: Element, length: float) -> float:
+        """Return a + b Dᶜ in mm, D in km; NaN where the section states no default."""
+        field = self.source.attribute(section, "distance-stdev")
+        if field.is_absent or not length > 0:
+            return math.nan
+        words = str(field.value).split()
+        if not 1 <= len(words) <= 3:
+            field.wrong(f"must be a, a b or a b c, not {field.value!r}")
+            return math.nan
+        a, b, c = (*field.numbers(len(words)), *(0.0, 1.0)[len(words) - 1 :])
         sigma = a + b * float((length / 1000.0) ** c)
-        if not 0 < sigma < math.inf:
-            self.source.add(section, f"distance-stdev must be a, a b or a b c, not {text!r}")
-            return None
+        if sigma <= 0 or math.isinf(sigma):
+            field.wrong(f"gives no standard deviation: {field.value!r}")
+            return math.nan
         return sigma
+
+
+def _angle_of(field: Field) -> tuple[float, float]:
+    """Return an angle in radians, and the unit of its standard deviation in radians."""
+    text = str(field.value or "")
+    if not _DMS.match(text):
+        return field.number(scale=GON), CC
+    try:
+        return parse_angle(text, "dms"), ARCSEC
+    except ValueError as error:
+        field.wrong(f": {error}")
+        return math.nan, ARCSEC

@@ -7,7 +7,6 @@ Points have coordinates, held components and datum components. Weights of observ
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,12 +16,13 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ...errors import InputError, Problem, known
+from ...errors import InputError, known
 from ...network.network import Network
 from ...observations import AnyObservation, Correlated, Observation
 from ...types import Array
-from ..file_problems import LeftOutReason, RowsLeftOut
-from ..xml_files import Element, read_xml
+from ..source import LeftOutReason, is_unread
+from ..xml_files import Element
+from ..xml_source import XmlSource
 
 _SIGHT_ATTRIBUTES = ("from", "to", "val", "stdev", "from_dh", "to_dh", "extern")
 _STDEV_ATTRIBUTES = (
@@ -71,109 +71,16 @@ GKF_VOCABULARY: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 """Attributes and children that each element may have, by its tag."""
 
 
-class GamaSource:
-    """A ``.gkf`` file: its elements and the problems found in it so far."""
+def gama_source(path: Path) -> XmlSource:
+    """Return a ``.gkf`` file whose unknown elements and attributes are problems.
 
-    def __init__(self, path: Path) -> None:
-        """Read the file; note every element and attribute that is unknown in the format.
-
-        Raises:
-            InputError: the file is missing, not XML, or not a ``<gama-local>``.
-        """
-        self.path = path
-        self.root = read_xml(path)
-        self.problems: list[Problem] = []
-        if self.root.tag != "gama-local":
-            self.add(self.root, f"is not a network of GNU Gama: <{self.root.tag}> should be "
-                     "<gama-local>")  # fmt: skip
-            self.raise_problems()
-        for element in self.root.walk():
-            attributes, children = GKF_VOCABULARY.get(element.tag, ((), ()))
-            if element.tag not in GKF_VOCABULARY:
-                continue  # an unknown tag is noted as a child of its parent
-            for name in element.attributes:
-                if name not in attributes:
-                    self.add(element, f"<{element.tag}> has no attribute {name!r}; valid: "
-                             + known(attributes, meant=name, most=40))  # fmt: skip
-            for child in element.children:
-                if child.tag not in children:
-                    self.add(child, f"<{child.tag}> cannot stand in <{element.tag}>; valid: "
-                             + known(children, meant=child.tag, most=40))  # fmt: skip
-
-    def place(self, element: Element) -> str:
-        """Return file and line."""
-        return f"{self.path.name}:{element.line}"
-
-    def add(self, element: Element, what: str) -> None:
-        """Note a problem; the same problem is noted only once."""
-        problem = Problem(what, self.place(element))
-        if problem not in self.problems:
-            self.problems.append(problem)
-
-    def raise_problems(self) -> None:
-        """Raise InputError with all problems in the order of lines, if there are any."""
-        if self.problems:
-            raise InputError(sorted(self.problems, key=_problem_line))
-
-    def name(self, element: Element, attribute: str) -> str:
-        """Return the name of a point."""
-        name = element.attributes.get(attribute, "")
-        if not name:
-            self.add(element, f"<{element.tag}> needs {attribute}, the name of a point")
-        return name
-
-    def number(
-        self,
-        element: Element,
-        attribute: str,
-        *,
-        default: float | None = None,
-        positive: bool = False,
-    ) -> float:
-        """Return a finite number; otherwise note a problem and return NaN."""
-        text = element.attributes.get(attribute, "")
-        if not text and default is not None:
-            return default
-        try:
-            value = math.nan if "_" in text else float(text)
-        except ValueError:
-            value = math.nan
-        if math.isfinite(value) and (value > 0 or not positive):
-            return value
-        kind = "a number > 0" if positive else "a finite number"
-        found = f"{attribute}={text!r} is not {kind}" if text else f"needs {attribute}, {kind}"
-        self.add(element, f"<{element.tag}> {found}")
-        return math.nan
-
-    def positive(self, element: Element, attribute: str) -> float | None:
-        """Return a number > 0; None where the attribute is absent."""
-        if not element.attributes.get(attribute):
-            return None
-        return self.number(element, attribute, positive=True)
-
-    def count(self, element: Element, attribute: str) -> int:
-        """Return a whole number ≥ 0."""
-        text = element.attributes.get(attribute, "")
-        if re.fullmatch(r"\d{1,9}", text):
-            return int(text)
-        self.add(element, f"<{element.tag}> needs {attribute}, a whole number ≥ 0, not {text!r}")
-        return 0
-
-    def choice(self, element: Element, attribute: str, valid: Sequence[str], default: str) -> str:
-        """Return one of several words."""
-        text = element.attributes.get(attribute, default)
-        if text in valid:
-            return text
-        self.add(
-            element, f"{attribute}={text!r} is unknown; valid: {known(valid, meant=text, most=40)}"
-        )
-        return default
-
-
-def _problem_line(problem: Problem) -> int:
-    """Return the line in ``file:line`` or ``file:line: observation``."""
-    found = re.search(r":(\d+)(?::|$)", problem.where)
-    return int(found.group(1)) if found else 0
+    Raises:
+        InputError: the file is missing, not XML, or not a ``<gama-local>``.
+    """
+    source = XmlSource(path, "gama-local")
+    source.refuse_children(source.root, {tag: c for tag, (_, c) in GKF_VOCABULARY.items()})
+    source.refuse_attributes(source.root, {tag: a for tag, (a, _) in GKF_VOCABULARY.items()})
+    return source
 
 
 ComponentStatus: TypeAlias = Literal["fixed", "free", "constrained"]
@@ -197,7 +104,7 @@ class _GkfPoint:
 class GamaPoints:
     """All points of the file."""
 
-    def __init__(self, source: GamaSource) -> None:
+    def __init__(self, source: XmlSource) -> None:
         """Start without points."""
         self.source = source
         self._points: dict[str, _GkfPoint] = {}
@@ -216,19 +123,19 @@ class GamaPoints:
                 self._read(element, observed=True)
 
     def _read(self, element: Element, *, observed: bool) -> None:
-        name = self.source.name(element, "id")
+        name = self.source.attribute(element, "id").name()
         if not name:
             return
         point = self._points.setdefault(name, _GkfPoint(element))
         if ("x" in element.attributes) != ("y" in element.attributes):
-            self.source.add(element, f"point {name!r} needs both x and y, or neither")
+            self.source.add(element.line, f"point {name!r} needs both x and y, or neither")
         values = point.observed if observed else point.values
         for axis in "xyz":
             if axis in element.attributes:
-                value = self.source.number(element, axis)
+                value = self.source.attribute(element, axis).number()
                 if not observed and abs(values.get(axis, value) - value) > 0:
                     self.source.add(
-                        element,
+                        element.line,
                         f"{axis} of point {name!r}: {value} here, {values[axis]} in line "
                         f"{point.element.line}",
                     )
@@ -237,7 +144,7 @@ class GamaPoints:
         other = [a for a in status if point.status.get(a, status[a]) != status[a]]
         if other:
             self.source.add(
-                element,
+                element.line,
                 f"{', '.join(other)} of point {name!r}: {status[other[0]]} here, "
                 f"{point.status[other[0]]} in line {point.element.line}",
             )
@@ -246,16 +153,7 @@ class GamaPoints:
     def _status(self, element: Element) -> dict[str, ComponentStatus]:
         out: dict[str, ComponentStatus] = {}
         for attribute in ("adj", "fix"):  # read second, fix overrides adj
-            text = element.attributes.get(attribute, "")
-            if not text:
-                continue
-            if text not in COMPONENT_WORDS:
-                self.source.add(
-                    element,
-                    f"{attribute}={text!r} is unknown; valid: {known(COMPONENT_WORDS, meant=text)}",
-                )
-                continue
-            for letter in text:
+            for letter in self.source.attribute(element, attribute).word(COMPONENT_WORDS, ""):
                 if attribute == "fix":
                     out[letter.lower()] = "fixed"
                 else:
@@ -271,7 +169,7 @@ class GamaPoints:
         point = self._points.get(name)
         if point is None:
             self.source.add(
-                element,
+                element.line,
                 f"<{element.tag}> names the unknown point {name!r}; known: "
                 f"{known(self._points, meant=name)}",
             )
@@ -283,7 +181,7 @@ class GamaPoints:
         ]
         if missing:
             self.source.add(
-                element,
+                element.line,
                 f"<{element.tag}> needs {', '.join(missing)} of point {name!r}, which line "
                 f"{point.element.line} neither fixes nor adjusts: give fix or adj there, or "
                 "take the observation out",
@@ -291,10 +189,9 @@ class GamaPoints:
 
     def add_to(self, network: Network) -> None:
         """Add the points that take part in the adjustment to the network."""
-        left = RowsLeftOut()
         for name, point in self._points.items():
             if not point.status:
-                left.add(POINTS_NEITHER_FIX_NOR_ADJ, name, self.source.place(point.element))
+                self.source.leave_out(point.element.line, POINTS_NEITHER_FIX_NOR_ADJ, name)
                 continue
             values = point.observed | point.values
             free = [a for a in "xyz" if point.status.get(a, "fixed") != "fixed"]
@@ -302,17 +199,17 @@ class GamaPoints:
             empty = [a for a, s in point.status.items() if s == "fixed" and a not in values]
             if empty:
                 self.source.add(
-                    point.element, f"{', '.join(empty)} of point {name!r}: fixed at no value"
+                    point.element.line, f"{', '.join(empty)} of point {name!r}: fixed at no value"
                 )
             if constrained and constrained != free:
                 self.source.add(
-                    point.element,
+                    point.element.line,
                     f"{', '.join(free)} of point {name!r} are unknown, but only "
                     f"{', '.join(constrained)} carry the datum: a datum point carries it with "
                     "all its unknown components",
                 )
             xyz = [values.get(a, math.nan if a in free else 0.0) for a in "xyz"]
-            if self.source.problems:
+            if self.source.problems.count:
                 continue
             network.add_point(
                 name,
@@ -320,7 +217,7 @@ class GamaPoints:
                 fixed="".join(a for a in "xyz" if a not in free),
                 datum=bool(constrained),
             )
-        network.left_out += left.told().values()
+        network.left_out += self.source.problems.left.records()
 
 
 DEFAULT_STDEV_ATTRIBUTES = {
@@ -342,8 +239,8 @@ class PendingObservation:
     """XML element of the observation."""
     units: tuple[float, ...]
     """Unit of the standard deviation of each component, in metres or radians."""
-    sigma: float | None
-    """Standard deviation from ``stdev``, ``dist`` or a default, in the file's unit."""
+    sigma: float
+    """Standard deviation from ``stdev``, ``dist`` or a default, in the file's unit; NaN: none."""
     make: Callable[[Array], Observation]
     """Function that makes the observation from its covariance (k, k), metres² or radians²."""
 
@@ -351,7 +248,7 @@ class PendingObservation:
 class GamaWeights:
     """The observations with their weights."""
 
-    def __init__(self, source: GamaSource) -> None:
+    def __init__(self, source: XmlSource) -> None:
         """Start without observations."""
         self.source = source
         self.observations: list[AnyObservation] = []
@@ -360,10 +257,10 @@ class GamaWeights:
         """Give the observations of a group their weights and keep them; None is a faulty one."""
         matrices = list(group.all("cov-mat"))
         if len(matrices) > 1:
-            self.source.add(matrices[1], "a second <cov-mat> of the same observations")
+            self.source.add(matrices[1].line, "a second <cov-mat> of the same observations")
         whole = [p for p in pending if p is not None]
         if all(e.tag == "cov-mat" for e in group.children):
-            self.source.add(group, f"<{group.tag}> has no observations")
+            self.source.add(group.line, f"<{group.tag}> has no observations")
         elif not matrices:
             for p in whole:
                 self._independent(p)
@@ -373,15 +270,16 @@ class GamaWeights:
     def _independent(self, p: PendingObservation) -> None:
         tag = p.element.tag
         if tag in ("vec", "point"):
-            self.source.add(p.element, f"<{tag}> needs a <cov-mat> in its group")
-        elif p.sigma is None:
+            self.source.add(p.element.line, f"<{tag}> needs a <cov-mat> in its group")
+        elif math.isnan(p.sigma):
             other = (
                 "dist"
                 if tag == "dh"
                 else f"<points-observations {DEFAULT_STDEV_ATTRIBUTES[tag]}=…>"
             )
             self.source.add(
-                p.element, f"<{tag}> has no standard deviation: give stdev, {other} or a <cov-mat>"
+                p.element.line,
+                f"<{tag}> has no standard deviation: give stdev, {other} or a <cov-mat>",
             )
         else:
             sigma = float(p.sigma * p.units[0])
@@ -390,7 +288,7 @@ class GamaWeights:
                 self._keep(p.make, np.array([[variance]]))
             else:
                 what = f"<{tag}> has a standard deviation of {p.sigma:g}, which has no variance"
-                self.source.add(p.element, f"{what}: the number is out of range")
+                self.source.add(p.element.line, f"{what}: the number is out of range")
 
     def _correlated(self, element: Element, pending: list[PendingObservation]) -> None:
         units = np.concatenate([p.units for p in pending])
@@ -417,34 +315,30 @@ class GamaWeights:
 
     def _matrix(self, element: Element, size: int) -> Array | None:
         """Return the covariance (size, size) in the file's units; None if it is wrong."""
-        before = len(self.source.problems)
-        dim = self.source.count(element, "dim")
-        band = self.source.count(element, "band")
-        if len(self.source.problems) > before:
+        dim = self.source.attribute(element, "dim").integer()
+        band = self.source.attribute(element, "band").integer()
+        if dim is None or band is None:
             return None
-        expected = dim * (band + 1) - band * (band + 1) // 2
-        numbers = np.zeros(0)
         wrong = ""
-        try:
-            numbers = np.array([float(w) for w in element.text.split()])
-        except ValueError as error:
-            wrong = str(error)
         if dim != size:
             wrong = f"dim is {dim}, but {size} values are observed"
         elif band >= dim:
             wrong = f"band is {band}; valid: 0 to {dim - 1}"
-        elif not wrong and len(numbers) != expected:
-            wrong = f"has {len(numbers)} numbers; dim {dim} and band {band} need {expected}"
         if wrong:
-            self.source.add(element, f"<cov-mat>: {wrong}")
+            self.source.add(element.line, f"<cov-mat>: {wrong}")
+            return None
+        what = f"<cov-mat> of dim {dim} and band {band}"
+        field = self.source.field(element.line, element.text, what)
+        numbers = field.numbers(dim * (band + 1) - band * (band + 1) // 2)
+        if is_unread(numbers):
             return None
         matrix, first = np.zeros((dim, dim)), 0
         for i in range(dim):  # upper triangle within the band, row by row
             last = min(dim, i + band + 1)
             matrix[i, i:last] = matrix[i:last, i] = numbers[first : first + last - i]
             first += last - i
-        if not np.all(np.isfinite(matrix)) or not np.all(np.diag(matrix) > 0):
-            self.source.add(element, "<cov-mat> needs finite numbers and variances > 0")
+        if not np.all(np.diag(matrix) > 0):
+            self.source.add(element.line, "<cov-mat> needs variances > 0")
             return None
         return matrix
 
