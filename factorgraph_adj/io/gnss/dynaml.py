@@ -36,10 +36,11 @@ from ...observations import (
 )
 from ...types import Array
 from ...units import ARCSEC
-from ..file_problems import left_out_records, raise_all
 from ..file_transaction import write_files
 from ..format_limits import SurveyRefusals
-from ..xml_files import Element, XmlSource
+from ..source import Problems
+from ..xml_files import Element
+from ..xml_source import XmlSource
 from .dynaml_measurements import DynamlMeasurements, packed_degrees
 
 DYNAML_CHILDREN: dict[str, tuple[str, ...]] = {
@@ -124,10 +125,11 @@ def read_dynaml(
         InputError: every problem of the files, each with its line.
     """
     first = Path(stations)
-    files = [XmlSource(first, "DnaXmlFormat")]
+    problems = Problems()
+    files = [XmlSource(first, "DnaXmlFormat", problems)]
     second = _measurement_file(first, files[0]) if measurements is None else Path(measurements)
     if second is not None:
-        files.append(XmlSource(second, "DnaXmlFormat"))
+        files.append(XmlSource(second, "DnaXmlFormat", problems))
     network = Network(first.stem, frame=GeocentricFrame(ellipsoid))
     frame = files[0].root.attributes.get("referenceframe", "GDA2020").upper()
     transform = reference_frames != "as is"
@@ -152,8 +154,8 @@ def read_dynaml(
         for file in files:
             for element in file.root.all("DnaMeasurement"):
                 reader.read(file, element)
-    raise_all(files)
-    network.left_out += left_out_records(file.left for file in files)
+    problems.raise_all()
+    network.left_out += problems.left.records()
     return network
 
 
@@ -169,10 +171,10 @@ def _measurement_file(path: Path, file: XmlSource) -> Path | None:
 
 
 def _station(file: XmlSource, network: Network, element: Element) -> None:
-    before = len(file.problems)
-    name = file.text(element, "Name")
-    constraints = file.text(element, "Constraints", "FFF").upper()
-    kind = file.text(element, "Type", "LLH")
+    before = file.problems.count
+    name = file.inside(element, "Name").name()
+    constraints = file.inside(element, "Constraints").name("FFF").upper()
+    kind = file.inside(element, "Type").name("LLH")
     at = file.child(element, "StationCoord")
     if len(constraints) != 3 or set(constraints) - {"C", "F"}:
         what = f"constraints must be three of C and F, such as CCF, not {constraints!r}"
@@ -180,18 +182,18 @@ def _station(file: XmlSource, network: Network, element: Element) -> None:
     if kind not in STATION_TYPES:
         what = f"type {kind!r} of a station is not read; valid: {', '.join(STATION_TYPES)}"
         file.add(element.line, f"{what} (DynAdjust's dnaimport exports LLH)")
-    own = "" if at is None else file.text(at, "Name", name)
+    own = "" if at is None else file.inside(at, "Name").name(name)
     if at is not None and own != name:
         file.add(at.line, f"coordinates of {own[:40]!r} in the station {name[:40]!r}")
-    if at is None or len(file.problems) > before:
+    if at is None or file.problems.count > before:
         return
     xyz = station_position(file, at, kind, network)
-    if len(file.problems) > before:
+    if file.problems.count > before:
         return
     held = "xyz" if constraints == "CCC" else ""
     file.attempt(element.line, network.add_point, name, xyz.tolist(), fixed=held)
     axes = "".join(a for a, c in zip("neu", constraints, strict=True) if c == "C")
-    if not axes or held or len(file.problems) > before:
+    if not axes or held or file.problems.count > before:
         return
     made = file.attempt(
         element.line,
@@ -209,9 +211,9 @@ def _station(file: XmlSource, network: Network, element: Element) -> None:
 def station_position(file: XmlSource, at: Element, kind: str, network: Network) -> Array:
     """Return geocentric coordinates (3,) of a station."""
     if kind == "XYZ":
-        return np.array([file.value(at, t) for t in ("XAxis", "YAxis", "Height")])
+        return np.array([file.inside(at, t).number() for t in ("XAxis", "YAxis", "Height")])
     latitude, longitude = (packed_degrees(file, at, tag) for tag in ("XAxis", "YAxis"))
-    height = file.value(at, "Height")
+    height = file.inside(at, "Height").number()
     if not abs(latitude) <= math.pi / 2:
         file.add(at.line, "the latitude must be from -90 to 90 degrees")
     frame = network.frame

@@ -33,8 +33,9 @@ from ...observations import (
 )
 from ...types import Array
 from ...units import ARCSEC
-from ..file_problems import ROWS_SWITCHED_OFF
-from ..xml_files import Element, XmlSource
+from ..source import ROWS_SWITCHED_OFF
+from ..xml_files import Element
+from ..xml_source import XmlSource
 
 SIGHT_KINDS = {
     "S": SlopeDistance,
@@ -57,7 +58,7 @@ _PACKED = re.compile(r"([+-]?)(\d{1,3})(?:\.(\d*))?", re.ASCII)
 
 def packed_degrees(file: XmlSource, element: Element, tag: str) -> float:
     """Return radians of a child that is ddd.mmssss (degrees, minutes, seconds without points)."""
-    text = file.text(element, tag)
+    text = file.inside(element, tag).name()
     if not text:
         return math.nan
     found = _PACKED.fullmatch(text)
@@ -75,7 +76,7 @@ def packed_degrees(file: XmlSource, element: Element, tag: str) -> float:
 
 def _type_and_points(file: XmlSource, element: Element, kind: str) -> str:
     """Return the type of a measurement and its points."""
-    ends = (file.text(element, tag, "") for tag in ("First", "Second", "Third"))
+    ends = (file.inside(element, tag).name("") for tag in ("First", "Second", "Third"))
     return " ".join((kind, *filter(None, ends)))
 
 
@@ -99,8 +100,8 @@ class DynamlMeasurements:
 
     def read(self, file: XmlSource, element: Element) -> None:
         """Add one ``<DnaMeasurement>``; problems are noted in the file."""
-        kind = file.text(element, "Type")
-        if file.text(element, "Ignore", "") == "*":
+        kind = file.inside(element, "Type").name()
+        if file.inside(element, "Ignore").name("") == "*":
             file.leave_out(element.line, ROWS_SWITCHED_OFF, _type_and_points(file, element, kind))
             return
         if kind in REFUSED_TYPES:
@@ -136,7 +137,7 @@ class DynamlMeasurements:
     # -- GNSS -------------------------------------------------------------------------------------
 
     def _gnss(self, file: XmlSource, element: Element, kind: str) -> None:
-        before = len(file.problems)
+        before = file.problems.count
         nodes = list(element.all("Clusterpoint" if kind == "Y" else "GPSBaseline"))
         firsts = [e.text.strip() for e in element.all("First")]
         seconds = [e.text.strip() for e in element.all("Second")]
@@ -149,16 +150,16 @@ class DynamlMeasurements:
             file.add(element.line, f"type G has one vector, not {len(nodes)}: give type X")
             return
         if "Total" in [e.tag for e in element.children]:
-            total = file.text(element, "Total", "")
+            total = file.inside(element, "Total").name("")
             if total and total != str(len(nodes)):
                 file.add(element.line, f"<Total> is {total[:20]!r}, but there are {len(nodes)}")
         values = self._values(file, element, kind, nodes)
         covariance = self._covariance(file, nodes)
-        if len(file.problems) > before:
+        if file.problems.count > before:
             return
         covariance = self._scaled(file, element, firsts, covariance)
         values, covariance = self._brought(file, element, kind, values, covariance)
-        if len(file.problems) > before:
+        if file.problems.count > before:
             return
         members: list[Observation] = []
         for i, node in enumerate(nodes):
@@ -174,7 +175,7 @@ class DynamlMeasurements:
             )
             if made is not None:
                 members.append(made)
-        if len(file.problems) > before:
+        if file.problems.count > before:
             return
         if len(members) > 1:
             self._add(file, element.line, Correlated, tuple(members), covariance)
@@ -182,9 +183,9 @@ class DynamlMeasurements:
             file.attempt(element.line, self.network.add, *members)
 
     def _values(self, file: XmlSource, element: Element, kind: str, nodes: list[Element]) -> Array:
-        coordinates = file.text(element, "Coords", "XYZ") if kind == "Y" else "XYZ"
+        coordinates = file.inside(element, "Coords").name("XYZ") if kind == "Y" else "XYZ"
         if coordinates == "XYZ":
-            return np.array([[file.value(n, a) for a in "XYZ"] for n in nodes])
+            return np.array([[file.inside(n, a).number() for a in "XYZ"] for n in nodes])
         if coordinates not in ("LLH", "LLh"):
             what = f"<Coords> {coordinates[:20]!r} is unknown; valid: XYZ, LLH, LLh"
             file.add(element.line, what)
@@ -193,7 +194,7 @@ class DynamlMeasurements:
             what = "points in LLH have orthometric heights, and the file has no geoid"
             file.add(element.line, f"{what}; heights='ellipsoidal' takes undulations as zero")
         angles = np.array([[packed_degrees(file, n, a) for a in "XY"] for n in nodes])
-        height = np.array([file.value(n, "Z") for n in nodes])
+        height = np.array([file.inside(n, "Z").number() for n in nodes])
         frame = self.network.frame
         assert isinstance(frame, GeocentricFrame)
         return frame.ellipsoid.to_cartesian(angles[:, 0], angles[:, 1], height)
@@ -206,14 +207,16 @@ class DynamlMeasurements:
         for i, node in enumerate(nodes):
             own = out[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
             for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-                own[a, b] = own[b, a] = file.value(node, f"Sigma{'XYZ'[a]}{'XYZ'[b]}")
+                own[a, b] = own[b, a] = file.inside(node, f"Sigma{'XYZ'[a]}{'XYZ'[b]}").number()
             crosses = [e for e in node.children if e.tag in ("GPSCovariance", "PointCovariance")]
             if len(crosses) not in (0, n - 1 - i):
                 what = f"has {len(crosses)} covariances with the following {n - 1 - i}"
                 file.add(node.line, f"<{node.tag}> {i + 1} of {n} {what}")
                 continue
             for j, cross in enumerate(crosses, start=i + 1):
-                block = [[file.value(cross, f"m{r}{c}") for c in (1, 2, 3)] for r in (1, 2, 3)]
+                block = [
+                    [file.inside(cross, f"m{r}{c}").number() for c in (1, 2, 3)] for r in (1, 2, 3)
+                ]
                 out[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = block
                 out[3 * j : 3 * j + 3, 3 * i : 3 * i + 3] = np.transpose(block)
         return out
@@ -222,8 +225,8 @@ class DynamlMeasurements:
         self, file: XmlSource, element: Element, firsts: list[str], covariance: Array
     ) -> Array:
         """Return the covariance with its scales: V of all, P, L, H of north, east, up."""
-        whole = file.value(element, "Vscale", default=1.0, positive=True)
-        parts = [file.value(element, f"{a}scale", default=1.0, positive=True) for a in "LPH"]
+        whole = file.inside(element, "Vscale").number(default=1.0, above=0.0)
+        parts = [file.inside(element, f"{a}scale").number(default=1.0, above=0.0) for a in "LPH"]
         if parts == [1.0, 1.0, 1.0]:
             return whole * covariance
         stations = [self._at(file, element.line, name) for name in firsts]
@@ -240,7 +243,7 @@ class DynamlMeasurements:
         self, file: XmlSource, element: Element, kind: str, values: Array, covariance: Array
     ) -> tuple[Array, Array]:
         """Return values and covariance in the reference frame of the stations."""
-        name = file.text(element, "ReferenceFrame", "").upper()
+        name = file.inside(element, "ReferenceFrame").name("").upper()
         if not self.frame or not name or name == self.frame:
             return values, covariance
         if name not in TERRESTRIAL_FRAMES:
@@ -268,18 +271,22 @@ class DynamlMeasurements:
         return np.array(point.coordinates)
 
     def _sight(self, file: XmlSource, element: Element, kind: str) -> None:
-        before = len(file.problems)
-        names = [file.text(element, tag) for tag in ("First", "Second")]
+        before = file.problems.count
+        names = [file.inside(element, tag).name() for tag in ("First", "Second")]
         heights = {
-            "instrument_height": file.value(element, "InstHeight", default=0.0),
-            "target_height": file.value(element, "TargHeight", default=0.0),
+            "instrument_height": file.inside(element, "InstHeight").number(default=0.0),
+            "target_height": file.inside(element, "TargHeight").number(default=0.0),
         }
         metric = kind in ("S", "L")
-        value = file.value(element, "Value") if metric else packed_degrees(file, element, "Value")
+        value = (
+            file.inside(element, "Value").number()
+            if metric
+            else packed_degrees(file, element, "Value")
+        )
         unit = 1.0 if metric else ARCSEC
-        sigma = unit * file.value(element, "StdDev", positive=True)
-        third = file.text(element, "Third") if kind == "A" else ""
-        if len(file.problems) > before:
+        sigma = unit * file.inside(element, "StdDev").sigma()
+        third = file.inside(element, "Third").name() if kind == "A" else ""
+        if file.problems.count > before:
             return
         more = {"sigma": sigma, "source": file.place(element.line)}
         if kind == "A":
@@ -288,25 +295,25 @@ class DynamlMeasurements:
             self._add(file, element.line, SIGHT_KINDS[kind], *names, value, **more, **heights)
 
     def _directions(self, file: XmlSource, element: Element) -> None:
-        before = len(file.problems)
-        station = file.text(element, "First")
+        before = file.problems.count
+        station = file.inside(element, "First").name()
         self.sets[station] = self.sets.get(station, 0) + 1
         further = list(element.all("Directions"))
-        total = file.text(element, "Total", "")
+        total = file.inside(element, "Total").name("")
         if total and total != str(len(further)):
             what = f"<Total> is {total[:20]!r}, but there are {len(further)} <Directions>"
             file.add(element.line, what)
         rows = [(element, "Second"), *((e, "Target") for e in further)]
         made: list[Direction] = []
         for row, tag in rows:
-            if file.text(row, "Ignore", "") == "*":
-                name = f"D {station} {file.text(row, tag, '')}"
+            if file.inside(row, "Ignore").name("") == "*":
+                name = f"D {station} {file.inside(row, tag).name('')}"
                 file.leave_out(row.line, ROWS_SWITCHED_OFF, name)
                 continue
-            target = file.text(row, tag)
+            target = file.inside(row, tag).name()
             value = packed_degrees(file, row, "Value")
-            sigma = file.value(row, "StdDev", positive=True) * ARCSEC
-            if len(file.problems) > before:
+            sigma = file.inside(row, "StdDev").sigma() * ARCSEC
+            if file.problems.count > before:
                 continue
             one = file.attempt(
                 row.line,
@@ -320,18 +327,22 @@ class DynamlMeasurements:
             )
             if one is not None:
                 made.append(one)
-        if len(file.problems) == before:
+        if file.problems.count == before:
             for one in made:
                 file.attempt(element.line, self.network.add, one)
 
     def _of_a_station(self, file: XmlSource, element: Element, kind: str) -> None:
-        before = len(file.problems)
-        name = file.text(element, "First")
+        before = file.problems.count
+        name = file.inside(element, "First").name()
         at = self._at(file, element.line, name)
         metric = kind in "HR"
-        value = file.value(element, "Value") if metric else packed_degrees(file, element, "Value")
-        sigma = file.value(element, "StdDev", positive=True) * (1.0 if metric else ARCSEC)
-        if at is None or len(file.problems) > before:
+        value = (
+            file.inside(element, "Value").number()
+            if metric
+            else packed_degrees(file, element, "Value")
+        )
+        sigma = file.inside(element, "StdDev").sigma() * (1.0 if metric else ARCSEC)
+        if at is None or file.problems.count > before:
             return
         source = file.place(element.line)
         if kind in "IJ":
@@ -360,7 +371,7 @@ class DynamlMeasurements:
 
 def _year(file: XmlSource, element: Element) -> float:
     """Return the epoch dd.mm.yyyy of a measurement, years."""
-    text = file.text(element, "Epoch")
+    text = file.inside(element, "Epoch").name()
     try:
         day, month, year = (int(p) for p in text.split("."))
         at = date(year, month, day)

@@ -23,7 +23,9 @@ from ...types import Array
 from ...version import __version__
 from ..file_transaction import write_files
 from ..format_limits import SurveyRefusals
-from ..xml_files import Element, XmlSource
+from ..source import is_unread
+from ..xml_files import Element
+from ..xml_source import XmlSource
 
 GVX_CHILDREN = (
     *("SOURCE_DATA", "PROJECT_INFORMATION", "REFERENCE_SYSTEM", "EQUIPMENT", "SURVEY_SETUP"),
@@ -110,21 +112,21 @@ def _marks(file: XmlSource, network: Network) -> dict[str, str]:
     systems: dict[str, int] = {}
     for system in file.root.all("REFERENCE_SYSTEM"):
         unit = next(iter(system.all("LINEAR_UNIT")), None)
-        name = "" if unit is None else file.text(unit, "NAME", "")
+        name = "" if unit is None else file.inside(unit, "NAME").name("")
         if name and name.lower() not in METRE_WORDS:
             file.add(system.line, f"the linear unit must be metres, not {name[:20]!r}")
     marks: dict[str, str] = {}
     for element in file.root.all("POINT"):
-        before = len(file.problems)
-        ident, name = file.text(element, "ID"), file.text(element, "NAME")
+        before = file.problems.count
+        ident, name = file.inside(element, "ID").name(), file.inside(element, "NAME").name()
         coordinates = file.child(element, "COORDINATES")
-        if coordinates is None or len(file.problems) > before:
+        if coordinates is None or file.problems.count > before:
             continue
-        systems.setdefault(file.text(coordinates, "REFERENCE_SYSTEM_ID", "?"), element.line)
+        systems.setdefault(file.inside(coordinates, "REFERENCE_SYSTEM_ID").name("?"), element.line)
         xyz = _coordinates(file, coordinates, network)
         if ident in marks:
             file.add(element.line, f"second point with the ID {ident[:40]!r}")
-        if len(file.problems) > before:
+        if file.problems.count > before:
             continue
         marks[ident] = name
         there = network.points.get(name)
@@ -138,20 +140,22 @@ def _marks(file: XmlSource, network: Network) -> dict[str, str]:
     if len(systems) > 1:
         line = max(systems.values())
         file.add(line, f"points are in several reference systems: {known(systems)}")
-    if not marks and not file.problems:
+    if not marks and not file.problems.count:
         file.add(0, "has no <POINT>")
     return marks
 
 
 def _coordinates(file: XmlSource, element: Element, network: Network) -> Array:
     geocentric = next(element.all("GEOCENTRIC_COORDINATES"), None)
-    if geocentric is not None and file.text(geocentric, "X", ""):
-        return np.array([file.value(geocentric, a) for a in "XYZ"])
+    if geocentric is not None and file.inside(geocentric, "X").name(""):
+        return np.array([file.inside(geocentric, a).number() for a in "XYZ"])
     geodetic = file.child(element, "GEODETIC_COORDINATES")
     if geodetic is None:
         return np.full(3, math.nan)
-    latitude, longitude = (np.radians(file.value(geodetic, a)) for a in ("LATITUDE", "LONGITUDE"))
-    height = file.value(geodetic, "ELLIPSOIDAL_HEIGHT")
+    latitude, longitude = (
+        np.radians(file.inside(geodetic, a).number()) for a in ("LATITUDE", "LONGITUDE")
+    )
+    height = file.inside(geodetic, "ELLIPSOIDAL_HEIGHT").number()
     if abs(latitude) > math.pi / 2:
         file.add(geodetic.line, "the latitude must be from -90 to 90 degrees")
     frame = network.frame
@@ -163,9 +167,9 @@ def _coordinates(file: XmlSource, element: Element, network: Network) -> Array:
 def _vectors(file: XmlSource, marks: dict[str, str]) -> dict[str, GvxVector]:
     vectors: dict[str, GvxVector] = {}
     for element in file.root.all("GNSS_VECTOR"):
-        before = len(file.problems)
-        ident = file.text(element, "ID")
-        ends = [file.text(element, f"{e}_POINT_ID") for e in ("INITIAL", "TERMINAL")]
+        before = file.problems.count
+        ident = file.inside(element, "ID").name()
+        ends = [file.inside(element, f"{e}_POINT_ID").name() for e in ("INITIAL", "TERMINAL")]
         for end in ends:
             if end and end not in marks:
                 what = known(marks, meant=end)
@@ -179,10 +183,10 @@ def _vectors(file: XmlSource, marks: dict[str, str]) -> dict[str, GvxVector]:
         if deltas is None or matrix is None:
             file.add(element.line, "<GNSS_VECTOR> needs <ECEF_DELTAS> and <CORRELATION_MATRIX>")
             continue
-        value = tuple(file.value(deltas, f"D{a}") for a in "XYZ")
-        sigma = np.array([file.value(matrix, f"SD{a}", positive=True) for a in "XYZ"])
-        xy, xz, yz = (file.value(matrix, f"P{a}") for a in ("XY", "XZ", "YZ"))
-        if len(file.problems) > before:
+        value = tuple(file.inside(deltas, f"D{a}").number() for a in "XYZ")
+        sigma = np.array([file.inside(matrix, f"SD{a}").sigma() for a in "XYZ"])
+        xy, xz, yz = (file.inside(matrix, f"P{a}").number() for a in ("XY", "XZ", "YZ"))
+        if file.problems.count > before:
             continue
         covariance = np.array([[1.0, xy, xz], [xy, 1.0, yz], [xz, yz, 1.0]])
         covariance *= np.outer(sigma, sigma)
@@ -209,13 +213,15 @@ def _sessions(file: XmlSource, vectors: dict[str, GvxVector]) -> list[tuple[list
         for block in (e for e in session.walk() if e.tag == "CCM_BLOCK"):
             names = [block.attributes.get(f"VECTOR_ID_{a}", "") for a in ("ROW", "COL")]
             unknown = [n for n in names if n not in vectors]
-            text = file.text(block, "CORRELATIONS")
-            found = [file.number(block.line, "a correlation", t) for t in text.split(",")]
+            text = file.inside(block, "CORRELATIONS").name().replace(",", " ")
+            found = file.field(block.line, text, "<CORRELATIONS>").numbers(9)
             if unknown:
                 what = known(vectors, meant=unknown[0])
                 file.add(block.line, f"unknown vector ID {unknown[0][:40]!r}; known: {what}")
-            elif len(found) != 9 or any(not abs(v) <= 1.0 for v in found):
+            elif any(abs(v) > 1.0 for v in found):
                 file.add(block.line, "<CORRELATIONS> needs nine numbers from -1 to 1")
+            elif is_unread(found):
+                continue
             elif names[0] == names[1] or tuple(names) in blocks or tuple(names[::-1]) in blocks:
                 file.add(block.line, f"second correlations of {' and '.join(names)[:80]}")
             else:

@@ -26,8 +26,8 @@ from ...network.network import Network
 from ...observations import ControlPoint, Correlated, GnssPosition
 from ...solve.solution import Solution
 from ...types import Array, Index
-from ..file_problems import LeftOutReason
 from ..file_transaction import write_files
+from ..source import LeftOutReason
 from .sinex_blocks import METRES_PER_UNIT, SinexFile, SinexMatrix, SinexParameter
 
 STATION_COORDINATES = ("STAX", "STAY", "STAZ")
@@ -92,7 +92,7 @@ def read_sinex(
     for p in estimate.values():
         if p.index - 1 not in used:
             file.leave_out(p.line, PARAMETERS_NO_COORDINATE, p.kind)
-    network.left_out += file.left.told().values()
+    network.left_out += file.problems.left.records()
     members = []
     for i, name in enumerate(names):
         line = estimate[int(rows[i][0]) + 1].line
@@ -155,7 +155,7 @@ def _constrained_solution(file: SinexFile, apriori: str, correlations: str) -> t
     for i in np.flatnonzero(np.diag(covariance) <= 0) + 1:
         what = "has no variance: parameters that the solution holds are not read"
         file.add(estimate[int(i)].line, what)
-    if apriori == "keep" or "APRIORI" not in file.matrices or file.problems:
+    if apriori == "keep" or "APRIORI" not in file.matrices or file.problems.count:
         return value, covariance
     return _without_apriori(file, value, covariance)
 
@@ -204,7 +204,7 @@ def _without_apriori(file: SinexFile, value: Array, covariance: Array) -> tuple[
     if lacking:
         what = f"SOLUTION/MATRIX_APRIORI has parameter {lacking[0]}, SOLUTION/APRIORI has not"
         file.add(matrix.line, what)
-    if file.problems:
+    if file.problems.count:
         return value, covariance
     prior = np.zeros_like(constraint)
     prior[np.ix_(used, used)] = np.linalg.inv(constraint[np.ix_(used, used)])

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from ...types import Array
-from ..file_problems import FileLines, parse_number
+from ..numbers import parse_quantity
+from ..source import TextSource
 
 MAX_SINEX_PARAMETERS = 20_000
 """Largest number of parameters: a full matrix of them fills 3.2 GB."""
@@ -83,7 +84,7 @@ class SinexMatrix:
         return out
 
 
-class SinexFile(FileLines):
+class SinexFile(TextSource):
     """The blocks of a file that make a solution."""
 
     def __init__(self, path: str | Path) -> None:
@@ -100,9 +101,9 @@ class SinexFile(FileLines):
 
     def _blocks(self) -> None:
         block, begun, seen = "", 0, set()
-        for number, line in self.numbered()[1:]:
+        for number, line in list(self.numbered())[1:]:
             if line.startswith("%ENDSNX"):
-                behind = next((n for n, text in self.numbered()[number:] if text.strip()), 0)
+                behind = next((n for n, text in list(self.numbered())[number:] if text.strip()), 0)
                 if behind:
                     self.add(behind, "stands behind %ENDSNX, the end of the file")
                 break
@@ -175,8 +176,8 @@ class SinexFile(FileLines):
             (words[2], words[3], words[4]),
             self._epoch(number, words[5]),
             words[6],
-            self.number(number, "the value", words[8]),
-            self.number(number, "the standard deviation", words[9], least=0.0),
+            self.field(number, words[8], "the value").number(),
+            self.field(number, words[9], "the standard deviation").number(least=0.0),
             number,
         )
 
@@ -203,9 +204,10 @@ class SinexFile(FileLines):
             self.add(number, "a line of a matrix has two indices and one to three elements")
             return
         for k, text in enumerate(words[2:]):
-            value = parse_number(text)
-            if not math.isfinite(value):
-                self.add(number, f"{text[:40]!r} is not a number")
+            try:
+                value = parse_quantity(text)
+            except ValueError as error:
+                self.add(number, str(error))
                 return
             matrix.rows.append(at[0])
             matrix.columns.append(at[1] + k)

@@ -25,7 +25,6 @@ from ...observations import (
 )
 from ...stochastic_model import StandardDeviation
 from ...units import GON
-from ..file_problems import left_out_records
 from .comp3d_files import (
     IGNORED_POINT_CODE,
     Comp3dFiles,
@@ -147,8 +146,8 @@ def read_comp3d(
     observations.read(lines, project.observations)
     if deflections == "as stated":
         _deflections(network, used)
-    files.raise_all()
-    network.left_out += left_out_records(file.left for file in files.files)
+    files.problems.raise_all()
+    network.left_out += files.problems.left.records()
     return network
 
 
@@ -201,7 +200,7 @@ def _in_grid(
     grid = comp3d_grid(system, project.centre, given, place)
     given = projected_points(grid, given)
     used = {n: p for n, p in given.items() if p.code != IGNORED_POINT_CODE}
-    files.raise_all()
+    files.problems.raise_all()
     network = network_in_grid(files, grid, used, project.covariance, path.stem)
     return files, network, given, grid.origin, used
 
@@ -335,7 +334,7 @@ class _Observations:
                 line.attempt(self.network.add_point, name)
 
     def _simple(self, line: Comp3dLine) -> None:
-        words, before = line.words, len(line.file.problems)
+        words, before = line.words, line.file.problems.count
         if not 5 <= len(words) <= 8 or len(words) == 7:
             what = "code, station, target, value, σ_abs, σ_rel or none, and two heights or none"
             line.wrong(f"an observation has {what}, not {len(words)} words")
@@ -344,7 +343,7 @@ class _Observations:
         value, absolute = line.number_at(3, "the value"), line.number_at(4, "σ_abs")
         relative = line.number_at(5, "σ_rel") if len(words) > 5 else 0.0
         heights = [line.number_at(i, "a height") for i in (6, 7)] if len(words) > 7 else [0.0, 0.0]
-        if len(line.file.problems) > before:
+        if line.file.problems.count > before:
             return
         opens = code == "7" or (code == "5" and station not in self.sets)
         if opens or (code == "-7"):

@@ -21,7 +21,7 @@ from ...network.network import Network
 from ...observations import ControlPoint, Correlated
 from ...types import Array
 from ...units import ARCSEC
-from ..file_problems import ROWS_SWITCHED_OFF, FileLines, raise_all
+from ..source import ROWS_SWITCHED_OFF, Problems, TextSource
 
 MAX_FILE_DEPTH = 8
 """Largest depth of files in files."""
@@ -35,7 +35,7 @@ COMPANION_FOLDERS = ("", "origin")
 class Comp3dLine:
     """A line of a file that is not empty."""
 
-    file: FileLines
+    file: TextSource
     """The file, which collects the problems."""
     number: int
     """Its number, from 1."""
@@ -60,8 +60,8 @@ class Comp3dLine:
         """Return a word as a number; NaN, and a problem, if it is none."""
         if at >= len(self.words):
             self.wrong(f"has no {name} (word {at + 1})")
-            return float("nan")
-        return self.file.number(self.number, name, self.words[at], **bounds)
+            return math.nan
+        return self.file.field(self.number, self.words[at], name).number(**bounds)
 
     def attempt(self, make: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
         """Return what a function makes; note its problems here, and return None."""
@@ -73,13 +73,13 @@ class Comp3dFiles:
 
     def __init__(self) -> None:
         """Start without files."""
-        self.files: list[FileLines] = []
+        self.problems = Problems()
+        self.files: list[TextSource] = []
 
-    def open(self, path: Path) -> FileLines:
-        """Read a file; its problems are among those that `raise_all` raises."""
-        file = FileLines(path, latin=True)
-        self.files.append(file)
-        return file
+    def open(self, path: Path) -> TextSource:
+        """Read a file; its problems are among those of all files."""
+        self.files.append(TextSource(path, self.problems, code_page="cp1252"))
+        return self.files[-1]
 
     def lines(self, path: Path, depth: int = 0) -> Iterator[Comp3dLine]:
         """Iterate over the lines of a file and of the files that lines ``@file`` name."""
@@ -118,10 +118,6 @@ class Comp3dFiles:
         line.wrong(f"names the file {name[:60]!r}, which is not beside this one")
         return None
 
-    def raise_all(self) -> None:
-        """Raise InputError with the problems of all files, if there are any."""
-        raise_all(self.files)
-
 
 @dataclass(frozen=True)
 class Comp3dProject:
@@ -154,7 +150,7 @@ def read_comp3d_project(path: Path) -> Comp3dProject:
     Raises:
         InputError: the file is no such file, or lacks something.
     """
-    file = FileLines(path, latin=True)
+    file = TextSource(path, code_page="cp1252")
     text = "\n".join(file.lines)
     begin = text.find("{")
 
@@ -195,12 +191,14 @@ def read_comp3d_project(path: Path) -> Comp3dProject:
             file.add(at(key), f"{key} names the file {name!r}, which is not beside this one")
         names[key] = str(name)
     wanted = dict(config) if projection is None else {**config, "center_latitude": 0.0}
-    numbers = [file.number(at(k), k, str(wanted.get(k))) for k in ("center_latitude", "refraction")]
+    numbers = [
+        file.field(at(k), wanted.get(k), k).number() for k in ("center_latitude", "refraction")
+    ]
     centre = config.get("local_center") or [0.0, 0.0]
     if not isinstance(centre, list) or len(centre) < 2:
         file.add(at("local_center"), "local_center must be two numbers")
         centre = [0.0, 0.0]
-    x, y = (file.number(at("local_center"), "local_center", str(v)) for v in centre[:2])
+    x, y = file.field(at("local_center"), centre[:2], "local_center").numbers(2)
     file.raise_all()
     covariance = names["coord_cov_file"]
     return Comp3dProject(
@@ -292,7 +290,7 @@ def _point(
     radius: float,
     centre: tuple[float, float],
 ) -> Comp3dPoint | None:
-    words, before = line.words, len(line.file.problems)
+    words, before = line.words, line.file.problems.count
     codes = [str(c) for c in (*POINT_CODES, IGNORED_POINT_CODE)]
     if words[0] not in codes or len(words) < 2:
         line.wrong(f"a point begins with a code ({', '.join(codes)}) and a name")
@@ -316,7 +314,7 @@ def _point(
     if len(words) == 10:
         eta, xi = (line.number_at(i, "a deflection") * ARCSEC for i in (8, 9))
         eta_xi = (eta, xi)
-    if len(line.file.problems) > before:
+    if line.file.problems.count > before:
         return None
     at[:2] -= centre
     on_ground = [1.0 + at[2] / radius] * 2 + [1.0]
@@ -363,12 +361,11 @@ def add_joint_covariance(
         file = next(iter(points.values())).line.file
         file.add(0, f"the covariance file {path.name!r} is not beside the project")
         return set()
-    rows = [Comp3dLine(f, n, t.replace(",", " ").split()) for f in [files.open(path)]
-            for n, t in f.numbered() if t.strip()]  # fmt: skip
+    file = files.open(path)
+    rows = [Comp3dLine(file, n, t.replace(",", " ").split()) for n, t in file.filled()]
     names = rows[0].words[1:] if rows else []
     parts = [n.rpartition("_") for n in names]
     wrong = [n for n, p in zip(names, parts, strict=True) if p[2] not in "xyz" or not p[2]]
-    file = files.files[-1]
     if not names or wrong or len(rows) != len(names) + 1:
         file.add(1, "needs a header of parameters such as A_x, and a row for each of them")
         return set()
@@ -405,7 +402,7 @@ def add_joint_covariance(
                 source=path.name,
             )
         )
-    if members and not file.problems:
+    if members and not file.problems.count:
         joint = file.attempt(1, Correlated, tuple(members), matrix[np.ix_(order, order)])
         if joint is not None:
             file.attempt(1, network.add, joint)

@@ -77,10 +77,10 @@ def _cartesian(network: Network, frame: str, row: Comp3dLine) -> None:
     if not 5 <= len(row.words) <= 9:
         row.wrong("a row has a name, X, Y, Z and one to five numbers of σ and height")
         return
-    before = len(row.file.problems)
+    before = row.file.problems.count
     xyz = [row.number_at(i, "XYZ"[i - 1]) for i in (1, 2, 3)]
     rest = [row.number_at(i, "σ") for i in range(4, len(row.words))]
-    if len(row.file.problems) > before:
+    if row.file.problems.count > before:
         return
     length = math.sqrt(sum(v * v for v in xyz))
     sigma = rest[:3] if len(rest) >= 3 else rest[:1] * 3
@@ -92,7 +92,7 @@ def _cartesian(network: Network, frame: str, row: Comp3dLine) -> None:
     axes = "".join(a for a, s in zip("xyz", sigma, strict=True) if s > 0)
     if 0.0 in sigma:
         row.wrong("σ must be > 0, or negative for a coordinate that takes no part")
-    if len(row.file.problems) > before:
+    if row.file.problems.count > before:
         return
     if len(axes) < 3:
         row.switched_off()
@@ -114,10 +114,10 @@ def _polar(network: Network, frame: str, row: Comp3dLine) -> None:
     if not 7 <= len(row.words) <= 9:
         row.wrong("a row has a name, α, β, distance, and three to five numbers of σ and height")
         return
-    before = len(row.file.problems)
+    before = row.file.problems.count
     alpha, beta, distance = (row.number_at(i, "a coordinate") for i in (1, 2, 3))
     rest = [row.number_at(i, "σ") for i in range(4, len(row.words))]
-    if len(row.file.problems) > before:
+    if row.file.problems.count > before:
         return
     of_angle, angle_rel = rest[0], rest[1] if len(rest) > 3 else 0.0
     of_distance, distance_rel = rest[2:4] if len(rest) > 3 else rest[1:3]
@@ -125,7 +125,7 @@ def _polar(network: Network, frame: str, row: Comp3dLine) -> None:
         row.wrong("a height of the target in a sub-frame is not read: give another point")
     if angle_rel > 0 and not distance > 0:
         row.wrong("σ_rel of the angles needs the distance")
-    if len(row.file.problems) > before:
+    if row.file.problems.count > before:
         return
     made = []
     if min(of_angle, of_distance) <= 0:
@@ -169,11 +169,11 @@ def add_axis(files: Comp3dFiles, network: Network, line: Comp3dLine) -> None:
         if len(row.words) != 5:
             row.wrong("a row has target, position, point, σ of the radius, σ along the axis")
             continue
-        before = len(row.file.problems)
+        before = row.file.problems.count
         radial, axial = (row.number_at(i, "σ") for i in (3, 4))
         if row.words[2] not in network.points:
             row.wrong(f"unknown point {row.words[2][:40]!r}")
-        if len(row.file.problems) > before:
+        if row.file.problems.count > before:
             continue
         if min(radial, axial) <= 0:
             row.switched_off()
@@ -230,7 +230,7 @@ def add_baselines(files: Comp3dFiles, network: Network, line: Comp3dLine) -> Non
     if not isinstance(frame, TopocentricFrame):
         line.wrong("baselines need a place on the ellipsoid: earth='ellipsoid'")
         return
-    factor = line.number_at(3, "K", positive=True) if len(line.words) > 3 else 1.0
+    factor = line.number_at(3, "K", above=0.0) if len(line.words) > 3 else 1.0
     height = line.number_at(4, "the height") if len(line.words) > 4 else 0.0
     zero = frame.from_geocentric(np.zeros((1, 3)))
     # Steps of the size of the Earth, whose differences keep all digits.
@@ -239,9 +239,9 @@ def add_baselines(files: Comp3dFiles, network: Network, line: Comp3dLine) -> Non
         if len(row.words) not in (10, 11):
             row.wrong("a row has target, ΔX ΔY ΔZ, σXX σXY σXZ σYY σYZ σZZ, and a height or none")
             continue
-        before = len(row.file.problems)
+        before = row.file.problems.count
         numbers = [row.number_at(i, "a number") for i in range(1, len(row.words))]
-        if len(row.file.problems) > before:
+        if row.file.problems.count > before:
             continue
         xx, xy, xz, yy, yz, zz = numbers[3:9]
         if min(xx, yy, zz) < 0:

@@ -184,8 +184,8 @@ def test_there_and_back_between_frames() -> None:
         ("CCF", "CXF", "constraints must be three of C and F"),
         ("<Type>LLh</Type>", "<Type>UTM</Type>", "type 'UTM' of a station is not read"),
         ("<SigmaZZ>9e-6", "<SigmaZZ>-9e-6", "must have positive variances"),
-        ("<Value>1000.125</Value>", "", "needs <Value>, a number"),
-        ("<Description/>", "<Colour/>", "<Colour> cannot stand in <DnaStation>"),
+        ("<Value>1000.125</Value>", "", "<Value> of <DnaMeasurement> is missing; valid: a number"),
+        ("<Description/>", "<Colour/>", "<Colour> cannot be in <DnaStation>"),
         ("<GPSBaseline>", "<ReferenceFrame>WGS84</ReferenceFrame><GPSBaseline>",
          "reference frame 'WGS84' is not known; known: ITRF2014"),
         ("<GPSBaseline>", "<ReferenceFrame>ITRF2014</ReferenceFrame><Epoch>2018</Epoch>"

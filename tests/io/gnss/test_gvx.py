@@ -95,12 +95,12 @@ def test_geodetic_coordinates_serve_where_geocentric_ones_are_missing(written: P
         ("<ID>second<", "<ID>first<", "second vector with the ID 'first'"),
         ("<ID>C<", "<ID>B<", "second point with the ID 'B'"),
         ('ROW="second"', 'ROW="third"', "unknown vector ID 'third'"),
-        ("<CORRELATIONS>", "<CORRELATIONS>1,", "needs nine numbers from -1 to 1"),
-        ("<SDX>0.002<", "<SDX>0<", "<SDX> must be a number > 0"),
+        ("<CORRELATIONS>", "<CORRELATIONS>1,", "needs 9 numbers, not 10"),
+        ("<SDX>0.002<", "<SDX>0<", "<SDX> must be greater than zero, not 0"),
         ("<PXY>0.25<", "<PXY>1.25<", "positive"),
         ("<REFERENCE_SYSTEM_ID>126<", "<REFERENCE_SYSTEM_ID>196<", "several reference systems"),
         ("<ECEF_DELTAS>", "<DELTAS>", "not well-formed"),
-        ("<SURVEY_SETUP>", "<LEVELLING/><SURVEY_SETUP>", "<LEVELLING> cannot stand in <GVX>"),
+        ("<SURVEY_SETUP>", "<LEVELLING/><SURVEY_SETUP>", "<LEVELLING> cannot be in <GVX>"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_line(

@@ -162,7 +162,7 @@ def test_velocities_move_coordinates_to_an_epoch(tmp_path: Path) -> None:
         ("+SOLUTION/ESTIMATE", "+SOLUTION/GUESS", "unknown block 'SOLUTION/GUESS'"),
         ("     3 STAZ", "     3 STAW", "small.snx:5: station AAAA has no STAZ"),
         ("     3 STAZ", "     2 STAZ", "small.snx:7: parameter 2 stands in line 6 already"),
-        ("0.480000000000000E+07", "0.48x", "small.snx:7: the value must be a number"),
+        ("0.480000000000000E+07", "0.48x", "small.snx:7: the value: '0.48x' is not a number"),
         ("0.10000000000000E-05  0.10000000000000E-05\n     3", "0.9E-05  0.1E-05\n     3",
          "small.snx:10: SOLUTION/MATRIX_ESTIMATE COVA is not positive definite"),
         ("L COVA\n     1", "L SOMETHING\n     1", "needs L or U and one of CORR, COVA, INFO"),

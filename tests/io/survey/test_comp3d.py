@@ -171,7 +171,12 @@ def test_deflections_are_used_if_every_station_has_one(tmp_path: Path) -> None:
     ("file", "old", "new", "message"),
     [
         ("net.obs", "14 S1", "2 S1", "net.obs:11: begins with an unknown code '2'"),
-        ("net.obs", "3 S1 T1 50.0400", "3 S1 T1 5o.0400", "net.obs:5: the value must be a number"),
+        (
+            "net.obs",
+            "3 S1 T1 50.0400",
+            "3 S1 T1 5o.0400",
+            "net.obs:5: the value: '5o.0400' is not a number",
+        ),
         ("net.obs", "@inner.obs", "@gone.obs", "names the file 'gone.obs', which is not beside"),
         ("net.obs", "@inner.obs", "@../net.obs", "must name a file beside this one"),
         ("inner.obs", "3 S3", "@inner.obs\n3 S3", "files, or in itself"),
