@@ -1,14 +1,14 @@
 """Limits of formats: contents of a network that writers refuse or must convert.
 
-`SurveyRefusals` and `BlockRefusals` collect everything that a format cannot express, so that one
-error lists all of it. `GridPoints` and `scalar_sigmas` give coordinates in the grid and standard
-deviations as single numbers, which formats of survey programs demand.
+`Refusals` collects everything that a format cannot express. `GridPoints` and `scalar_sigmas` give
+coordinates in the grid and standard deviations as single numbers, which formats of survey programs
+demand.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,6 @@ import numpy as np
 from ..crs.grid_places import GridPlaces, grid_places
 from ..crs.reference_system import ReferenceSystem
 from ..entities import Camera
-from ..errors import InputError, Problem
 from ..frames import LocalFrame
 from ..graph.equations import compile_rows
 from ..graph.weights import weighed_where_known
@@ -25,23 +24,20 @@ from ..observations import Observation
 from ..start.search import partial_approximation
 from ..stochastic_model import StandardDeviation
 from ..types import Array
-
-MAX_LISTED_REFUSALS = 30
-"""Largest number of listed problems."""
+from .source import Problems
 
 
-@dataclass
-class BlockRefusals:
-    """What a format cannot express."""
+class Refusals(Problems):
+    """What a format cannot express, so that one error lists all of it."""
 
-    format: str
-    """Name of the format, for messages."""
-    problems: list[Problem] = field(default_factory=list)
-    """What was found so far."""
+    def __init__(self, format: str) -> None:
+        """Start without problems; ``format``: its name in messages."""
+        super().__init__()
+        self.format = format
 
     def refuse(self, what: str, where: str = "") -> None:
-        """Add a problem."""
-        self.problems.append(Problem(f"{self.format} cannot express {what}", where))
+        """Add what the format cannot express."""
+        self.wrong(f"{self.format} cannot express {what}", where)
 
     def observations(self, network: Network, kinds: Collection[str], hint: str = "") -> None:
         """Refuse observations of other kinds than some, correlations among them, and unknowns."""
@@ -77,16 +73,42 @@ class BlockRefusals:
             if camera.per_photo:
                 self.refuse("a calibration for each photo", where)
 
-    def finish(self) -> None:
-        """Raise all problems.
+    def parts(self, network: Network, *, unknowns: Iterable[str] = ("orientation",)) -> None:
+        """Refuse photos, cameras, a free datum, and unknowns other than those of some kinds."""
+        for what, found in (
+            ("photos", network.photos),
+            ("cameras", network.cameras),
+            ("image points", network.n_image_points),
+        ):
+            if found:
+                self.wrong(f"{self.format} has no {what}", network.name)
+        if network.datum == "free":
+            self.wrong(
+                f"{self.format} has no free datum: hold points, or write a solution", network.name
+            )
+        for kind, given in network.parameters.items():
+            if given and kind not in unknowns:
+                names = ", ".join(str(n) for n in list(given)[:3])
+                self.wrong(
+                    f"{self.format} has no unknowns of the kind {kind}: {names}", network.name
+                )
 
-        Raises:
-            InputError: there is any.
-        """
-        if self.problems:
-            rest = len(self.problems) - MAX_LISTED_REFUSALS
-            more = [Problem(f"and {rest} more that it cannot express")] if rest > 0 else []
-            raise InputError(self.problems[:MAX_LISTED_REFUSALS] + more)
+    def sigma(self, o: Observation) -> float:
+        """Return the standard deviation of an observation as one number; refuse others."""
+        given = getattr(o, "sigma", None)
+        if isinstance(given, StandardDeviation):
+            alone = StandardDeviation(given.constant or 1.0, combine=given.combine)
+            if given != alone:
+                self.wrong(f"{self.format} has standard deviations of one part only", o.label())
+            return given.constant
+        return float(given) if given is not None else float("nan")
+
+    def nothing_of(self, o: Observation, *attributes: str) -> None:
+        """Refuse an observation that has a value other than none, zero or 1 in an attribute."""
+        for name in attributes:
+            value = getattr(o, name, None)
+            if value not in (None, 0.0, 1, ""):
+                self.wrong(f"{self.format} has no {name} ({value})", o.label())
 
 
 def common_value(values: Iterable[float]) -> float | None:
@@ -185,58 +207,3 @@ def scalar_sigmas(network: Network) -> dict[str, float]:
         found = weighed_where_known(network, block, state)
         out |= dict(zip(found.ids, found.sigma[:, 0].tolist(), strict=True))
     return out
-
-
-class SurveyRefusals:
-    """Collects what a format cannot express."""
-
-    def __init__(self, format: str) -> None:
-        """Start without problems.
-
-        Args:
-            format: name of the format, for messages.
-        """
-        self.format = format
-        self.problems: list[Problem] = []
-
-    def add(self, what: str, where: str = "") -> None:
-        """Note a problem."""
-        self.problems.append(Problem(what, where))
-
-    def raise_all(self) -> None:
-        """Raise InputError with all problems, if there are any."""
-        if self.problems:
-            raise InputError(self.problems)
-
-    def parts(self, network: Network, *, unknowns: Iterable[str] = ("orientation",)) -> None:
-        """Refuse photos, cameras, a free datum, and unknowns other than those of some kinds."""
-        for what, found in (
-            ("photos", network.photos),
-            ("cameras", network.cameras),
-            ("image points", network.n_image_points),
-        ):
-            if found:
-                self.add(f"{self.format} has no {what}")
-        if network.datum == "free":
-            self.add(f"{self.format} has no free datum: hold points, or write a solution")
-        for kind, given in network.parameters.items():
-            if given and kind not in unknowns:
-                names = ", ".join(str(n) for n in list(given)[:3])
-                self.add(f"{self.format} has no unknowns of the kind {kind}: {names}")
-
-    def sigma(self, o: Observation) -> float:
-        """Return the standard deviation of an observation as one number; refuse others."""
-        given = getattr(o, "sigma", None)
-        if isinstance(given, StandardDeviation):
-            alone = StandardDeviation(given.constant or 1.0, combine=given.combine)
-            if given != alone:
-                self.add(f"{self.format} has standard deviations of one part only", o.label())
-            return given.constant
-        return float(given) if given is not None else float("nan")
-
-    def nothing_of(self, o: Observation, *attributes: str) -> None:
-        """Refuse an observation that has a value other than none, zero or 1 in an attribute."""
-        for name in attributes:
-            value = getattr(o, name, None)
-            if value not in (None, 0.0, 1, ""):
-                self.add(f"{self.format} has no {name} ({value})", o.label())

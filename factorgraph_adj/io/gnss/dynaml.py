@@ -37,7 +37,7 @@ from ...observations import (
 from ...types import Array
 from ...units import ARCSEC
 from ..file_transaction import write_files
-from ..format_limits import SurveyRefusals
+from ..format_limits import Refusals
 from ..source import Problems
 from ..xml_files import Element
 from ..xml_source import XmlSource
@@ -263,11 +263,11 @@ def write_dynaml(
     Raises:
         InputError: everything that DynaML cannot express. No file has changed.
     """
-    refused = SurveyRefusals("DynaML")
+    refused = Refusals("DynaML")
     if not isinstance(network.frame, GeocentricFrame):
-        refused.add("DynaML needs a network in a geocentric frame")
+        refused.wrong("DynaML needs a network in a geocentric frame", network.name)
     if not _DATE.fullmatch(epoch):
-        refused.add(f"epoch must be dd.mm.yyyy, not {epoch!r}")
+        refused.wrong(f"epoch must be dd.mm.yyyy, not {epoch!r}", network.name)
     refused.parts(network)
     lines = [
         '<?xml version="1.0"?>',
@@ -299,21 +299,21 @@ def write_dynaml(
     write_files(target.parent, {target.name: text})
 
 
-def _stations(network: Network, refused: SurveyRefusals) -> list[str]:
+def _stations(network: Network, refused: Refusals) -> list[str]:
     lines = []
     for name, p in network.points.items():
         where = f"point {name!r}"
         if name != name.strip() or len(name) > MAX_STATION_NAME_CHARACTERS:
-            refused.add(
+            refused.wrong(
                 f"a name has up to {MAX_STATION_NAME_CHARACTERS} characters, no blanks at ends",
                 where,
             )
         if p.sigma is not None:
-            refused.add("DynaML has no weighted stations: observe their position (Y)", where)
+            refused.wrong("DynaML has no weighted stations: observe their position (Y)", where)
         if any(p.fixed) and not all(p.fixed):
-            refused.add(f"DynaML cannot hold {p.held} of X, Y, Z alone", where)
+            refused.wrong(f"DynaML cannot hold {p.held} of X, Y, Z alone", where)
         if not np.isfinite(p.coordinates).all():
-            refused.add("DynaML needs approximate coordinates: write the adjusted network", where)
+            refused.wrong("DynaML needs approximate coordinates: write the adjusted network", where)
         x, y, z = (repr(float(v)) for v in p.coordinates)
         lines += [
             "  <DnaStation>",
@@ -351,19 +351,17 @@ def _measurement(kind: str, inside: list[str]) -> list[str]:
     ]
 
 
-def _single(
-    o: Observation, refused: SurveyRefusals, heights: str, frame: str, epoch: str
-) -> list[str]:
+def _single(o: Observation, refused: Refusals, heights: str, frame: str, epoch: str) -> list[str]:
     if isinstance(o, GnssVector) or (isinstance(o, ControlPoint) and o.axes == "xyz"):
         own = np.diag(np.array(o.sigma) ** 2) if o.covariance is None else o.covariance
         return _cluster([o], own, refused, frame, epoch)
     kind = MEASUREMENT_TYPES.get(type(o))
     if kind is None:
         what = f"DynaML has no {o.kind.replace('_', ' ')}"
-        refused.add(what + (f" of {o.axes}" if isinstance(o, ControlPoint) else ""), o.label())
+        refused.wrong(what + (f" of {o.axes}" if isinstance(o, ControlPoint) else ""), o.label())
         return []
     if kind == "L" and heights == "refuse":
-        refused.add("type L is orthometric; heights='ellipsoidal' writes it", o.label())
+        refused.wrong("type L is orthometric; heights='ellipsoidal' writes it", o.label())
     refused.nothing_of(
         o, "instrument", "refraction", "index_error", "target2_height", "face", "length_km"
     )
@@ -383,11 +381,11 @@ def _single(
     return _measurement(kind, inside)
 
 
-def _components(o: ControlPoint, network: Network, refused: SurveyRefusals) -> list[str]:
+def _components(o: ControlPoint, network: Network, refused: Refusals) -> list[str]:
     """Return P, Q and R: latitude, longitude and ellipsoidal height of a position."""
     covariance = None if o.covariance is None else np.asarray(o.covariance)
     if covariance is not None and np.any(covariance - np.diag(np.diag(covariance))):
-        refused.add("DynaML has no correlations of latitude, longitude and height", o.label())
+        refused.wrong("DynaML has no correlations of latitude, longitude and height", o.label())
         return []
     frame = network.frame
     if not isinstance(frame, GeocentricFrame):
@@ -414,7 +412,7 @@ def _components(o: ControlPoint, network: Network, refused: SurveyRefusals) -> l
     return lines
 
 
-def _set(station: str, directions: list[Direction], refused: SurveyRefusals) -> list[str]:
+def _set(station: str, directions: list[Direction], refused: Refusals) -> list[str]:
     first, *others = directions
     inside = [
         f"<First>{escape(station)}</First>",
@@ -433,14 +431,14 @@ def _set(station: str, directions: list[Direction], refused: SurveyRefusals) -> 
 
 
 def _cluster(
-    group: list[Observation], covariance: Array, refused: SurveyRefusals, frame: str, epoch: str
+    group: list[Observation], covariance: Array, refused: Refusals, frame: str, epoch: str
 ) -> list[str]:
     """Return G, X or Y of vectors or positions with a joint covariance."""
     vectors = [o for o in group if isinstance(o, GnssVector)]
     positions = [o for o in group if isinstance(o, ControlPoint) and o.axes == "xyz"]
     if len(group) not in (len(vectors), len(positions)):
         what = "DynaML has joint covariances of GNSS vectors, or of positions x, y, z, only"
-        refused.add(what, group[0].label())
+        refused.wrong(what, group[0].label())
         return []
     for o in vectors:
         refused.nothing_of(o, "instrument_height", "target_height")

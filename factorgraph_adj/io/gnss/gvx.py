@@ -22,7 +22,7 @@ from ...observations import Correlated, GnssVector, Observation
 from ...types import Array
 from ...version import __version__
 from ..file_transaction import write_files
-from ..format_limits import SurveyRefusals
+from ..format_limits import Refusals
 from ..source import is_unread
 from ..xml_files import Element
 from ..xml_source import XmlSource
@@ -276,21 +276,21 @@ def write_gvx(
     Raises:
         InputError: everything that GVX cannot express. No file has changed.
     """
-    refused = SurveyRefusals("GVX")
+    refused = Refusals("GVX")
     if not isinstance(network.frame, GeocentricFrame):
-        refused.add("GVX needs a network in a geocentric frame")
+        refused.wrong("GVX needs a network in a geocentric frame", network.name)
     refused.parts(network, unknowns=())
     frame = network.frame if isinstance(network.frame, GeocentricFrame) else GeocentricFrame()
     points = []
     for name, p in network.points.items():
         where = f"point {name!r}"
         if not np.isfinite(p.coordinates).all():
-            refused.add("GVX needs approximate coordinates: write the adjusted network", where)
+            refused.wrong("GVX needs approximate coordinates: write the adjusted network", where)
             continue
         if any(p.fixed) or p.sigma is not None:
-            refused.add("GVX has no held or weighted marks: read it, then hold them", where)
+            refused.wrong("GVX has no held or weighted marks: read it, then hold them", where)
         if name != name.strip():
-            refused.add("a name has no blanks at its ends", where)
+            refused.wrong("a name has no blanks at its ends", where)
         points += _point(name, np.array(p.coordinates), frame, reference_system_id, epoch)
     vectors = []
     joint = {
@@ -300,7 +300,7 @@ def write_gvx(
     }
     for ident, o in network.observations.items():
         if not isinstance(o, GnssVector):
-            refused.add(f"GVX has no {o.kind.replace('_', ' ')}, only GNSS vectors", o.label())
+            refused.wrong(f"GVX has no {o.kind.replace('_', ' ')}, only GNSS vectors", o.label())
             continue
         refused.nothing_of(o, "instrument_height", "target_height")
         vectors += _vector(ident, o, joint.get(ident))

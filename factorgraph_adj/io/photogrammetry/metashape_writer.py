@@ -15,7 +15,7 @@ from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, SlopeDistance
 from ..file_transaction import write_files
 from ..format_limits import (
-    BlockRefusals,
+    Refusals,
     calibration_values,
     common_value,
     numbers_text,
@@ -55,7 +55,7 @@ def write_metashape(
         InputError: the format cannot express something of the network (all is listed), or the
             file cannot be written; no file has changed.
     """
-    refusals = BlockRefusals("Metashape")
+    refusals = Refusals("Metashape")
     full = content == "everything"
     numbers = {name: i for i, name in enumerate(network.photos)}
     markers = {name: i for i, name in enumerate(network.points)} if full else {}
@@ -80,7 +80,7 @@ def write_metashape(
     lines += ["      <rotation>1 0 0 0 1 0 0 0 1</rotation>"]
     lines += ["      <translation>0 0 0</translation>", "      <scale>1</scale>"]
     lines += ["    </transform>", "  </chunk>", "</document>"]
-    refusals.finish()
+    refusals.raise_all()
     target = Path(path)
     try:
         encoded = ("\n".join(lines) + "\n").encode("utf-8")
@@ -97,7 +97,7 @@ def _free(camera: Camera) -> list[str]:
     ]
 
 
-def _sensors(network: Network, refusals: BlockRefusals) -> list[str]:
+def _sensors(network: Network, refusals: Refusals) -> list[str]:
     """Return the sensors; the parameters that are free stand in the settings of the chunk."""
     lines = [f'    <sensors next_id="{len(network.cameras)}">']
     flags = {tuple(sorted(_free(c))) for c in network.cameras.values()} - {()}
@@ -142,7 +142,7 @@ def _sensors(network: Network, refusals: BlockRefusals) -> list[str]:
 
 
 def _cameras(
-    network: Network, refusals: BlockRefusals, numbers: dict[str, int], full: bool
+    network: Network, refusals: Refusals, numbers: dict[str, int], full: bool
 ) -> list[str]:
     sensors = {name: i for i, name in enumerate(network.cameras)}
     observed = {}
@@ -188,7 +188,7 @@ def _reference(value: tuple[float, ...], sigma: tuple[float, ...] | None, enable
     return f'        <reference {said} enabled="{str(enabled).lower()}"/>'
 
 
-def _markers(network: Network, refusals: BlockRefusals, markers: dict[str, int]) -> list[str]:
+def _markers(network: Network, refusals: Refusals, markers: dict[str, int]) -> list[str]:
     control: dict[str, ControlPoint] = {}
     for o in network.observations.values():
         if isinstance(o, ControlPoint):
@@ -207,7 +207,7 @@ def _markers(network: Network, refusals: BlockRefusals, markers: dict[str, int])
     return [*lines, "    </markers>"]
 
 
-def _scale_bars(network: Network, refusals: BlockRefusals, markers: dict[str, int]) -> list[str]:
+def _scale_bars(network: Network, refusals: Refusals, markers: dict[str, int]) -> list[str]:
     lines = ["    <scalebars>"]
     for i, o in enumerate(network.observations.values()):
         if o.kind != SlopeDistance.kind or not isinstance(o, SlopeDistance):
@@ -246,7 +246,7 @@ def _locations(network: Network, numbers: dict[str, int], markers: dict[str, int
     return [*lines, "        </markers>", "      </frame>", "    </frames>"]
 
 
-def _settings(network: Network, refusals: BlockRefusals) -> list[str]:
+def _settings(network: Network, refusals: Refusals) -> list[str]:
     sigma = network.images.columns()[3]
     if not len(sigma):
         return []

@@ -18,7 +18,7 @@ from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
 from ...rotation import omega_phi_kappa
 from ..file_transaction import write_files
-from ..format_limits import BlockRefusals, calibration_values, pixel_format
+from ..format_limits import Refusals, calibration_values, pixel_format
 from .opf_files import JSON_FORMAT
 
 OPF_LOCAL_WKT = (
@@ -62,7 +62,7 @@ def write_opf(network: Network, path: str | Path) -> None:
             folder cannot be written to; no file has changed.
     """
     target = Path(path)
-    refusals = BlockRefusals("OPF")
+    refusals = Refusals("OPF")
     kinds = (ControlPoint.kind, PhotoPosition.kind, SlopeDistance.kind, PointDirection.kind)
     refusals.observations(network, kinds)
     refusals.points(network)
@@ -72,7 +72,7 @@ def write_opf(network: Network, path: str | Path) -> None:
         refusals.refuse("a frame that is not local, with X east")
     writer = _Writer(network, refusals)
     documents = writer.documents()
-    refusals.finish()
+    refusals.raise_all()
     items = []
     for item, sources in ITEM_SOURCES.items():
         resources = [
@@ -122,7 +122,7 @@ def _encoded(document: Mapping[str, Any], target: Path) -> bytes:
 class _Writer:
     """The documents of a project."""
 
-    def __init__(self, network: Network, refusals: BlockRefusals) -> None:
+    def __init__(self, network: Network, refusals: Refusals) -> None:
         self.network = network
         self.refusals = refusals
         self.ids = {name: i + 1 for i, name in enumerate(network.photos)}
