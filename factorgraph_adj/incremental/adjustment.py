@@ -308,7 +308,7 @@ class IncrementalAdjustment(StateQueries):
 
     @one_at_a_time
     def discard(self, ids: str | Iterable[str]) -> None:
-        """Throw suspects out: they count as rejected.
+        """Throw suspects out: they count as rejected. Accepted observations: see `remove`.
 
         Raises:
             InputError: every id that is not a suspect; nothing has changed then.
@@ -357,7 +357,8 @@ class IncrementalAdjustment(StateQueries):
         names something that was retired is refused. `settle` takes everything back.
 
         Args:
-            points: names of points; given ones may be among them.
+            points: names of points; held ones may be among them: ``retired`` names these, as no
+                new observation can use them.
             photos: names of photos.
             before: id of an observation, or name of a photo: what nothing has touched since before
                 it came is retired, too, given points apart; photos of which points remain stay.

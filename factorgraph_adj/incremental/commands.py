@@ -211,7 +211,12 @@ def discard(state: IncrementalState, ids: str | Iterable[str]) -> IncrementalSta
     every = ledger.ids_of(ledger.having("suspect"))
     problems = [
         Problem(
-            ledger.told_of_retired(i) or f"is no suspect; suspects: {known(every, meant=i)}",
+            ledger.told_of_retired(i)
+            or (
+                "is accepted: remove() takes it out"
+                if ledger.is_accepted(i)
+                else f"is no suspect; suspects: {known(every, meant=i)}"
+            ),
             f"observation {i!r}",
         )
         for i in wanted

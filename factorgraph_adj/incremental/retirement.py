@@ -415,6 +415,10 @@ def without(
         points=archive.points + len(names["point"]),
         photos=archive.photos + len(names["pose"]),
         observations=archive.observations + scalars,
+        held_points=(
+            *archive.held_points,
+            *(n for n in names["point"] if not ledger.needs(("point", n))[0]),
+        ),
         found=tuple((v[0], keys[v]) for v in rest.prior.variables if v in keys),
     )
     return _shrunk(ledger, leaving, names["point"], names["pose"], retired)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..entities import FREE_ORIENTATION, Key, Photo, Point, parameter_name
-from ..errors import Problem
+from ..errors import Problem, known
 from ..graph.dependence import Variable
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
@@ -177,6 +177,8 @@ class Retired:
     """Number of retired photos."""
     observations: int = 0
     """Number of observations that were in the graph."""
+    held_points: tuple[str, ...] = ()
+    """Names of those of these points whose coordinates were all held."""
     found: tuple[tuple[VariableKind, Key], ...] = ()
     """Unknowns of the prior that nobody has to state, such as orientations."""
     missed: MissedStep = NO_MISSED_STEP
@@ -248,8 +250,9 @@ class Retired:
             network.of_kind(kind).setdefault(key, FREE_ORIENTATION)
 
     def __str__(self) -> str:
-        """Say what was retired."""
+        """Say what was retired, and which held points, which no new observation can use."""
+        held = f" (held: {known(self.held_points)})" if self.held_points else ""
         return (
-            f"{self.observations} observations with {self.points} points and {self.photos} photos "
-            "are retired"
+            f"{self.observations} observations with {self.points} points{held} and {self.photos} "
+            "photos are retired"
         )

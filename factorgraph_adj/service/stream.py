@@ -52,7 +52,8 @@ such as σ of a new point before the observation, are null.
                       ``all``: true everything that was retired is taken back first
 ``retire``            ``points``, ``photos``: names, ``before``: an id: let these, and what nothing
                       has touched since before the id came, leave with their observations:
-                      ``points_retired``, ``photos_retired``, ``observations_retired``
+                      ``points_retired``, ``photos_retired``, ``observations_retired``, and
+                      ``held_points_retired``, names of points that no new observation can use
 ``write``             ``project``: a .toml file, or a folder; write the graph as a project.
                       Existing files are replaced only with ``overwrite``: true
 ``stop``              end the stream
@@ -304,14 +305,18 @@ class Stream:
         points, photos = (requests.listed_ids(row, n, required=False) for n in ("points", "photos"))
         before = row.text("before")
         requests.refuse_noted_problems(row)
-        was = self._numbers_retired()
+        was, held = self._numbers_retired(), self._held_points_retired()
         self.adjustment.retire(points=points, photos=photos, before=before)
         now = self._numbers_retired()
-        return {name: now[name] - was[name] for name in now}
+        answer: Answer = {name: now[name] - was[name] for name in now}
+        return answer | {"held_points_retired": self._held_points_retired()[len(held) :]}
 
     def _numbers_retired(self) -> dict[str, int]:
         names, retired = ("points", "photos", "observations"), self.adjustment.retired
         return {f"{n}_retired": 0 if retired is None else getattr(retired, n) for n in names}
+
+    def _held_points_retired(self) -> list[str]:
+        return [] if self.adjustment.retired is None else [*self.adjustment.retired.held_points]
 
     # -- queries --------------------------------------------------------------------------------
 

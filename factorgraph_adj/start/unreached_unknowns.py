@@ -312,7 +312,9 @@ class _PointConnections:
         for sighted in (s.steps, s.zeniths, s.slopes, s.vectors):
             joined |= bool(np.any((sighted.station == p) | (sighted.target == p)))
         if not joined:
-            return "its height is not observed; hold z in a plane network"
+            in_space = any(len(seen.station) for seen in (s.steps, s.zeniths, s.slopes, s.vectors))
+            advice = "observe it, or hold z" if in_space else "hold z in a plane network"
+            return f"its height is not observed; {advice}"
         if not known_height.any():
             return "no height is known in the network; give one, or ask for a free network"
         return "its height is not joined to a known height"

@@ -545,3 +545,21 @@ def test_a_solution_file_has_the_rows_of_what_was_retired(tmp_path):
     assert fga.reliability(again).factors[0].t2 == pytest.approx(
         fga.reliability(solution).factors[0].t2
     )
+
+
+def test_held_points_that_are_retired_are_named(tmp_path):
+    journal = tmp_path / "day.jsonl"
+    inc = fga.IncrementalAdjustment(traverse(POINTS), journal=journal)
+    for _, found in observed(POINTS):
+        inc.add(found)
+    inc.retire(points="P3")
+    assert inc.retired.held_points == ()
+    assert "held" not in repr(inc)
+    inc.retire(points="P1")
+    assert inc.retired.held_points == ("P1",)
+    assert "2 points (held: P1)" in repr(inc)
+    del inc
+    resumed = fga.IncrementalAdjustment.resume(journal)
+    assert resumed.retired.held_points == ("P1",)
+    resumed.settle(all=True)
+    assert resumed.retired is None

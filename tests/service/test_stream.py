@@ -196,6 +196,7 @@ def test_what_is_retired_is_taken_back(yard):
     answer = yard(do="retire", points=["C"])
     assert answer["ok"] and answer["points_retired"] == 1 and answer["photos_retired"] == 0
     assert answer["observations_retired"] > 0
+    assert answer["held_points_retired"] == []
     refused = yard.raw(json.dumps({"do": "estimate", "point": "C"}))
     assert "settle(all=True) takes everything back" in refused["error"][0]["what"]
     assert not yard.raw(json.dumps({"do": "settle", "all": "some"}))["ok"]
@@ -612,7 +613,8 @@ def test_all_that_is_wrong_with_a_line_is_told_at_once(yard):
         ({"do": "remove", "ids": [1.5]}, "ids must be a list of ids, or one id, not [1.5]"),
         ({"do": "remove", "ids": {"s1": 1}}, "ids must be a list of ids"),
         ({"do": "accept", "ids": "s1"}, "is neither suspect nor rejected"),
-        ({"do": "discard", "ids": ["s1"]}, "is no suspect"),
+        ({"do": "discard", "ids": ["s1"]}, "is accepted: remove() takes it out"),
+        ({"do": "discard", "ids": ["X"]}, "is no suspect"),
         ({"do": "replace", "id": "s1"}, "observation is missing"),
         ({"do": "replace", "observation": SIGHT}, "id is missing"),
         ({"do": "replace", "id": "X", "observation": SIGHT}, "unknown observation"),

@@ -726,9 +726,15 @@ def test_every_point_that_cannot_be_reached_is_listed_with_its_reason():
     assert "point Q: 1 horizontal distance: not enough" in text
     assert "point R: 1 horizontal distance, 1 zenith angle, joined only to points" in text
     assert "not reached themselves: S" in text
-    assert "point D: its height is not observed; hold z in a plane network" in text
+    assert "point D: its height is not observed; observe it, or hold z" in text
     assert "point T: two positions fit equally well" in text
     assert "P" not in [line.split(":")[0].removeprefix("point ") for line in text.splitlines()]
+
+
+def test_a_network_without_observed_heights_is_taken_for_a_plane_one():
+    plane = network_of("ABD", sights("A", "BD", use="dh"), held="AB")
+    text = problems_of(forget_free(plane))
+    assert "point D: its height is not observed; hold z in a plane network" in text
 
 
 def test_a_mirrored_position_in_space_is_said_to_be_doubtful():
