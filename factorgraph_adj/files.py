@@ -88,7 +88,7 @@ def inside(folder: Path, name: str, where: str, *, allow_outside: bool | None = 
 
 def astray(folder: Path, name: str, *, allow_outside: bool | None = None) -> str:
     """Return why a path in a file must not be followed; empty if it may be. See `inside`."""
-    if why := misnamed(name, allow_outside=allow_outside):
+    if why := path_objection(name, allow_outside=allow_outside):
         return why
     try:
         here = folder / name.replace("\\", "/")
@@ -100,7 +100,7 @@ def astray(folder: Path, name: str, *, allow_outside: bool | None = None) -> str
     return "" if there else "leads out of the folder by a symbolic link: name the file itself"
 
 
-def misnamed(name: str, *, allow_outside: bool | None = None) -> str:
+def path_objection(name: str, *, allow_outside: bool | None = None) -> str:
     """Return why a path must not be followed that leads out by its text; empty if it does not."""
     if not name.strip() or "\0" in name:
         return "is none: it is empty, or has a zero byte"

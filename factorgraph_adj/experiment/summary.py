@@ -60,7 +60,7 @@ class FigureSummary:
 
 
 @dataclass(frozen=True)
-class Failure:
+class FailureCount:
     """The failed repetitions with one error message."""
 
     error: str
@@ -91,7 +91,7 @@ class Summary(Shown):
     """Number of failed repetitions."""
     rows: tuple[FigureSummary, ...]
     """Summaries in the order of figures, and of cells in each figure."""
-    failures: tuple[Failure, ...] = ()
+    failures: tuple[FailureCount, ...] = ()
     """Errors of failed repetitions, in the order of their first occurrence."""
 
     def headline(self) -> str:
@@ -181,7 +181,7 @@ class Summary(Shown):
         ]
 
 
-def _why(failure: Failure) -> str:
+def _why(failure: FailureCount) -> str:
     """Return a failure as a line; a long message is cut."""
     message = " ".join(failure.message.split())
     if len(message) > LONGEST:
@@ -232,13 +232,13 @@ def summarise(
     )
 
 
-def _failures(failed: Sequence[Repetition]) -> tuple[Failure, ...]:
+def _failures(failed: Sequence[Repetition]) -> tuple[FailureCount, ...]:
     """Return the failures, one for each different error message."""
     same: dict[tuple[str, str], list[Repetition]] = {}
     for row in failed:
         same.setdefault((row.error, row.message), []).append(row)
     return tuple(
-        Failure(error, message, len(rows), rows[0].seed, rows[0].levels)
+        FailureCount(error, message, len(rows), rows[0].seed, rows[0].levels)
         for (error, message), rows in same.items()
     )
 

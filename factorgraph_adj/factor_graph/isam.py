@@ -41,9 +41,9 @@ THRESHOLD, SKIP = 0.01, 1
 """Threshold of relinearisation, units of the variables, and updates between two of them: with these
 estimates of terrestrial networks are within about 10⁻³ σ of the batch at any time, with GTSAM's 0.1
 and 10 within 0.3 σ; poses with σ of a centimetre are within 0.06 σ."""
-MOST_TURNS = 30
+MAX_RELINEARISATIONS = 30
 """Largest number of relinearisations of `Isam.settle`."""
-MOST_WEIGHTS = 5
+MAX_WEIGHT_UPDATES = 5
 """Largest number of times that weights follow the lengths of sights there."""
 AT_REST = 1e-12
 """Decrease of ½ vᵀPv, relative to 1 + ½ vᵀPv, below which `Isam.settle` ends."""
@@ -273,7 +273,7 @@ class Isam(metaclass=ChecksArguments):
         Standard deviations that depend on the lengths of sights follow.
         """
         turns = self._relinearise()
-        for _ in range(MOST_WEIGHTS):
+        for _ in range(MAX_WEIGHT_UPDATES):
             if not self._reweigh():
                 break
             turns += self._relinearise()
@@ -284,13 +284,13 @@ class Isam(metaclass=ChecksArguments):
         force.force_relinearize = True
         force.forceFullSolve = True
         before = np.inf
-        for turn in range(1, MOST_TURNS + 1):
+        for turn in range(1, MAX_RELINEARISATIONS + 1):
             self.isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), force)
             now = self.graph.error(self.isam.calculateBestEstimate())
             if abs(before - now) <= AT_REST * (1.0 + now):
                 return turn
             before = now
-        return MOST_TURNS
+        return MAX_RELINEARISATIONS
 
     def _reweigh(self) -> bool:
         """Replace factors whose weights have changed with the lengths of sights."""

@@ -29,7 +29,7 @@ MAX_TURNS = 10
 """Largest number of times that rows are evaluated anew after an arrival."""
 REMAINING_GAP_SHARE = 0.25
 """Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
-UNSEEN_SHARE = 0.5
+UNMEASURED_SHARE = 0.5
 """Part of the accuracy that rows may miss, by how much they bend, before they are looked at: beside
 gaps as large as the accuracy, which is half of what is promised, a quarter of that is left."""
 MIN_SHARE_OF_MOVEMENT = 0.1
@@ -41,9 +41,9 @@ SLOW = 0.3
 """Ratio of the norm of all gaps to the last one from which on steps are extrapolated."""
 MAX_MISFIT = 1e9
 """Largest residual of a row that enters, in its σ: what it adds hides 10⁻⁷ σ of the others."""
-MOST_KEYS_TOGETHER = 8
+MAX_KEYS_OF_JOINT_COVARIANCE = 8
 """Largest number of keys of which what rows miss together counts with their joint covariance."""
-MOST_TERMS = 3
+MAX_KEYS_OF_ONE_CALL = 3
 """Largest number of keys with which iSAM2 takes a factor in one call from Python."""
 CONVERGED_GAP = 1e-7
 """Norm of all gaps at which `LinearISAM2.settle` ends."""
@@ -127,7 +127,7 @@ class LinearISAM2(LinearRows):
 
     @property
     def _by_column(self) -> tuple[Grown, ...]:
-        return self._delta, self._looked, self._diagonal, self._bound
+        return self._delta, self._measured_at, self._diagonal, self._bound
 
     def mark(self) -> Mark:
         """Return what `restore` needs to undo what is done from now on."""
@@ -284,7 +284,7 @@ class LinearISAM2(LinearRows):
         noise = gtsam.noiseModel.Unit.Create(b.shape[1])
         for keys, _ in terms:
             self._alive.values[keys] = True
-        if len(terms) <= MOST_TERMS:
+        if len(terms) <= MAX_KEYS_OF_ONE_CALL:
             lists = [each for keys, a in terms for each in (keys.tolist(), a)]
             add: Callable[..., None] = graph.add
             for *parts, own in zip(*lists, b, strict=True):
@@ -333,20 +333,20 @@ class LinearISAM2(LinearRows):
         """
         allowed = self.accuracy if accuracy is None else accuracy
         moved = self._moved_from() if accuracy is None else np.zeros(len(self._delta.values))
-        bends = np.zeros(0)
+        curvatures = np.zeros(0)
         if accuracy is None:
-            self._measure_bends(self._bounds)
-            bends = self._bends()
+            self._measure_curvatures(self._bounds)
+            curvatures = self._curvatures()
         last, beyond = np.inf, Extrapolation()
         for turn in range(MAX_TURNS):
-            columns = self._delta.values != self._looked.values
+            columns = self._delta.values != self._measured_at.values
             if accuracy is None:
-                squares = self._unseen(bends)
+                squares = self._unmeasured(curvatures)
                 columns[:] = False
-                columns[_largest(squares, (UNSEEN_SHARE * allowed) ** 2)] = True
-            self._look(columns, self._bounds)
+                columns[_largest(squares, (UNMEASURED_SHARE * allowed) ** 2)] = True
+            self._measure_gaps(columns, self._bounds)
             gap = self._gap.values
-            together, shares = self._together(allowed)
+            together, shares = self._joint_gradient_error(allowed)
             whole = max(float(np.sqrt(gap.sum())), together)
             if whole <= allowed or (whole <= NEAR and whole > SHRINKING * last):
                 return turn
@@ -355,16 +355,16 @@ class LinearISAM2(LinearRows):
             if turn:
                 self._extrapolate(beyond, slow=whole > SLOW * last)
             last = whole
-            self._anew(units, moved)
+            self._relinearise(units, moved)
         return MAX_TURNS
 
-    def _together(self, allowed: float) -> tuple[float, Array]:
+    def _joint_gradient_error(self, allowed: float) -> tuple[float, Array]:
         """Return √gᵀQg of the gradient that all rows miss, or more, and shares of units in it.
 
         That is Σ|g_c| σ_c with bounds of σ; where it is beyond what is allowed, the keys with most
         of it count with their joint covariance: √gᵀQg is a norm, so that parts may be added.
         """
-        g, sizes = self._missed()
+        g, sizes = self._gradient_errors()
         columns = np.flatnonzero(g)
         figure = np.zeros(len(g))
         figure[columns] = np.abs(g[columns]) * self._bounds(columns)
@@ -372,7 +372,7 @@ class LinearISAM2(LinearRows):
         if together <= allowed:
             return together, np.zeros(self._gap.n)
         of_keys = np.bincount(self._key.values, figure, self._first.n)
-        keys = np.argsort(-of_keys)[:MOST_KEYS_TOGETHER]
+        keys = np.argsort(-of_keys)[:MAX_KEYS_OF_JOINT_COVARIANCE]
         keys = keys[of_keys[keys] > 0.0].tolist()
         mine = np.concatenate([self._columns_of(key) for key in keys])
         q = self.covariance_of(keys)
@@ -380,7 +380,7 @@ class LinearISAM2(LinearRows):
         joint = float(np.sqrt(max(g[mine] @ q @ g[mine], 0.0)))
         together += joint - float(figure[mine].sum())
         figure[mine] = np.abs(g[mine]) * self._bound.values[mine]
-        return together, self._shares(figure / np.maximum(sizes, TINY))
+        return together, self._gradient_error_shares(figure / np.maximum(sizes, TINY))
 
     def _extrapolate(self, beyond: Extrapolation, *, slow: bool) -> None:
         """Move further by what the last steps tell, where gaps shrink slowly.
@@ -408,7 +408,7 @@ class LinearISAM2(LinearRows):
             return self.follow() < MAX_TURNS
         return False
 
-    def _anew(self, units: Index, moved: Array) -> None:
+    def _relinearise(self, units: Index, moved: Array) -> None:
         """Give variables of units that have moved, or moved most, new points of linearisation.
 
         All rows that touch them are replaced.
@@ -439,7 +439,7 @@ class LinearISAM2(LinearRows):
                     mark.theta.append((kind, numbers, table.theta.values[numbers]))
                 table.theta.values[numbers] = self._moved(kind, numbers)
         self._delta.values[columns] = 0.0
-        self._looked.values[columns] = 0.0
+        self._measured_at.values[columns] = 0.0
         self._before = self._delta.values.copy()
         theta = self._theta()
         anew = list(self._touching(columns))
@@ -463,7 +463,7 @@ class LinearISAM2(LinearRows):
 
     # -- figures ------------------------------------------------------------------------------
 
-    def together(self, units: Index) -> JointCovariance:
+    def joint_covariance(self, units: Index) -> JointCovariance:
         """Return units with the joint covariance of what they touch."""
         a, v, columns, rows = self._stacked(units)
         keys = np.unique(self._key.values[columns]).tolist()

@@ -25,13 +25,13 @@ from .linearisation_points import LinearisationPoints
 from .row_groups import Grown, Rows, Sort, WholeBlockError, sort_of
 from .undo_records import Mark
 
-OF_SIGMA = 0.5
+SIGMA_CHANGE_SHARE = 0.5
 """What the change of a standard deviation, relative to itself, counts in a gap."""
 PROBE = 0.1
 """Step of a column, in conditional standard deviations 1/√N_jj, with which it is measured how much
 rows bend."""
 UNBOUNDED, TINY = 1e9, 1e-300
-"""How much a row bends of which that is not known; and a divisor in the place of 0."""
+"""Curvature of a row for which it is not known; and a divisor in the place of 0."""
 
 
 class Arriving(NamedTuple):
@@ -226,14 +226,14 @@ class LinearRows(LinearisationPoints):
                     out[own], v[own] = w @ out[own], w @ v[own]
         return Stacked(out, v, every, rows_of)
 
-    def _measure_bends(self, bounds: Callable[[Index], Array]) -> None:
+    def _measure_curvatures(self, bounds: Callable[[Index], Array]) -> None:
         """Measure how much rows bend that have entered since this was done last.
 
         A step h of column j changes the partials of a row by dA. In units of the row's σ,
 
             q_j = Σ_k |dA_k/h| σ_k
 
-        is what a unit of δ_j changes of the row's contribution to standard deviations, see `_look`,
+        is what a unit of δ_j changes of the row's contribution to standard deviations, see `_measure_gaps`,
         and times |δ_k|/σ_k ≤ t it is what a unit of δ_j adds to the gap.
 
         Args:
@@ -241,10 +241,10 @@ class LinearRows(LinearisationPoints):
         """
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
         for sort, own in enumerate(self.rows):
-            if not own.bend:
+            if not own.curvature:
                 continue
             new = self._inside.values[own.unit.values]
-            new &= np.any([np.isnan(b.values).any(axis=1) for b in own.bend], axis=0)
+            new &= np.any([np.isnan(b.values).any(axis=1) for b in own.curvature], axis=0)
             rows = np.flatnonzero(new)
             if not len(rows):
                 continue
@@ -272,13 +272,13 @@ class LinearRows(LinearisationPoints):
                     found[j][:, c] = np.linalg.norm(scale * s, axis=1) / h
             except (InputError, WholeBlockError):  # how much they bend is not known
                 found = [np.where(at >= 0, UNBOUNDED, 0.0) for _, at in forms]
-            for mine, q in zip(own.bend, found, strict=True):
+            for mine, q in zip(own.curvature, found, strict=True):
                 mine.values[rows] = q
 
-    def _bends(self) -> Array:
+    def _curvatures(self) -> Array:
         """Return what a unit of movement of each column makes its rows miss at most, Σqw.
 
-        In a row, w = max(|v|, ½) + t: of the change of its partials, see `_look`, and of its gap.
+        In a row, w = max(|v|, ½) + t: of the change of its partials, see `_measure_gaps`, and of its gap.
         Rows may miss the same: those of one kind between the same points, with residuals of one
         sign, do.
         """
@@ -287,33 +287,33 @@ class LinearRows(LinearisationPoints):
         bound = np.fmax(np.nan_to_num(self._bound.values, nan=np.inf), TINY)
         far = np.append(np.abs(self._delta.values) / bound, 0.0)
         for sort, own in enumerate(self.rows):
-            if not own.bend:
+            if not own.curvature:
                 continue
             on = np.flatnonzero(self._inside.values[own.unit.values])
             columns = [at for _, at in self._forms(sort, on)]
             t = np.max([far[at].max(axis=1, initial=0.0) for at in columns], axis=0)
-            w = np.maximum(np.linalg.norm(own.v.values[on], axis=1), OF_SIGMA) + t
-            for b, at in zip(own.bend, columns, strict=True):
+            w = np.maximum(np.linalg.norm(own.v.values[on], axis=1), SIGMA_CHANGE_SHARE) + t
+            for b, at in zip(own.curvature, columns, strict=True):
                 q = b.values[on] * (w * self._loosened)[:, None]
                 out += np.bincount(np.where(at >= 0, at, n).ravel(), q.ravel(), n + 1)
         return out[:-1]
 
-    def _unseen(self, bends: Array) -> Array:
+    def _unmeasured(self, curvatures: Array) -> Array:
         """Return squares of what rows miss by the movement of each column since its look.
 
         Movements of several columns of a row count as independent: an upper bound of all that is
-        missed would be the sum times their number. `_bends` is an upper bound of each.
+        missed would be the sum times their number. `_curvatures` is an upper bound of each.
         """
-        return np.asarray(((self._delta.values - self._looked.values) * bends) ** 2)
+        return np.asarray(((self._delta.values - self._measured_at.values) * curvatures) ** 2)
 
-    def _look(self, columns: Mask, bounds: Callable[[Index], Array]) -> None:
+    def _measure_gaps(self, columns: Mask, bounds: Callable[[Index], Array]) -> None:
         """Measure the gaps of rows that touch some columns.
 
         Partials change too, by dA. With s = |dA Q^½| of a row, it changes standard deviations by no
         more than s of themselves, and moves estimates by no more than s|v|: its gap has both. Over
         all rows √Σs² bounds the change of standard deviations, but √Σs²v² not that of estimates,
         as residuals may have one sign: what each row adds to the missed gradient is noted as well,
-        see `_missed`.
+        see `_gradient_errors`.
 
         Args:
             columns: which.
@@ -321,7 +321,7 @@ class LinearRows(LinearisationPoints):
         """
         if not columns.any():
             return
-        self._looked.values[columns] = self._delta.values[columns]
+        self._measured_at.values[columns] = self._delta.values[columns]
         state = self.state()
         groups: dict[int, dict[tuple[int, int], tuple[Array, float, Array, list[Array]]]] = {}
         for sort, rows in self._touching(columns):
@@ -338,12 +338,14 @@ class LinearRows(LinearisationPoints):
                 bound[some] = bounds(at[some])
                 s += scale * np.einsum("nij,nj->ni", change, bound)
             far = np.linalg.norm(s, axis=1)
-            far *= np.maximum(np.linalg.norm(scale * v, axis=1), OF_SIGMA)
+            far *= np.maximum(np.linalg.norm(scale * v, axis=1), SIGMA_CHANGE_SHARE)
             linear = self._linear(sort, rows)
             gap = v - linear
             whole = np.linalg.norm(gap, axis=1) + far
             self._gap.values[units[alone]] = whole[alone] ** 2
-            self._note(sort, rows[alone], [a[alone] for a in partials], v[alone], linear[alone])
+            self._record_gradient_errors(
+                sort, rows[alone], [a[alone] for a in partials], v[alone], linear[alone]
+            )
             for i in np.flatnonzero(~alone).tolist():
                 member = sort, int(rows[i])
                 own_partials = [a[i : i + 1] for a in partials]
@@ -360,7 +362,7 @@ class LinearRows(LinearisationPoints):
             weighed = [np.split(w.T @ (w @ r), ends) for r in (v, v - gap)]
             members = zip(sorts.tolist(), of_unit[:, None], found, *weighed, strict=True)
             for sort, row, (*_, partials), own_v, linear in members:
-                self._note(sort, row, partials, own_v[None], linear[None])
+                self._record_gradient_errors(sort, row, partials, own_v[None], linear[None])
 
     def _replace(self, grown: Grown, rows: Index, values: Array) -> None:
         """Replace values by row, and keep those before for marks."""
@@ -368,7 +370,9 @@ class LinearRows(LinearisationPoints):
             mark.replaced.append((grown, rows, grown.values[rows]))
         grown.values[rows] = values
 
-    def _note(self, sort: int, rows: Index, partials: list[Array], v: Array, linear: Array) -> None:
+    def _record_gradient_errors(
+        self, sort: int, rows: Index, partials: list[Array], v: Array, linear: Array
+    ) -> None:
         """Note what rows add to the gradient that is missed, A(x)ᵀ v(x) − Aᵀ (v + A δ).
 
         Args:
@@ -379,35 +383,35 @@ class LinearRows(LinearisationPoints):
             linear: v + A δ, likewise.
         """
         own = self.rows[sort]
-        for missed, a, new in zip(own.missed, own.a, partials, strict=True):
+        for missed, a, new in zip(own.gradient_error, own.a, partials, strict=True):
             g = np.einsum("nij,ni->nj", new, v) - np.einsum("nij,ni->nj", a.values[rows], linear)
             self._replace(missed, rows, g)
 
-    def _missed(self) -> tuple[Array, Array]:
+    def _gradient_errors(self) -> tuple[Array, Array]:
         """Return the gradient that rows miss, by column, and Σ|g| over their rows."""
         n = self._delta.n
         g, sizes = np.zeros(n + 1), np.zeros(n + 1)  # the last one is held
-        for _, missed, at in self._missed_by_rows():
+        for _, missed, at in self._gradient_errors_by_row():
             at = np.where(at >= 0, at, n).ravel()
             g += np.bincount(at, missed.ravel(), n + 1)
             sizes += np.bincount(at, np.abs(missed).ravel(), n + 1)
         return g[:-1], sizes[:-1]
 
-    def _shares(self, figure: Array) -> Array:
+    def _gradient_error_shares(self, figure: Array) -> Array:
         """Return shares of units in a figure of each column, by what they add to its gradient."""
         out, figure = np.zeros(self._gap.n), np.append(figure, 0.0)
-        for units, missed, at in self._missed_by_rows():
+        for units, missed, at in self._gradient_errors_by_row():
             out += np.bincount(units, (np.abs(missed) * figure[at]).sum(axis=1), len(out))
         return out
 
-    def _missed_by_rows(self) -> Iterable[tuple[Index, Array, Index]]:
+    def _gradient_errors_by_row(self) -> Iterable[tuple[Index, Array, Index]]:
         """Iterate over units (k,), what is missed (k, s) and columns (k, s) of rows with gaps."""
         for own in self.rows:
             rows = np.flatnonzero(self._gap.values[own.unit.values] > 0.0)
             if not len(rows):
                 continue
             units, index = own.unit.values[rows], own.index.values[rows]
-            for j, (kind, missed) in enumerate(zip(own.kinds, own.missed, strict=True)):
+            for j, (kind, missed) in enumerate(zip(own.kinds, own.gradient_error, strict=True)):
                 columns = self.tables[kind].column.values[index[:, j]]
                 yield units, missed.values[rows], columns[:, : missed.values.shape[1]]
 

@@ -17,7 +17,7 @@ from ..types import Array, Index
 from .factor_tests import JointCovariance
 from .row_groups import Grown
 
-SAME = 1e-2
+MAX_SAME_PLACE_DISTANCE = 1e-2
 """Difference of two places, in conditional standard deviations, up to which they are one."""
 MIN_MOVEMENT = 0.1
 """Movement in conditional standard deviations 1/√N_jj from which on a variable of a row that has a
@@ -60,7 +60,7 @@ class LinearisationPoints:
         """Which keys have rows."""
         self._key = Grown(dtype=np.intp)
         """Key of each column."""
-        self._delta, self._looked, self._diagonal = Grown(), Grown(), Grown()
+        self._delta, self._measured_at, self._diagonal = Grown(), Grown(), Grown()
         """δ, δ at the last look, and the diagonal of N, of each column."""
         self._loosened = 1.0
         """Largest factor by which standard deviations have grown since rows were measured."""
@@ -95,7 +95,7 @@ class LinearisationPoints:
         self._alive.extend(np.zeros(len(own), dtype=bool))
         column = np.full((len(new), mine.column.values.shape[1]), -1)
         column[:, : len(width)][free] = self._key.extend(np.repeat(keys[size > 0], own))
-        for each in (self._delta, self._looked, self._diagonal):
+        for each in (self._delta, self._measured_at, self._diagonal):
             each.extend(np.zeros(int(own.sum())))
         self._bound.extend(np.full(int(own.sum()), np.nan))
         stored = np.zeros((len(new), mine.theta.values.shape[1]))
@@ -126,7 +126,7 @@ class LinearisationPoints:
         return out
 
     def agrees(self, unknowns: Unknowns, state: State) -> bool:
-        """Return whether variables stand in a state within `SAME` conditional standard deviations.
+        """Return whether variables stand in a state within `MAX_SAME_PLACE_DISTANCE` conditional standard deviations.
 
         Args:
             unknowns: their unknowns.
@@ -137,7 +137,9 @@ class LinearisationPoints:
             columns = self.tables[kind].column.values[there]
             weight = np.where(columns >= 0, self._diagonal.values[columns], 0.0)
             far = np.abs(own[kind][here] - state[kind][here]).max(axis=1, initial=0.0)
-            if not (far * np.sqrt(weight.max(axis=1, initial=0.0)) <= SAME).all():
+            if not (
+                far * np.sqrt(weight.max(axis=1, initial=0.0)) <= MAX_SAME_PLACE_DISTANCE
+            ).all():
                 return False
         return True
 

@@ -116,10 +116,10 @@ class Rows:
         """Residuals at θ, whitened unless the observation is one of a correlated group, (n, d)."""
         self.a: list[Grown] = []
         """Partials by the variable of each slot, (n, d, size)."""
-        self.bend: list[Grown] = []
-        """See `LinearRows._measure_bends`, for each slot, (n, size); NaN: not measured yet."""
-        self.missed: list[Grown] = []
-        """What each observation adds to the gradient that linear rows miss, see `LinearRows._look`,
+        self.curvature: list[Grown] = []
+        """See `LinearRows._measure_curvatures`, for each slot, (n, size); NaN: not measured yet."""
+        self.gradient_error: list[Grown] = []
+        """What each observation adds to the gradient that linear rows miss, see `LinearRows._measure_gaps`,
         for each slot, (n, size)."""
         self._observed, self._sigma = Grown(d), Grown(d)
         self._whitener = None if block.whitener is None else Grown(d, d)
@@ -157,9 +157,9 @@ class Rows:
         self.v.extend(np.zeros(block.observed.shape))
         for a in self.a:
             a.extend(np.zeros((block.n, *a.values.shape[1:])))
-        for b in self.bend:
+        for b in self.curvature:
             b.extend(np.full((block.n, b.values.shape[1]), np.nan))
-        for m in self.missed:
+        for m in self.gradient_error:
             m.extend(np.zeros((block.n, m.values.shape[1])))
         self._observed.extend(block.observed)
         self._sigma.extend(block.sigma)
@@ -178,7 +178,7 @@ class Rows:
         """Drop all observations but the first n."""
         numeric = (self.index, self.unit, self.v, self._observed, self._sigma, self.joint)
         own = () if self._whitener is None else (self._whitener,)
-        for each in (*numeric, *own, *self.a, *self.bend, *self.missed):
+        for each in (*numeric, *own, *self.a, *self.curvature, *self.gradient_error):
             each.cut(n)
         for each in self._constants.values():
             each.cut(n)
@@ -223,11 +223,11 @@ class Rows:
             self.a = [Grown(*a.shape[1:]) for a in partials]
             for a in self.a:
                 a.extend(np.zeros((self.v.n, *a.values.shape[1:])))
-            self.bend = [Grown(a.shape[2]) for a in partials]
-            for b in self.bend:
+            self.curvature = [Grown(a.shape[2]) for a in partials]
+            for b in self.curvature:
                 b.extend(np.full((self.v.n, b.values.shape[1]), np.nan))
-            self.missed = [Grown(a.shape[2]) for a in partials]
-            for m in self.missed:
+            self.gradient_error = [Grown(a.shape[2]) for a in partials]
+            for m in self.gradient_error:
                 m.extend(np.zeros((self.v.n, m.values.shape[1])))
         self.v.values[rows] = v
         for mine, new in zip(self.a, partials, strict=True):

@@ -23,12 +23,18 @@ from ..ledger.options import Options
 from ..ledger.row_store import NO_PHOTO
 from ..ledger.verdicts import Verdict
 from ..linear_system import engines
-from ..linear_system.arrival_decisions import JointTest, accepted, decide, left_out, untested
+from ..linear_system.arrival_decisions import (
+    JointTest,
+    accepted_verdicts,
+    decide,
+    left_out,
+    untested,
+)
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.joint_tests import RowsBesideBase, RowsInBase
 from ..linear_system.linear_system import LinearSystem
 from ..linear_system.linearisation_error import is_small, with_rest
-from ..linear_system.rebase import EFFORT, Draft, Failure, with_doubt
+from ..linear_system.rebase import EFFORT, Draft, NoMinimum, with_doubt
 from ..linear_system.section import Attempts
 from ..observations.base import is_condition
 from ..quality.group_tests import LeaveOneOutTests
@@ -130,8 +136,8 @@ class Entry:
                 return EntryResult(self.ledger, self.system, tuple(self.verdicts))
             result = ahead or self._adjusted(draft, base, doubted)
             if isinstance(result, FrontSystem) and self.found and not result.converged:
-                result = Failure(result.reason)  # it misses its inner constraints
-            if isinstance(result, Failure):
+                result = NoMinimum(result.reason)  # it misses its inner constraints
+            if isinstance(result, NoMinimum):
                 if doubted or not self._let_go(result):
                     return self._refused(before, result)
             else:
@@ -140,7 +146,7 @@ class Entry:
                     return self._entered(base, joint)
             if len(self.stay):
                 draft, ahead = self._draft(base), None
-        return self._refused(before, Failure(DISAGREE))
+        return self._refused(before, NoMinimum(DISAGREE))
 
     def at_once(self) -> EntryResult | None:
         """Put everything in without a local adjustment; none where it takes one.
@@ -292,7 +298,7 @@ class Entry:
 
     def _entered(self, system: LinearSystem, joint: JointTest) -> EntryResult:
         gains = self.rules.datum == "given"
-        told = accepted(joint, self.rules.alpha, self.given, gains=gains)
+        told = accepted_verdicts(joint, self.rules.alpha, self.given, gains=gains)
         return EntryResult(self.ledger, system, (*self.verdicts, *told), frozenset(self.new))
 
     def _agreed(self, draft: Draft) -> FrontSystem | None:
@@ -327,13 +333,13 @@ class Entry:
 
     def _adjusted(
         self, draft: Draft, base: FrontSystem | None, doubted: bool
-    ) -> FrontSystem | Failure:
+    ) -> FrontSystem | NoMinimum:
         """Adjust a draft; the whole network where its section is not enough."""
         attempts = Attempts() if base is None else base.attempts
         if draft.section is None:
             return _with(self._of_whole(draft, doubted), attempts.passed())
         found = draft.adjusted(self.rules.datum, doubted=doubted)
-        if isinstance(found, Failure) and self.found and not found.singular:
+        if isinstance(found, NoMinimum) and self.found and not found.singular:
             return found  # it waits: the whole, which has the same values, would creep as long
         with suppress(AdjustmentError):  # an observation of the rest may have no answer there
             if isinstance(found, FrontSystem) and (held := with_rest(found, self.rules.accuracy)):
@@ -341,7 +347,7 @@ class Entry:
         whole = self._of_whole(self._draft(base, section=False), doubted)
         return _with(whole, attempts.failed())
 
-    def _of_whole(self, draft: Draft, doubted: bool) -> FrontSystem | Failure:
+    def _of_whole(self, draft: Draft, doubted: bool) -> FrontSystem | NoMinimum:
         """Adjust the whole; after a time without a minimum, the better one that there is."""
         found = draft.adjusted(self.rules.datum, doubted=doubted)
         if doubted and isinstance(found, FrontSystem):
@@ -416,7 +422,7 @@ class Entry:
 
     # -- where there is no solution -----------------------------------------------------------
 
-    def _let_go(self, failure: Failure) -> bool:
+    def _let_go(self, failure: NoMinimum) -> bool:
         """Let points wait whose rays run parallel; return whether there were any.
 
         Two rays on a short base meet somewhere until the photos turn by a little more. Other
@@ -434,7 +440,7 @@ class Entry:
         self.new -= self.dropped
         return True
 
-    def _refused(self, before: Ledger, failure: Failure) -> EntryResult | EntryRefusal:
+    def _refused(self, before: Ledger, failure: NoMinimum) -> EntryResult | EntryRefusal:
         """Return what becomes of observations without a solution."""
         system = self._fronts()
         free = system is not None and system.is_free
@@ -463,7 +469,7 @@ class Entry:
         return self.stay[self._draft(system).noticing(system.datum_solution, ids)]
 
 
-def _with(found: FrontSystem | Failure, attempts: Attempts) -> FrontSystem | Failure:
+def _with(found: FrontSystem | NoMinimum, attempts: Attempts) -> FrontSystem | NoMinimum:
     """Return an adjusted network that remembers attempts to adjust sections of it."""
     return replace(found, attempts=attempts) if isinstance(found, FrontSystem) else found
 

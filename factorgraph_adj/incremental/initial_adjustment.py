@@ -16,7 +16,7 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
-from ..linear_system.rebase import EFFORT, Draft, Failure, known_network
+from ..linear_system.rebase import EFFORT, Draft, NoMinimum, known_network
 from ..models.variables import VariableKind
 from ..network.network import Network
 from ..solve.doubtful_points import points_with_narrow_rays
@@ -95,7 +95,7 @@ def adjusted(
     start: Solution | None,
     stay: Candidates | None = None,
     reached: ApproximateNetwork | None = None,
-) -> tuple[Ledger, FrontSystem | Failure | None]:
+) -> tuple[Ledger, FrontSystem | NoMinimum | None]:
     """Adjust what is in, without what is not determined: that waits.
 
     Args:
@@ -113,7 +113,7 @@ def adjusted(
         stay = DeterminabilitySearch(
             Candidates(ledger, NothingKnown(), inside), rules.datum, {}
         ).counted(())
-    system: FrontSystem | Failure | None = None
+    system: FrontSystem | NoMinimum | None = None
     for _ in range(MAX_REDUCTIONS):
         ledger = _without(ledger, inside, stay.rows)
         system = adjusted_once(ledger, stay, rules, start, reached)
@@ -156,7 +156,7 @@ def settled(state: IncrementalState, rules: Options) -> IncrementalState:
         return state
     draft = replace(Draft.of(state.ledger, state.system, rules.datum), looked={})
     found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
-    if isinstance(found, Failure):
+    if isinstance(found, NoMinimum):
         return state.on_fronts()
     if state.ledger.retired is None:  # what was retired says where everything is
         found = smaller_minimum(draft, found, rules.datum, tolerances=EFFORT.at_rest)
@@ -190,7 +190,7 @@ def adjusted_once(
     start: Solution | None = None,
     reached: ApproximateNetwork | None = None,
     there: Mapping[Variable, Array] | None = None,
-) -> FrontSystem | Failure | None:
+) -> FrontSystem | NoMinimum | None:
     """Return the system of a network's adjustment; none where it ends in an error.
 
     Args:
@@ -213,7 +213,7 @@ def at_its_start(
     ledger: Ledger,
     stay: Candidates,
     rules: Options,
-    failure: Failure | None,
+    failure: NoMinimum | None,
     start: Solution | None = None,
     there: Mapping[Variable, Array] | None = None,
 ) -> FrontSystem | None:

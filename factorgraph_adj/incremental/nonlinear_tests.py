@@ -48,7 +48,7 @@ from ..ledger.ledger import Ledger
 from ..ledger.options import Options
 from ..ledger.row_store import Unit
 from ..ledger.verdicts import Side, Verdict
-from ..linear_system.arrival_decisions import accepted
+from ..linear_system.arrival_decisions import accepted_verdicts
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.isam2_system import ISAM2System
 from ..linear_system.joint_tests import RowsInBase
@@ -232,7 +232,9 @@ def tested_by_readjustment(
         out = np.setdiff1d(np.array(part, dtype=np.intp), ledger.having("accepted"))
         if len(out) and (found := _with(ledger, system, out, rules, images)):
             joint = RowsInBase.of_system(found[1], found[0].units(out))
-            verdicts = list(accepted(joint, rules.alpha, given, gains=rules.datum == "given"))
+            verdicts = list(
+                accepted_verdicts(joint, rules.alpha, given, gains=rules.datum == "given")
+            )
             # One that contradicts must not hide in the sum of those that fit.
             if not any(v.test > 1.0 for v in verdicts):
                 doubts = {i: str(s) for i, s in found[0].sides.items() if s.alone}

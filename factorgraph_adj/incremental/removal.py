@@ -17,7 +17,7 @@ from ..linear_system import engines
 from ..linear_system.arrival_decisions import untested
 from ..linear_system.engines import determined_only_by, downdated
 from ..linear_system.front_system import FrontSystem
-from ..linear_system.rebase import Draft, Failure, with_doubt
+from ..linear_system.rebase import Draft, NoMinimum, with_doubt
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Index
 from .initial_adjustment import adjusted
@@ -107,7 +107,7 @@ def _without(
         # Without redundancy there is a minimum, v = 0, where everything is determined.
         if isinstance(found, FrontSystem) and (found.converged or found.redundancy):
             return ledger, found, again, None
-        if isinstance(found, Failure) and found.loose is None:
+        if isinstance(found, NoMinimum) and found.loose is None:
             # What is gone may have led everything so far off that nothing leads back from there.
             smaller, anew = adjusted(ledger, rules, None)
             if isinstance(anew, FrontSystem) and anew.converged:

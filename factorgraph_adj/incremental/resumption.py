@@ -29,7 +29,7 @@ from ..ledger.options import Options
 from ..ledger.row_store import REMOVED
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.linear_system import LinearSystem
-from ..linear_system.rebase import Failure
+from ..linear_system.rebase import NoMinimum
 from ..models.variables import ROTATION, UNKNOWNS
 from ..network.network import Network
 from ..types import NO_ROWS, Array, Index
@@ -218,7 +218,7 @@ class _Lines:
     journal: str
     """Name of the journal."""
 
-    def adjusted(self, moment: Moment) -> tuple[Moment, FrontSystem | Failure | None]:
+    def adjusted(self, moment: Moment) -> tuple[Moment, FrontSystem | NoMinimum | None]:
         """Return the last moment of the journal, and its network adjusted.
 
         Args:
@@ -254,7 +254,7 @@ class _Lines:
         )
         return replace(state, system=system.with_second_place(told))
 
-    def _excess(self, line: int, found: FrontSystem | Failure | None) -> float:
+    def _excess(self, line: int, found: FrontSystem | NoMinimum | None) -> float:
         """Return by how much vᵀPv exceeds what a line says, beyond what is left to settle."""
         said = self.lines[line - 1].get("vtpv")
         if said is None:

@@ -28,7 +28,7 @@ from ..ledger.options import Options
 from ..ledger.retired_unknowns import LastEstimate, Retired
 from ..ledger.row_store import REMOVED
 from ..linear_system import engines
-from ..linear_system.rebase import EFFORT, Draft, Failure, known_network
+from ..linear_system.rebase import EFFORT, Draft, NoMinimum, known_network
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network
 from ..solve.added_factors import Prior, UnknownGroup
@@ -216,7 +216,7 @@ def retire(
     found = Draft.of(after, system, rules.datum, dropped=leaving.variables).adjusted(
         rules.datum, tolerances=(EFFORT.close,)
     )
-    if isinstance(found, Failure):
+    if isinstance(found, NoMinimum):
         raise AdjustmentError(f"{NO_MINIMUM} without it: {found.reason}")
     return IncrementalState(after, found.prepared(), settled=False), line
 
@@ -255,7 +255,7 @@ def taken_back(state: IncrementalState, rules: Options) -> IncrementalState:
     draft = Draft.of(ledger, system, rules.datum, new=values, there=values)
     draft = replace(draft, looked={})
     found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
-    if isinstance(found, Failure):
+    if isinstance(found, NoMinimum):
         what = "no minimum was found with everything that was retired; it stays retired"
         raise AdjustmentError(f"{what}: {found.reason}")
     return IncrementalState(ledger, found.prepared(), settled=True)

@@ -191,7 +191,7 @@ def known_in(system: Known | None) -> Known:
     return NothingKnown() if system is None else system
 
 
-class AtRetirement(NothingKnown):
+class RetiredValues(NothingKnown):
     """Knows what retired observations say of, where it was when they were retired."""
 
     def __init__(self, prior: Prior) -> None:
@@ -234,7 +234,7 @@ class Candidates:
     def __post_init__(self) -> None:
         """Know what was known when others were retired, where nothing else is."""
         if self.ledger.retired is not None and type(self.known) is NothingKnown:
-            object.__setattr__(self, "known", AtRetirement(self.ledger.retired.prior))
+            object.__setattr__(self, "known", RetiredValues(self.ledger.retired.prior))
 
     @cached_property
     def links(self) -> Links:

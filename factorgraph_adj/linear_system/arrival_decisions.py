@@ -146,7 +146,7 @@ def left_out(
         yield from _tested(joint.units[i], outcome, figures, 0, alpha, given, ())
 
 
-def accepted(
+def accepted_verdicts(
     joint: JointTest, alpha: float, given: Collection[str], *, gains: bool
 ) -> Iterator[Verdict]:
     """Iterate over the verdicts on units that all stay.

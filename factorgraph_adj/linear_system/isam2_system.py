@@ -334,7 +334,7 @@ class ISAM2System:
         if tree.lost or not all(i in tree.unit for i in ids):
             return None
         units = np.array([tree.unit[i] for i in ids], dtype=np.intp)
-        redundancy = tree.together(units).least_redundancy
+        redundancy = tree.joint_covariance(units).least_redundancy
         if redundancy <= SINGULAR_REDUNDANCY:
             return None
         self._mark = tree.mark()
@@ -410,7 +410,9 @@ class EnteredRows:
         """Find units that have just entered."""
         raw = rows_of(units, equations)[1]
         numbers = np.array([tree.unit[u.ids[0]] for u in units], dtype=np.intp)
-        return cls(tree, units, raw, numbers, equations, tree.together(numbers), tree.version)
+        return cls(
+            tree, units, raw, numbers, equations, tree.joint_covariance(numbers), tree.version
+        )
 
     def tested(self) -> LeaveOneOutTests:
         """Return the units, to be tested against everything else."""
@@ -420,7 +422,7 @@ class EnteredRows:
         """Return the units, to be tested where everything is by now."""
         if self.tree.version == self.version:
             return self
-        together = self.tree.together(self.numbers)
+        together = self.tree.joint_covariance(self.numbers)
         return replace(self, together=together, version=self.tree.version)
 
     def spread(self, i: int, columns: Index) -> Array:

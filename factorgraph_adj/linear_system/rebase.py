@@ -65,7 +65,7 @@ MIN_NOTICED_MOTION = 1e-6
 
 
 @dataclass(frozen=True)
-class Failure:
+class NoMinimum:
     """No minimum was found."""
 
     reason: str
@@ -219,7 +219,7 @@ class Draft:
         doubted: bool = False,
         other_sides: bool = True,
         solver: Solver | None = None,
-    ) -> FrontSystem | Failure:
+    ) -> FrontSystem | NoMinimum:
         """Adjust; a failure says why there is no minimum.
 
         Args:
@@ -251,9 +251,9 @@ class Draft:
                 if solution.converged or solution.reason == NOT_ON_INNER_CONSTRAINTS:
                     return FrontSystem.of(solution, rows=self.rows, section=self.section)
             except DatumError as error:
-                return Failure(str(error), tuple(error.unknowns), singular=True)
+                return NoMinimum(str(error), tuple(error.unknowns), singular=True)
             except (AdjustmentError, SingularError) as error:
-                return Failure(str(error))
+                return NoMinimum(str(error))
             start = Start(solution.equations.unknowns, solution.state, solution.start)
             layers = solution.run.solver.layers
             if slow and (
@@ -261,10 +261,10 @@ class Draft:
             ):
                 # Of rays that are nearly parallel, those of points that ran away are the reason.
                 away = [p for p in _vague(solution) if p in points]
-                return Failure(solution.reason, tuple(("point", n) for n in away or points))
+                return NoMinimum(solution.reason, tuple(("point", n) for n in away or points))
             slow = False
         vague = tuple(("point", name) for name in _vague(solution))
-        return Failure(solution.reason, solution.run.drifting or vague or None)
+        return NoMinimum(solution.reason, solution.run.drifting or vague or None)
 
 
 def _vague(solution: Solution) -> list[str]:

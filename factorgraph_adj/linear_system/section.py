@@ -33,7 +33,7 @@ from ..solve.linear_base import POINT_SLOTS, LinearisationDrift, ReducedCofactor
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Array, Index
 
-MOST_WAITS = 15
+MAX_SECTION_WAITS = 15
 """Largest number of adjustments of the whole from one attempt to adjust a section to the next."""
 ROUNDING = 1e-13
 """A difference of variances that is less than this part of them is rounding."""
@@ -44,7 +44,7 @@ class Attempts(NamedTuple):
 
     A block that grows by much with every photo takes an adjustment of the whole for each, and that
     of a section is in vain. After k failures in a row the next 2ᵏ⁻¹ − 1 adjustments are of the
-    whole without an attempt, at most `MOST_WAITS`.
+    whole without an attempt, at most `MAX_SECTION_WAITS`.
     """
 
     failures: int = 0
@@ -54,7 +54,7 @@ class Attempts(NamedTuple):
 
     def failed(self) -> Attempts:
         """Return the attempts after another failure."""
-        return Attempts(self.failures + 1, min(2**self.failures - 1, MOST_WAITS))
+        return Attempts(self.failures + 1, min(2**self.failures - 1, MAX_SECTION_WAITS))
 
     def passed(self) -> Attempts:
         """Return the attempts after an adjustment of the whole."""

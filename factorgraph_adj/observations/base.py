@@ -92,7 +92,7 @@ class Observation(metaclass=ChecksArguments):
         return observation_kind(self.kind)
 
     @property
-    def stated(self) -> bool:
+    def is_constraint(self) -> bool:
         """Whether it was stated of the object or of an instrument, and not measured."""
         return is_condition(self)
 

@@ -29,7 +29,7 @@ class _RelativePose(VectorObservation):
     """Mount of B on A; None: the whole relative pose is observed."""
 
     @property
-    def stated(self) -> bool:
+    def is_constraint(self) -> bool:
         """Whether it ties the member of a rig to a rigid mount, and was not measured."""
         if self.mount is None:
             return False

@@ -44,11 +44,11 @@ from .targets import (
     observation_problems,
 )
 
-MOST_CHECKS = 10
+MAX_PLANS_OF_ATTEMPT = 10
 """Maximum number of rounds, each with a plan, of one attempt to meet the targets."""
-MOST_STARTS = 12
+MAX_ATTEMPTS = 12
 """Maximum number of attempts of a proposal."""
-MOST_PRUNED = 40
+MAX_PRUNED_CANDIDATES = 40
 """Largest number of candidates in a proposal of several rounds for which the removal of each
 candidate is tried with a plan."""
 NOTICED = 1e-6
@@ -314,7 +314,7 @@ def _choose(
     left_out: set[str] = set()
     watched: set[str] = set()
     nearest: tuple[list[Candidate], Plan] = [], before
-    for _ in range(MOST_STARTS):
+    for _ in range(MAX_ATTEMPTS):
         among = [c for c in every if c.name not in left_out]
         chosen, design = _attempt(planner, before, among, watched)
         if design.met:
@@ -342,7 +342,7 @@ def _attempt(
 ) -> tuple[list[Candidate], Plan]:
     """Return the candidates chosen round by round, and their plan."""
     design, chosen, rounds = before, [], 0  # type: ignore[var-annotated]
-    for rounds in range(1, MOST_CHECKS + 1):  # noqa: B007
+    for rounds in range(1, MAX_PLANS_OF_ATTEMPT + 1):  # noqa: B007
         taken = {c.name for c in chosen}
         left = [c for c in among if c.name not in taken]
         search = CandidateSearch.of(design, left, before.targets, watched)
@@ -352,7 +352,7 @@ def _attempt(
             design = planner(before.targets, chosen)
         if design.met or not picked:
             break
-    if design.met and rounds > 1 and len(chosen) <= MOST_PRUNED:
+    if design.met and rounds > 1 and len(chosen) <= MAX_PRUNED_CANDIDATES:
         # A later round may have made a candidate of an earlier round superfluous.
         for c in sorted(chosen, key=lambda c: -c.cost):
             rest = [other for other in chosen if other is not c]

@@ -22,9 +22,9 @@ from .targets import (
     matching,
 )
 
-MOST_PAIRS = 12
+MAX_CHOSEN_OF_PAIRS = 12
 """Largest number of chosen candidates for which the exchange of pairs is tried."""
-MOST_FOR_PAIRS = 60
+MAX_AVAILABLE_OF_PAIRS = 60
 """Largest number of available candidates for which the exchange of pairs is tried."""
 
 
@@ -211,7 +211,7 @@ class CandidateSearch:
 
     def _exchanged(self, chosen: list[int]) -> list[int]:
         """Return a cheaper choice with one or two candidates exchanged, or else ``chosen``."""
-        pairs = len(chosen) <= MOST_PAIRS and len(self.costs) <= MOST_FOR_PAIRS
+        pairs = len(chosen) <= MAX_CHOSEN_OF_PAIRS and len(self.costs) <= MAX_AVAILABLE_OF_PAIRS
         for size in (1, 2) if pairs else (1,):
             for out in combinations(chosen, size):
                 rest = [i for i in chosen if i not in out]

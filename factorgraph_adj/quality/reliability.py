@@ -445,7 +445,7 @@ def _transform(solution: Solution) -> STransform | None:
 def stiff_ties(rel: Reliability) -> Mask:
     """Return which rows belong to stiff ties of the model, (n_rows,).
 
-    An observation is one if it was stated and not measured, see `Observation.stated`, and none of
+    An observation is one if it was stated and not measured, see `Observation.is_constraint`, and none of
     its redundancy numbers reaches `MAX_STIFF_REDUNDANCY`.
     """
     out = np.zeros(len(rel.redundancy_numbers), dtype=bool)
@@ -458,5 +458,5 @@ def stiff_ties(rel: Reliability) -> Mask:
             (rel.redundancy_numbers[numbers] < MAX_STIFF_REDUNDANCY).all(axis=1)
         ).tolist():
             found = observations.get(block.ids[i])
-            out[numbers[i]] = found is not None and found.stated
+            out[numbers[i]] = found is not None and found.is_constraint
     return out

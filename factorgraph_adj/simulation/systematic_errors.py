@@ -207,7 +207,7 @@ class Refraction(Systematic):
 
 
 @dataclass(frozen=True)
-class Tape(Systematic):
+class TapeCalibration(Systematic):
     """Error of distances: the reading is (1 + ppm·10⁻⁶) S + zero."""
 
     kind = "tape"

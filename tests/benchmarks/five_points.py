@@ -24,7 +24,7 @@ from tests.networks.dbat import read_roma, read_sxb
 from tests.support.places import data_dir
 
 FOCAL = 1000.0
-MOST_PAIRS = 150
+MAX_CHOSEN_OF_PAIRS = 150
 
 
 def by_pycolmap(first: Array, second: Array, limit: float) -> tuple[Array, Array] | None:
@@ -60,8 +60,8 @@ def compare(name: str, network: fga.Network) -> None:
     common = (table @ table.T).tocoo()
     upper = np.flatnonzero((common.row < common.col) & (common.data >= 20))
     rng = np.random.default_rng(1)
-    if len(upper) > MOST_PAIRS:
-        upper = rng.choice(upper, MOST_PAIRS, replace=False)
+    if len(upper) > MAX_CHOSEN_OF_PAIRS:
+        upper = rng.choice(upper, MAX_CHOSEN_OF_PAIRS, replace=False)
     for exchanged in (0.0, 0.2):
         for title, orient in (("PoseLib", by_poselib), ("pycolmap", by_pycolmap)):
             rng = np.random.default_rng(2)

@@ -79,15 +79,15 @@ def test_the_missed_gradient_is_that_of_rows_evaluated_where_the_tree_is(seed: i
     tree = LinearISAM2(solution.network.frame)
     tree.enter([Arriving(solution.equations, unknowns.retract(solution.state, step))])
     before = tree.mark()
-    tree._look(np.ones(tree._delta.n, dtype=bool), tree._bounds)
+    tree._measure_gaps(np.ones(tree._delta.n, dtype=bool), tree._bounds)
     there = LinearISAM2(solution.network.frame)
     there.enter([Arriving(solution.equations, tree.state())])
     rows = there._stacked(np.flatnonzero(there._inside.values))
-    missed, scale = tree._missed()[0][rows.columns], np.sqrt((rows.a**2).sum(axis=0))
+    missed, scale = tree._gradient_errors()[0][rows.columns], np.sqrt((rows.a**2).sum(axis=0))
     apart = float(np.abs((missed - rows.a.T @ rows.v) / scale).max())
     assert apart <= 1e-9 * np.abs(missed / scale).max()
     tree.restore(before)
-    assert not tree._missed()[0].any()
+    assert not tree._gradient_errors()[0].any()
 
 
 def levels(n: int) -> fga.Network:
@@ -123,7 +123,7 @@ def test_an_arrival_is_tested_as_in_the_batch_and_leaves_again() -> None:
     before = float(tree.value("point", "P1")[2])
     wrong = HeightDifference("A", "P1", 1.510, sigma=0.001, id="wrong")
     units = tree.enter([arriving(network, wrong)])
-    t2, dof = tree.together(units).tested().statistics()
+    t2, dof = tree.joint_covariance(units).tested().statistics()
     network.add(*first, wrong)
     batch = fga.reliability(fga.adjust(network))
     assert t2[0] == pytest.approx(batch.w[2] ** 2, rel=1e-9)
@@ -229,7 +229,7 @@ def test_a_mark_brings_the_tree_back(what: str) -> None:
     mark = tree.mark()
     unit = tree.enter([arriving(network, HeightDifference("A", "P1", 1.7, sigma=0.001, id="d"))])
     if what == "anew":
-        tree._anew(unit, np.zeros(tree._delta.n))
+        tree._relinearise(unit, np.zeros(tree._delta.n))
     elif what == "new point":
         tree.enter([arriving(network, HeightDifference("A", "P2", 2.0, sigma=0.001, id="e"))])
     elif what == "leaves":
@@ -247,7 +247,7 @@ def test_a_mark_brings_the_tree_back(what: str) -> None:
     network.add(*first, HeightDifference("A", "P1", 1.5, sigma=0.001, id="d"))
     batch = fga.adjust(known_part(network))
     assert float(tree.value("point", "P1")[2]) == pytest.approx(batch.point("P1")[2], abs=1e-9)
-    assert tree.together(again).tested().statistics()[0] == pytest.approx(
+    assert tree.joint_covariance(again).tested().statistics()[0] == pytest.approx(
         fga.reliability(batch).w[3] ** 2, rel=1e-9
     )
 
@@ -291,5 +291,5 @@ def test_the_diagonal_of_the_normal_matrix_counts_correlated_groups_whitened() -
     normal = a.T @ np.linalg.inv(covariance) @ a
     columns = [int(tree.columns("point", name)[2]) for name in ("P0", "P1")]
     assert tree.weight(np.array(columns)) == pytest.approx(np.sqrt(np.diag(normal)), rel=1e-12)
-    tree._anew(units, np.zeros(tree._delta.n))
+    tree._relinearise(units, np.zeros(tree._delta.n))
     assert tree.weight(np.array(columns)) == pytest.approx(np.sqrt(np.diag(normal)), rel=1e-12)

@@ -14,7 +14,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.incremental import removal
 from factorgraph_adj.linear_system.front_system import FrontSystem
-from factorgraph_adj.linear_system.rebase import Draft, Failure
+from factorgraph_adj.linear_system.rebase import Draft, NoMinimum
 from factorgraph_adj.observations import (
     Correlated,
     Direction,
@@ -66,10 +66,10 @@ def test_what_an_update_cannot_hold_is_found_out_anew(
     once = Draft.adjusted
     with monkeypatch.context() as patch:
 
-        def undone(draft: Draft, *arguments: Any, **options: Any) -> FrontSystem | Failure:
+        def undone(draft: Draft, *arguments: Any, **options: Any) -> FrontSystem | NoMinimum:
             patch.undo()
             found = once(draft, *arguments, **options)
-            return Failure("singular", ()) if twice else found
+            return NoMinimum("singular", ()) if twice else found
 
         patch.setattr(removal, "downdated", lambda *_: None)
         patch.setattr(Draft, "adjusted", undone)

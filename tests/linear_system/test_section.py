@@ -15,7 +15,7 @@ from factorgraph_adj.entities import Point
 from factorgraph_adj.incremental import commands, entry, removal
 from factorgraph_adj.linear_system import linearisation_error, section_choice
 from factorgraph_adj.linear_system.front_system import FrontSystem
-from factorgraph_adj.linear_system.rebase import Draft, Failure, with_doubt
+from factorgraph_adj.linear_system.rebase import Draft, NoMinimum, with_doubt
 from factorgraph_adj.linear_system.section import Attempts
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import (
@@ -550,7 +550,7 @@ def test_what_comes_to_no_minimum_in_a_section_waits(monkeypatch):
     def creeping(draft: Draft, *arguments, **options):
         assert draft.section is not None, "the whole is adjusted"
         adjusted(draft, *arguments, **options)
-        return Failure("not at rest after 200 iterations")
+        return NoMinimum("not at rest after 200 iterations")
 
     with monkeypatch.context() as patch:
         patch.setattr(Draft, "adjusted", creeping)

@@ -70,7 +70,7 @@ from factorgraph_adj.simulation.systematic_errors import (
     AffineFilm,
     LensDistortion,
     Refraction,
-    Tape,
+    TapeCalibration,
 )
 
 CONFIDENCE = 0.999
@@ -488,7 +488,7 @@ def test_the_scale_and_zero_constant_of_a_tape_are_estimated() -> None:
     spec = Spec(
         parts=(TriangulationGrid(instrument=TotalStation(distance_meter=tape)),),
         control=Control(),
-        errors=Errors(systematic=(Tape(ppm=30.0, zero_mm=-8.0),)),
+        errors=Errors(systematic=(TapeCalibration(ppm=30.0, zero_mm=-8.0),)),
         approximate=NEARLY,
     )
     simulated, solution = adjusted(spec, seed=1)
@@ -503,7 +503,7 @@ def test_the_scale_and_zero_constant_of_a_tape_are_estimated() -> None:
 
 def test_the_scale_of_a_tape_without_a_name_stays_in_its_distances() -> None:
     spec = Spec(parts=(TriangulationGrid(),))
-    found = differences(spec, Errors(systematic=(Tape(ppm=100.0),)))
+    found = differences(spec, Errors(systematic=(TapeCalibration(ppm=100.0),)))
     network = simulate(spec, seed=2).network
     distances = {i: o for i, o in network.observations.items() if o.kind == "slope_distance"}
     assert {ident for ident, _ in found} == set(distances)
@@ -511,7 +511,7 @@ def test_the_scale_of_a_tape_without_a_name_stays_in_its_distances() -> None:
         # 100 ppm of the true length; the standard deviation depends on that alone.
         assert found[ident, ""] == pytest.approx(o.value * 100 * PPM, rel=1e-4)
     disturbed = simulate(
-        replace(spec, errors=Errors(systematic=(Tape(ppm=100.0),))), seed=2
+        replace(spec, errors=Errors(systematic=(TapeCalibration(ppm=100.0),))), seed=2
     ).network
     assert not disturbed.distance_meters
     assert all(getattr(o, "instrument", None) is None for o in disturbed.observations.values())

@@ -46,7 +46,7 @@ from factorgraph_adj.simulation.systematic_errors import (
     LensDistortion,
     Refraction,
     Systematic,
-    Tape,
+    TapeCalibration,
 )
 
 SMALL = Aerial(strips=2, photos_per_strip=4, points_per_photo=12)
@@ -90,7 +90,7 @@ EVERYTHING = Spec(
             LensDistortion(radii_mm=(50.0, 100.0), distortion_um=(3.0, -1 / 3)),
             AffineFilm(scale_um=15.0, shear_um=0.1 + 0.2),
             Refraction(0.05),
-            Tape(ppm=20.0, zero_mm=1e-300, distance_meter="EDM"),
+            TapeCalibration(ppm=20.0, zero_mm=1e-300, distance_meter="EDM"),
         ),
         gross=(
             GrossError(ids=("1/1/1",), component="x", size=0.1),
@@ -446,7 +446,7 @@ def test_what_is_wrong_is_named_with_its_key_and_what_is_valid(
 
 @pytest.mark.parametrize(
     "error",
-    [LensDistortion(coefficients_um=(0.0,)), AffineFilm(), Refraction(0.0), Tape()],
+    [LensDistortion(coefficients_um=(0.0,)), AffineFilm(), Refraction(0.0), TapeCalibration()],
     ids=lambda error: error.kind,
 )
 def test_a_systematic_error_of_size_zero_needs_no_readings(error: Systematic) -> None:
@@ -458,7 +458,7 @@ def test_a_systematic_error_of_size_zero_needs_no_readings(error: Systematic) ->
 def test_a_systematic_error_of_one_instrument_needs_readings_of_it() -> None:
     own = Distances(distance_meter=DistanceMeter("EDM", unknown=("scale",)), count=3)
     cameras = (SMALL, replace(SMALL, prefix="b", camera=Camera(name="other")))
-    tape, film = Tape(ppm=1.0, distance_meter="EDM"), AffineFilm("other", scale_um=1.0)
+    tape, film = TapeCalibration(ppm=1.0, distance_meter="EDM"), AffineFilm("other", scale_um=1.0)
     design(Spec(parts=(*cameras, own), errors=Errors(systematic=(tape, film))))
     plan = design(Spec(parts=(*cameras, own)))
     without = fga.without(plan, list(plan.observations))

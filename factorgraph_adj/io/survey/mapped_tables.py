@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem, known
-from ...files import inside, misnamed, read_bytes
+from ...files import inside, path_objection, read_bytes
 from ...frames import LocalFrame
 from ...network.network import Network
 from ...observations import Observation
@@ -191,7 +191,7 @@ def _section(name: str, given: object, where: str, problems: list[Problem]) -> M
         if key not in columns:
             problems.append(Problem(f"{name} needs the column {key!r}", f"{where}: [{name}]"))
     file = given.get("file")
-    if file is not None and (why := misnamed(file)):
+    if file is not None and (why := path_objection(file)):
         problems.append(Problem(f"file of {name}: {file!r} {why}", f"{where}: [{name}]"))
         return None
     return MappedSection(name, file, columns, f"{where}: [{name}]")
