@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import ast
+import builtins
+import importlib
+import keyword
 import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from tests.support.places import ROOT
@@ -163,3 +168,72 @@ def test_names_of_modules_are_nouns():
     assert not NOT_YET_NOUNS - found, "these are nouns by now: take them out of NOT_YET_NOUNS"
     assert not NOUNS & CLOSED_CLASSES, "the noun of a term is no preposition, adverb or pronoun"
     assert not [e.term for e in ENTRIES if head(e.term).endswith("ed")], "no participle is a noun"
+
+
+BACKTICKED = re.compile(r"(?<!`)`([A-Za-z_][\w.]*)`(?!`)")
+"""A name in single backticks, as docstrings refer to what the package has."""
+
+
+def names_of(tree: ast.AST) -> Iterator[str]:
+    """Yield every name that a module defines, imports, uses or states as a string."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name):
+                yield name
+            case ast.ClassDef(name=name) | ast.alias(name=name):
+                yield from name.split(".")
+                yield getattr(node, "asname", None) or name
+            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.arg(arg=name):
+                yield name
+            case ast.keyword(arg=str(name)):
+                yield name
+            case ast.Constant(value=str(text)) if re.fullmatch(r"[\w.\-]+", text):
+                yield from text.split(".")
+
+
+@cache
+def sources() -> dict[str, ast.Module]:
+    """Return the parsed modules of the package by path."""
+    return {
+        path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
+        for path in PACKAGE.rglob("*.py")
+    }
+
+
+def is_importable(name: str) -> bool:
+    """Return whether a dotted name leads to something of another library."""
+    module, _, attribute = name.rpartition(".")
+    try:
+        importlib.import_module(name)
+    except ImportError:
+        try:
+            return bool(module) and hasattr(importlib.import_module(module), attribute)
+        except ImportError:
+            return False
+    return True
+
+
+def unknown_names(text: str, names: set[str]) -> list[str]:
+    """Return the names in single backticks that are neither in the package nor in a library."""
+    found = dict.fromkeys(BACKTICKED.findall(text))
+    return [n for n in found if not set(n.split(".")) <= names and not is_importable(n)]
+
+
+def test_every_name_in_backticks_of_a_docstring_exists():
+    names = {*dir(builtins), *keyword.kwlist, "factorgraph_adj"}
+    for path, tree in sources().items():
+        names |= {*path.removesuffix(".py").split("/"), *names_of(tree)}
+    wrong = {
+        f"{path}:{node.lineno}": unknown
+        for path, tree in sources().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and (unknown := unknown_names(node.value, names))
+    }
+    assert not wrong
+
+
+def test_a_wrong_name_in_backticks_is_found():
+    text = "See `adjust`, `scipy.stats`, ``literal`` and `solve.no_such_function`."
+    assert unknown_names(text, {"adjust", "solve"}) == ["solve.no_such_function"]

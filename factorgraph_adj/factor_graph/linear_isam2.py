@@ -203,7 +203,7 @@ class LinearISAM2(LinearRows):
 
         Args:
             units: their numbers.
-            redundancy: their `Together.least_redundancy`: no variance grows by more than 1/it.
+            redundancy: their `JointCovariance.least_redundancy`: variances grow by at most 1/it.
 
         Raises:
             IndeterminateError: the rest is too weak for Cholesky; `restore` brings the tree back.

@@ -233,8 +233,8 @@ class LinearRows(LinearisationPoints):
 
             q_j = Σ_k |dA_k/h| σ_k
 
-        is what a unit of δ_j changes of the row's contribution to standard deviations, see `_measure_gaps`,
-        and times |δ_k|/σ_k ≤ t it is what a unit of δ_j adds to the gap.
+        is what a unit of δ_j changes of the row's contribution to standard deviations, see
+        `_measure_gaps`, and times |δ_k|/σ_k ≤ t it is what a unit of δ_j adds to the gap.
 
         Args:
             bounds: returns upper bounds of the standard deviations of columns.
@@ -278,9 +278,9 @@ class LinearRows(LinearisationPoints):
     def _curvatures(self) -> Array:
         """Return what a unit of movement of each column makes its rows miss at most, Σqw.
 
-        In a row, w = max(|v|, ½) + t: of the change of its partials, see `_measure_gaps`, and of its gap.
-        Rows may miss the same: those of one kind between the same points, with residuals of one
-        sign, do.
+        In a row, w = max(|v|, ½) + t: of the change of its partials, see `_measure_gaps`, and of
+        its gap. The errors of rows may have one direction: those of one kind between the same
+        points, with residuals of one sign, do.
         """
         n = self._delta.n
         out = np.zeros(n + 1)  # the last one is held

@@ -126,7 +126,7 @@ class LinearisationPoints:
         return out
 
     def agrees(self, unknowns: Unknowns, state: State) -> bool:
-        """Return whether variables stand in a state within `MAX_SAME_PLACE_DISTANCE` conditional standard deviations.
+        """Return whether variables are where a state has them, within `MAX_SAME_PLACE_DISTANCE`.
 
         Args:
             unknowns: their unknowns.
@@ -137,9 +137,8 @@ class LinearisationPoints:
             columns = self.tables[kind].column.values[there]
             weight = np.where(columns >= 0, self._diagonal.values[columns], 0.0)
             far = np.abs(own[kind][here] - state[kind][here]).max(axis=1, initial=0.0)
-            if not (
-                far * np.sqrt(weight.max(axis=1, initial=0.0)) <= MAX_SAME_PLACE_DISTANCE
-            ).all():
+            far *= np.sqrt(weight.max(axis=1, initial=0.0))
+            if not (far <= MAX_SAME_PLACE_DISTANCE).all():
                 return False
         return True
 

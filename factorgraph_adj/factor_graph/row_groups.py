@@ -119,8 +119,8 @@ class Rows:
         self.curvature: list[Grown] = []
         """See `LinearRows._measure_curvatures`, for each slot, (n, size); NaN: not measured yet."""
         self.gradient_error: list[Grown] = []
-        """What each observation adds to the gradient that linear rows miss, see `LinearRows._measure_gaps`,
-        for each slot, (n, size)."""
+        """Contribution of each observation to the error of the gradient of linear rows, see
+        `LinearRows._measure_gaps`, for each slot, (n, size)."""
         self._observed, self._sigma = Grown(d), Grown(d)
         self._whitener = None if block.whitener is None else Grown(d, d)
         self._constants = {

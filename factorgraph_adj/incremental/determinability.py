@@ -421,7 +421,7 @@ def determined_in_parts(
     *,
     start: Solution | None,
 ) -> list[Enterable]:
-    """Find what may enter of parts that hang together by open variables; see `Search`.
+    """Find what may enter of parts that open variables join; see `DeterminabilitySearch`.
 
     Small ones beside known variables are looked at together, and in halves where that fails.
     """

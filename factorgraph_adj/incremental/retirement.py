@@ -408,6 +408,7 @@ def without(
     keys |= {(kind, parameter_name(key)): key for kind, key in archive.found}
     inside = ledger.rows.among(leaving.rows, "accepted")
     scalars = len(ledger.ids_of(inside))
+    held = tuple(n for n in sorted(names["point"]) if not ledger.needs(("point", n))[0])
     retired = replace(
         archive,
         **rest._asdict(),
@@ -415,10 +416,7 @@ def without(
         points=archive.points + len(names["point"]),
         photos=archive.photos + len(names["pose"]),
         observations=archive.observations + scalars,
-        held_points=(
-            *archive.held_points,
-            *(n for n in names["point"] if not ledger.needs(("point", n))[0]),
-        ),
+        held_points=archive.held_points + held,
         found=tuple((v[0], keys[v]) for v in rest.prior.variables if v in keys),
     )
     return _shrunk(ledger, leaving, names["point"], names["pose"], retired)

@@ -90,7 +90,7 @@ class Ledger:
     # -- arrivals -----------------------------------------------------------------------------
 
     def at(self, time: float) -> Ledger:
-        """Return the ledger when something arrives at a time, see `arrival_time.checked`."""
+        """Return the ledger when something arrives at a time, see `checked`."""
         found = checked(time, self.time)
         return replace(self, time=found, clock=max(self.clock, ticks(found)))
 

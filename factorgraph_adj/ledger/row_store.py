@@ -263,7 +263,7 @@ class RowStore:
     """Rows and what became of them; a value: every change returns another table."""
 
     status: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
-    """What became of each, `CODE` or `GONE`, (n,)."""
+    """What became of each, `OUTCOME_CODE` or `REMOVED`, (n,)."""
     room: RowColumns = field(default_factory=RowColumns)
     """What they hold."""
     verdicts: Mapping[int, tuple[Verdict, ...]] = field(default_factory=dict)

@@ -231,7 +231,7 @@ class ISAM2System:
 
     @property
     def n_rays(self) -> int:
-        """Number of image points: few, see `MOST_RAYS`."""
+        """Number of image points: few, see `MAX_IMAGE_POINTS`."""
         return 0
 
     @property

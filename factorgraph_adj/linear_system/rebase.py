@@ -418,7 +418,7 @@ def _with_second_places(
 def _left(solution: Solution) -> float:
     """Return a bound √(gᵀQg) of the step of every unknown that is left, relative to its σ.
 
-    Where residuals are large the minimum is further away, see `linearisation_error.SHARE_OF_FORMS`.
+    Where residuals are large the minimum is further away, see `linearisation_error.STEP_SHARE`.
     """
     g = solution.normal().gradient
     left = float(np.sqrt(max(float(g @ solution.factor.solve(g[:, None])[:, 0]), 0.0)))

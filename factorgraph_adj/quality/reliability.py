@@ -445,8 +445,8 @@ def _transform(solution: Solution) -> STransform | None:
 def stiff_ties(rel: Reliability) -> Mask:
     """Return which rows belong to stiff ties of the model, (n_rows,).
 
-    An observation is one if it was stated and not measured, see `Observation.is_constraint`, and none of
-    its redundancy numbers reaches `MAX_STIFF_REDUNDANCY`.
+    An observation is one if it was stated and not measured, see `Observation.is_constraint`, and
+    none of its redundancy numbers reaches `MAX_STIFF_REDUNDANCY`.
     """
     out = np.zeros(len(rel.redundancy_numbers), dtype=bool)
     observations = rel.solution.network.observations

@@ -193,7 +193,7 @@ def snoop(
         robust: M-estimator for networks with many gross errors; the outliers of its adjustment
             are set aside before the first round. Without one, Huber's is used where the network
             as it is has no minimum, or where readings are so far off that they may have led the
-            search astray (`far_off`): then it is made again from the approximate values.
+            search astray (`has_far_off_sights`): then it is made again from the approximate values.
         max_rounds: maximum number of rounds.
         max_iterations: largest number of iterations of each adjustment, as for `adjust`.
         datum: as for `adjust`.

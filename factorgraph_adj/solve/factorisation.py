@@ -62,7 +62,7 @@ class Factorisation:
     """
 
     uncertainty: float = 0.0
-    """Relative error of variances that random probes have shown, see `trust`; zero before them."""
+    """Relative error of variances by random probes, see `probed_variance_error`; zero before."""
     _inner: Array | None = None
     points: ReducedPoints | None = None
     """The first layer; none: it is empty."""

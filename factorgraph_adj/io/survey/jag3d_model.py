@@ -60,7 +60,7 @@ class ObservationType:
     number: int
     """Its number in JAG3D (ObservationType.java)."""
     default: tuple[float, float, float]
-    """Parts of σ that JAG3D takes where a group states none, see `Uncertainty`."""
+    """Parts of σ that JAG3D takes where a group states none, see ``DefaultUncertainty``."""
     axes: str = ""
     """Observed differences of coordinates, of y, x, z; empty for a scalar observation."""
     angle: bool = False
