@@ -455,7 +455,7 @@ def undetermined_variables(
 def _is_determined(normal: NormalEquations) -> bool:
     """Return whether the pivots of N say that all is determined.
 
-    Rounding leaves pivots up to 10⁻¹⁰ in a singular N, see `gauss_newton.Iteration.poor`.
+    Rounding leaves pivots up to 10⁻¹⁰ in a singular N, see `gauss_newton.IterationRule.poor`.
     """
     try:
         factor = normal.factorise(np.zeros(len(normal.diagonal)), keep=True)
