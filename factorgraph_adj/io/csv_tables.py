@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,10 +12,10 @@ from pathlib import Path
 
 from ..control_characters import escaped, has_control_characters, why_refused
 from ..errors import InputError, Problem, known
-from . import numbers
+from .numbers import checked_number
+from .source import FALSE_WORDS, TRUE_WORDS
 from .text_files import read_text
 
-TRUE_WORDS, FALSE_WORDS = ("yes", "true", "1"), ("no", "false", "0", "")
 MAX_CELL_CHARACTERS = 500
 """Largest number of characters of a cell."""
 EXCERPT = 20
@@ -291,14 +292,10 @@ class FieldRow:
         if value is None:
             return None
         try:
-            found = numbers.parse_quantity(value, unit)
+            return checked_number(value, name, unit, above=0.0 if positive else -math.inf)
         except ValueError as error:
-            self.wrong(f"{name}: {error}")
+            self.wrong(str(error))
             return None
-        if positive and not found > 0:
-            self.wrong(f"{name} must be greater than zero, not {value}")
-            return None
-        return found
 
     def present(self, prefix: str, units: Iterable[str]) -> tuple[str, str] | None:
         """Return name and unit of the single filled field ``prefix_unit``."""

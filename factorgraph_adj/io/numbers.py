@@ -124,6 +124,42 @@ def parse_quantity(value: object, unit: str = "") -> float:
     return _parse_text(text, unit)
 
 
+def checked_number(
+    value: object,
+    what: str,
+    unit: str = "",
+    *,
+    scale: float = 1.0,
+    least: float = -math.inf,
+    above: float = -math.inf,
+    largest: float = math.inf,
+) -> float:
+    """Return a number of a file in SI; the rule of `Field.number` for those who keep no `Field`.
+
+    Raises:
+        ValueError: what is wrong, with the name ``what`` of the number.
+    """
+    valid = _valid_numbers(least, above)
+    if value is None or value == "":
+        raise ValueError(f"{what} is missing; valid: {valid}")
+    try:
+        found = scale * parse_quantity(value, unit)
+    except ValueError as error:
+        raise ValueError(f"{what}: {error}") from None
+    if found >= least and found > above and abs(found) <= largest:
+        return found
+    limit = valid if abs(found) <= largest else f"at most {largest:g}"
+    limit = limit.removeprefix("a number ").removeprefix("of ")
+    raise ValueError(f"{what} must be {limit}, not {str(value)[:40]}")
+
+
+def _valid_numbers(least: float, above: float) -> str:
+    """Return in words which numbers are valid."""
+    if above > -math.inf:
+        return "a number greater than zero" if above == 0 else f"a number > {above:g}"
+    return f"a number of at least {least:g}" if least > -math.inf else "a number"
+
+
 @lru_cache(maxsize=4096)
 def _parse_text(text: str, unit: str) -> float:
     if unit == "dms":

@@ -19,8 +19,9 @@ from ..models.variables import Component, UnknownKind, UnknownTable
 from ..network.network import Network
 from ..units import ANGLE, LENGTH, decimal_angle
 from . import numbers
-from .csv_tables import FALSE_WORDS, TRUE_WORDS, FieldRow
+from .csv_tables import FieldRow
 from .numbers import Units
+from .source import FALSE_WORDS, TRUE_WORDS
 
 
 def parameter_table(kind: UnknownKind) -> UnknownTable:

@@ -21,7 +21,7 @@ from ..errors import InputError, LeftOut, Problem, known, similar
 from ..files import read_bytes
 from ..network.network import Network
 from ..start.image_axes import marks_of_known_points, problems_of_marks
-from .numbers import MAX_NUMBER, parse_quantity
+from .numbers import MAX_NUMBER, checked_number
 from .text_files import decoded, is_unicode, last_line_number
 
 MAX_LISTED_PROBLEMS = 50
@@ -234,13 +234,6 @@ def is_unread(*values: object) -> bool:
     )
 
 
-def _valid_numbers(least: float, above: float) -> str:
-    """Return in words which numbers are valid."""
-    if above > -math.inf:
-        return "a number greater than zero" if above == 0 else f"a number > {above:g}"
-    return f"a number of at least {least:g}" if least > -math.inf else "a number"
-
-
 class Field:
     """A value of a file with its name and place; its methods note what is wrong with it."""
 
@@ -284,21 +277,12 @@ class Field:
         """
         if self.is_absent and default is not _REQUIRED:
             return default
-        valid = _valid_numbers(least, above)
-        if self.is_absent:
-            self.wrong(f"is missing; valid: {valid}")
-            return math.nan
+        limits = {"scale": scale, "least": least, "above": above, "largest": largest}
         try:
-            found = scale * parse_quantity(self.value, unit)
+            return checked_number(self.value, self.what, unit, **limits)
         except ValueError as error:
-            self.problems.wrong(f"{self.what}: {error}", self.where)
+            self.problems.wrong(str(error), self.where)
             return math.nan
-        if found >= least and found > above and abs(found) <= largest:
-            return found
-        limit = valid if abs(found) <= largest else f"at most {largest:g}"
-        limit = limit.removeprefix("a number ").removeprefix("of ")
-        self.wrong(f"must be {limit}, not {str(self.value)[:40]}")
-        return math.nan
 
     def number_or_none(self, unit: str = "", *, scale: float = 1.0) -> float | None:
         """Return a number, see `number`; None for an absent field."""
