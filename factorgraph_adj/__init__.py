@@ -47,7 +47,7 @@ if _TYPE_CHECKING:
     from .io.photogrammetry.opf_writer import write_opf
     from .io.project import read_project
     from .io.project_writer import write_project
-    from .io.readers import read
+    from .io.readers import read, register_reader
     from .io.solution_file import load_solution
     from .io.survey.comp3d import read_comp3d
     from .io.survey.field_book import Accuracies
@@ -219,8 +219,8 @@ __all__ = [
     "read_jobxml", "read_landxml", "read_lgc2", "read_metashape", "read_micmac", "read_mmvii",
     "read_opencv", "read_openmvg", "read_opensfm", "read_opf", "read_project", "read_sdr33",
     "read_sinex", "read_star_net", "reduce_faces", "register_lens", "register_observation",
-    "register_unknown", "relative_model", "reliability", "results_schema", "robust_adjust",
-    "s_transform", "significance", "snoop", "to_xarray", "vectors_in_own_datum",
+    "register_reader", "register_unknown", "relative_model", "reliability", "results_schema",
+    "robust_adjust", "s_transform", "significance", "snoop", "to_xarray", "vectors_in_own_datum",
     "wgs84_coordinates", "without", "write", "write_colmap", "write_dxf", "write_dynaml",
     "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml",
     "write_landxml", "write_metashape", "write_opencv", "write_opf", "write_ply",
@@ -265,7 +265,7 @@ _NAMES = {
     "io.photogrammetry.opf_writer": "write_opf",
     "io.project": "read_project",
     "io.project_writer": "write_project",
-    "io.readers": "read",
+    "io.readers": "read register_reader",
     "io.solution_file": "load_solution",
     "io.survey.comp3d": "read_comp3d",
     "io.survey.field_book": "Accuracies",

@@ -14,8 +14,9 @@ from ..crs.reference_system import ReferenceSystem
 from ..errors import InputError, Problem
 from ..frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from ..io.format_options import options_of, refuse_unknown_options
+from ..io.format_reader import Reader
 from ..io.project import Project
-from ..io.readers import READERS, Reader
+from ..io.readers import READERS
 from ..network.grid.conversion import from_grid
 from ..network.network import Network
 

@@ -13,8 +13,9 @@ from typing import get_args
 from ..errors import InputError, Problem, known
 from ..frames import LocalFrame
 from ..graph.equations import compile_rows
+from ..io.format_reader import Reader
 from ..io.project import Project
-from ..io.readers import READERS, Reader
+from ..io.readers import READERS
 from ..io.writers import WRITERS
 from ..network.joined_networks import Sets, join
 from ..orientation.choice_of_start import start_or_problems

@@ -1,19 +1,24 @@
 """Readers of files by suffix and content: the table of the formats that can be read.
 
-A new format needs one module with a function that reads a file, and one line in `READERS`.
+A new format needs one module of `io.survey`, `io.gnss` or `io.photogrammetry` with a function that
+reads a file and its ``READER``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from pkgutil import iter_modules
+from typing import Any
 
 from ..errors import InputError, Problem, known
 from ..files import named_by_user
 from ..network.network import Network
-from .format_options import arguments_of, fitting_options, options_of, refuse_unknown_options
+from . import gnss, photogrammetry, survey
+from .format_options import fitting_options, refuse_unknown_options
+from .format_reader import NetworkReader, Reader, beginning_has
 from .gnss.dynaml import read_dynaml
 from .gnss.gvx import read_gvx
 from .gnss.sinex import read_sinex
@@ -30,16 +35,6 @@ from .photogrammetry.opf import read_opf
 from .project import Project, load_project
 from .survey.comp3d import read_comp3d
 from .survey.gama import read_gama
-from .survey.gsi import read_gsi
-from .survey.jag3d import is_jag3d, read_jag3d
-from .survey.jobxml import is_jobxml, read_jobxml
-from .survey.landxml import is_landxml, read_landxml
-from .survey.lgc2 import read_lgc2
-from .survey.mapped_tables import read_columns
-from .survey.mmvii import is_mmvii, read_mmvii
-from .survey.sdr33 import read_sdr33
-from .survey.star_net import read_star_net
-from .text_files import file_beginning
 from .transaction_folders import recover_folder
 
 MAX_FOLDER_ENTRIES = 200
@@ -48,57 +43,7 @@ MAX_PROPOSED_FOLDERS = 5
 """Largest number of folders that a message proposes."""
 
 
-class LoadFunction(Protocol):
-    """Function that reads a file as a project."""
-
-    def __call__(self, path: Path, /, *, readings: bool, allow_outside: bool) -> Project:
-        """Return the project.
-
-        Args:
-            path: the file.
-            readings: whether observations need observed values; those of a design do not.
-            allow_outside: whether a project may name files outside its folder.
-        """
-
-
-@dataclass(frozen=True)
-class Reader:
-    """Reader of one format."""
-
-    name: str
-    """Word for the format in the option ``--from`` and in messages: ``gama``."""
-    suffixes: tuple[str, ...]
-    """Suffixes of file names, with dots; packed files have two parts: ``.txt.gz``. Empty for a
-    format that is a folder."""
-    description: str
-    """Name of the format for help and messages."""
-    load: LoadFunction
-    """The function that reads a file."""
-    folders: bool = False
-    """Whether the reader also reads folders."""
-    recognises: Callable[[Path], bool] | None = None
-    """Tells a file, or folder, of this format from those of other formats with the same suffix;
-    None for the format that has the suffix where no other recognises the file."""
-    own_grid: bool = False
-    """Whether the function itself takes the reference system of a grid, as its option ``crs``."""
-    main_file: str = ""
-    """File that every folder of this format has; empty: any folder may be one."""
-
-    @property
-    def options(self) -> tuple[str, ...]:
-        """Names of the options that the function takes beside those of every reader."""
-        return self.load.options if isinstance(self.load, NetworkReader) else ()
-
-    def may_be(self, path: Path) -> bool:
-        """Return whether a path is a file, or a folder with the main file of the format."""
-        return path.is_file() or not self.main_file or (path / self.main_file).is_file()
-
-    def claims(self) -> list[str]:
-        """Return what the reader reads, in words: suffixes and folders."""
-        return [f"suffix {s}" for s in self.suffixes] + (["folders"] if self.folders else [])
-
-
-@dataclass(frozen=True)
+@dataclass
 class Readers:
     """A table of readers; its text lists their suffixes and descriptions.
 
@@ -134,6 +79,10 @@ class Readers:
                 owners.setdefault(claim, reader.description)
         if problems:
             raise InputError(problems)
+
+    def add(self, reader: Reader) -> None:
+        """Add a reader; InputError where it cannot be told from the others."""
+        self.entries = Readers((*self.entries, reader)).entries
 
     def __str__(self) -> str:
         """Return the suffixes with the names of their formats."""
@@ -252,31 +201,13 @@ class Readers:
         ][:MAX_PROPOSED_FOLDERS]
 
 
-@dataclass(frozen=True)
-class NetworkReader:
-    """Reader of a format that holds only a network with all readings.
-
-    It returns projects in default units, with default options.
-    """
-
-    read: Callable[..., Network]
-    """Function that reads a file as a network; its keyword-only arguments are options."""
-
-    @property
-    def options(self) -> tuple[str, ...]:
-        """Names of the keyword-only arguments of the function, and of fields of groups."""
-        return options_of(self.read)
-
-    def __call__(
-        self, path: Path, /, *, readings: bool, allow_outside: bool, **options: Any
-    ) -> Project:
-        """Read a file."""
-        return Project(self.read(path, **arguments_of(self.read, options)), path)
-
-
-def beginning_has(word: bytes) -> Callable[[Path], bool]:
-    """Return a function that tells whether a word stands in the beginning of a file."""
-    return lambda path: word in file_beginning(path)
+def _readers_of_modules() -> Iterator[Reader]:
+    """Yield the readers that modules state as ``READER``, in the order of their names."""
+    for package in (gnss, photogrammetry, survey):
+        for found in iter_modules(package.__path__, f"{package.__name__}."):
+            reader = getattr(import_module(found.name), "READER", None)
+            if reader is not None:
+                yield reader
 
 
 READERS = Readers(
@@ -312,14 +243,6 @@ READERS = Readers(
             recognises=beginning_has(b"<GVX"),
         ),
         Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkReader(read_comp3d), own_grid=True),
-        Reader(
-            "mmvii",
-            (".obs",),
-            "survey of MMVII",
-            NetworkReader(read_mmvii),
-            recognises=is_mmvii,
-        ),
-        Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkReader(read_lgc2)),
         Reader(
             "colmap", (), "COLMAP", NetworkReader(read_colmap), folders=True, recognises=is_colmap
         ),
@@ -380,41 +303,23 @@ READERS = Readers(
             "AICON 3D Studio",
             NetworkReader(read_aicon),
         ),
-        Reader(
-            "star-net",
-            (".dat", ".gps", ".GPS"),
-            "STAR*NET",
-            NetworkReader(read_star_net),
-            own_grid=True,
-        ),
-        Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkReader(read_gsi)),
-        Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkReader(read_sdr33)),
-        Reader(
-            "jobxml",
-            (".jxl", ".xml"),
-            "Trimble JobXML",
-            NetworkReader(read_jobxml),
-            recognises=is_jobxml,
-        ),
-        Reader(
-            "landxml",
-            (".xml", ".hexml"),
-            "survey in LandXML or HeXML",
-            NetworkReader(read_landxml),
-            recognises=is_landxml,
-        ),
-        Reader(
-            "jag3d",
-            (".script", ".txt"),
-            "JAG3D",
-            NetworkReader(read_jag3d),
-            folders=True,
-            recognises=is_jag3d,
-        ),
-        Reader("columns", (".csv",), "table with a mapping", NetworkReader(read_columns)),
+        *_readers_of_modules(),
     )
 )
 """The formats that can be read."""
+
+
+def register_reader(reader: Reader) -> Reader:
+    """Add the reader of a format to those that `read` and the command take; return it.
+
+    Args:
+        reader: the reader.
+
+    Raises:
+        InputError: neither name, suffix nor content tells it from another one.
+    """
+    READERS.add(reader)
+    return reader
 
 
 def read(path: str | Path, *, format: str | None = None, **options: Any) -> Network:

@@ -14,7 +14,8 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.format_options import fitting_options
-from factorgraph_adj.io.readers import READERS, NetworkReader
+from factorgraph_adj.io.format_reader import NetworkReader
+from factorgraph_adj.io.readers import READERS
 from factorgraph_adj.io.writers import WRITERS
 
 

@@ -13,12 +13,26 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.io.format_reader import NetworkReader, Reader
 from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.io.project import AdjustOptions, read_project
-from factorgraph_adj.io.readers import READERS, NetworkReader, Reader, Readers
+from factorgraph_adj.io.readers import READERS, Readers
+from factorgraph_adj.io.source import TextSource
+from factorgraph_adj.io.survey import gsi, landxml, sdr33
+from factorgraph_adj.io.survey.field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from factorgraph_adj.io.survey.field_records import (
+    NEEDED,
+    RecordField,
+    Scales,
+    read_angle,
+    read_length,
+    read_name,
+    read_record,
+)
 from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.io.text_files import file_beginning
 from factorgraph_adj.network.network import Network
+from factorgraph_adj.units import ANGLE, FOOT
 from tests.networks.projects import OBSERVATIONS, write
 from tests.support.places import data_dir
 from tests.support.same import assert_same_network
@@ -129,6 +143,73 @@ def test_a_new_format_is_one_line_of_the_table(tmp_path):
     (tmp_path / "list.xlsx").write_text("x", encoding="utf-8")
     with pytest.raises(InputError, match=r"\.hgt, \.hgt\.txt \(list of heights\)$"):
         readers.load(tmp_path / "list.xlsx")
+
+
+RAW_RECORDS = {
+    "PT": (
+        RecordField("name", "point", read_name, default=NEEDED),
+        *(RecordField(a, a, read_length, default=NEEDED) for a in ("east", "north", "up")),
+    ),
+    "ST": (
+        RecordField("station", "station", read_name, default=NEEDED),
+        RecordField("height", "height of the instrument", read_length, default=0.0),
+    ),
+    "OB": (
+        RecordField("target", "target", read_name, default=NEEDED),
+        RecordField("direction", "direction", read_angle),
+        RecordField("zenith", "zenith reading", read_angle),
+        RecordField("distance", "slope distance", read_length),
+    ),
+}
+
+
+def read_raw(
+    path: Path, *, fixed: str = "", accuracies: Accuracies = DEFAULT_ACCURACIES
+) -> Network:
+    """Read a raw format of this test, a field book in feet and degrees."""
+    source = TextSource(path, code_page="cp1252")
+    book = FieldBook(source, accuracies, fixed)
+    use = {"PT": book.point, "ST": book.begin, "OB": book.sight}
+    for line, text in source.filled():
+        code, *words = text.split()
+        fields = source.field(line, code, "record").choice(RAW_RECORDS)
+        if fields is not None:
+            scales = Scales(length=FOOT, angle=ANGLE["deg"])
+            use[code](line, **read_record(fields, words, source, line, scales))  # type: ignore[operator]
+    return book.network()
+
+
+def test_a_raw_format_is_a_table_of_records_and_is_registered(tmp_path, monkeypatch):
+    monkeypatch.setattr(READERS, "entries", READERS.entries)  # put back at the end
+    raw = Reader("raw", (".raw",), "field book in words", NetworkReader(read_raw))
+    assert fga.register_reader(raw) is raw
+    path = tmp_path / "site.raw"
+    path.write_bytes(
+        "PT A 0 0 10\nPT B\xf6 100 0 10\nST A 5\nOB B\xf6 90 90 1D2\n".encode("latin-1")
+    )
+    network = fga.read(path, fixed="A,B\xf6", refraction=None)
+    values = {o.kind: o.value for o in network.observations.values()}
+    assert values["slope_distance"] == 100 * FOOT
+    assert values["direction"] == values["zenith_angle"] == 90 * ANGLE["deg"]
+    assert network.remarks == ["2 lines are not UTF-8: read as Windows-1252; first in site.raw:2"]
+    path.write_text("PT A 0 0\nXY\nST\nOB B 9O\nST A 1 2\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        fga.read(path)
+    assert messages(caught) == [
+        "site.raw:1: up is missing; valid: a number",
+        "site.raw:2: record 'XY' is unknown; valid: PT, ST, OB",
+        "site.raw:3: station is missing; valid: a name",
+        "site.raw:4: direction: '9O' is not a number",
+        "site.raw:5: has 3 fields; valid: at most 2, station, height of the instrument",
+    ]
+    with pytest.raises(InputError, match="name raw: claimed by the reader of field book in words"):
+        fga.register_reader(raw)
+
+
+def test_modules_state_their_readers():
+    """A module of a room of formats with a READER is in the table without another edit."""
+    for module in (gsi, sdr33, landxml):
+        assert module.READER in READERS.entries
 
 
 def test_the_longest_suffix_decides(tmp_path):

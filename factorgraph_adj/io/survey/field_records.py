@@ -90,6 +90,9 @@ def read_record(
         line: number of the line.
         scales: units of the file.
     """
+    if not isinstance(given, Mapping) and len(given) > len(fields):
+        names = ", ".join(f.what for f in fields)
+        source.add(line, f"has {len(given)} fields; valid: at most {len(fields)}, {names}")
     out = {}
     for i, f in enumerate(fields):
         if isinstance(given, Mapping):

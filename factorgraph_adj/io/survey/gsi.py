@@ -20,6 +20,7 @@ from pathlib import Path
 from ...errors import known
 from ...network.network import Network
 from ...units import ANGLE, FOOT
+from ..format_reader import NetworkReader, Reader
 from ..source import Field, LeftOutReason, TextSource
 from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
 from .field_records import SI, RecordField, Scales, read_record
@@ -452,3 +453,6 @@ class _Reader:
         else:
             what += "; state station, the name of the only one"
         self.source.add(first, what)
+
+
+READER = Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkReader(read_gsi))

@@ -28,6 +28,7 @@ from ...observations import (
 from ...units import ANGLE, LENGTH
 from ..file_transaction import write_files
 from ..format_limits import scalar_sigmas
+from ..format_reader import NetworkReader, Reader
 from ..numbers import write_quantity
 from .field_book import name_list
 from .jag3d_flat_files import (
@@ -454,3 +455,13 @@ _FORMS: dict[type, Callable[..., tuple[str, list[str]]]] = {
     CoordinateDifference: lambda w, o, _: w.vector(o, o.axes),
 }
 """Kind of file and numbers of each kind of observation."""
+
+
+READER = Reader(
+    "jag3d",
+    (".script", ".txt"),
+    "JAG3D",
+    NetworkReader(read_jag3d),
+    folders=True,
+    recognises=is_jag3d,
+)

@@ -13,6 +13,7 @@ from pathlib import Path
 from ...errors import known
 from ...network.network import Network
 from ...units import ANGLE
+from ..format_reader import NetworkReader, Reader
 from ..source import ROWS_SWITCHED_OFF, LeftOutReason
 from ..xml_files import Element, begins_with_element, element_at, text_at
 from ..xml_source import XmlSource
@@ -159,3 +160,12 @@ class _Reader:
 def is_jobxml(path: Path) -> bool:
     """Return whether an XML file is JobXML."""
     return begins_with_element(path, b"JOBFile")
+
+
+READER = Reader(
+    "jobxml",
+    (".jxl", ".xml"),
+    "Trimble JobXML",
+    NetworkReader(read_jobxml),
+    recognises=is_jobxml,
+)

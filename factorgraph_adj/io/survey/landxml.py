@@ -21,6 +21,7 @@ from ...network.network import Network
 from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
 from ..file_transaction import write_files
 from ..format_limits import grid_points
+from ..format_reader import NetworkReader, Reader
 from ..numbers import write_quantity
 from ..source import ROWS_SWITCHED_OFF
 from ..xml_files import Element, begins_with_element, element_at
@@ -355,3 +356,12 @@ def _system_element(system: ReferenceSystem) -> str:
     code = "" if system.epsg is None else f' epsgCode="{system.epsg}"'
     name, vertical = quoteattr(system.name), quoteattr(system.vertical)
     return f"  <CoordinateSystem name={name}{code} verticalDatum={vertical}/>\n"
+
+
+READER = Reader(
+    "landxml",
+    (".xml", ".hexml"),
+    "survey in LandXML or HeXML",
+    NetworkReader(read_landxml),
+    recognises=is_landxml,
+)

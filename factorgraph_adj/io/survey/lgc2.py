@@ -31,6 +31,7 @@ from ...stochastic_model import StandardDeviation
 from ...types import Array
 from ...units import CC, GON
 from ..file_problems import FileLines
+from ..format_reader import NetworkReader, Reader
 from .lgc2_frames import Lgc2Builder, rotation_components
 from .lgc2_input import InputWords, Lgc2Input, ObservationBlock, frame_rotation
 
@@ -484,3 +485,6 @@ def read_lgc2(path: str | Path, *, condition: float = CONDITION_SIGMA_M) -> Netw
     Lgc2Observations(builder).add_all()
     file.raise_all()
     return builder.network
+
+
+READER = Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkReader(read_lgc2))

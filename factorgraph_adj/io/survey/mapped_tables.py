@@ -16,6 +16,7 @@ from ...network.network import Network
 from ...observations import Observation
 from .. import numbers
 from ..csv_tables import unguarded_cell
+from ..format_reader import NetworkReader, Reader
 from ..numbers import Units
 from ..observation_fields import RecordContext
 from ..observation_records import observation_from_record
@@ -479,3 +480,6 @@ class _Reader:
         with self.problems.at(place):
             found = observation_from_record(row, context=self.context, source=place)
             self.observations.append(found)
+
+
+READER = Reader("columns", (".csv",), "table with a mapping", NetworkReader(read_columns))

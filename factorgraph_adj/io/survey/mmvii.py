@@ -27,6 +27,7 @@ from ...observations import (
 )
 from ...units import GON, LENGTH
 from ..file_problems import ROWS_SWITCHED_OFF, FileLines
+from ..format_reader import NetworkReader, Reader
 from ..text_files import file_beginning
 
 ORIENTATION_STATUS_LINES = ("#FIX", "#VERT", "#BASC", "#NEW")
@@ -254,3 +255,12 @@ class _Observations:
             return ZenithAngle(station, target, angle, sigma=s, source=source)
         name = self.sets[station]
         return Direction(station, target, angle, sigma=s, set=name, source=source)
+
+
+READER = Reader(
+    "mmvii",
+    (".obs",),
+    "survey of MMVII",
+    NetworkReader(read_mmvii),
+    recognises=is_mmvii,
+)

@@ -15,6 +15,7 @@ from typing import Any
 
 from ...network.network import Network
 from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
+from ..format_reader import NetworkReader, Reader
 from ..source import DERIVED_OBSERVATIONS, ROWS_SWITCHED_OFF, TextSource
 from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
 from .field_records import (
@@ -218,3 +219,6 @@ class _Reader:
             target_height=self.target_height,
             face=face,
         )
+
+
+READER = Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkReader(read_sdr33))

@@ -26,6 +26,7 @@ from ...observations import (
     ZenithAngle,
 )
 from ..file_problems import SurveyProblems
+from ..format_reader import NetworkReader, Reader
 from ..text_files import read_text
 from .star_net_lines import (
     ANGLE_DATA_TYPES,
@@ -482,3 +483,12 @@ class _Reader:
         return grid_network(
             read, self.system, adjustment, azimuths=azimuths, horizontal_distances=distances
         )
+
+
+READER = Reader(
+    "star-net",
+    (".dat", ".gps", ".GPS"),
+    "STAR*NET",
+    NetworkReader(read_star_net),
+    own_grid=True,
+)
