@@ -160,7 +160,7 @@ def _propose(options: argparse.Namespace) -> int:
 
 @contextmanager
 def _lines_of(project: Project) -> Iterator[None]:
-    """Tell problems of unknowns with the file and line of the project that state them."""
+    """Report problems of unknowns with the file and line of the project that state them."""
     try:
         yield
     except InputError as error:

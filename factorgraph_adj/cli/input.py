@@ -232,7 +232,7 @@ def parsed_settings(given: Sequence[str], option: str) -> dict[str, Any]:
         option: name of the option, for messages.
 
     Raises:
-        InputError: a setting has no key or no =, or a key stands twice.
+        InputError: a setting has no key or no =, or a key is given twice.
     """
     out: dict[str, Any] = {}
     problems = []

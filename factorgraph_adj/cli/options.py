@@ -119,7 +119,7 @@ def run_description(options: argparse.Namespace, project: Project | None = None)
 
     Args:
         options: options of the command, with all that was ``typed``.
-        project: the project, whose own options are told where they are not the usual ones.
+        project: the project, whose own options are reported where they are not the usual ones.
     """
     named = options.project if isinstance(options.project, list) else [options.project]
     typed = options.typed[1:]

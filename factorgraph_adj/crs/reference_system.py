@@ -19,7 +19,7 @@ from .geoid import Geoid, GeoidValues, geoid
 from .transformation_chain import SevenParameters, TransformationChain
 
 Heights = Literal["ellipsoidal"]
-"""What heights are, where neither the system nor a geoid tells it."""
+"""What heights are, where neither the system nor a geoid determines it."""
 MAX_AXIS_DIFFERENCE_M, MAX_FLATTENING_DIFFERENCE = 1e-4, 1e-8
 """Largest differences of the semi-major axis (m) and of 1/f of ellipsoids that are the same."""
 
@@ -151,7 +151,7 @@ class ReferenceSystem:
         """The steps from grid coordinates to geodetic ones.
 
         Raises:
-            InputError: pyproj is missing, PROJ does not know the system, heights are not told, or
+            InputError: pyproj is missing, PROJ does not know the system, heights are not stated, or
                 a grid is missing.
         """
         return TransformationChain.of(

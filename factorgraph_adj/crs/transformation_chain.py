@@ -114,7 +114,7 @@ class TransformationChain:
         """Return the chain of a system of pyproj.
 
         Raises:
-            InputError: heights are not told, axes or units are of another kind, or PROJ lacks an
+            InputError: heights are not stated, axes or units are of another kind, or PROJ lacks an
                 operation or its grid.
         """
         what = f"reference system {crs.name}"

@@ -46,7 +46,7 @@ which they may be the same."""
 MIN_POINTS_HELD = 2
 """Smallest number of held points, of which one alone cannot be seen to move."""
 MIN_EQUAL_SHARE = 0.5
-"""Smallest part of equal readings of an epoch that is told: some are equal by chance."""
+"""Smallest part of equal readings of an epoch that is reported: some are equal by chance."""
 
 
 def epoch_causes(

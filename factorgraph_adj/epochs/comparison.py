@@ -35,7 +35,7 @@ from .congruence_tests import (
 from .differences import Differences, PointRoles
 
 MIN_OBSERVED_SCALE_PART = 1e-6
-"""Part of r outside of the open motions below which no observation tells the scale."""
+"""Part of r outside of the open motions below which no observation determines the scale."""
 MAX_DISTANCE_OF_SAME_PLACE_M = 1e-5
 """Distance, metres, below which the coordinates of a point held in both epochs are the same: what
 files with five decimals round."""
@@ -71,7 +71,7 @@ class ScaleChange:
 def reference_scale_change(
     found: Differences, reference: Sequence[str], frame: Frame, scale: UnitVariance, alpha: float
 ) -> ScaleChange | None:
-    """Return the common scale of the reference points; none: nothing tells it.
+    """Return the common scale of the reference points; none: nothing determines it.
 
     Args:
         found: the differences of the epochs.
@@ -212,7 +212,7 @@ class Congruence(Shown):
     power: float
     """Power of the smallest detectable displacements."""
     scale_change: ScaleChange | None = None
-    """A common scale of the reference points of free networks; none: nothing tells it."""
+    """A common scale of the reference points of free networks; none: nothing determines it."""
     alternatives: tuple[str, ...] = ()
     """Sentences on what may explain the differences instead of displacements."""
 

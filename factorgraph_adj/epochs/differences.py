@@ -8,8 +8,8 @@ One rule for every network says what a point is: a point that both epochs determ
 named as an object is a reference point. Reference points are tested together, and those that moved
 leave. It does not matter whether held points, observations of coordinates or nothing at all carries
 the datum: a test of each point against the datum alone would see as little as the datum is worth,
-whatever the points tell of each other. Points that both epochs hold are part of every reference,
-untested.
+whatever the points determine about each other. Points that both epochs hold are part of every
+reference, untested.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def differences_within(solution: Solution, pairs: Mapping[str, str]) -> Differen
     """Return the differences of pairs of points of one adjustment of both epochs.
 
     Args:
-        solution: the adjustment, in which a point that may have moved stands twice.
+        solution: the adjustment, in which a point that may have moved is given twice.
         pairs: names of the second places by names of the first.
 
     Raises:

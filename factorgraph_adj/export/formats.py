@@ -379,7 +379,7 @@ def write(
         what: a network, a solution, or a report with data snooping; or a comparison of two epochs,
             or its report with blocks, in the formats of solutions except PLY.
         path: the file, or folder.
-        format: name of the format, where the suffix does not tell it.
+        format: name of the format, where the suffix does not determine it.
         options: options of the function that writes the format.
 
     Raises:

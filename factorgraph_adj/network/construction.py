@@ -147,7 +147,7 @@ def _checked_rotation(matrix: Array, where: str) -> Array:
     """Return the rotation nearest to a matrix, which is orthogonal to the digits that it has.
 
     Raises:
-        InputError: it is none; the message tells by how much.
+        InputError: it is none; the message states by how much.
     """
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise InputError(Problem("rotation must be a 3 × 3 rotation matrix", where))

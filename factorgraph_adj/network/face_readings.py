@@ -22,7 +22,7 @@ class FaceReading(metaclass=ChecksArguments):
     target: str
     """Point of the target."""
     face: int | None = None
-    """1 or 2; None: the zenith reading tells it."""
+    """1 or 2; None: the zenith reading determines it."""
     direction: float | None = None
     """Horizontal reading, radians."""
     zenith: float | None = None
@@ -56,7 +56,8 @@ def checked_readings(readings: Iterable[FaceReading]) -> list[FaceReading]:
     """Return readings with their faces.
 
     Raises:
-        InputError: all problems of readings: a face that is neither 1 nor 2 or that nothing tells,
+        InputError: all problems of readings: a face that is neither 1 nor 2 or that nothing
+        determines,
             a zenith reading of the other face or beyond the circle, nothing read, a target read
             twice in a face of a set, and what differs between the two faces of a target.
     """

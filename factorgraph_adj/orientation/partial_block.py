@@ -130,7 +130,7 @@ class PartialBlock:
         return out
 
     def review(self) -> Mask:
-        """Find the limit anew, and forget what too few image points agree with.
+        """Find the limit again, and forget what too few image points agree with.
 
         The limit is a multiple of the spread of all misses, from their median.
 
@@ -158,7 +158,7 @@ class PartialBlock:
                 return fits
 
     def reconsider(self) -> None:
-        """Intersect points anew that some image points do not agree with: those may come back."""
+        """Intersect points again that some image points do not agree with: those may come back."""
         v = self.views
         rows = self.known()
         before = self.point.copy()

@@ -28,7 +28,7 @@ NORMAL_MEDIAN = 0.6745
 MAX_SPREAD_RATIO = 5.0
 """Multiple of the spread of rays above which a ray does not fit."""
 MIN_POINTS_OF_SHARED_DISTANCE = 15
-"""Smallest number of common points of a pair that tell the principal distance."""
+"""Smallest number of common points of a pair that determine the principal distance."""
 POSELIB_MISSING = (
     "photos without orientation are oriented from image points alone with PoseLib: "
     "pip install 'factorgraph_adj[images]'"

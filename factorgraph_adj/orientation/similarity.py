@@ -41,7 +41,7 @@ MIN_LEVER_RATIO = 0.3
 def scales_by_rays(
     growth: PartialBlock, known: KnownPlaces, rotation: Array, place: tuple[Array, Array]
 ) -> list[float]:
-    """Return scales of a part, one of each ray that tells it.
+    """Return scales of a part, one of each ray that determines it.
 
     Args:
         growth: the part.

@@ -201,7 +201,7 @@ TRIED_DISTANCE_FACTORS = (1.0, 0.7, 1.4, 0.5, 2.0, 0.35, 2.8, 4.0)
 """Principal distances that are tried, parts of the longer side of the image: angles of view from
 110° to 14°."""
 MIN_KNOWN_POINTS_OF_PHOTO = 8
-"""Smallest number of known points of a photo that tell a principal distance."""
+"""Smallest number of known points of a photo that determine a principal distance."""
 MAX_PAIRS_OF_DISTANCE = 40
 """Largest number of pairs whose principal distance is asked for."""
 MIN_EPIPOLAR_LIMIT = 2e-3
@@ -222,8 +222,8 @@ class PrincipalDistances:
     stated: Mapping[str, Sequence[float]]
     """Principal distances by camera that are tried in the place of the given one."""
     known: Array
-    """Known coordinates of points, (points, 3), NaN where unknown: they tell a principal distance
-    by a direct linear transformation."""
+    """Known coordinates of points, (points, 3), NaN where unknown: they determine a principal
+    distance by a direct linear transformation."""
 
     def first(self) -> tuple[Array, ...]:
         """Return the calibrations to begin with."""

@@ -118,7 +118,7 @@ MAX_MISS_WITHOUT_BASE = 5.0
 """Median miss of the rays of two photos after the best rotation, in standard deviations of an image
 point, up to which they were taken from one place."""
 MIN_DISTANCE_DIFFERENCE = 0.1
-"""Relative difference of a held principal distance from that of the pairs that is told."""
+"""Relative difference of a held principal distance from that of the pairs that is reported."""
 MIN_SHARE_WITH_OTHER_AXES = 0.7
 """Share of the image points of a photo that must fit with its axes turned."""
 MAX_PHOTOS_IN_MESSAGE = 8
@@ -190,7 +190,7 @@ def _miss_of_rotation(views: Views, rays: IdealRays, first: int, second: int) ->
 def doubts_of_parts(
     views: Views, parts: Sequence[BlockPart], distances: PrincipalDistances
 ) -> tuple[str, ...]:
-    """Return what is told where parts share many points, and were not oriented together."""
+    """Return what is reported where parts share many points, and were not oriented together."""
     apart = [
         (i, shared)
         for i, part in enumerate(parts[1:], 1)
@@ -210,7 +210,7 @@ def doubts_of_parts(
 
 
 def _other_distances(views: Views, distances: PrincipalDistances) -> Iterator[str]:
-    """Iterate over cameras of which pairs of photos tell another principal distance."""
+    """Iterate over cameras of which pairs of photos determine another principal distance."""
     for camera in views.cameras:
         told, given = distances.by_pairs(camera.name), camera.values[0]
         if told is not None and abs(told / given - 1.0) > MIN_DISTANCE_DIFFERENCE:
@@ -221,7 +221,7 @@ def _other_distances(views: Views, distances: PrincipalDistances) -> Iterator[st
 
 
 def _photos_with_other_axes(views: Views, parts: Sequence[BlockPart]) -> Iterator[str]:
-    """Tell the photos of later parts that fit the first one with another axis of the image."""
+    """Report the photos of later parts that fit the first one with another axis of the image."""
     growth = parts[0].growth
     found: dict[str, list[str]] = {}
     for photo in np.flatnonzero(np.any([p.growth.posed for p in parts[1:]], axis=0)).tolist():

@@ -27,7 +27,7 @@ from .search_state import SearchState
 from .terrestrial_observations import directions_read, zeniths_read
 
 SIGHT_COMPONENTS = ("direction", "zenith", "distance")
-"""What sights tell of a place, in the order of the columns of `Sights.value`."""
+"""What sights state about a place, in the order of the columns of `Sights.value`."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def _sigmas(equations: Equations, told: _SightBlock, q: Array) -> Array:
 
 
 def _observed_component(block: Block) -> str:
-    """Return what a block tells of places in frames."""
+    """Return what a block states about places in frames."""
     record = KINDS.get(block.kind)
     return "nothing" if record is None else record.tells
 

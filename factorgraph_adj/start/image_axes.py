@@ -35,7 +35,7 @@ MAX_MISS_SHARE_LEFT = 0.1
 MAX_MISS_SHARE_LEFT_OF_ROUGH_POSES = 0.5
 """The same where points and poses are rough: their own errors remain with the right meaning."""
 MIN_MARKED_POINTS = 3
-"""Smallest number of points with marks in two photos that tell the axes."""
+"""Smallest number of points with marks in two photos that determine the axes."""
 MIN_RAY_STRENGTH = 1e-3
 """Smallest strength of an intersection, see `nearest_to_rays`."""
 MAX_COMPARED_IMAGE_POINTS = 300

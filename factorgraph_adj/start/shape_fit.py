@@ -30,7 +30,7 @@ TRIAL_AXES = 80
 MAX_IMPROVED_TRIALS, MAX_FIRST_STEPS = 40, 10
 """Number of trials that are improved by a few steps, and the number of these steps."""
 _MIN_VERTICAL_COMPONENT = 1e-6
-"""Smallest vertical component of an axis that tells its two senses apart."""
+"""Smallest vertical component of an axis that distinguishes its two senses."""
 MAX_FINAL_TRIALS, MAX_FINAL_STEPS = 5, 80
 """Number of trials that are improved further, and the largest number of steps of each."""
 MAX_TRIAL_POINTS = 300

@@ -33,11 +33,13 @@ from .loop_misclosures import MAX_LISTED_MISCLOSURES
 MIN_SECOND_EXTENT_RATIO = 1e-3
 """Smallest ratio of the second extent of places to the first at which they fix all turns."""
 MIN_THIRD_EXTENT_RATIO = 1e-2
-"""Smallest ratio of the third extent to the first at which a mirror is told from a rotation."""
+"""Smallest ratio of the third extent to the first at which a mirror is distinguished from a
+rotation."""
 MIN_PLACE_REDUNDANCY = 1e-3
 """Redundancy below which a direction of a place counts as not controlled."""
 ALPHA_OF_PLACES = 0.001
-"""Probability that a comparison of two systems, or a loop, is told although nothing is wrong."""
+"""Probability that a comparison of two systems, or a loop, is reported although nothing is
+wrong."""
 MIN_CONTROLLED_PLACES = 4
 """Smallest number of common places of which one can be wrong."""
 MAX_TRIED_PLACES = 8

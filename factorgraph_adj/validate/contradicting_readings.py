@@ -121,7 +121,7 @@ def contradicting_readings(
 ) -> Iterator[Finding]:
     """Iterate over readings that contradict the given coordinates of all their points.
 
-    What explains them is told: exchanged coordinates of one point or of all, another unit, the
+    What explains them is reported: exchanged coordinates of one point or of all, another unit, the
     other sign, angles that count the other way.
 
     Args:

@@ -59,7 +59,7 @@ class Finding:
 
 
 MIN_MM_SHOWN_IN_METRES = 1e5
-"""Size in millimetres from which a misfit is told in metres."""
+"""Size in millimetres from which a misfit is reported in metres."""
 TOLERANCE_FACTOR = 3.29
 """Tolerance of a misclosure, in its standard deviations: exceeded by chance once in 1000."""
 CONTRADICTION_FACTOR = 6.0
@@ -68,7 +68,7 @@ misfits are for the adjustment to judge, with all other readings."""
 
 
 MIN_FIT_IMPROVEMENT = 5.0
-"""How many times better another reading of a group must fit to be told."""
+"""How many times better another reading of a group must fit to be reported."""
 MIN_READINGS_OF_GROUP = 4
 """Smallest number of readings of a group."""
 

@@ -34,16 +34,16 @@ from .findings import Finding
 from .units import ANGLE_UNIT_NAMES
 
 MIN_TILT_IMPROVEMENT = 5.0
-"""How many times better places must fit with a tilt for it to be told."""
+"""How many times better places must fit with a tilt for it to be reported."""
 MIN_TILT_RAD = 1e-3
-"""Smallest tilt that is told, radians: the horizons of places within six kilometres differ by less,
-and levels of instruments are off by less."""
+"""Smallest tilt that is reported, radians: the horizons of places within six kilometres differ by
+less, and levels of instruments are off by less."""
 MIN_CIRCLE_IMPROVEMENT = 20.0
-"""How many times better places must fit with angles in another unit for it to be told."""
+"""How many times better places must fit with angles in another unit for it to be reported."""
 
 
 def left_handed_frames(network: Network) -> Iterator[Finding]:
-    """Tell of frames with places that no rotation leads to, as the network is left-handed.
+    """Report frames with places that no rotation leads to, as the network is left-handed.
 
     The axes of a level frame are those of the horizon, east, north, up, whatever the axes of the
     network; those of any other frame are turned from the axes of the network.
@@ -61,7 +61,7 @@ def left_handed_frames(network: Network) -> Iterator[Finding]:
 
 
 def _places(o: Observation) -> bool:
-    """Return whether an observation tells of a place in a frame of its own."""
+    """Return whether an observation is of a place in a frame of its own."""
     record = KINDS.get(o.kind)
     return record is not None and record.tells != "nothing"
 
@@ -72,7 +72,7 @@ def tilted_frames(
     """Return the names of frames that are stated to be level and are not, and what to say of them.
 
     A frame is compared with the given coordinates in its horizon, and with other level frames. The
-    given coordinates are right; of two frames that one is meant of which more others tell.
+    given coordinates are right; of two frames, the one that more others contradict is meant.
 
     Args:
         systems: places in frames; those that are upright in a horizon are stated to be level.

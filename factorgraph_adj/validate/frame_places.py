@@ -43,10 +43,10 @@ from .given_coordinates import MIN_SCALE_DIFFERENCE, factor_meaning
 from .loop_misclosures import MAX_LISTED_MISCLOSURES, MAX_OBSERVATIONS_OF_LOOP, closed_loops
 
 MIN_MIRROR_IMPROVEMENT = 5.0
-"""How many times better places must fit with a mirror for it to be told."""
+"""How many times better places must fit with a mirror for it to be reported."""
 MAX_ORIGIN_EXTENT_RATIO = 1000.0
-"""Distance of an origin from the middle of its places, in their extent, beyond which it is told:
-the correlation of offset and rotation is nearer to one than a millionth then."""
+"""Distance of an origin from the middle of its places, in their extent, beyond which it is
+reported: the correlation of offset and rotation is nearer to one than a millionth then."""
 MAX_COMPARED_PAIRS = 2000
 """Largest number of pairs that are compared; those with the most common places come first."""
 
@@ -83,7 +83,7 @@ def misfitting_frames(
     fits, wrong = _compared([*clean, given])
     exchanges = [w for w in wrong if w.other is not None]
     if exchanges:
-        # An exchange that many places tell of is put right before few places are compared.
+        # An exchange that many places show is put right before few places are compared.
         clean = [with_exchanges_undone(s, exchanges) for s in clean]
         fits, wrong = _compared([*clean, given])
         known_ones = {frozenset((w.key, w.other)) for w in exchanges}
@@ -259,7 +259,7 @@ def _mirrored(systems: list[PlaceSystem]) -> tuple[set[str], list[Finding]]:
 def _scaled(systems: list[PlaceSystem], length: str) -> tuple[set[str], list[Finding]]:
     """Return the names of frames whose scale is held and does not fit, and what to say of them.
 
-    The given coordinates are right; of two frames that of which more others tell.
+    The given coordinates are right; of two frames, the one that more others contradict.
     """
     found: dict[tuple[str, str], float] = {}
     times: dict[tuple[str, str], float] = {}

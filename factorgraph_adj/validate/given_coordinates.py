@@ -43,18 +43,18 @@ from .traverse_misclosures import TraverseReadings, traverses_between_held_point
 from .units import length_factors, wrong_units
 
 MAX_ORIGIN_DISTANCE_M = 100_000.0
-"""Distance from the origin of a curved local frame, metres, beyond which it is told: the error of
-the sphere that stands for the Earth is more than 1e-4 of the curvature there."""
+"""Distance from the origin of a curved local frame, metres, beyond which it is reported: the error
+of the sphere that stands for the Earth is more than 1e-4 of the curvature there."""
 MIN_DIRECTION_MISFIT_RAD = 1e-5
 """Misfit of directions, radians, below which no other order of axes is looked for: rounding, and
 the errors of good directions."""
 MIN_TRAVERSES_OF_SCALE = 2
-"""Smallest number of traverses that tell a factor."""
+"""Smallest number of traverses that determine a factor."""
 MAX_UNIT_FACTOR_DIFFERENCE = 0.01
 """Largest relative difference of a factor from that of a unit."""
 MIN_SCALE_DIFFERENCE = 0.1
-"""Smallest difference of a factor from 1 that is told: smaller ones are scales that an adjustment
-tests as causes."""
+"""Smallest difference of a factor from 1 that is reported: smaller ones are scales that an
+adjustment tests as causes."""
 
 
 def points_behind_cameras(equations: Equations) -> Iterator[Finding]:
@@ -158,7 +158,7 @@ def _outside(y: Array, y0: Array) -> bool:
 def group_contradictions(
     equations: Equations, *, length: str = "m", angle: str = "gon"
 ) -> Iterator[Finding]:
-    """Iterate over mistakes that given coordinates tell of.
+    """Iterate over mistakes that given coordinates show.
 
     Where places are on another part of the Earth, nothing else is compared with them.
 
@@ -276,7 +276,7 @@ def factor_meaning(factor: float, length: str) -> str:
 
 
 def traverse_scale(network: Network, length: str) -> Iterator[Finding]:
-    """Tell the factor by which traverses are as long as the held points at their ends are apart.
+    """Report the factor by which traverses are as long as the held points at their ends are apart.
 
     Args:
         network: the network.

@@ -64,12 +64,12 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
 
     Args:
         network: the network.
-        length: unit of lengths in its files, in which findings are told.
+        length: unit of lengths in its files, in which findings are reported.
         angle: unit of angles in its files.
     """
     try:
         equations = compile_rows(network)
-    except InputError:  # `check` tells why
+    except InputError:  # `check` states why
         return ()
     compared = tuple(group_contradictions(equations, length=length, angle=angle))
     turned = tuple(exchanged_heights(network))

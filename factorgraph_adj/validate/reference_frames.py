@@ -37,7 +37,7 @@ the median distance of the points."""
 MAX_NEAR_EXTENT_RATIO = 3.0
 """Largest such distance at which a place belongs to the network."""
 LENGTH_KINDS = ("slope_distance", "horizontal_distance", "gnss_vector")
-"""Kinds that tell how far points are apart."""
+"""Kinds that determine how far points are apart."""
 MIN_EXTENT_M = 1000.0
 """Smallest median distance that counts, metres: small networks may have far targets."""
 MIN_FRAME_MISFIT = 0.05
@@ -45,10 +45,11 @@ MIN_FRAME_MISFIT = 0.05
 MIN_ZONE_OFFSET_M = 1e4
 """Smallest difference of coordinates, metres, that another zone explains."""
 MIN_GNSS_CONTROL_POINTS = 2
-"""Smallest number of control points that GNSS has measured, of which the same offset is told."""
+"""Smallest number of control points that GNSS has measured, of which the same offset is
+reported."""
 MIN_HEIGHT_OFFSET_M = 1.0
-"""Smallest offset of heights, metres, that is told: undulations of a few decimetres are rare, and
-so are errors of heights of a metre that all control points share."""
+"""Smallest offset of heights, metres, that is reported: undulations of a few decimetres are rare,
+and so are errors of heights of a metre that all control points share."""
 MAX_UNDULATION_DIFFERENCE = 0.1
 """Part of the undulation by which an offset may differ from it and be explained by it: a geoid of
 one site is not that of the datum."""
@@ -206,7 +207,7 @@ def _others(frame: Frame, vectors: Array, points: Array, given: Mask) -> Iterato
 
 
 def _of_known_axes(equations: Equations, block: Block, given: Mask) -> Iterator[Finding]:
-    """Tell what the vectors of a block fit as, where they do not fit as they are."""
+    """Report what the vectors of a block fit as, where they do not fit as they are."""
     points = equations.unknowns["point"].values
     off, length = _misfit(equations, block, block.observed, points, given)
     if off <= MIN_FRAME_MISFIT * length:
@@ -308,7 +309,7 @@ def other_zone_text(system: ReferenceSystem | None, size: float = np.inf) -> str
 
 
 def mixed_heights(network: Network) -> Iterator[Finding]:
-    """Tell that positions of GNSS lie above or below control points, and agree with them in plan.
+    """Report that positions of GNSS lie above or below control points, and agree with them in plan.
 
     Control points are those that are held, and those with observed coordinates of another origin.
     """

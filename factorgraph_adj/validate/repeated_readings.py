@@ -55,7 +55,7 @@ FINEST_RESOLUTION = 1e-9
 STEP_ROUNDING = 1e-4
 """Distance from a whole number of steps that is rounding of double precision."""
 MIN_COPIED_VALUES = 5
-"""Smallest number of observed values in a row that are told."""
+"""Smallest number of observed values in a row that are reported."""
 MAX_EARLIER_READINGS = 4
 """Largest number of earlier readings that equal one, of which the latest are looked at."""
 MIN_EQUAL_RETURNS = 3
@@ -304,7 +304,7 @@ class CopiedBlocks:
                 block = self._open.get(j - 1)
                 if block is None:
                     block = _Block(j, number, 0)
-                if j < block.first:  # what repeats itself is told once
+                if j < block.first:  # what repeats itself is reported once
                     if block.values < MIN_COPIED_VALUES <= block.values + len(key) - 2:
                         self._blocks.append(block)
                     block.length += 1

@@ -151,7 +151,8 @@ def _horizontal(
         network: the network.
         frame: its frame.
         o: the distance.
-        inclined: the vertical or zenith angle of the same sight; none: held heights tell the slope.
+        inclined: the vertical or zenith angle of the same sight; none: held heights determine the
+        slope.
     """
     meter = None if o.instrument is None else network.distance_meters.get(o.instrument)
     if meter is not None and not all(meter.fixed):
@@ -219,7 +220,7 @@ def _length(
 ) -> float:
     """Return the length of a sight, on which the effect of centring depends.
 
-    1 km where neither a distance nor held coordinates tell it.
+    1 km where neither a distance nor held coordinates determine it.
     """
     leg = legs.get(a, {}).get(b)
     if leg is not None:

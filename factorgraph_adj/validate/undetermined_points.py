@@ -29,10 +29,10 @@ from .findings import TOLERANCE_FACTOR, Finding
 
 MIN_TOLERANCE_SHARE = 0.05
 """Smallest tolerance along the weakest direction, relative to the distance of the nearest point
-with which it is observed, of a point that is told."""
+with which it is observed, of a point that is reported."""
 MAX_SECOND_PLACE_SHARE = 0.05
-"""Largest distance of a second place that is told, relative to the same: approximate coordinates
-tell places apart that are farther from each other."""
+"""Largest distance of a second place that is reported, relative to the same: approximate
+coordinates distinguish places that are farther from each other."""
 MAX_SECOND_PLACE_MISFIT_RATIO = 0.1
 """Largest misfit at a second place, relative to that of the linear model there."""
 DIFFERENCE_STEP_SHARE = 1e-3

@@ -28,13 +28,13 @@ from .findings import MIN_FIT_IMPROVEMENT, Finding, computed_values, given_rows,
 CIRCLE_ROUNDING = 1e-9
 """Share of a circle that a reading may lie beyond it by rounding: 400 gon is a valid reading."""
 TRIED_ANGLE_UNITS = ("gon", "deg", "mgon", "arcmin", "cc", "arcsec", "mrad", "rad")
-"""Units in which a reading beyond the circle may have been meant, the likeliest first."""
+"""Units in which a reading beyond the circle may have been meant, the most probable first."""
 INSTRUMENT_ANGLE_UNITS = ("gon", "deg", "rad")
 """Units of circles of instruments."""
 MIN_READING_SUMS = 2
-"""Smallest number of sums of two readings that tell a unit."""
+"""Smallest number of sums of two readings that determine a unit."""
 MIN_LEVEL_SIGHTS = 6
-"""Smallest number of sights that tell a unit because they are nearly level."""
+"""Smallest number of sights that determine a unit because they are nearly level."""
 MIN_NEARER_SHARE = 0.9
 """Share of readings that must be nearer to what is right in another unit."""
 UNIT_FACTOR_ROUNDING = 1e-9
@@ -79,7 +79,7 @@ def level_sights(network: Network, unit: str, compared: frozenset[str]) -> Itera
     Args:
         network: the network.
         unit: unit of angles in its files.
-        compared: kinds of which given coordinates tell.
+        compared: kinds of which given coordinates determine the unit.
     """
     stated = decimal_angle(unit)
     own: dict[str, list[Observation]] = defaultdict(list)
@@ -240,6 +240,6 @@ def _factor(factor: float) -> str:
 
 
 def compared_kinds(equations: Equations) -> frozenset[str]:
-    """Return the kinds of which given coordinates tell the unit."""
+    """Return the kinds of which given coordinates determine the unit."""
     kinds = dict.fromkeys(b.kind for b in equations.blocks)
     return frozenset(k for k in kinds if any(True for _ in given_rows(equations, k, whole=True)))
