@@ -58,7 +58,7 @@ def is_misled(search: SnoopingSearch, found: Snooping) -> bool:
 
     A single reading that is far off, with which everything else fits, is one gross error. What
     fits as something else, as a whole, is an exchange. It is otherwise if readings that are far
-    off stay, or if several that share a point were set aside. Image points do not count: a block
+    off stay, or if several that share a point were rejected. Image points do not count: a block
     of photos has no minimum near poor approximate values.
 
     Args:
@@ -112,7 +112,7 @@ def simpler_result(
     """Return the result that takes less to explain, the first of two that take as much.
 
     What takes less is, in this order: fewer observations that do not fit and stay, fewer sights
-    with readings set aside, fewer observations set aside.
+    with readings rejected, fewer observations rejected.
 
     Args:
         one: the first search, at its end.

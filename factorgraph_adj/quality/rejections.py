@@ -39,7 +39,7 @@ Test = Literal["baarda", "pope"]
 
 @dataclass(frozen=True)
 class Rejected:
-    """An observation that was set aside."""
+    """An observation that was rejected."""
 
     id: str
     """Id of the observation."""
@@ -54,7 +54,7 @@ class Rejected:
     estimated_error: float
     """Estimated gross error of the component, observed − true, in the same adjustment."""
     round: int
-    """Round in which the observation was set aside; 0: before the first, by the start."""
+    """Round in which the observation was rejected; 0: before the first, by the start."""
     final_error: float
     """Observed − computed from the clean solution; NaN if that solution does not determine it."""
     final_sigma: float
@@ -67,14 +67,14 @@ class Rejected:
 
 @dataclass(frozen=True)
 class RejectedFactor:
-    """A factor of the user that was set aside, with all its rows."""
+    """A factor of the user that was rejected, with all its rows."""
 
     name: str
     """Name of the factor."""
     test: float
     """√(T²/critical) in the adjustment with it; above 1. For Pope's test T² is relative to σ̂0²."""
     round: int
-    """Round in which it was set aside."""
+    """Round in which it was rejected."""
     final_test: float
     """√(T²/critical) of the factor put back into the clean solution."""
 
@@ -130,7 +130,7 @@ class Round:
     suspects: int
     """Number of observations above the critical value."""
     set_aside: int
-    """Number of observations set aside in the round, including the rays of removed points."""
+    """Number of observations rejected in the round, including the rays of removed points."""
     readmitted: int
     """Number of observations put back in the round."""
 
@@ -140,7 +140,7 @@ class Snooping(Shown):
     """Result of data snooping."""
 
     solution: Solution
-    """The adjustment without the observations that were set aside (the clean solution)."""
+    """The adjustment without the observations that were rejected (the clean solution)."""
     reliability: Reliability
     """Reliability of ``solution``, with α0 and power of the tests."""
     rejected: tuple[Rejected, ...]
@@ -150,7 +150,7 @@ class Snooping(Shown):
     points_set_aside: tuple[RejectedPoint, ...]
     """Points removed with all their rays, since the remaining rays did not determine them."""
     unresolved: tuple[Unresolved, ...]
-    """Observations above the critical value that cannot be set aside."""
+    """Observations above the critical value that cannot be rejected."""
     rounds: tuple[Round, ...]
     """The rounds of the search."""
     critical: float
@@ -160,7 +160,7 @@ class Snooping(Shown):
     reason: str
     """Reason why the search ended."""
     factors_set_aside: tuple[RejectedFactor, ...] = ()
-    """Factors of the user that were set aside, in that order."""
+    """Factors of the user that were rejected, in that order."""
     whole: Solution | None = field(default=None, repr=False)
     """The adjustment of everything; None where it has no minimum."""
     look: Callable[[], Causes | None] | None = field(default=None, repr=False)
@@ -177,7 +177,7 @@ class Snooping(Shown):
         )
 
     def first_rows(self) -> Rows:
-        """Return the observations that were set aside."""
+        """Return the observations that were rejected."""
         return Rows(
             ("observation", "test value", "estimated error", "round"),
             ((r.label, r.test, r.estimated_error, r.round) for r in self.rejected),
@@ -185,7 +185,7 @@ class Snooping(Shown):
         )
 
     def summary(self) -> str:
-        """Return the result on one screen, with what was set aside; see `Solution.summary`."""
+        """Return the result on one screen, with what was rejected; see `Solution.summary`."""
         # Reports stand above this module.
         found: str = import_module("factorgraph_adj.report.summary").snooping_summary(self)
         return found
@@ -197,7 +197,7 @@ class Snooping(Shown):
 
     @cached_property
     def causes(self) -> Causes | None:
-        """What may have caused the misfits, the likeliest first; None where there are none."""
+        """What may have caused the misfits, the most probable first; None where there are none."""
         return None if self.look is None else self.look()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -206,20 +206,20 @@ class Snooping(Shown):
 
     @property
     def ids_set_aside(self) -> tuple[str, ...]:
-        """Ids of all observations set aside, the rays of removed points among them."""
+        """Ids of all observations rejected, the rays of removed points among them."""
         rays = (ray for p in self.points_set_aside for ray in p.rays)
         return (*(r.id for r in self.rejected), *rays)
 
     @property
     def network(self) -> Network:
-        """The network without the observations that were set aside."""
+        """The network without the observations that were rejected."""
         return self.solution.network
 
 
 MAX_LOST_SHARE = 1.0 / 3.0
 """Largest share of its readings that an instrument loses to gross errors of single readings."""
 MIN_LOST_READINGS = 6
-"""Smallest number of readings set aside of an instrument: two sights with all they consist of."""
+"""Smallest number of readings rejected of an instrument: two sights with all they consist of."""
 MIN_KEPT_SHARE = 0.5
 """Smallest share of its observations that a point keeps."""
 MAX_POINTS_IN_LOSS = 6
@@ -230,14 +230,14 @@ MAX_POINT_CHANGE_SIGMAS = 10.0
 
 @dataclass(frozen=True)
 class GroupLoss:
-    """A group of which much was set aside."""
+    """A group of which much was rejected."""
 
     noun: str
     """What it is: frame, station, photo or point."""
     name: str
     """Its name."""
     lost: int
-    """Number of its observations set aside."""
+    """Number of its observations rejected."""
     whole: int
     """Number of its observations."""
     moved: float = 0.0
@@ -322,7 +322,7 @@ def uncontrolled_datum(found: Snooping) -> UncontrolledDatum | None:
 
 @dataclass(frozen=True)
 class RejectedCoordinates:
-    """Weighted coordinates of points that were set aside, though the points have other readings.
+    """Weighted coordinates of points that were rejected, though the points have other readings.
 
     A gross error of given coordinates and another mark that was observed in place of the point
     leave the same misfits: no reading tells the one from the other.
@@ -390,7 +390,7 @@ def lost_control(found: Snooping, original: Network) -> LostControl | None:
     """Return the points whose control data snooping has set aside; none: there are none.
 
     An observation has lost its control if others control it in the whole network, and none do in
-    the clean one: then its error and that of what was set aside change all others alike. Points
+    the clean one: then its error and that of what was rejected change all others alike. Points
     that only images observe do not count: a block has many of two rays, whose depth nothing
     controls.
 

@@ -177,7 +177,7 @@ def snoop(
 ) -> Snooping:
     """Find gross errors by iterated tests.
 
-    Every observation can be set aside, also control points and weighted unknowns: a weighted
+    Every observation can be rejected, also control points and weighted unknowns: a weighted
     unknown without its given value is free. An observation that some unknown needs to be
     determined stays in the network and is listed as unresolved. A point that only images observe
     is removed with all its rays, if its other rays do not determine it.
@@ -188,10 +188,10 @@ def snoop(
         power: power of the tests, for the reliability of each round.
         test: ``baarda`` for the known σ0 = 1, ``pope`` for an estimated σ0.
         sidak: whether ``alpha`` refers to all n tests together: α0 = 1 − (1 − α)^(1/n).
-        share: part of the largest test value that others must reach to be set aside in the same
+        share: part of the largest test value that others must reach to be rejected in the same
             round, see `candidates`; 1: only the largest of each round.
         robust: M-estimator for networks with many gross errors; the outliers of its adjustment
-            are set aside before the first round. Without one, Huber's is used where the network
+            are rejected before the first round. Without one, Huber's is used where the network
             as it is has no minimum, or where readings are so far off that they may have led the
             search astray (`has_far_off_sights`): then it is made again from the approximate values.
         max_rounds: maximum number of rounds.
@@ -199,7 +199,7 @@ def snoop(
         datum: as for `adjust`.
         variance: as for `adjust`.
         start: an earlier solution of the network to start from, if it has converged.
-        extra_factors: as for `adjust`. A factor is tested with all its rows (T²), and is set aside
+        extra_factors: as for `adjust`. A factor is tested with all its rows (T²), and is rejected
             as a whole; not with a robust estimator.
         progress: called after each round; an exception in it ends the search.
 
@@ -371,7 +371,7 @@ class _SearchArguments:
 
         Args:
             solution: the adjustment of the whole network.
-            values: test values (n,) of its outliers, which are set aside before the first round.
+            values: test values (n,) of its outliers, which are rejected before the first round.
             exchanged: exchanges that are known already.
         """
         arguments = (solution, self.test, self._alpha(solution), self.power, self.options)

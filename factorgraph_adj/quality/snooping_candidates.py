@@ -58,7 +58,7 @@ leave the point undetermined."""
 
 @dataclass(frozen=True)
 class RowGroups:
-    """The observations of a solution; each is a unit that is set aside with all its rows."""
+    """The observations of a solution; each is a unit that is rejected with all its rows."""
 
     number: Index
     """Number of the observation of each scalar row, (n,)."""
@@ -154,8 +154,8 @@ def choose_outliers(
         test: the test values that decide, (n,); NaN for rows without a test value.
         scale: ``rel.w`` / test.
         critical: critical value of ``test``.
-        share: part of the largest test value that others must reach to be set aside in this round.
-        stuck: blocked observations; they stay, but explain others as if they were set aside.
+        share: part of the largest test value that others must reach to be rejected in this round.
+        stuck: blocked observations; they stay, but explain others as if they were rejected.
         every: set aside every observation above the critical value, as long as the rest determines
             all unknowns: conditions 2 and 3 are left out.
         gone: observations of the solution that an update has taken out.

@@ -57,7 +57,7 @@ class SnoopingSearch:
             power: power of the tests.
             options: options of every adjustment.
             withdrawing: whether rounds withdraw observations; false: every round adjusts the
-                network without them anew.
+                network without them again.
         """
         self.network = solution.network
         self.start = solution.start["point"]
@@ -194,7 +194,7 @@ class SnoopingSearch:
         return self.factors.ratios(self.reliability).get(name, 0.0) <= 1.0
 
     def _final_factors(self) -> Iterator[RejectedFactor]:
-        """Iterate over the factors set aside, each with its test where it is put back."""
+        """Iterate over the factors rejected, each with its test where it is put back."""
         clean, factors = self.present, self.factors
         for name, was in list(factors.aside.items()):
             del factors.aside[name]
@@ -239,7 +239,7 @@ class SnoopingSearch:
         return found is not None
 
     def _settle(self) -> None:
-        """Adjust the network anew without the observations that are withdrawn.
+        """Adjust the network again without the observations that are withdrawn.
 
         Raises:
             CannotSettle: the adjustment fails.
@@ -361,13 +361,13 @@ class SnoopingSearch:
         return out
 
     def _prediction(self) -> Prediction | None:
-        """Return the prediction of the observations set aside; a solution makes it once."""
+        """Return the prediction of the observations rejected; a solution makes it once."""
         if self._predicted is None or self._predicted[0] is not self.solution:
             self._predicted = self.solution, self._predict()
         return self._predicted[1]
 
     def _predict(self) -> Prediction | None:
-        """Predict the observations set aside that the solution determines."""
+        """Predict the observations rejected that the solution determines."""
         found = [rows for rows in self.equations.find(list(self.aside)) if len(rows)]
         if not found:
             return None
@@ -425,7 +425,7 @@ class SnoopingSearch:
         return causes(first, self.matches(), estimated=pope)
 
     def matches(self) -> tuple[MistakenIdentity, ...]:
-        """Return what the observations set aside may be instead; a solution looks once."""
+        """Return what the observations rejected may be instead; a solution looks once."""
         if self._matched is None or self._matched[0] is not self.solution:
             told = {i for m in self.exchanged for i in m.ids}
             bad = [i for i in self.ids_aside() if i not in told], self._above()
@@ -442,7 +442,7 @@ class SnoopingSearch:
         return [self.solution.equations.id(int(row)) for row in rows]
 
     def ids_aside(self) -> list[str]:
-        """Return the ids of all observations set aside, with the rays of points."""
+        """Return the ids of all observations rejected, with the rays of points."""
         return [*self.aside, *(i for p in self.points.values() for i in p.rays)]
 
     def _with_final_errors(self) -> tuple[Rejected, ...]:

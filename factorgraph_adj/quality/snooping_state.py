@@ -52,9 +52,9 @@ class FactorSearch:
     alpha: float
     """Probability α0 of a false alarm of one test."""
     aside: dict[str, RejectedFactor] = field(default_factory=dict)
-    """Those that are set aside."""
+    """Those that are rejected."""
     stuck: dict[str, str] = field(default_factory=dict)
-    """Why others cannot be set aside."""
+    """Why others cannot be rejected."""
     readmitted: list[str] = field(default_factory=list)
     """Those that were put back, each once."""
 
@@ -348,7 +348,7 @@ class SnoopingState:
         return SnoopingState(rel, self.test, weights, None, withdrawn)
 
     def _rows(self, chosen: Sequence[Outlier]) -> Index | None:
-        """Return the rows of outliers, (k,), with all rays of points that are set aside.
+        """Return the rows of outliers, (k,), with all rays of points that are rejected.
 
         None for members of clusters: the weights of the other members depend on them.
         """

@@ -298,7 +298,7 @@ class Answers:
 
         Args:
             found: the result of the search.
-            came_back: what fits without what was set aside.
+            came_back: what fits without what was rejected.
         """
         return {
             "reason": found.reason,

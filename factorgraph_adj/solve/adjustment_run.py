@@ -34,7 +34,7 @@ from .undetermined_unknowns import (
 
 @dataclass(frozen=True)
 class ShapeMisfit:
-    """What a shape was like when it was fitted anew without a smaller vᵀPv."""
+    """What a shape was like when it was fitted again without a smaller vᵀPv."""
 
     excess: float
     """Excess of vᵀPv of its rows over what chance explains, in units of its deviation."""
@@ -53,7 +53,7 @@ class RunRecord:
     drifting: tuple[tuple[str, str], ...] = ()
     """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
     shape_misfits: Mapping[str, ShapeMisfit] = field(default_factory=dict)
-    """Shapes that do not fit and were fitted anew in vain, by name, see `shape_minimum`."""
+    """Shapes that do not fit and were fitted again in vain, by name, see `shape_minimum`."""
     linearised: NormalEquations | None = None
     """Normal equations that have been made already; they serve if they belong to the state."""
 
@@ -102,7 +102,7 @@ class AdjustmentRun:
     extrapolated: ExtrapolationRecord = NO_EXTRAPOLATIONS
     """The extrapolations that were taken."""
     looked: Mapping[str, ShapeMisfit] = field(default_factory=dict)
-    """Shapes that were fitted anew in vain, by name, see `shape_minimum`."""
+    """Shapes that were fitted again in vain, by name, see `shape_minimum`."""
 
     @classmethod
     def at(
@@ -217,7 +217,7 @@ def settle_datum(run: AdjustmentRun, normal: NormalEquations) -> None:
     motions = defects[0].motions
     columns = datum_columns(run.equations, motions)
     held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
-    run.constraint = np.zeros_like(run.constraint)  # a run that goes on chooses anew
+    run.constraint = np.zeros_like(run.constraint)  # a run that goes on chooses again
     run.constraint[held] = normal.diagonal[held]
     run.datum = FreeDatum(motions, columns)
 

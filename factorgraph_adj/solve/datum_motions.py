@@ -141,7 +141,7 @@ def undirected_motions(
         noticed: what the rows notice of each motion, relative to σ, (rows, n).
         among: combinations of the motions, orthonormal, (n, d).
         radians: rotation vectors of the motions, (3, n).
-        up: the vertical, (3,); None: no turn about it is told apart.
+        up: the vertical, (3,); None: no turn about it is distinguished.
         limits: lower and upper limit.
     """
     told = noticed @ among

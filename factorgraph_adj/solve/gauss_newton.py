@@ -87,7 +87,7 @@ class IterationEnd:
     iterations: int
     """Number of iterations."""
     converged: bool
-    """Whether the iteration came to rest."""
+    """Whether the iteration converged."""
     reason: str
     """Why the iteration ended."""
     vtpv: float
@@ -97,13 +97,13 @@ class IterationEnd:
     second_places: tuple[str, ...] = ()
     """Sentences on points that fit equally well at a second place."""
     converged_slowly: bool = False
-    """Whether it came to rest by steps that shrank slowly, whose length is no bound."""
+    """Whether it converged by steps that shrank slowly, whose length is no bound."""
 
     @classmethod
     def at_rest(
         cls, stop: StepRecord[S], iterations: int, left: float, vtpv: float
     ) -> IterationEnd:
-        """Return the end of an iteration that came to rest."""
+        """Return the end of an iteration that converged."""
         reason = convergence_reason(left, stop.tolerance, stop.resolution)
         left = max(left, stop.tolerance)
         return cls(iterations, True, reason, vtpv, left, converged_slowly=stop.creeping)

@@ -163,7 +163,7 @@ def adjust_from_start(
     other weights; none: it is made. With ``astray`` an iteration that ends where something is not
     determined that was at the start is returned as not converged; otherwise it is a `DatumError`,
     by which an incremental adjustment knows what to let wait. ``looked`` are shapes that an
-    adjustment before has fitted anew in vain, which is not repeated where nothing has changed.
+    adjustment before has fitted again in vain, which is not repeated where nothing has changed.
     Without ``other_sides`` points stay on the side on which the iteration finds them.
     """
     attempt = partial(

@@ -65,7 +65,7 @@ def estimates_from_noise(
         system: the linearised network.
         factor: its normal equations, factorised, with a minimal datum where it has a defect.
         n: number of estimates.
-        source: of the noise; none: one that begins anew.
+        source: of the noise; none: one that begins again.
     """
     rows = system.equations.n_rows + sum(len(e.residual) for e in system.extra)
     source = np.random.default_rng(PROBE_SEED) if source is None else source

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .linearised_equations import LinearisedEquations
 
 MAX_REMAINDER_SIGMAS = 0.1
-"""Remainder of second order, in standard deviations, above which a variable is placed anew."""
+"""Remainder of second order, in standard deviations, above which a variable is placed again."""
 
 
 def with_rig_members_placed(

@@ -78,7 +78,7 @@ MAX_SAME_RESIDUAL_RATIO = 1e-9
 """Largest difference of the amounts of residuals, relative to √vᵀPv, at starts that are the same
 shape."""
 MIN_MISFIT_CHANGE_FACTOR = 1.5
-"""Factor by which the rows or the excess of a shape that was fitted anew in vain change before the
+"""Factor by which the rows or the excess of a shape that was fitted again in vain change before the
 shape is fitted anew again, so that n arrivals on it cost in proportion to log n. An adjustment that
 settles does not count what was in vain before."""
 MAX_SHAPES_REFITTED = 10
@@ -93,7 +93,7 @@ def refit_shapes(
     go_on: Callable[[AdjustmentRun, int], IterationEnd],
     examine: Callable[[AdjustmentRun, float], IterationEnd],
 ) -> IterationEnd:
-    """Fit shapes anew that do not fit; ``run.state`` becomes the better minimum, or stays.
+    """Fit shapes again that do not fit; ``run.state`` becomes the better minimum, or stays.
 
     Args:
         run: an adjustment at rest. What ``run.looked`` says of a shape that has not changed since
@@ -154,7 +154,7 @@ def _ends(
     bound: float,
     examine: Callable[[AdjustmentRun, float], IterationEnd],
 ) -> Iterator[tuple[State, float]]:
-    """Yield states at which iterations from other starts of a shape came to rest, with vᵀPv."""
+    """Yield states at which iterations from other starts of a shape converged, with vᵀPv."""
     tried = [run.equations.residuals(run.state)]
     for state in _others(run, f, rows, bound, examine):
         if _tried_before(run, state, tried):
@@ -241,7 +241,7 @@ def _others(
     bound: float,
     examine: Callable[[AdjustmentRun, float], IterationEnd],
 ) -> Iterator[State]:
-    """Yield states with the shape turned round and fitted anew, each in both senses."""
+    """Yield states with the shape turned round and fitted again, each in both senses."""
     yield with_shape_reversed(run.state, f)
     weights = np.ones(run.equations.n_rows)
     weights[rows] = LOOSE_SHAPE_WEIGHT_FACTOR

@@ -65,7 +65,7 @@ class Solution(Shown):
     start: State
     """Given or approximate values x₀, to which the inner constraints of a free network refer."""
     converged: bool
-    """Whether the iteration came to rest."""
+    """Whether the iteration converged."""
     reason: str
     """Why the iteration ended."""
     iterations: int

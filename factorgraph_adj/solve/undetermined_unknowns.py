@@ -29,7 +29,7 @@ MIN_LARGE_NETWORK_COLUMNS = 5000
 """Number of columns above which points that only cameras see are eliminated first."""
 REGULARISATION_LARGE = 1e-12
 """Share of the diagonal as `REGULARISATION` in such a network: normal equations resolve no smaller
-one. Combinations that are determined by less than its root are told apart by |A z| alone."""
+one. Combinations that are determined by less than its root are distinguished by |A z| alone."""
 FIRST_NULL_VECTORS = (4, 12)
 """Numbers of combinations that are searched first in such a network."""
 MAX_NULL_VECTORS = 40

@@ -78,7 +78,7 @@ class _Mistake:
     fitting: Callable[[Solution], str] | None = None
     """Returns what fits, as an addition to the place; none: nothing is to be said."""
     aside: bool = False
-    """Whether its image points may be set aside for it."""
+    """Whether its image points may be rejected for it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class BlockMistake:
     solution: Solution
     """The adjustment without it."""
     aside: tuple[str, ...]
-    """Ids of what may be set aside for it; empty if it is in given values."""
+    """Ids of what may be rejected for it; empty if it is in given values."""
 
 
 def block_mistakes(

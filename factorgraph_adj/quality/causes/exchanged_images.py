@@ -60,7 +60,7 @@ def exchanged_photos(
     """Iterate over two photos that fit with the images of each other.
 
     Args:
-        equations: the network with the observations that were set aside.
+        equations: the network with the observations that were rejected.
         clean: the solution without them.
         ids: ids of all that does not fit, set aside or not.
         alpha: probability with which a row that is right does not fit.
@@ -154,10 +154,10 @@ class ImagePointExchange:
 def exchanged_image_points(
     equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: VarianceFactor
 ) -> Iterator[MistakenIdentity]:
-    """Iterate over image points that were set aside, and fit as each other.
+    """Iterate over image points that were rejected, and fit as each other.
 
     Args:
-        equations: the network with the observations that were set aside.
+        equations: the network with the observations that were rejected.
         clean: the solution without them.
         ids: their ids.
         alpha: probability with which an image point that is right does not fit.

@@ -97,7 +97,7 @@ class _Tested:
     before: ReadingFit
     after: ReadingFit
     same: list[_Tested] = field(default_factory=list)
-    """Hypotheses that share points with it and cannot be told from it."""
+    """Hypotheses that share points with it and cannot be distinguished from it."""
 
     @property
     def gain(self) -> float:

@@ -46,11 +46,11 @@ from .mistaken_identity import MistakenIdentity
 from .separability import MIN_T2_DIFFERENCE
 
 MAX_TESTED_PHOTOS = 20
-"""Largest number of photos that are tested, those with the most rays set aside."""
+"""Largest number of photos that are tested, those with the most rays rejected."""
 MIN_RAYS_OF_PHOTO = 6
-"""Smallest number of rays to known points from which a photo is oriented anew."""
+"""Smallest number of rays to known points from which a photo is oriented again."""
 MIN_REJECTED_SHARE = 0.5
-"""Smallest share of its rays set aside with which a photo is tested."""
+"""Smallest share of its rays rejected with which a photo is tested."""
 MIN_FITTING_RAY_SHARE = 0.9
 """Smallest share of its rays that fit with the right axes; the others may be gross errors."""
 MAX_ATTITUDE_DIFFERENCE_RAD = np.pi / 4
@@ -80,7 +80,7 @@ class _Rays:
     calibration: Array
     """Calibration, (k,)."""
     lost: float
-    """Share of its rays set aside."""
+    """Share of its rays rejected."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def photos_with_other_axes(
     """Iterate over photos that fit with other axes.
 
     Args:
-        equations: the network with the observations that were set aside.
+        equations: the network with the observations that were rejected.
         clean: the solution without them.
         ids: their ids.
         alpha: probability with which a ray that is right does not fit.
@@ -163,7 +163,7 @@ def _without(
     """Return the solution without any ray of some photos; the clean one where there is none.
 
     Rays of a mirrored photo that fit by chance have stayed in, and bend the points that they touch,
-    so that good rays were set aside. Those come back; points that the other photos do not determine
+    so that good rays were rejected. Those come back; points that the other photos do not determine
     are left out, and so is what else was observed of these photos.
     """
     unknowns = equations.unknowns
@@ -225,7 +225,7 @@ def _images(equations: Equations, rows: Mask) -> Iterator[tuple[Block, Mask]]:
 
 
 def _suspect(equations: Equations, clean: Solution, ids: Sequence[str]) -> list[_Rays]:
-    """Return the photos of which most rays were set aside, those that lost most first."""
+    """Return the photos of which most rays were rejected, those that lost most first."""
     state = Innovations(equations, clean).state
     known = np.all(np.isfinite(state["point"]), axis=1)
     every: list[_Rays] = []
@@ -311,7 +311,7 @@ def mirrored_block(
     """Iterate over cameras, or tell of all of them, whose photos all fit with other axes.
 
     Args:
-        equations: the network with the observations that were set aside.
+        equations: the network with the observations that were rejected.
         clean: the solution without them.
         ids: ids of all that does not fit, set aside or not.
         alpha: probability with which a row that is right does not fit.

@@ -40,7 +40,7 @@ MAX_PREDICTION_VARIANCE_RATIO = 1e4
 solution hardly determines fits everything."""
 MAX_TARGETS_OF_FRAME = 12
 """Largest number of targets of a frame of which two are tried as exchanged, those of which most
-was set aside."""
+was rejected."""
 EXCHANGED_TARGETS = "two targets, exchanged:"
 """Cause of two targets that fit as each other."""
 WRONG_TARGET_NAME = "the name of the target"
@@ -78,7 +78,7 @@ class MistakenIdentity:
 def mistaken_identities(
     equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: VarianceFactor
 ) -> tuple[MistakenIdentity, ...]:
-    """Look for what observations that were set aside may be.
+    """Look for what observations that were rejected may be.
 
     Args:
         equations: the network with them.
@@ -101,7 +101,7 @@ def mistaken_identities(
 
 
 class _Search:
-    """The search among observations that were set aside."""
+    """The search among observations that were rejected."""
 
     def __init__(
         self,

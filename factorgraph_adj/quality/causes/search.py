@@ -80,8 +80,8 @@ def every_mistaken_identity(
 
     Args:
         equations: the network with them.
-        clean: the solution without those set aside.
-        aside: ids of the observations set aside.
+        clean: the solution without those rejected.
+        aside: ids of the observations rejected.
         above: ids of those above the critical value that have stayed.
         alpha: probability with which a reading that is right does not fit.
         again: whether the network may be adjusted again with other images.
@@ -110,7 +110,7 @@ EXCHANGES_NOTE = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Causes(Shown):
-    """Causes beyond their critical values, the likeliest first."""
+    """Causes beyond their critical values, the most probable first."""
 
     solution: Solution
     """The adjustment of everything."""
@@ -125,11 +125,11 @@ class Causes(Shown):
     given: tuple[GivenValue, ...] = field(default=())
     """Tests of all given values that are held."""
     readings: tuple[str, ...] = ()
-    """Labels of the observations that cannot be told from the one with the largest test value, that
-    one first; empty where no test value is more than good readings make, see
+    """Labels of the observations that cannot be distinguished from the one with the largest test
+    value, that one first; empty where no test value is more than good readings make, see
     `MAX_CHANCE_OF_CAUSE`."""
     rivals: tuple[str, ...] = ()
-    """Causes that cannot be told from it."""
+    """Causes that cannot be distinguished from it."""
     freedom: float = np.inf
     """Degrees of freedom of the σ0 of `single`; infinite where it is known."""
     whole: WholeObservation = NO_OBSERVATION
@@ -142,7 +142,7 @@ class Causes(Shown):
         return f"Causes: {len(self.found)} of {self.tested} tested beyond their critical values"
 
     def first_rows(self) -> Rows:
-        """Return the likeliest causes."""
+        """Return the most probable causes."""
         rows = ((f"{c.cause} {c.where}", c.t2, c.dof) for c in self.found[:FIRST])
         return Rows(("cause", "T²", "dof"), rows, len(self.found))
 
@@ -213,8 +213,9 @@ class Causes(Shown):
     def undecided(self) -> tuple[str, ...]:
         """All errors of which one has happened, and nothing tells which; empty if something does.
 
-        They are the causes that cannot be told from the first one, or the observations, and the
-        causes, that cannot be told from the observation with the largest test value.
+        They are the causes that cannot be distinguished from the first one, or the observations,
+        and the causes, that cannot be distinguished from the observation with the largest test
+        value.
         """
         likelier = self.likelier
         if likelier:
@@ -238,7 +239,7 @@ class Causes(Shown):
         ]
 
     def most_probable_text(self, sentence: Callable[[Cause], str]) -> str:
-        """Return the likeliest cause with what it leaves of σ̂0; empty if there is none.
+        """Return the most probable cause with what it leaves of σ̂0; empty if there is none.
 
         Args:
             sentence: writes a cause with its size and its test.
@@ -345,7 +346,7 @@ def sized_causes(solution: Solution, given: Iterable[GivenValue] | None = None) 
 
 
 def ordered_causes(found: Iterable[Cause]) -> list[Cause]:
-    """Return causes, the likeliest first; of those that explain as much, the plainest.
+    """Return causes, the most probable first; of those that explain as much, the plainest.
 
     What differs in evidence or in likelihood by less than `separability_tolerance` cannot be told
     apart: the cause of one set-up comes before that of several.

@@ -37,7 +37,7 @@ from .evidence import Cause, VarianceFactor, evidence
 from .shared_error_tests import conditional_error_tests, shared_error_tests, whitening_matrix
 
 MIN_T2_DIFFERENCE = 11.0
-"""Difference of T² / σ0² below which two causes cannot be told apart: above it, one of them is
+"""Difference of T² / σ0² below which two causes cannot be distinguished: above it, one of them is
 exp(11/2) = 245 times as likely as the other. A wrong one is ahead of the true one by so much with a
 probability of at most 1 in 245. This holds for each rival: of k rivals, any is ahead by so much
 with a probability of up to k in 245, less where they are like one another."""
@@ -52,7 +52,7 @@ MAX_WHOLE_OBSERVATIONS = 50
 
 
 def separability_tolerance(evidence: float) -> float:
-    """Return how much less evidence another error may have and still not be told from this one.
+    """Return how much less evidence an error that is not separable from this one may have.
 
     max(½ `MIN_T2_DIFFERENCE`, `MIN_SEPARABLE_SHARE` · evidence), in the unit of evidence, −ln of a
     probability.
@@ -65,10 +65,10 @@ def separability_tolerance(evidence: float) -> float:
 
 
 def inseparable_causes(found: Iterable[Cause], most: float, likelihood: float) -> list[Cause]:
-    """Return the causes that cannot be told from one; of a cause at the same readings one place.
+    """Return the causes that are not separable from one; of a cause at the same readings one place.
 
     A cause at a station is the same as everywhere, where there is no other station. What is the
-    same to all readings cannot be told apart for its number of unknowns: either the evidence or
+    same to all readings cannot be distinguished for its number of unknowns: either the evidence or
     the likelihood, which does not count them, differs by less than `separability_tolerance`.
 
     Args:
@@ -90,7 +90,7 @@ def inseparable_causes(found: Iterable[Cause], most: float, likelihood: float) -
 def rival_causes(
     rel: Reliability, every: Iterable[Cause], row: int, most: float, *, estimated: bool
 ) -> list[Cause]:
-    """Return the causes that cannot be told from an error of one row, the likeliest first.
+    """Return the causes that are not separable from an error of one row, most probable first.
 
     Args:
         rel: the reliability.
@@ -142,7 +142,7 @@ def is_contradicted(rel: Reliability, c: Cause, row: int, *, estimated: bool) ->
 
 
 def inseparable_readings(rel: Reliability, w: Array, first: int, *, estimated: bool) -> list[int]:
-    """Return the rows that cannot be told from the one with the largest test value, that one first.
+    """Return the rows that are not separable from the one with the largest test value, it first.
 
     Of row 1 and another row 2, with the correlation ρ of their test values, the test value of 1
     with an error of 2 as an unknown, and the other way round, are
