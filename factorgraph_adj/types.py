@@ -1,4 +1,4 @@
-"""Names for array types, and no rows; the docstrings of the arrays state the shapes."""
+"""Names of array types; the docstrings of functions state the shapes."""
 
 from __future__ import annotations
 

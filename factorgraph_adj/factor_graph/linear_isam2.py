@@ -1,4 +1,4 @@
-"""Observations in iSAM2 as linear factors, evaluated anew where what they miss counts.
+"""Observations in iSAM2 as linear factors, linearised again where the omitted terms count.
 
 iSAM2 eliminates, this library linearises (`linear_rows`): rows enter as linear containers. Where a
 variable gets a new point of linearisation, all rows that touch it are replaced in the same update,

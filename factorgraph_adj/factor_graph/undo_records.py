@@ -1,4 +1,4 @@
-"""What undoes a change of a tree."""
+"""Undo records of changes of a Bayes tree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an arrival, or a change, came to."""
+"""The result of an incoming observation, or of a change of the observations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands: each is a function of a state, and returns another state and what it came to."""
+"""Commands of an incremental adjustment: functions from a state to the next state and its result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which of the waiting things the observations determine by now, and where they are.
+"""Determinability: which waiting observations and unknowns are determined now, and start values.
 
 A waiting variable enters with all observations that join it to what enters or is known. Counts
 come first, then approximate values, then the rank: with known variables held, the partials by

@@ -1,4 +1,4 @@
-"""Observations enter: beside the system, or with new variables in a new base.
+"""Entry of observations: into the linear system, or with new unknowns into a new one.
 
 They are judged on linear forms before anything moves, as a gross error bends everything that it
 touches; then everything is adjusted, and they are judged once more. What is left without a test

@@ -1,4 +1,4 @@
-"""The state at the start, and at rest."""
+"""The first adjustment of an incremental state, and its converged state."""
 
 from __future__ import annotations
 

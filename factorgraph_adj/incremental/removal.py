@@ -1,4 +1,4 @@
-"""Observations leave: what they alone determined waits again."""
+"""Removal of observations; unknowns that they alone determined wait again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The window of what is kept: what nothing new has touched for a time is due to be retired."""
+"""The retirement window: unknowns without new observations for a time, or beyond a number, retire."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an incremental adjustment says of itself at any time."""
+"""Queries of a state: estimates, precision, waiting and rejected observations, counts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one loop: observations enter, are tested, wait, or are let go until nothing changes.
+"""The worklist: observations enter, are tested, wait or are rejected until nothing changes.
 
 A worklist holds tasks: observations to be looked at. Each round takes a task, finds what of it,
 and of what waits with it, is determined (`determinability`), puts that in, and tests it. Where no

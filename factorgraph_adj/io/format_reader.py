@@ -1,4 +1,4 @@
-"""Reader of one format: what tells its files, and the function that reads them.
+"""Reader of one format: by what its files are recognised, and the function that reads them.
 
 A module of `io.survey`, `io.gnss` or `io.photogrammetry` states its reader as ``READER``, from
 which `io.readers` makes its table; `io.readers.register_reader` takes others.

@@ -1,4 +1,4 @@
-"""Points that their observations leave free in a direction, or at either of two places.
+"""Points that their observations leave free in a direction, or determine at two places.
 
 At the given coordinates the partials J of all observations of a point, whitened, say how well they
 determine it if everything else is known: σ of its weakest direction d is 1/√λ with the smallest
