@@ -1,4 +1,4 @@
-"""Commands of an incremental adjustment: functions from a state to the next state and its result."""
+"""Commands of an incremental adjustment: from a state to the next one and its result."""
 
 from __future__ import annotations
 
