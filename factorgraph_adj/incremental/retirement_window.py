@@ -1,4 +1,4 @@
-"""The retirement window: unknowns without new observations for a time, or beyond a number, retire."""
+"""The retirement window: unknowns without new observations for a time retire."""
 
 from __future__ import annotations
 
