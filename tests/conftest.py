@@ -30,6 +30,23 @@ settings.register_profile("soak", untimed, max_examples=500, stateful_step_count
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "tests"))
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``--studies`` runs what tests leave out."""
+    parser.addoption("--studies", action="store_true", help="only the cases that tests leave out")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out studies, or all but them; see `tests.support.studies`."""
+    from tests.support.studies import tested
+
+    kept, left = tested(items)
+    if config.getoption("studies"):
+        kept, left = left, kept
+    config.hook.pytest_deselected(items=left)
+    items[:] = kept
+
+
 def pytest_collection_finish() -> None:
     """Let no search for garbage go through the thousands of tests and modules again."""
     gc.collect()

@@ -42,6 +42,8 @@ beginning is a command of its own, python -m tests.benchmarks.beginning: increme
           that begin with networks of which much is not determined, against their determined part
 starts    is a command of its own, python -m tests.benchmarks.starts: poor starts against scipy's
           trf and GTSAM's Levenberg-Marquardt
+studies   is a command of its own, python -m tests.benchmarks.studies: cases of tests that tests
+          leave out (hours)
 coverage  is a command of its own, python -m tests.benchmarks.coverage: which lines of functions the
           short tests run, in the package and in each module
 reading   is a command of its own, python -m tests.benchmarks.reading: large files of each format

@@ -35,6 +35,7 @@ pytestmark = [
         "115 real photos with real gross errors pass through the tests of arrivals and of the "
         "evening; short tests have simulated errors in small networks"
     ),
+    pytest.mark.one_engine("the day is long, and what becomes of its photos stands in figures"),
 ]
 CRITICAL = 4.706214
 """Of the report's test of outliers, |v|/(S0 √r)."""

@@ -28,6 +28,7 @@ from factorgraph_adj.simulation.measurement import measure
 from tests.networks.site import plan
 from tests.networks.small_block import images_only
 from tests.support.arrivals import bare, batch, difference, items
+from tests.support.studies import cases
 
 WILD: dict[str, Observation] = {
     "distance of 1000 km": SlopeDistance("A", "P3", 1e6, sigma=1e-3, id="wild"),
@@ -52,10 +53,12 @@ ALL_WILD = [
     )
     for name in WILD
 ]
+TESTED = ("distance of 1e9 m", "control point", "direction")
+"""Readings of which a point, the network and its orientation run away."""
 MANY = 200
 """Terrestrial observations of the site."""
-EVERY = 3
-"""Every third of the other distances arrives at a network without a minimum."""
+EVERY = 6
+"""Every sixth of the other distances arrives at a network without a minimum."""
 
 
 def surveyed(journal: Path | None = None) -> fga.IncrementalAdjustment:
@@ -92,7 +95,7 @@ def assert_as_batch(inc: fga.IncrementalAdjustment) -> None:
     "what arrives ends where the batch adjustment does, in every order and network; short "
     "tests take a few"
 )
-@pytest.mark.parametrize("name", ALL_WILD)
+@pytest.mark.parametrize("name", cases(ALL_WILD, TESTED))
 def test_what_was_accepted_is_harmless_once_it_is_taken_out(tmp_path: Path, name: str) -> None:
     """Between, the solution says that it is none, or the batch has it too.
 
@@ -129,7 +132,7 @@ def test_right_readings_are_not_suspect_because_of_it() -> None:
     more = [o for o in items(network) if isinstance(o, SlopeDistance) and o.id not in _ids(inc)]
     told = [v for o in more[::EVERY] for v in inc.add(o).verdicts]
     judged = [v for v in told if v.controlled]
-    assert len(judged) > 15
+    assert len(judged) > 7
     assert all(v.verdict == "accepted" for v in judged)
 
 

@@ -28,24 +28,12 @@ from tests.support.arrivals import batch, difference
 from tests.support.places import ROOT
 from tests.support.playing import day, morning
 from tests.support.processes import HANGS
+from tests.support.studies import cases
 
 SEED = 1986
-MOMENTS = 25
-"""Processes that are killed on a day of their own; as many or more share one day."""
-A_FEW = 2
-SEVERAL = pytest.mark.parametrize(
-    "killed",
-    [
-        A_FEW,
-        pytest.param(
-            MOMENTS,
-            marks=pytest.mark.slow(
-                "kills so many processes that some die while they write, or between the record "
-                "and what it records; a few are mostly killed while they compute"
-            ),
-        ),
-    ],
-)
+A_FEW, MANY = 8, 25
+"""Processes that are killed: of a few most die while they compute, of many some while they write."""
+SEVERAL = pytest.mark.parametrize("killed", cases([A_FEW, MANY], [A_FEW]))
 WITHIN = 0.01
 """Promise of an adjustment that is not at rest, relative to σ."""
 AT_REST = 1e-6

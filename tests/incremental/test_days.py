@@ -69,12 +69,8 @@ def test_verdicts_of_a_day_do_not_depend_on_the_engine(seed: int, engine: Engine
 
 
 @LONG
-def test_verdicts_of_twenty_days_agree_after_every_arrival(
-    engine: Engine, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_verdicts_of_twenty_days_agree_after_every_arrival(monkeypatch: pytest.MonkeyPatch) -> None:
     """Suspects come back at the same moments, whatever an engine adjusts anew at which of them."""
-    if engine == "fronts":
-        pytest.skip("both engines are compared once")
     monkeypatch.setattr(days, "compare", lambda *_: None)
     came_back = 0
     for seed in SUSPECTS:

@@ -24,7 +24,8 @@ from factorgraph_adj.observations import (
     SlopeDistance,
 )
 from tests.networks.random_small import random_network
-from tests.support.orders import AT_REST, LONGEST, errors, limited, study
+from tests.support.arrivals import ids_of
+from tests.support.orders import AT_REST, LONGEST, Way, arrive, errors, limited, study
 
 MM = 1e-3
 SMALL_PART = "a part of a free network that could be one alone is in only where it came first"
@@ -104,15 +105,12 @@ def test_a_network_without_unknowns_may_be_handed_over() -> None:
         assert IncrementalAdjustment(network, policy="accept").n_waiting == 1
 
 
-@pytest.mark.slow(
-    "many orders and groupings of whole days, with gross errors, end alike; short tests "
-    "take one order of each kind"
-)
 def test_the_networks_have_something_in_and_something_waiting() -> None:
     """Networks of which everything waited, or nothing, would prove little."""
-    results = [study(random_network(seed)) for seed in (0, 15)]
-    inside = sum(r.n_inside for r in results)
-    every = sum(r.n_observations for r in results)
+    networks = [random_network(seed) for seed in (0, 15)]
+    ends = [arrive(drawn, Way("together", (), (tuple(drawn.items),))) for drawn in networks]
+    inside = sum(len(end.inside) for end in ends)
+    every = sum(len(ids_of(item)) for drawn in networks for item in drawn.items)
     assert 0 < inside < every
 
 

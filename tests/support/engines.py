@@ -8,9 +8,10 @@ from collections.abc import Iterator
 import pytest
 
 from factorgraph_adj import IncrementalAdjustment
+from tests.support.studies import ENGINES
 
 
-@pytest.fixture(autouse=True, scope="module", params=["isam2", "fronts"])
+@pytest.fixture(autouse=True, scope="module", params=ENGINES)
 def engine(request: pytest.FixtureRequest) -> Iterator[str]:
     """The engine of an incremental adjustment for which a test names none."""
     options = inspect.unwrap(IncrementalAdjustment.__init__).__kwdefaults__
