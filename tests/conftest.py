@@ -38,9 +38,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out studies, or all but them; see `tests.support.studies`."""
-    from tests.support.studies import tested
+    from tests.support.studies import without_studies
 
-    kept, left = tested(items)
+    kept, left = without_studies(items)
     if config.getoption("studies"):
         kept, left = left, kept
     config.hook.pytest_deselected(items=left)

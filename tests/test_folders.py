@@ -5,11 +5,13 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TypeGuard
 
 import pytest
 
 from tests.support.places import ROOT
+from tests.support.studies import cases, without_studies
 
 TESTS = ROOT / "tests"
 PACKAGE = ROOT / "factorgraph_adj"
@@ -149,6 +151,46 @@ def test_every_folder_has_short_tests():
 )
 def test_short_tests_are_told_from_long_ones(text, short):
     assert has_short_tests(text) is short
+
+
+def test_only_cases_among_tested_ones_are_a_study():
+    """So that no test has nothing but studies."""
+    wrong = [n for n, p in MODULES.items() if "mark.study" in p.read_text(encoding="utf-8")]
+    assert wrong == ["test_folders.py"], "tests.support.studies.cases marks them"
+    kept = cases([1, pytest.param(2, marks=pytest.mark.published), (3, 4)], [1, (3, 4)])
+    assert kept[0] == 1 and kept[2] == (3, 4)
+    assert kept[1].values == (2,)
+    assert [m.name for m in kept[1].marks] == ["published", "study"]
+    for some in ([], [5]):
+        with pytest.raises(AssertionError):
+            cases([1, 2], some)
+
+
+class Item:
+    """A test that was collected."""
+
+    def __init__(self, name: str, engine: str, *markers: str) -> None:
+        self.path, self.originalname, self.markers = Path("test_a.py"), name, markers
+        self.callspec = SimpleNamespace(params={"engine": engine})
+
+    def get_closest_marker(self, name: str) -> str | None:
+        return name if name in self.markers else None
+
+
+@pytest.mark.parametrize(
+    ("markers", "left_out"),
+    [
+        ((), []),
+        (("slow",), ["b isam2", "a fronts"]),
+        (("slow", "one_engine"), ["a fronts", "b fronts"]),
+        (("study",), ["a isam2", "b isam2", "a fronts", "b fronts"]),
+    ],
+)
+def test_long_tests_take_the_engines_in_turn(markers, left_out):
+    every = [Item(name, engine, *markers) for engine in ("isam2", "fronts") for name in "ab"]
+    kept, left = without_studies(every)
+    assert [f"{i.originalname} {i.callspec.params['engine']}" for i in left] == left_out
+    assert len(kept) + len(left) == len(every)
 
 
 def test_tests_against_published_figures_are_marked():

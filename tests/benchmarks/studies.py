@@ -6,17 +6,16 @@ in turn (hours). The exit code is that of pytest.
 
 from __future__ import annotations
 
+import subprocess
 import sys
-
-import pytest
 
 from tests.support.places import ROOT
 
 
 def main(options: list[str]) -> int:
     """Run the studies, of the tests that are named or of all."""
-    named = any(not o.startswith("-") for o in options)
-    return int(pytest.main(["--studies", *options, *([] if named else [str(ROOT / "tests")])]))
+    command = [sys.executable, "-m", "pytest", "--studies", *options]
+    return subprocess.run(command, cwd=ROOT, check=False).returncode
 
 
 if __name__ == "__main__":

@@ -44,7 +44,8 @@ def assert_same(inc: IncrementalAdjustment, expected: fga.Solution) -> None:
     "tests take a few"
 )
 @pytest.mark.parametrize(
-    ("make", "which"), cases(product([tunnel, offsets, body], [1, 4]), [(tunnel, 1), (offsets, 4), (body, 1)])
+    ("make", "which"),
+    cases(product([tunnel, offsets, body], [1, 4]), [(tunnel, 1), (offsets, 4), (body, 1)]),
 )
 def test_readings_arrive_in_any_order(make: Callable[[], Network], which: int, tmp_path) -> None:
     network = measured(make())

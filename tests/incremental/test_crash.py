@@ -32,7 +32,7 @@ from tests.support.studies import cases
 
 SEED = 1986
 A_FEW, MANY = 8, 25
-"""Processes that are killed: of a few most die while they compute, of many some while they write."""
+"""Processes that are killed: of a few most die while they compute, of many some as they write."""
 SEVERAL = pytest.mark.parametrize("killed", cases([A_FEW, MANY], [A_FEW]))
 WITHIN = 0.01
 """Promise of an adjustment that is not at rest, relative to σ."""

@@ -58,6 +58,21 @@ def candidates(block: fga.Network) -> list[fga.Candidate]:
     ]
 
 
+@pytest.fixture(scope="module")
+def combined(
+    block: fga.Network, candidates: list[fga.Candidate]
+) -> dict[tuple[str, ...], tuple[float, float]]:
+    """Return cost and largest σ of a height of all sixteen combinations, planned one by one."""
+    return {
+        tuple(c.name for c in chosen): (
+            sum(c.cost for c in chosen),
+            float(sigmas(with_candidates(block, chosen), list(block.points))[:, 2].max()),
+        )
+        for n in range(len(candidates) + 1)
+        for chosen in combinations(candidates, n)
+    }
+
+
 @pytest.mark.parametrize("part", [*(p for p, _ in ADDITIONS.values()), Rig(members=2), Distances()])
 def test_a_design_with_a_difference_is_the_larger_design(block: fga.Network, part: Part) -> None:
     """To the height of the shore of a lake, by up to 10 m of 1500."""
@@ -87,16 +102,13 @@ def test_candidates_bring_the_unknowns_that_they_need(candidates: list[fga.Candi
 )
 @pytest.mark.parametrize("limit", [1.2, 0.85, 0.7, 0.3])
 def test_the_cheapest_additions_that_reach_a_height_are_proposed(
-    block: fga.Network, candidates: list[fga.Candidate], limit: float
+    block: fga.Network,
+    candidates: list[fga.Candidate],
+    combined: dict[tuple[str, ...], tuple[float, float]],
+    limit: float,
 ) -> None:
     """Of all sixteen combinations, each planned by itself."""
-    names = list(block.points)
-    reach = {}
-    for n in range(len(candidates) + 1):
-        for chosen in combinations(candidates, n):
-            worst = sigmas(with_candidates(block, chosen), names)[:, 2].max()
-            if worst <= limit:
-                reach[tuple(c.name for c in chosen)] = sum(c.cost for c in chosen)
+    reach = {names: cost for names, (cost, worst) in combined.items() if worst <= limit}
     proposal = fga.propose(block, candidates, PointPrecision(limit, axes="z"))
     assert len(proposal.names) > 0
     assert tuple(sorted(proposal.names)) in {tuple(sorted(r)) for r in reach}

@@ -14,6 +14,7 @@ from factorgraph_adj import observations as o
 from factorgraph_adj.rotation import TURN_ABOUT_X, log_rotation
 from factorgraph_adj.simulation.measurement import measure
 from tests.networks.aerial_heights import SIGMA_TILT, Aerial, errors, plan_of, unknown_values
+from tests.support.studies import cases
 
 SHIFT_AND_SLOPE = ("height", "height_t")
 EVERYTHING = Aerial(
@@ -48,15 +49,7 @@ def trials(aerial: Aerial, seeds: range) -> dict[str, np.ndarray]:
     return {name: np.array(e) for name, e in found.items()}
 
 
-SEEDS = [
-    FEW,
-    pytest.param(
-        200,
-        marks=pytest.mark.slow(
-            "95 of 100 errors are within 2.5 sigma; twelve seeds see only far too few"
-        ),
-    ),
-]
+SEEDS = cases([FEW, 200], [FEW])
 
 
 @pytest.mark.parametrize("seeds", SEEDS)

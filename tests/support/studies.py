@@ -38,7 +38,7 @@ def _in_study(value: Any) -> Any:
     return pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=mark)
 
 
-def tested(items: Sequence[pytest.Item]) -> tuple[list[pytest.Item], list[pytest.Item]]:
+def without_studies(items: Sequence[pytest.Item]) -> tuple[list[pytest.Item], list[pytest.Item]]:
     """Return the tests without studies, and the studies.
 
     Of the long tests of a module that run on both engines, every case runs on one engine, the next
@@ -62,4 +62,4 @@ def _engine_and_case(item: pytest.Item) -> tuple[str, str]:
     """Return the engine of a test, if it has one, and its name with the other parameters."""
     parameters = dict(item.callspec.params) if hasattr(item, "callspec") else {}
     engine = str(parameters.pop("engine", ""))
-    return engine, f"{getattr(item, 'originalname', item.name)} {parameters}"
+    return engine, f"{getattr(item, 'originalname', '')} {parameters}"

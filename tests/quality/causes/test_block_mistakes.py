@@ -107,7 +107,9 @@ def test_an_adjustment_that_takes_points_behind_cameras_ends_in_no_error() -> No
 @pytest.mark.slow(
     "exchanged control, other seeds and a free camera; short tests take one seed each"
 )
-@pytest.mark.parametrize(("held", "seed"), cases(product([True, False], [2, 3]), [(True, 2), (False, 3)]))
+@pytest.mark.parametrize(
+    ("held", "seed"), cases(product([True, False], [2, 3]), [(True, 2), (False, 3)])
+)
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_mistakes_are_named_with_a_held_and_with_a_free_camera(
     mistake: str, held: bool, seed: int
