@@ -31,7 +31,7 @@ UNLIKE = (5023, 5029, 6000)
 """Days on which the engines judged new unknowns at different places, or tested suspects again at
 different moments."""
 
-SUSPECTS = range(6060, 6120, 3)
+SUSPECTS = range(6060, 6120, 6)
 """Days with the policy "flag"; on two of them suspects come back while observations arrive."""
 
 
@@ -69,7 +69,7 @@ def test_verdicts_of_a_day_do_not_depend_on_the_engine(seed: int, engine: Engine
 
 
 @LONG
-def test_verdicts_of_twenty_days_agree_after_every_arrival(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_verdicts_of_ten_days_agree_after_every_arrival(monkeypatch: pytest.MonkeyPatch) -> None:
     """Suspects come back at the same moments, whatever an engine adjusts anew at which of them."""
     monkeypatch.setattr(days, "compare", lambda *_: None)
     came_back = 0
