@@ -25,6 +25,8 @@ US_SURVEY_FOOT = 1200.0 / 3937.0
 """Foot of surveys in the United States, metres."""
 LENGTH: dict[str, float] = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "km": 1e3}
 """Metres in one unit of length."""
+FOOT, US_SURVEY_FOOT = 0.3048, 1200.0 / 3937.0
+"""Metres in an international foot, and in a foot of the surveys of the United States."""
 
 LARGEST = 1e9
 """Size from which numbers in sentences have an exponent."""

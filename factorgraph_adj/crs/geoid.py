@@ -16,7 +16,7 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -26,13 +26,14 @@ import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..files import opened, read_bytes
+from ..frames import MEAN_EARTH_RADIUS
 from ..types import Array
-from ..units import ARCSEC
+from ..units import ANGLE, ARCSEC
 from . import proj
 
 NTV2_RECORD_BYTES = 16
 NTV2_HEADER_RECORDS = 11
-NTV2_UNITS_RAD = {"SECONDS": np.pi / 648000.0, "MINUTES": np.pi / 10800.0, "DEGREES": np.pi / 180.0}
+NTV2_UNITS_RAD = {"SECONDS": ARCSEC, "MINUTES": ANGLE["arcmin"], "DEGREES": ANGLE["deg"]}
 """Units of limits and steps, radians."""
 
 MAX_NODES_OF_SUB_GRID = 200_000_000
@@ -256,22 +257,35 @@ class ProjGeoid:
     ) -> GeoidValues:
         """Return the geoid at places, radians."""
         n = self.undulations(latitude, longitude, names)
-        d, cosine = SLOPE_STEP_RAD, np.cos(latitude)
-        there = np.isfinite(n)
-        xi, eta = np.full(len(n), np.nan), np.full(len(n), np.nan)
-        for out, by in ((xi, (d, np.zeros_like(cosine))), (eta, (0.0, d / cosine))):
-            sides = [
-                self.operation.transform(
-                    np.degrees(longitude + s * by[1]),
-                    np.degrees(latitude + s * by[0]),
-                    np.zeros(len(n)),
-                )[2]
-                for s in (1.0, -1.0)
-            ]
-            slope = (np.asarray(sides[0]) - np.asarray(sides[1])) / (2.0 * d * 6_371_000.0)
-            good = there & np.isfinite(slope)
-            out[good] = -slope[good]
-        return GeoidValues(n, xi, eta)
+
+        def undulation(phi: Array, lam: Array) -> Array:
+            return np.asarray(
+                self.operation.transform(np.degrees(lam), np.degrees(phi), np.zeros(len(n)))[2]
+            )
+
+        found = deflections(undulation, latitude, longitude, SLOPE_STEP_RAD)
+        sound = (np.where(np.isfinite(n) & np.isfinite(d), d, np.nan) for d in found)
+        return GeoidValues(n, *sound)
+
+
+def deflections(
+    undulation: Callable[[Array, Array], Array], latitude: Array, longitude: Array, step: float
+) -> tuple[Array, Array]:
+    """Return ξ = −∂N/∂s_north and η = −∂N/∂s_east, (n,) radians, by differences on a sphere.
+
+    Args:
+        undulation: latitude and longitude (n,), radians → N (n,), metres.
+        latitude: latitudes of the places, (n,).
+        longitude: their longitudes, (n,).
+        step: distance of the places before and behind, radians.
+    """
+    zero = np.zeros_like(latitude)
+    xi, eta = (
+        (undulation(latitude - a, longitude - b) - undulation(latitude + a, longitude + b))
+        / (2.0 * step * MEAN_EARTH_RADIUS)
+        for a, b in ((step, zero), (zero, step / np.cos(latitude)))
+    )
+    return xi, eta
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..types import Array, Mask
 from ..units import ARCSEC
 from . import proj
-from .geoid import Geoid, GeoidValues
+from .geoid import Geoid, GeoidValues, deflections
 
 
 @dataclass(frozen=True)
@@ -204,18 +204,12 @@ class TransformationChain:
         zero = np.zeros(len(latitude))
         if not self.own_heights:
             return GeoidValues(zero, zero, zero)
-        n = -self.from_geodetic(latitude, longitude, zero, names)[:, 2]
-        step = 1e-4
-        east = step / np.cos(latitude)
-        slopes = [
-            (
-                self.from_geodetic(latitude - a, longitude - b, zero, names)[:, 2]
-                - self.from_geodetic(latitude + a, longitude + b, zero, names)[:, 2]
-            )
-            / (2.0 * step * 6_371_000.0)
-            for a, b in ((step, zero), (zero, east))
-        ]
-        return GeoidValues(n, -slopes[0], -slopes[1])
+
+        def undulation(phi: Array, lam: Array) -> Array:
+            return -self.from_geodetic(phi, lam, zero, names)[:, 2]
+
+        found = deflections(undulation, latitude, longitude, 1e-4)
+        return GeoidValues(undulation(latitude, longitude), *found)
 
     def _unprojected(self, grid: Array, names: Sequence[str] | None) -> Array:
         """Return λ, φ (degrees) and h (m) of the system of the grid."""

@@ -23,6 +23,7 @@ from ..solve.solution import Solution
 from ..statistical_tests import chi2_quantile, global_test
 from ..stochastic_model import PARTS, StandardDeviation
 from ..types import Array
+from ..units import ANGLE
 from .reliability import Reliability
 from .variance_components import estimate_variance_components
 
@@ -70,7 +71,9 @@ class DoubtfulSigma:
         """Return the doubt as text."""
         small = self.factor < 1.0
         times = 1.0 / self.factor if small else self.factor
-        scale, unit = {"m": (1e3, " mm"), "rad": (200e3 / np.pi, " mgon")}.get(self.unit, (1.0, ""))
+        scale, unit = {"m": (1e3, " mm"), "rad": (1.0 / ANGLE["mgon"], " mgon")}.get(
+            self.unit, (1.0, "")
+        )
         shown = (f"{scale * s:.3g}{unit}" for s in (self.stated, self.stated * self.factor))
         stated, fitting = shown
         why = f"; {self.reason}" if self.reason else ""

@@ -55,6 +55,7 @@ from ..start.start_values import Start
 from ..statistical_tests import SIGMA_PER_MEDIAN_DEVIATION
 from ..types import Array, Mask
 from .reliability import Reliability, reliability
+from .snooping_candidates import RowGroups
 
 Estimator = Literal["huber", "danish", "igg3", "tukey"]
 ESTIMATORS: tuple[Estimator, ...] = ("huber", "danish", "igg3", "tukey")
@@ -302,9 +303,8 @@ def _scale(t: Array) -> float:
 
 def _largest(solution: Solution, t: Array) -> Array:
     """Return the largest scaled |t| of all components of an observation for each of them, (n,)."""
-    number = solution.equations.observation_of_row
-    first = np.flatnonzero(np.diff(number, prepend=-1))
-    return np.asarray(np.maximum.reduceat(np.nan_to_num(np.abs(t)), first)[number])
+    rows = RowGroups.of(solution.equations)
+    return np.asarray(rows.largest(t)[rows.number])
 
 
 def _weights(estimator: Estimator, t: Array) -> Array:

@@ -21,7 +21,7 @@ from ..observations import KINDS, Observation
 from ..start.frame_places import SIGHT_COMPONENTS, Sights, read_sights
 from ..statistical_tests import chi2_upper_quantile
 from ..types import Array
-from ..units import ANGLE, GON, decimal_angle
+from ..units import ANGLE, decimal_angle
 from .common_places import (
     ALPHA_OF_PLACES,
     GIVEN_COORDINATES,
@@ -113,8 +113,8 @@ def tilted_frames(
                 f"{one} stated to be level, but its places fit {against} only with a tilt",
                 "state that it is not level and let its rotation free, or look for an instrument "
                 "whose compensator was off",
-                float(np.median(list(own.values()))) / (GON / 1e3),
-                MIN_TILT_RAD / (GON / 1e3),
+                float(np.median(list(own.values()))) / ANGLE["mgon"],
+                MIN_TILT_RAD / ANGLE["mgon"],
                 "mgon",
             )
         )

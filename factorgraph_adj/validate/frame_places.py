@@ -21,7 +21,7 @@ from ..rotation import log_rotation
 from ..start.frame_places import read_sights
 from ..statistical_tests import chi2_upper_quantile
 from ..types import Array, Index
-from ..units import GON, significant
+from ..units import ANGLE, significant
 from .common_places import (
     ALPHA_OF_PLACES,
     GIVEN_COORDINATES,
@@ -332,7 +332,7 @@ def _open_loops(fits: list[PlaceSimilarity]) -> Iterator[Finding]:
         along, w, covariance = _around(fits, loop, start, end)
         named = known((names[i] for i in along), most=MAX_OBSERVATIONS_OF_LOOP)
         for part, what, size, unit in (
-            (slice(0, 3), "turns", GON / 1e3, "mgon"),
+            (slice(0, 3), "turns", ANGLE["mgon"], "mgon"),
             (slice(3, 4), "scales", 1e-6, "ppm"),
         ):
             share, off = _share(w[part], covariance[part, part]), float(np.linalg.norm(w[part]))

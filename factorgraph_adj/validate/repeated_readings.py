@@ -34,6 +34,7 @@ from ..observations.variances import Along
 from ..statistical_tests import poisson_upper_probability
 from ..stochastic_model import StandardDeviation
 from ..types import Array
+from ..units import ANGLE
 from .findings import TOLERANCE_FACTOR, Finding
 from .loop_misclosures import line_sigma
 
@@ -46,7 +47,7 @@ MAX_CHANCE_OF_COPIES = 0.05
 """Probability with which so many equal readings are no copies, above which nothing is doubted."""
 MIN_SCATTER_STEPS = 2.0
 """Scatter of repeated readings in steps of their resolution, below which equal ones are common."""
-ROUNDING_UNITS = (1.0, np.pi / 200, np.pi / 180, np.pi / 648000)
+ROUNDING_UNITS = tuple(ANGLE[unit] for unit in ("rad", "gon", "deg", "arcsec"))
 """Metre, gon, degree and second: in one of them readings are rounded."""
 MAX_TRIED_DECIMALS = 8
 """Number of decimals that are tried."""

@@ -36,6 +36,7 @@ from ..observations import (
     ZenithAngle,
 )
 from ..types import Array
+from ..units import ANGLE
 from .findings import TOLERANCE_FACTOR, Finding
 from .loop_misclosures import MAX_LISTED_MISCLOSURES, closed_loops
 from .repeated_readings import reading_sigma
@@ -233,8 +234,6 @@ def _length(
 PLANE_TOLERANCE_FACTOR = float(np.sqrt(-2.0 * np.log(0.001)))
 """Tolerance of a misclosure in the plane, in semi-axes of its ellipse: exceeded by chance once in
 1000, as `TOLERANCE_FACTOR` is by a single value."""
-MGON_RAD = np.pi / 200e3
-"""Milligon, radians."""
 
 
 @dataclass(frozen=True)
@@ -399,8 +398,8 @@ def _tested(t: Traverse) -> Finding | None:
         return Finding(
             f"the angles of {t} do not close",
             _where_angle(t) + "look for a wrong direction or name, or at the held points",
-            angular[0] / MGON_RAD,
-            TOLERANCE_FACTOR * angular[1] / MGON_RAD,
+            angular[0] / ANGLE["mgon"],
+            TOLERANCE_FACTOR * angular[1] / ANGLE["mgon"],
             "mgon",
         )
     linear = t.linear()

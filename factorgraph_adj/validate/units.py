@@ -22,7 +22,16 @@ from ..models.base import wrap
 from ..network.network import Network
 from ..observations import KINDS, Observation
 from ..types import Array, Mask
-from ..units import ANGLE, LENGTH, TURN, decimal_angle, format_angle, significant
+from ..units import (
+    ANGLE,
+    FOOT,
+    LENGTH,
+    TURN,
+    US_SURVEY_FOOT,
+    decimal_angle,
+    format_angle,
+    significant,
+)
 from .findings import MIN_FIT_IMPROVEMENT, Finding, computed_values, given_rows, median_size
 
 CIRCLE_ROUNDING = 1e-9
@@ -153,8 +162,8 @@ def _circle(unit: str) -> str:
 
 
 TRIED_LENGTH_UNITS: Mapping[str, float] = {
-    "feet": 0.3048,
-    "US survey feet": 1200.0 / 3937.0,
+    "feet": FOOT,
+    "US survey feet": US_SURVEY_FOOT,
     "metres": 1.0,
     "millimetres": 1e-3,
     "centimetres": 1e-2,

@@ -31,7 +31,7 @@ from scipy.special import betainc, betaln, gammaincc, gammaln, hyp2f1
 from ...solve.solution import Solution
 from ...statistical_tests import chi2_quantile, fisher_quantile
 from ...types import Array
-from ...units import significant
+from ...units import ANGLE, FOOT, GON, significant
 from .shared_error_tests import GivenValue
 from .shared_errors import ErrorQuantity
 
@@ -114,7 +114,7 @@ def evidence(t2: float, dof: int, freedom: float = np.inf) -> float:
 
 MAX_PLAUSIBLE_ERRORS: dict[ErrorQuantity, float] = {
     "length": 2.5,
-    "angle": np.pi / 200,
+    "angle": GON,
     "turn": np.inf,
     "ppm": 1e4,
     "ratio": np.inf,
@@ -125,13 +125,13 @@ MAX_PLAUSIBLE_ERRORS: dict[ErrorQuantity, float] = {
 """Largest error, SI, that heights, constants and centring have in the field: 2.5 m (the height of a
 target that is forgotten, or counted twice), a gon, one percent. Where an error would have to be
 larger, readings belong to something else."""
-HEIGHT_UNITS = {"centimetres": 100.0, "millimetres": 1000.0, "feet": 1.0 / 0.3048}
+HEIGHT_UNITS = {"centimetres": 100.0, "millimetres": 1000.0, "feet": 1.0 / FOOT}
 """Units in which a height may have been recorded in place of metres, by what a metre is in them."""
 
 _QUANTITY_UNITS: dict[ErrorQuantity, tuple[float, str]] = {
     "length": (1e-3, "mm"),
-    "angle": (np.pi / 200e3, "mgon"),
-    "turn": (np.pi / 200e3, "mgon"),
+    "angle": (ANGLE["mgon"], "mgon"),
+    "turn": (ANGLE["mgon"], "mgon"),
     "ppm": (1.0, "ppm"),
     "ratio": (0.01, "%"),
     "image": (1.0, ""),
