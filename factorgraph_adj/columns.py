@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import InputError, known
+from .errors import InputError, unknown_name
 from .result_display import FIRST, Rows, Shown
 
 if TYPE_CHECKING:
@@ -42,9 +42,7 @@ class Columns(Shown):
             InputError: no such column.
         """
         if name not in self.columns:
-            raise InputError(
-                f"unknown column {name!r}; known: {known(self.columns, most=30, meant=name)}"
-            )
+            raise InputError(unknown_name("column", name, self.columns, most=30))
         return self.columns[name]
 
     def __iter__(self) -> Iterator[str]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import InputError, known
+from .errors import InputError, unknown_name
 from .types import Array
 
 
@@ -90,7 +90,5 @@ ELLIPSOIDS: dict[str, Ellipsoid] = {
 def ellipsoid(name: str) -> Ellipsoid:
     """Return the ellipsoid called ``name``; InputError lists the known ones."""
     if name not in ELLIPSOIDS:
-        raise InputError(
-            f"unknown ellipsoid {name!r}; known: {known(ELLIPSOIDS, meant=name, most=40)}"
-        )
+        raise InputError(unknown_name("ellipsoid", name, ELLIPSOIDS, most=40))
     return ELLIPSOIDS[name]

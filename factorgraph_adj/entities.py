@@ -175,6 +175,10 @@ class ImageTable:
         out.sources = {int(new[r]): v for r, v in self.sources.items() if keep[r]}
         return out
 
+    def with_columns(self, photo: Index, point: Index, xy: Array, sigma: Array) -> ImageTable:
+        """Return a table of as many rows with other columns, and the same ids and sources."""
+        return replace(self.copy(), photo=[photo], point=[point], xy=[xy], sigma=[sigma])
+
     def append(self, photo: Index, point: Index, xy: Array, sigma: Array) -> None:
         """Add rows."""
         self.photo.append(photo)

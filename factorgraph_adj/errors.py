@@ -200,6 +200,15 @@ def known(names: Iterable[object], *, meant: object = "", most: int = 12) -> str
     return ", ".join(listed[:most]) + f", … ({len(listed)} in all)" + asked
 
 
+def unknown_name(noun: str, name: object, names: Iterable[object], *, most: int = 12) -> str:
+    """Say that a name is unknown, and which are known, see `known`.
+
+    >>> unknown_name("point", "Q", ["A", "B"])
+    "unknown point 'Q'; known: A, B"
+    """
+    return f"unknown {noun} {name!r}; known: {known(names, meant=name, most=most)}"
+
+
 def system_reason(error: Exception) -> str:
     """Return why the system refused a file, in the words of messages.
 

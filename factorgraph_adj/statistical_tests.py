@@ -10,6 +10,7 @@ takes ``confidence``, the probability that it covers the truth.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -49,6 +50,21 @@ def normal_upper_probability(x: float) -> float:
 def student_upper_probability(x: float, freedom: float) -> float:
     """Return the probability that a variable with Student's t distribution exceeds x."""
     return float(special.stdtr(freedom, -x))
+
+
+def noncentrality_of_power(power_at: Callable[[float], float], power: float) -> float:
+    """Return the noncentrality λ > 0 for which a test rejects with a probability.
+
+    Args:
+        power_at: λ → probability with which the test rejects; it grows with λ.
+        power: the probability.
+    """
+    from scipy.optimize import brentq  # imported here, because few need it and it is slow
+
+    top = 10.0
+    while power_at(top) < power:
+        top *= 2.0
+    return float(brentq(lambda x: power_at(x) - power, 1e-9, top, xtol=1e-12))
 
 
 def chi2_quantile(p: float, freedom: float) -> float:

@@ -51,13 +51,6 @@ def decimal_angle(unit: str) -> str:
     return "deg" if unit == "dms" else unit
 
 
-def length_unit(unit: str) -> float:
-    """Return the metres in one ``unit`` of length; InputError lists the valid ones."""
-    if unit not in LENGTH:
-        raise InputError(f"unknown unit of length {unit!r}; valid: {', '.join(LENGTH)}")
-    return LENGTH[unit]
-
-
 def parse_angle(text: str, unit: str) -> float:
     """Read an angle in ``unit`` (or ``dms``: ``41 28 15.8``, ``41-28-15.8``) as radians."""
     if unit != "dms":

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.units import angle_unit, format_angle, length_unit, parse_angle, significant
+from factorgraph_adj.units import angle_unit, format_angle, parse_angle, significant
 
 
 @pytest.mark.parametrize(
@@ -50,8 +50,6 @@ def test_too_many_minutes_or_seconds_are_refused(text: str) -> None:
 def test_unknown_units_are_refused_with_the_valid_ones() -> None:
     with pytest.raises(InputError, match=r"unknown unit of angle 'grad'; valid: rad, .*gon.*, dms"):
         angle_unit("grad")
-    with pytest.raises(InputError, match=r"unknown unit of length 'ft'; valid: m, .*mm"):
-        length_unit("ft")
 
 
 @pytest.mark.parametrize(

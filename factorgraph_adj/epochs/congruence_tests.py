@@ -40,7 +40,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from ..errors import DatumError, InputError, known
-from ..statistical_tests import chi2_quantile, fisher_quantile
+from ..statistical_tests import chi2_quantile, fisher_quantile, noncentrality_of_power
 from ..types import Array, Index
 from .differences import Differences
 
@@ -182,20 +182,16 @@ class UnitVariance:
 
     def noncentrality(self, alpha: float, power: float, h: int) -> float:
         """Return λ for which a test with ``alpha`` rejects with the probability ``power``."""
-        from scipy.optimize import brentq
         from scipy.stats import ncf, ncx2
 
         critical = self.quantile(1.0 - alpha, h)
 
-        def missing(value: float) -> float:
+        def power_at(value: float) -> float:
             if np.isinf(self.freedom):
-                return float(ncx2.sf(critical * h, h, value)) - power
-            return float(ncf.sf(critical, h, self.freedom, value)) - power
+                return float(ncx2.sf(critical * h, h, value))
+            return float(ncf.sf(critical, h, self.freedom, value))
 
-        top = 10.0
-        while missing(top) < 0:
-            top *= 2.0
-        return float(brentq(missing, 1e-9, top, xtol=1e-10))
+        return noncentrality_of_power(power_at, power)
 
 
 def displacement_of_rows(w: Array, d: Array, columns: Index) -> tuple[Array, Array, float]:

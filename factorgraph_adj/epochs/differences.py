@@ -22,7 +22,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..graph.variables import Variables
 from ..rotation import exp_rotation
-from ..solve.solution import Solution
+from ..solve.solution import Solution, cofactors_at
 from ..types import Array, Index, Mask
 
 MIN_RELATIVE_MOTION = 1e-6
@@ -128,7 +128,7 @@ def differences_within(solution: Solution, pairs: Mapping[str, str]) -> Differen
     axes, free = _axes((one, two), pairs)
     d = (two.coordinates - one.coordinates)[:, free].ravel()
     a, b = one.columns[:, free].ravel(), two.columns[:, free].ravel()
-    both = _cofactor(solution, np.concatenate([a, b]))
+    both = cofactors_at(solution, np.concatenate([a, b]))
     n = len(a)
     cofactor = both[:n, :n] + both[n:, n:] - both[:n, n:] - both[n:, :n]
     g = two.motions(free) - one.motions(free)
@@ -162,7 +162,7 @@ class _EpochPlaces:
 
     def cofactor(self, free: Mask) -> Array:
         """Return Q of the free coordinates (3,) of all points."""
-        return _cofactor(self.solution, self.columns[:, free].ravel())
+        return cofactors_at(self.solution, self.columns[:, free].ravel())
 
     def motions(self, free: Mask) -> Array:
         """Return how the datum defects move the free coordinates, (n k, d)."""
@@ -234,13 +234,6 @@ def _axes(epochs: tuple[_EpochPlaces, _EpochPlaces], pairs: Mapping[str, str]) -
             for n in other
         )
     return "".join(a for a, f in zip("xyz", common, strict=True) if f), common
-
-
-def _cofactor(solution: Solution, columns: Index) -> Array:
-    unit = np.zeros((solution.equations.unknowns.n_columns, len(columns)))
-    unit[columns, np.arange(len(columns))] = 1.0
-    q = solution.cofactor_times(unit)[columns]
-    return np.asarray((q + q.T) / 2.0)
 
 
 def _basis(g: Array) -> Array:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..columns import data_frame, polars_frame
-from ..errors import InputError, Problem, known, system_reason
+from ..errors import InputError, Problem, known, system_reason, unknown_name
 from ..io.csv_tables import write_all_columns
 from ..io.file_transaction import write_files
 from ..io.journal import Journal
@@ -202,7 +202,7 @@ class Results(Shown):
             InputError: the figure, factor or level is unknown.
         """
         if figure not in self.figures:
-            what = f"unknown figure {figure!r}; known: {known(self.figures, meant=figure)}"
+            what = unknown_name("figure", figure, self.figures)
             raise InputError(what)
         self._check(levels)
         want = encoded(levels)
@@ -218,12 +218,12 @@ class Results(Shown):
         problems = []
         for name, level in levels.items():
             if name not in self.factors:
-                what = f"unknown factor {name!r}; known: {known(self.factors, meant=name)}"
+                what = unknown_name("factor", name, self.factors)
                 problems.append(Problem(what))
                 continue
             there = {written(row.levels[name]): row.levels[name] for row in self.rows}
             if encoded({"": level}) not in [encoded({"": other}) for other in there.values()]:
-                what = f"unknown level {level!r}; known: {known(there, meant=level)}"
+                what = unknown_name("level", level, there)
                 problems.append(Problem(what, f"factor {name!r}"))
         if problems:
             raise InputError(problems)

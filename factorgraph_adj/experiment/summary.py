@@ -8,7 +8,7 @@ from math import nan, sqrt
 
 import numpy as np
 
-from ..errors import InputError, known
+from ..errors import InputError, known, unknown_name
 from ..report import layout
 from ..result_display import Rows, Shown
 from ..statistical_tests import chi2_quantile, chi2_upper_quantile, student_quantile
@@ -129,12 +129,10 @@ class Summary(Shown):
         every = [row for row in self.rows if row.figure == figure]
         if not every:
             names = dict.fromkeys(row.figure for row in self.rows)
-            raise InputError(f"unknown figure {figure!r}; known: {known(names, meant=figure)}")
+            raise InputError(unknown_name("figure", figure, names))
         unknown = [name for name in levels if name not in self.factors]
         if unknown:
-            raise InputError(
-                f"unknown factor {unknown[0]!r}; known: {known(self.factors, meant=unknown[0])}"
-            )
+            raise InputError(unknown_name("factor", unknown[0], self.factors))
         want = encoded(levels)
         found = [row for row in every if encoded({n: row.levels[n] for n in levels}) == want]
         if len(found) != 1:

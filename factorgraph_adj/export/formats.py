@@ -27,7 +27,7 @@ from ..quality.reliability import reliability
 from ..report.adjustment_report import Report
 from ..report.epochs_report import EpochsReport
 from ..report.results_json import epochs_results_text, results_text
-from ..solve.solution import Solution
+from ..solve.solution import Solution, cofactors_at
 from ..types import Array
 from ..version import __version__
 from .dxf_ply import refuse_drawing, write_dxf, write_ply
@@ -172,11 +172,8 @@ def _joint(solution: Solution, names: Sequence[str]) -> Array:
     number = np.array([table.number[n] for n in names], dtype=np.intp)
     free = (table.free[number] & (table.offset[number] >= 0)[:, None]).ravel()
     columns = (table.offset[number, None] + np.arange(3)).ravel()[free]
-    unit = np.zeros((solution.equations.unknowns.n_columns, len(columns)))
-    unit[columns, np.arange(len(columns))] = 1.0
     out = np.zeros((3 * len(names), 3 * len(names)))
-    block = solution.cofactor_times(unit)[columns]
-    out[np.ix_(free, free)] = (block + block.T) / 2.0 * solution.variance_factor
+    out[np.ix_(free, free)] = cofactors_at(solution, columns) * solution.variance_factor
     return out
 
 

@@ -432,7 +432,11 @@ def _add_layer(connection: sqlite3.Connection, layer: Layer, srs: int, date: str
 def geometry_blobs(
     shapes: Sequence[Array | None], geometry: Geometry, srs: int
 ) -> list[bytes | None]:
-    """Return shapes as `geometry_blob` does, those with equal numbers of vertices at once."""
+    """Return shapes (m, 3) as geometries of GeoPackage, little-endian, with heights.
+
+    Lines and polygons have the envelope min x, max x, min y, max y; points have none. Shapes with
+    equal numbers of vertices are written at once.
+    """
     out: list[bytes | None] = [None] * len(shapes)
     by_size: dict[int, list[int]] = {}
     for i, shape in enumerate(shapes):
@@ -446,14 +450,6 @@ def geometry_blobs(
         for n, i in enumerate(numbers):
             out[i] = text[n * size : (n + 1) * size]
     return out
-
-
-def geometry_blob(shape: Array, geometry: Geometry, srs: int) -> bytes:
-    """Return a shape (m, 3) as a geometry of GeoPackage, little-endian, with heights.
-
-    Lines and polygons have the envelope min x, max x, min y, max y; points have none.
-    """
-    return bytes(_blobs(np.ascontiguousarray(shape, dtype="<f8")[None], geometry, srs).tobytes())
 
 
 def _blobs(xyz: Array, geometry: Geometry, srs: int) -> NDArray[np.uint8]:

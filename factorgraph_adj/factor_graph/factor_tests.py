@@ -10,6 +10,7 @@ import gtsam
 import numpy as np
 
 from ..graph.factors import Part
+from ..graph.user_factors import dimension
 from ..quality.group_tests import (
     MIN_CONTROLLED_SHARE,
     LeaveOneOutTests,
@@ -104,13 +105,13 @@ def factor_tests(
     keys = list(dict.fromkeys(k for own in own_keys.values() for k in own))
     first = dict(zip(keys, _starts(values, keys), strict=True))
     a, v, rows, at = [], [], [], 0
-    size = sum(_size(values, k) for k in keys)
+    size = sum(dimension(values, k) for k in keys)
     for name, factor in factors.items():
         part, b = gtsam.JacobianFactor(factor.linearize(values)).jacobian()
         wide = np.zeros((len(b), size))
         column = 0
         for key in own_keys[name]:
-            own = _size(values, key)
+            own = dimension(values, key)
             wide[:, first[key] : first[key] + own] += part[:, column : column + own]
             column += own
         a.append(wide)
@@ -133,15 +134,8 @@ def factor_tests(
     )
 
 
-def _size(values: gtsam.Values, key: int) -> int:
-    try:
-        return len(values.atVector(key))
-    except RuntimeError:
-        return 6
-
-
 def _starts(values: gtsam.Values, keys: Sequence[int]) -> list[int]:
-    ends = np.cumsum([_size(values, k) for k in keys], dtype=np.intp)
+    ends = np.cumsum([dimension(values, k) for k in keys], dtype=np.intp)
     return [0, *(int(e) for e in ends[:-1])]
 
 

@@ -15,7 +15,7 @@ from ..models.base import DegenerateError, Linearised, NoDirectionError
 from ..models.image import image
 from ..models.lens import Lens
 from ..models.variables import VariableKind
-from ..observations import Observation, Unit
+from ..observations import Observation, Unit, observation_kind
 from ..types import Array, Index
 from .variables import State
 
@@ -110,6 +110,11 @@ class Block:
     def dimension(self) -> int:
         """Number of components d."""
         return int(self.observed.shape[1])
+
+    @property
+    def curved(self) -> bool:
+        """Whether partials by points depend on where these are."""
+        return self.lens is not None or (not self.prior and observation_kind(self.kind).curved)
 
     @property
     def arguments(self) -> tuple[tuple[VariableKind, Index], ...]:

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import gtsam
 import numpy as np
 
-from ..errors import AdjustmentError, InputError, Problem, known, similar
+from ..errors import AdjustmentError, InputError, Problem, similar, unknown_name
 from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
 from ..rotation import log_rotation, right_jacobian_inverse
 from ..types import Array
@@ -94,7 +94,7 @@ class KeyMap:
         table = self.unknowns[kind]
         number = table.number.get(name)
         if number is None:
-            raise InputError(f"unknown {kind} {name!r}; known: {known(table.names, meant=name)}")
+            raise InputError(unknown_name(kind, name, table.names))
         if table.offset[number] < 0:
             raise InputError(
                 Problem("is held altogether: a constant without a key", f"{kind} {name!r}")

@@ -12,7 +12,7 @@ import numpy as np
 from ..blas_threads import one_at_a_time
 from ..constructors import ChecksArguments
 from ..entities import Photo, Point
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, unknown_name
 from ..graph.dependence import Variable
 from ..ledger.options import Options
 from ..ledger.retired_unknowns import LastEstimate, Retired
@@ -118,7 +118,7 @@ def _require(state: IncrementalState, name: str, kind: Literal["point", "pose"] 
         )
         raise InputError(Problem(f"{what} returns what was known of it then", f"{noun} {name!r}"))
     if name not in described:
-        text = f"unknown {noun} {name!r}; known: {known(described, meant=name)}"
+        text = unknown_name(noun, name, described)
         raise InputError(text)
     if (system is None or not system.known(kind, name)) and not all(described[name].fixed):
         lacks = state.ledger.lacks.get((kind, name), "no observation has determined it yet")

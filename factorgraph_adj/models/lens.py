@@ -32,6 +32,9 @@ Ray: TypeAlias = tuple[Array, Array, Array]
 """Components p of rays in the axes of the camera (x right, y down, z ahead), (n,) each."""
 LensResult: TypeAlias = tuple[Array, Array | None, Array | None]
 """v (n, 2); ∂v/∂t (n, 2, 2) and ∂v/∂K (n, 2, k), or None if not requested."""
+Correction: TypeAlias = tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]
+"""dV_x, dV_y (n,), ∂dV_x/∂x̄, ∂dV_x/∂ȳ, ∂dV_y/∂x̄, ∂dV_y/∂ȳ, and pairs of partials of dV_x and dV_y
+by each additional parameter; no partials where none are asked for."""
 Pair: TypeAlias = tuple[Array | float, Array | float]
 """Partials of v_x and v_y, (n,) each; a number where all of them are equal."""
 
@@ -145,9 +148,7 @@ class Lens:
             return joined, None, None
         return joined, _joined(by_t, len(tx)), _joined(by_k, len(tx))
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
         """Return dV_x, dV_y and their partials by x̄, ȳ and by the additional parameters."""
         zero = np.zeros_like(x)
         return zero, zero, (zero, zero, zero, zero), []
@@ -167,7 +168,7 @@ NoDistortion = Lens
 
 def brown_terms(
     x: Array, y: Array, k: tuple[Array, ...], radius: float, partials: bool
-) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+) -> Correction:
     """Return radial and decentring terms and partials, k = (k1, k2, k3, p1, p2).
 
     dx = x Σ k_i (r^2i − R^2i) + p1 (r² + 2x²) + 2 p2 x y
@@ -193,6 +194,16 @@ def brown_terms(
     return dx, dy, (dxx, cross, cross, dyy), columns
 
 
+def with_affinity(found: Correction, x: Array, y: Array, b1: Array, b2: Array) -> Correction:
+    """Return a correction with b1 x + b2 y added to dV_x."""
+    dx, dy, d, columns = found
+    dx = dx + b1 * x + b2 * y
+    if not d:
+        return dx, dy, (), []
+    zero = np.zeros_like(x)
+    return dx, dy, (d[0] + b1, d[1] + b2, d[2], d[3]), [*columns, (x, zero), (y, zero)]
+
+
 @dataclass(frozen=True)
 class BrownLens(Lens):
     """Brown, measured → ideal: radial k1..k3, decentring p1, p2, affinity b1, shear b2.
@@ -215,9 +226,7 @@ class BrownLens(Lens):
         """Names of the calibration parameters."""
         return ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2", "b1", "b2")
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
         k1, k2, k3, p1, p2, b1, b2 = (k[:, j] for j in range(3, 10))
         brown = (k1, k2, k3, p1, p2)
         zero = np.zeros_like(x)
@@ -310,9 +319,7 @@ class BrownForwardLens(ForwardLens):
         """Names of the calibration parameters."""
         return ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
         brown = tuple(-k[:, j] for j in range(3, 8))
         dx, dy, d, columns = brown_terms(x, y, brown, 0.0, partials)
         return dx, dy, d, [(-px, -py) for px, py in columns]
@@ -333,9 +340,7 @@ class NormalisedLens(ForwardLens):
         """Names of the calibration parameters."""
         return ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
         return brown_terms(x, y, tuple(k[:, j] for j in range(3, 8)), 0.0, partials)
 
     def _unit(self, c: Array) -> Array:
@@ -364,18 +369,10 @@ class BalancedLens(ForwardLens):
         """Names of the calibration parameters."""
         return ("c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
-        c1, c2 = k[:, 8], k[:, 9]
-        dx, dy, d, columns = brown_terms(
-            x, y, tuple(k[:, j] for j in range(3, 8)), self.zero_radius, partials
-        )
-        dx = dx + c1 * x + c2 * y
-        if not partials:
-            return dx, dy, (), []
-        zero = np.zeros_like(x)
-        return dx, dy, (d[0] + c1, d[1] + c2, d[2], d[3]), [*columns, (x, zero), (y, zero)]
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
+        brown = tuple(k[:, j] for j in range(3, 8))
+        found = brown_terms(x, y, brown, self.zero_radius, partials)
+        return with_affinity(found, x, y, k[:, 8], k[:, 9])
 
 
 @dataclass(frozen=True)
@@ -389,9 +386,7 @@ class AffineLens(Lens):
         """Names of the calibration parameters."""
         return ("c", "x0", "y0", "b1", "b2")
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
         b1, b2 = np.broadcast_to(k[:, 3], x.shape), np.broadcast_to(k[:, 4], x.shape)
         zero = np.zeros_like(x)
         return b1 * x + b2 * y, zero, (b1, b2, zero, zero), [(x, zero), (y, zero)]
@@ -423,9 +418,7 @@ class HarmonicLens(Lens):
         terms = ("a00", "a11", "b11", "a20", "a22", "b22", "a31", "b31", "a33", "b33")
         return ("c", "x0", "y0", *terms)
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
         r = np.hypot(x, y)
         angle = np.arctan2(y, x)
         rho = r / self.reference_radius

@@ -8,10 +8,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from ..types import Array
-from .lens import ForwardLens, Lens, LensPartials, NormalisedLens, Pair, brown_terms
+from .lens import (
+    Correction,
+    ForwardLens,
+    Lens,
+    LensPartials,
+    NormalisedLens,
+    Pair,
+    brown_terms,
+    with_affinity,
+)
 
 
 @dataclass(frozen=True)
@@ -31,9 +38,7 @@ class AffineNormalisedLens(NormalisedLens):
         """Names of the calibration parameters."""
         return ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2", "k4", "b1", "b2")
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
         dx, dy, d, columns = super()._correction(x, y, k, partials)
         k4 = k[:, 8]
         r2 = x * x + y * y
@@ -97,16 +102,9 @@ class FraserNormalisedLens(NormalisedLens):
         """Names of the calibration parameters."""
         return ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2", "b1", "b2")
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
-        dx, dy, d, columns = super()._correction(x, y, k, partials)
-        b1, b2 = k[:, 8], k[:, 9]
-        dx = dx + b1 * x + b2 * y
-        if not partials:
-            return dx, dy, (), []
-        zero = np.zeros_like(x)
-        return dx, dy, (d[0] + b1, d[1] + b2, d[2], d[3]), [*columns, (x, zero), (y, zero)]
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
+        found = super()._correction(x, y, k, partials)
+        return with_affinity(found, x, y, k[:, 8], k[:, 9])
 
 
 @dataclass(frozen=True)
@@ -127,19 +125,15 @@ class CentredBrownLens(Lens):
         """Names of the calibration parameters."""
         return ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2", "b1", "b2", "xd", "yd")
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
         b1, b2, xd, yd = (k[:, j] for j in range(8, 12))
         qx, qy = x - xd, y - yd
-        dx, dy, d, columns = brown_terms(qx, qy, tuple(k[:, j] for j in range(3, 8)), 0.0, partials)
-        dx = dx + b1 * qx + b2 * qy
+        found = brown_terms(qx, qy, tuple(k[:, j] for j in range(3, 8)), 0.0, partials)
+        dx, dy, d, columns = with_affinity(found, qx, qy, b1, b2)
         if not partials:
             return dx, dy, (), []
-        dxx, dxy, dyx, dyy = d[0] + b1, d[1] + b2, d[2], d[3]
-        zero = np.zeros_like(qx)
-        columns = [*columns, (qx, zero), (qy, zero), (-dxx, -dyx), (-dxy, -dyy)]
-        return dx, dy, (dxx, dxy, dyx, dyy), columns
+        dxx, dxy, dyx, dyy = d
+        return dx, dy, d, [*columns, (-dxx, -dyx), (-dxy, -dyy)]
 
 
 @dataclass(frozen=True)
@@ -164,9 +158,7 @@ class RationalLens(ForwardLens):
         own = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "b1", "b2")
         return ("c", "x0", "y0", *own)
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
         k1, k2, k3, k4, k5, k6, p1, p2, b1, b2 = (k[:, j] for j in range(3, 13))
         xx, yy, xy2 = x * x, y * y, 2.0 * x * y
         r2 = xx + yy

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..types import Array
-from .lens import Lens
+from .lens import Correction, Lens
 
 
 class Product(NamedTuple):
@@ -144,9 +144,7 @@ class OrthogonalLens(Lens):
         """Return the degree d of the term of a parameter: published coefficient = value / b^d."""
         return self.terms[name].degree
 
-    def _correction(
-        self, x: Array, y: Array, k: Array, partials: bool
-    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+    def _correction(self, x: Array, y: Array, k: Array, partials: bool) -> Correction:
         b = self.image_base
         p, p_slope = gram_polynomials(x / b, self.grid)
         q, q_slope = gram_polynomials(y / b, self.grid)

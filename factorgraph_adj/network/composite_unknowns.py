@@ -6,7 +6,7 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 from ..entities import Parameter
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, unknown_name
 from ..models.shapes import SHAPES
 from ..models.variables import VariableKind
 from ..observations.relative_poses import RelativePosition, RelativeRotation
@@ -74,10 +74,9 @@ def member_of_rig(
         there = known(photos, meant=carrier)
         problems.append(Problem(f"unknown carrier {carrier!r}; photos: {there}", where))
     if mount not in mounts:
-        there = known(mounts, meant=mount)
         if not mounts:
             there += "; rows of mounts.csv state them, or set_mount"
-        problems.append(Problem(f"unknown mount {mount!r}; known: {there}", where))
+        problems.append(Problem(unknown_name("mount", mount, mounts), where))
     if len(play) != 2 or not all(0 < s < float("inf") for s in play):
         what = f"play must be two standard deviations > 0, radians and metres, not {play}"
         problems.append(Problem(what, where))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..entities import ORIGINS, Camera, Origin, Parameter, Photo, Point, parameter, sigmas, triple
-from ..errors import InputError, Problem, known, similar
+from ..errors import InputError, Problem, known, similar, unknown_name
 from ..models.lens import Lens
 from ..models.variables import UNKNOWNS, UnknownKind
 from ..rotation import nearest_rotation, world_R_camera
@@ -269,8 +269,7 @@ def checked_frame(
     refuse_wrong_parts(names, wanted, values, sigma, where)
     station = origin if isinstance(origin, str) else ""
     if station and station not in known_points:
-        there = known(known_points, meant=station)
-        raise InputError(Problem(f"unknown point {station!r}; known: {there}", where))
+        raise InputError(Problem(unknown_name("point", station, known_points), where))
     at = (0.0, 0.0, 0.0) if isinstance(origin, str) else triple(origin, "origin", where)
     if np.isnan(at).any():
         raise InputError(Problem(f"origin must be finite, not {at}", where))
@@ -307,7 +306,7 @@ def checked_image_points(
         raise InputError(Problem(f"{len(points)} points but {len(measured)} rows", where))
     problems = [
         Problem(
-            f"unknown point {p!r}; known: {known(known_points, meant=p)}",
+            unknown_name("point", p, known_points),
             f"image point {photo}/{p}",
         )
         for p in points

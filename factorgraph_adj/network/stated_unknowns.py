@@ -9,7 +9,7 @@ import numpy as np
 
 from ..control_characters import refuse_control_characters
 from ..entities import REFRACTION_OF_THE_NETWORK, Key, Parameter, Point, parameter, parameter_name
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, unknown_name
 from ..models.deformation import HIGHEST
 from ..models.variables import VariableKind, unknown_kind
 from .composite_unknowns import OfKind, StatedShapes
@@ -28,9 +28,8 @@ def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:
 def required(name: str, names: Mapping[Any, object], what: str, where: str, told: str = "") -> None:
     """Refuse a name that is not there; ``told`` follows where no name that is there is like it."""
     if name not in names:
-        there = known(names, meant=name)
-        there += told * ("; did you mean" not in there)
-        raise InputError(Problem(f"unknown {what} {name!r}; known: {there}", where))
+        unknown = unknown_name(what, name, names)
+        raise InputError(Problem(unknown + told * ("; did you mean" not in unknown), where))
 
 
 class StatedUnknowns(StatedShapes):

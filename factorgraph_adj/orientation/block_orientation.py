@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..blas_threads import with_one_thread
-from ..errors import ApproximationError, InputError, Problem, known
+from ..errors import ApproximationError, InputError, Problem, unknown_name
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
 from ..network.network import DatumChoice, Network
@@ -329,7 +329,7 @@ def orient_equations(
     network = equations.network
     views = Views.of(network)
     problems = [
-        Problem(f"unknown camera {name!r}; known: {known(network.cameras, meant=name)}")
+        Problem(unknown_name("camera", name, network.cameras))
         for name in (principal_distances or {})
         if name not in network.cameras
     ]

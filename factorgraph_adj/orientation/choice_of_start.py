@@ -117,16 +117,22 @@ def _from_images(
     equations: Equations, bare: Equations, datum: DatumChoice, start: Start
 ) -> list[_Candidate]:
     """Return the start that the image points alone lead to; empty: they do not, or no PoseLib."""
+    carried = _oriented(equations, bare, datum)
+    if carried is None:
+        return []
+    carried = replace(carried, origin=start.origin)
+    return [_Candidate(carried, robust_cost(equations, carried.state), carried.words)]
+
+
+def _oriented(equations: Equations, bare: Equations, datum: DatumChoice | None) -> Start | None:
+    """Return the start of the block that is oriented from image points; none: it cannot be."""
     # Imported here, because few adjustments begin from image points, and the import is slow.
     from .block_orientation import orient_equations
 
     with suppress(InputError, ApproximationError):
         found = orient_equations(bare, datum=datum).start
-        carried = None if found is None else found.for_unknowns(equations.unknowns)
-        if carried is not None:
-            carried = replace(carried, origin=start.origin)
-            return [_Candidate(carried, robust_cost(equations, carried.state), carried.words)]
-    return []
+        return None if found is None else found.for_unknowns(equations.unknowns)
+    return None
 
 
 def _reasons_of_choice(
@@ -261,20 +267,15 @@ def image_start(network: Network, datum: DatumChoice | None) -> Start | None:
     equations = compile_network(network)
     if not equations.unknowns.rough()["pose"].any():
         return None
-    # Imported here, because few adjustments begin from image points, and the import is slow.
-    from .block_orientation import orient_equations
-
-    with suppress(InputError, ApproximationError):
-        found = orient_equations(without_approximations(equations), datum=datum).start
-        carried = None if found is None else found.for_unknowns(equations.unknowns)
-        if carried is not None:
-            given = equations.unknowns.start()
-            origin = {
-                kind: np.where(np.isnan(given[kind]), values, given[kind])
-                for kind, values in carried.origin.items()
-            }
-            return replace(carried, origin=origin)
-    return None
+    carried = _oriented(equations, without_approximations(equations), datum)
+    if carried is None:
+        return None
+    given = equations.unknowns.start()
+    origin = {
+        kind: np.where(np.isnan(given[kind]), values, given[kind])
+        for kind, values in carried.origin.items()
+    }
+    return replace(carried, origin=origin)
 
 
 def misses_minimum(solution: Solution) -> bool:

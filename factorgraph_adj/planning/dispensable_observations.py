@@ -24,13 +24,13 @@ from ..network.network import Network
 from ..quality.error_effects import whitened_unit_error
 from ..result_display import Rows, Shown
 from ..solve.low_rank_update import Update
+from ..solve.solution import cofactors_at
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array, Index, Mask
 from .candidates import partials
 from .plan import (
     DisplacementItems,
     Plan,
-    cofactors_at,
     displacement_items,
     horizons,
     plan,

@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..entities import Key, Parameter, Photo, Point, parameter_name
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, unknown_name
 from ..io.csv_tables import FieldRow, read_table
 from ..io.json_records import observation_of, photo_of, point_of, unknown_of
 from ..io.observation_fields import NAME_FIELDS, ImageAxes
@@ -65,9 +65,7 @@ class Drafts:
         row = FieldRow(given, where, self.problems)
         for key in given:
             if key not in CANDIDATE_KEYS:
-                row.wrong(
-                    f"unknown key {key!r}; known: {known(CANDIDATE_KEYS, meant=key, most=40)}"
-                )
+                row.wrong(unknown_name("key", key, CANDIDATE_KEYS, most=40))
         name = row.text("name", required=True)
         if name in self.found:
             row.wrong(f"there are two of the name {name!r}")

@@ -31,7 +31,7 @@ from ..network.network import Network
 from ..quality.error_effects import unit_error_shifts
 from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..result_display import Rows, Shown
-from ..solve.solution import Solution
+from ..solve.solution import Solution, cofactors_at
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array, Index, Mask
 from .planned_readings import as_planned
@@ -146,14 +146,6 @@ def displacement_items(solution: Solution, target: DetectableDisplacement) -> Di
         )
     points = tuple(names[i] for i in np.flatnonzero(on).tolist())
     return DisplacementItems(target, points, at, np.array(owner, dtype=np.intp), g)
-
-
-def cofactors_at(solution: Solution, columns: Index) -> Array:
-    """Return the cofactors of some columns, (n, n)."""
-    unit = np.zeros((solution.equations.unknowns.n_columns, len(columns)))
-    unit[columns, np.arange(len(columns))] = 1.0
-    q = solution.cofactor_times(unit)[columns]
-    return np.asarray((q + q.T) / 2.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -38,7 +38,7 @@ from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, cast
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, unknown_name
 from ..files import inside
 from ..io.csv_tables import FieldRow
 from ..io.project import Project
@@ -81,9 +81,7 @@ def read_wishes(path: str | Path, project: Project, *, candidates: bool = True) 
     top = FieldRow(document, path.name, problems)
     for key in document:
         if key not in ("target", "candidate", "files"):
-            top.wrong(
-                f"unknown key {key!r}; known: {known(('target', 'candidate', 'files'), meant=key)}"
-            )
+            top.wrong(unknown_name("key", key, ("target", "candidate", "files")))
     targets = [
         _target(t, f"{path.name}: target {n}", problems)
         for n, t in enumerate(tables(document, "target", top), 1)
@@ -142,9 +140,7 @@ def _target(given: Mapping[str, Any], where: str, problems: list[Problem]) -> Ta
         if key == "kind":
             continue
         if key not in offered:
-            problems.append(
-                Problem(f"unknown key {key!r}; known: {known(offered, meant=key, most=40)}", where)
-            )
+            problems.append(Problem(unknown_name("key", key, offered, most=40), where))
         elif key in ("points", "observations", "reference"):
             names = [value] if isinstance(value, str) else value
             if not isinstance(names, list) or not all(isinstance(n, str) for n in names):

@@ -21,15 +21,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from ..blas_threads import with_one_thread
-from ..errors import DatumError, InputError, Problem, SingularError, known
+from ..errors import DatumError, InputError, Problem, SingularError, unknown_name
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns
-from ..solve.datum_defects import FreeDatum, find_defects, generators
+from ..solve.datum_defects import MOTION_NAMES, FreeDatum, Motion, find_defects, generators
 from ..solve.gauss_newton_steps import Step
 from ..solve.inner_constraints import (
     ReferenceDatum,
@@ -42,17 +41,6 @@ from ..solve.normal_equations import NormalEquations
 from ..solve.solution import Solution, normal_equations_at, solution_at
 from ..solve.undetermined_unknowns import describe_defects
 from ..types import Array, Index
-
-Motion: TypeAlias = Literal[
-    "shift in x",
-    "shift in y",
-    "shift in z",
-    "rotation about x",
-    "rotation about y",
-    "rotation about z",
-    "scale",
-]
-"""The motions of a similarity transformation; order as in `solve.datum_defects.MOTION_NAMES`."""
 
 IGNORED_WEIGHT = 1e-60
 """Factor on the weights of an observation that takes it out of the adjustment."""
@@ -119,12 +107,7 @@ def _names(solution: Solution, points: Sequence[str] | None) -> tuple[str, ...]:
     wrong = [n for n in dict.fromkeys(points) if n not in table.number]
     if wrong:
         raise InputError(
-            [
-                Problem(
-                    f"unknown point {n!r}; known: {known(table.names, meant=n)}", "datum points"
-                )
-                for n in wrong
-            ]
+            [Problem(unknown_name("point", n, table.names), "datum points") for n in wrong]
         )
     if solution.datum is not None:
         held = [n for n in points if table.offset[table.number[n]] < 0]
@@ -138,9 +121,9 @@ def _names(solution: Solution, points: Sequence[str] | None) -> tuple[str, ...]:
 def _check_motions(motions: Sequence[str] | None) -> None:
     if motions is None:
         return
-    wrong = [m for m in motions if m not in get_args(Motion)]
+    wrong = [m for m in motions if m not in MOTION_NAMES]
     if wrong or isinstance(motions, str) or not motions:
-        raise InputError(f"motions must be some of {', '.join(get_args(Motion))}, not {motions!r}")
+        raise InputError(f"motions must be some of {', '.join(MOTION_NAMES)}, not {motions!r}")
 
 
 # -- free networks --------------------------------------------------------------------------------
@@ -205,7 +188,7 @@ def _reference(
     if motions is None:
         g, called = _undetermined(solution, freed, place)
     else:
-        chosen = [get_args(Motion).index(m) for m in dict.fromkeys(motions)]
+        chosen = [MOTION_NAMES.index(m) for m in dict.fromkeys(motions)]
         g, called = generators(freed, solution.state)[:, chosen], tuple(dict.fromkeys(motions))
     datum = FreeDatum(g, datum_columns(freed, g, names))
     masked = datum.masked

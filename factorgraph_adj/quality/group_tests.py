@@ -42,7 +42,7 @@ import numpy as np
 from ..solve.leverages import ClusterLeverage
 from ..solve.linearised_equations import ExtraRows
 from ..solve.solution import Solution
-from ..statistical_tests import ChiSquareTest, chi2_quantile
+from ..statistical_tests import ChiSquareTest, chi2_quantile, noncentrality_of_power
 from ..types import Array, Index, Mask
 from .error_effects import weighted_rows
 
@@ -152,19 +152,11 @@ class GroupReliability:
 
 def noncentrality_of_group(alpha: float, power: float, dof: int) -> float:
     """Return λ0 of χ² with ``dof`` degrees of freedom; λ0 = δ0² for one degree of freedom."""
-    # Imported here, because only correlated groups need these modules and their import is slow.
-    from scipy.optimize import brentq
+    # Imported here, because only correlated groups need it and its import is slow.
     from scipy.stats import ncx2
 
     critical = chi2_quantile(1.0 - alpha, dof)
-
-    def missing(value: float) -> float:
-        return float(ncx2.sf(critical, dof, value)) - power
-
-    top = 10.0
-    while missing(top) < 0:
-        top *= 2.0
-    return float(brentq(missing, 1e-9, top, xtol=1e-12))
+    return noncentrality_of_power(lambda x: float(ncx2.sf(critical, dof, x)), power)
 
 
 def group_reliability(

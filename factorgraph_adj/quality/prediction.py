@@ -29,7 +29,7 @@ from ..graph.equations import Equations, compile_network
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
 from ..result_display import Rows, Shown
-from ..solve.low_rank_update import covariance_whitener, innovation_statistics
+from ..solve.low_rank_update import innovation_statistics
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask
 from .innovations import Innovations
@@ -218,11 +218,9 @@ class Predictor:
         n = self.solution.equations.unknowns.n_columns
         x = np.array(start, dtype=float)
         for _ in range(MAX_INTERSECTION_STEPS):
-            linear = Innovations(self.equations, self.solution, points={point: x}).linearise(rows)
-            a = linear.a.toarray()
-            d = linear.covariance.toarray() + a[:, :n] @ self.solution.cofactor_times(a[:, :n].T)
-            root = covariance_whitener(d)
-            b, v = root @ a[:, n:], root @ linear.v
+            here = Innovations(self.equations, self.solution, points={point: x})
+            v, a = here.linearise(rows).whitened(self.solution)
+            b = a[:, n:]
             step, _, rank, _ = np.linalg.lstsq(b, -v, rcond=None)
             if rank < 3:
                 break

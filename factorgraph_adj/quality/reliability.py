@@ -30,7 +30,7 @@ import numpy as np
 
 from ..blas_threads import with_one_thread
 from ..columns import Columns
-from ..errors import AdjustmentError, InputError, SingularError, known
+from ..errors import AdjustmentError, InputError, SingularError, unknown_name
 from ..result_display import FIRST, Rows, Shown
 from ..solve.leverages import Leverages, STransform, leverages, point_leverages
 from ..solve.solution import Solution, datum_cross
@@ -189,7 +189,7 @@ class Reliability(Shown):
         """
         by_name = {f.name: f for f in self.factors}
         if name not in by_name:
-            raise InputError(f"unknown factor {name!r}; known: {known(by_name, meant=name)}")
+            raise InputError(unknown_name("factor", name, by_name))
         return by_name[name]
 
     @cached_property

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..adjustment import adjust
 from ..blas_threads import with_one_thread
-from ..errors import InputError, known
+from ..errors import InputError, known, unknown_name
 from ..network.network import DatumChoice, Network
 from ..result_display import Rows, Shown
 from ..solve.added_factors import ExtraFactors
@@ -164,7 +164,7 @@ class VarianceComponents(Shown):
         """Return the component of a group."""
         found = {c.name: c for c in self.components}
         if name not in found:
-            raise InputError(f"unknown group {name!r}; known: {known(found, meant=name)}")
+            raise InputError(unknown_name("group", name, found))
         return found[name]
 
     @cached_property

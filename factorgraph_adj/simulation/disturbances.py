@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..entities import ImageTable, Parameter
-from ..errors import Problem, known
+from ..errors import Problem, known, unknown_name
 from ..graph.equations import compile_rows
 from ..graph.observation_selection import without
 from ..models.variables import UNKNOWNS
@@ -69,7 +69,7 @@ class GrossError(Parameters):
         ids = {ident for ident, _ in readings}
         found = [
             Problem(
-                f"unknown observation {i!r}; known: {known(ids_in_order(readings), meant=i)}",
+                unknown_name("observation", i, ids_in_order(readings)),
                 path_of(where, "ids"),
             )
             for i in self.ids

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from ..entities import REFRACTION_OF_THE_NETWORK, Parameter
-from ..errors import Problem, known
+from ..errors import Problem, unknown_name
 from ..network.network import Network
 from ..observations import SlopeDistance, VerticalAngle
 from ..types import Array
@@ -69,7 +69,7 @@ class InImages(Systematic):
         """Return what the plan does not have."""
         if self.camera in ("", *plan.cameras):
             return []
-        what = f"unknown camera {self.camera!r}; known: {known(plan.cameras, meant=self.camera)}"
+        what = unknown_name("camera", self.camera, plan.cameras)
         return [Problem(what, path_of(where, "camera"))]
 
     def _without_readings(self, plan: Network) -> str:
@@ -186,8 +186,7 @@ class Refraction(Systematic):
         """Return what the plan does not have."""
         if self.group in ("", *plan.refractions):
             return []
-        there = known(plan.refractions, meant=self.group)
-        what = f"unknown refraction group {self.group!r}; known: {there}"
+        what = unknown_name("refraction group", self.group, plan.refractions)
         return [Problem(what, path_of(where, "group"))]
 
     def _without_readings(self, plan: Network) -> str:
@@ -227,13 +226,8 @@ class TapeCalibration(Systematic):
         """Return what the plan does not have."""
         if self.distance_meter in ("", *plan.distance_meters):
             return []
-        what = f"unknown distance meter {self.distance_meter!r}; known: "
-        return [
-            Problem(
-                what + known(plan.distance_meters, meant=self.distance_meter),
-                path_of(where, "distance_meter"),
-            )
-        ]
+        what = unknown_name("distance meter", self.distance_meter, plan.distance_meters)
+        return [Problem(what, path_of(where, "distance_meter"))]
 
     def _without_readings(self, plan: Network) -> str:
         """Return a message if the plan has no distances."""

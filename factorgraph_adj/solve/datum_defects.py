@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from scipy.linalg import null_space, qr, solve_triangular
@@ -45,7 +45,7 @@ from .datum_motions import (
 from .linearised_equations import LinearisedEquations
 from .rigid_mounts import eased_ties
 
-MOTION_NAMES = (
+Motion: TypeAlias = Literal[
     "shift in x",
     "shift in y",
     "shift in z",
@@ -53,7 +53,9 @@ MOTION_NAMES = (
     "rotation about y",
     "rotation about z",
     "scale",
-)
+]
+"""The motions of a similarity transformation."""
+MOTION_NAMES: tuple[str, ...] = get_args(Motion)
 SHIFT_MOTIONS, ROTATION_MOTIONS, SCALE_MOTION = (0, 1, 2), (3, 4, 5), (6,)
 MAX_ROUNDED_PART = 1e-6
 """Part of a motion in a defect below which it counts as rounding."""
@@ -63,8 +65,7 @@ unknowns are independent."""
 MAX_UNNOTICED_FREE = 1e-7
 """Ratio as `MAX_UNNOTICED` where a free network is asked for, at least; see `unnoticed_ratio`."""
 MAX_UNNOTICED_BY_AZIMUTH = 3e-6
-"""The same of azimuths on the curved Earth: steps of what tells less are lost in the rounding of
-geocentric coordinates."""
+"""The same of azimuths on the curved Earth; geocentric coordinates round what tells less."""
 CONVERGENCE_FACTOR = 10.0
 """Times D/R, what azimuths tell of a shift along the Earth, by the convergence of meridians,
 relative to what they tell of a rotation, at most: tan φ up to latitudes of 84°."""

@@ -18,10 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..observations import observation_kind
 from ..types import Array, Index
 from .elimination_layers import Layers, first_point
 from .linearised_equations import LinearisedEquations
@@ -80,7 +78,7 @@ def vague_points_at(system: LinearisedEquations) -> list[VaguePoint]:
     far = np.zeros(len(points.names))
     for place, linear in enumerate(system.blocks):
         block = linear.block
-        curved = _curved(block)
+        curved = block.curved
         if curved:
             ends = [(k, index) for k, index in block.variables if k in where]
             for kind, index in ends[1:]:
@@ -151,11 +149,6 @@ def points_with_narrow_rays(equations: Equations, state: State, layers: Layers) 
     found = np.flatnonzero(by_cameras & (least < MIN_RAY_EIGENVALUE))
     names = equations.unknowns["point"].names
     return [names[i] for i in found.tolist()]
-
-
-def _curved(block: Block) -> bool:
-    """Return whether partials by points depend on where these are."""
-    return block.lens is not None or (not block.prior and observation_kind(block.kind).curved)
 
 
 MIN_EXCHANGE_MOVEMENT_RATIO = 10.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..columns import Columns
 from ..entities import parameter_name
-from ..errors import InputError, known
+from ..errors import InputError, unknown_name
 from ..frames import Frame
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
@@ -111,7 +111,7 @@ class Estimate:
 
     def _index(self, name: str) -> int:
         if name not in self.names:
-            raise InputError(f"unknown component {name!r}; known: {known(self.names, meant=name)}")
+            raise InputError(unknown_name("component", name, self.names))
         return self.names.index(name)
 
 
@@ -359,7 +359,7 @@ class ObservationTable(Sequence[ObservationRecord]):
         """
         rows = self._rows.get(id, [])
         if not rows:
-            raise InputError(f"unknown observation {id!r}; known: {known(self._rows, meant=id)}")
+            raise InputError(unknown_name("observation", id, self._rows))
         found = [r for r in rows if component is None or self[r].component == component]
         if len(found) != 1:
             names = ", ".join(self[r].component or f"row {r}" for r in rows)

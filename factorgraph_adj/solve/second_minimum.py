@@ -26,7 +26,6 @@ from ..errors import AdjustmentError, DatumError, InputError
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..observations import KINDS
 from ..start.start_values import Start
 from ..types import Array, Index, Mask
 from .adjustment_run import AdjustmentRun
@@ -69,11 +68,7 @@ def mirror_midpoints(equations: Equations, state: State, candidates: Mask) -> di
 
 def _curved(equations: Equations) -> list[Block]:
     """Return the observations of which partials depend on where points are; rays are none."""
-    return [
-        b
-        for place, b in enumerate(equations.blocks)
-        if place not in equations.rays and b.kind in KINDS and not b.prior and KINDS[b.kind].curved
-    ]
+    return [b for b in equations.blocks if b.lens is None and b.curved]
 
 
 def _middles(equations: Equations, state: State, candidates: Mask) -> Iterator[tuple[Array, Mask]]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..blas_threads import with_one_thread
 from ..columns import Columns
-from ..errors import InputError, SingularError, known
+from ..errors import InputError, SingularError, unknown_name
 from ..graph.equations import Equations
 from ..graph.variables import State, camera_of_calibration
 from ..models.variables import VariableKind, unknown_kind
@@ -443,7 +443,7 @@ class Solution(Shown):
         title = unknown_kind(kind).title
         table = self.equations.unknowns[kind]
         if name not in table.number:
-            raise InputError(f"unknown {title} {name!r}; known: {known(table.names, meant=name)}")
+            raise InputError(unknown_name(title, name, table.names))
         return table.number[name]
 
     def _columns(self, kind: VariableKind, name: str) -> tuple[Index, int, Index]:
@@ -487,3 +487,9 @@ def forget_normal_equations(solution: Solution) -> None:
 def datum_cross(solution: Solution) -> tuple[Array, Array] | None:
     """Return F = Q_min B_D and E = B_Dᵀ F of a free network, see `FreeDatum.transformed`."""
     return solution._datum_cross
+
+
+def cofactors_at(solution: Solution, columns: Index) -> Array:
+    """Return the cofactors of some columns, (n, n)."""
+    q = solution._cross(columns, columns)
+    return np.asarray((q + q.T) / 2.0)

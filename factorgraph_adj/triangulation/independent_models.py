@@ -45,7 +45,7 @@ from scipy.linalg import solve_triangular
 from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..entities import ImageTable
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, unknown_name
 from ..graph.equations import compile_network
 from ..graph.observation_selection import without
 from ..graph.variables import State
@@ -165,8 +165,7 @@ def relative_model(
     where = f"model {called!r}"
     unknown = [f for f in chosen if f not in network.photos]
     if unknown:
-        there = known(network.photos, meant=unknown[0])
-        raise InputError(Problem(f"unknown photo {unknown[0]!r}; known: {there}", where))
+        raise InputError(Problem(unknown_name("photo", unknown[0], network.photos), where))
     if len(set(chosen)) < len(chosen) or len(chosen) < 2:
         raise InputError(
             Problem(f"a model needs different photos, two or more, not {chosen}", where)

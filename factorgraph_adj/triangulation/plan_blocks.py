@@ -35,9 +35,9 @@ the poses are taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, TypeVar, get_args
 
 import numpy as np
 
@@ -228,14 +228,7 @@ def _cut(
         rows[ident] = keep
         if not keep:
             continue
-        covariance = None if o.covariance is None else o.covariance[np.ix_(keep, keep)]
-        out.observations[ident] = replace(
-            o,
-            axes="".join(o.axes[i] for i in keep),
-            value=tuple(o.value[i] for i in keep),
-            sigma=None if o.sigma is None else tuple(o.sigma[i] for i in keep),
-            covariance=covariance,
-        )
+        out.observations[ident] = _at_axes(o, keep)
     return rows
 
 
@@ -412,8 +405,18 @@ def _centre(down: Array, centre: RadialCentre) -> Array:
 
 def _in_plan(o: ControlPoint, axes: str) -> ControlPoint:
     """Return the coordinates in plan of a control point."""
-    keep = [o.axes.index(a) for a in axes]
-    covariance = None if o.covariance is None else o.covariance[np.ix_(keep, keep)]
-    sigma = None if o.sigma is None else tuple(o.sigma[i] for i in keep)
-    value = tuple(o.value[i] for i in keep)
-    return replace(o, axes=axes, value=value, sigma=sigma, covariance=covariance, id=None)
+    return replace(_at_axes(o, [o.axes.index(a) for a in axes]), id=None)
+
+
+_Coordinates = TypeVar("_Coordinates", ControlPoint, FrameCoordinate)
+
+
+def _at_axes(o: _Coordinates, keep: Sequence[int]) -> _Coordinates:
+    """Return an observation of coordinates with some of its axes, by their numbers."""
+    return replace(
+        o,
+        axes="".join(o.axes[i] for i in keep),
+        value=tuple(o.value[i] for i in keep),
+        sigma=None if o.sigma is None else tuple(o.sigma[i] for i in keep),
+        covariance=None if o.covariance is None else o.covariance[np.ix_(keep, keep)],
+    )

@@ -19,7 +19,6 @@ import numpy as np
 from ..entities import ImageTable, Point
 from ..errors import InputError, Problem
 from ..graph.observation_selection import without
-from ..models.deformation import COEFFICIENTS
 from ..models.similarity import Similarity, extent_ratio, fit_similarity
 from ..network.network import Network
 from ..observations import ControlPoint, StripCoordinate
@@ -203,13 +202,6 @@ def as_strips(
     out.add(*observed)
     seen = {p for o in out.observations.values() for p in o.points()}
     return without(out, (), points=[p for p in out.points if p not in seen])
-
-
-def min_control_points(coefficients: Iterable[str]) -> tuple[int, int]:
-    """Return how many control points in plan and in height some coefficients need at least."""
-    names = set(coefficients) & set(COEFFICIENTS)
-    in_height = sum(n.startswith("z") for n in names)
-    return (len(names) - in_height + 1) // 2, in_height
 
 
 def _is_control(p: Point) -> bool:

@@ -14,7 +14,7 @@ orientation from image points, and lie where the other point is computed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -36,6 +36,7 @@ from .evidence import VarianceFactor
 from .exchanged_images import (
     EXCHANGED_IMAGE_POINTS,
     blocks_of_images,
+    ids_of_rays,
     image_misfits,
     image_point_exchanges,
     with_exchanged_names,
@@ -216,15 +217,6 @@ def _control_points(equations: Equations, off: Array) -> list[str]:
     return [table.names[p] for p in order.tolist() if given[p]][:MAX_TRIED_CONTROL_POINTS]
 
 
-def _rays_to(equations: Equations, points: Iterable[str]) -> tuple[str, ...]:
-    numbers = [equations.unknowns["point"].number[p] for p in points]
-    return tuple(
-        block.ids[int(i)]
-        for block in blocks_of_images(equations)
-        for i in np.flatnonzero(np.isin(dict(block.variables)["point"], numbers))
-    )
-
-
 def _control(equations: Equations, off: Array) -> Iterator[_Mistake]:
     """Iterate over control points as if nothing were given of them."""
     for name in _control_points(equations, off):
@@ -232,7 +224,7 @@ def _control(equations: Equations, off: Array) -> Iterator[_Mistake]:
         point = network.points[name]
         network.points[name] = replace(point, fixed=(False,) * 3, sigma=None)
         named = _ControlName(name, np.array(point.coordinates))
-        ids = (_rays_to(equations, [name]),)
+        ids = (ids_of_rays(equations, "point", (name,)),)
         yield _Mistake("the given coordinates", (f"of point {name!r}",), network, ids, named)
 
 
@@ -261,7 +253,7 @@ def _exchanged_control(equations: Equations, off: Array) -> Iterator[_Mistake]:
         network.points[a] = replace(other, name=a)
         network.points[b] = replace(one, name=b)
         places = (f"of points {a!r} and {b!r}",)
-        ids = (_rays_to(equations, [a, b]),)
+        ids = (ids_of_rays(equations, "point", (a, b)),)
         yield _Mistake("the given coordinates, exchanged,", places, network, ids)
 
 
@@ -280,12 +272,7 @@ def _cameras(equations: Equations) -> Iterator[_Mistake]:
         fixed = tuple(f and k != at for k, f in enumerate(camera.fixed))
         network.cameras[name] = replace(camera, fixed=fixed)
         of_camera = [n for n, p in network.photos.items() if p.camera == name]
-        numbers = [equations.unknowns["pose"].number[n] for n in of_camera]
-        ids = tuple(
-            block.ids[int(i)]
-            for block in blocks_of_images(equations)
-            for i in np.flatnonzero(np.isin(dict(block.variables)["pose"], numbers))
-        )
+        ids = ids_of_rays(equations, "pose", of_camera)
         where = (f"of camera {name!r}",)
         fitting = _FittingDistance(name, camera.values[at])
         yield _Mistake("the given c", where, network, (ids,), fitting=fitting)

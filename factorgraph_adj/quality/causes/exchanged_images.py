@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 
@@ -85,7 +86,7 @@ def exchanged_photos(
     if best is not None:
         after, pair = best
         a, b = sorted(pair)
-        rays = _rays(equations, {a, b})
+        rays = ids_of_rays(equations, "pose", (a, b))
         yield MistakenIdentity(
             "the images of two photos, exchanged:", f"{a!r} and {b!r}", rays, before, after
         )
@@ -110,26 +111,13 @@ def _suspects(equations: Equations, bad: set[str]) -> list[str]:
     return sorted(found, key=lambda f: -gone[f] / every[f])
 
 
-def _rays(equations: Equations, photos: set[str]) -> tuple[str, ...]:
-    """Return the ids of all rays of photos."""
-    names = equations.unknowns["pose"].names
-    return tuple(
-        ident
-        for block in equations.blocks
-        if block.lens is not None
-        for f, ident in zip(dict(block.variables)["pose"].tolist(), block.ids, strict=True)
-        if names[f] in photos
-    )
-
-
 def _with_exchanged_photos(network: Network, a: str, b: str) -> Network:
     """Return the network with the images of two photos exchanged."""
     out = network.copy()
     f, p, xy, sigma = network.images.columns()
     i, j = (list(network.photos).index(n) for n in (a, b))
     other: Index = np.where(f == i, j, np.where(f == j, i, f))
-    out.images.photo, out.images.point = [other], [p]
-    out.images.xy, out.images.sigma = [xy], [sigma]
+    out.images = out.images.with_columns(other, p, xy, sigma)
     return out
 
 
@@ -205,6 +193,18 @@ def blocks_of_images(equations: Equations) -> Iterator[Block]:
     return (block for block in equations.blocks if block.lens is not None)
 
 
+def ids_of_rays(
+    equations: Equations, kind: Literal["point", "pose"], names: Iterable[str]
+) -> tuple[str, ...]:
+    """Return the ids of all rays of some photos, or to some points."""
+    numbers = [equations.unknowns[kind].number[n] for n in names]
+    return tuple(
+        block.ids[int(i)]
+        for block in blocks_of_images(equations)
+        for i in np.flatnonzero(np.isin(dict(block.variables)[kind], numbers))
+    )
+
+
 def image_misfits(equations: Equations, block: Block, state: State) -> Array:
     """Return |v/σ| of image points in a state, (n,).
 
@@ -256,6 +256,5 @@ def with_exchanged_names(network: Network, exchanged: Iterable[ImagePointExchang
         a, b = (points.index(name) for name in e.points)
         mine = f == photos.index(e.photo)
         p[mine] = np.where(p[mine] == a, b, np.where(p[mine] == b, a, p[mine]))
-    out.images.photo, out.images.point = [f], [p]
-    out.images.xy, out.images.sigma = [xy], [sigma]
+    out.images = out.images.with_columns(f, p, xy, sigma)
     return out

@@ -16,7 +16,7 @@ another one. Hypotheses whose T² differ by less than `MIN_T2_DIFFERENCE` are na
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -33,6 +33,7 @@ from .mistaken_identity import (
     MistakenIdentity,
     merged_exchanges,
 )
+from .readings import most_recorded_heights
 from .renamed_sights import (
     CoreNetwork,
     ReadingFit,
@@ -161,7 +162,14 @@ class _Search:
             for p, own in _readings_of(equations, self.open | core.suspects).items()
         }
         """Observations of points that are fitted, and those of others that the core lacks."""
-        self.recorded = _recorded_heights(sights)
+        self.recorded: defaultdict[int, tuple[float, ...]] = defaultdict(tuple)
+        """Heights that are recorded with each target, those most recorded first."""
+        self.recorded |= most_recorded_heights(
+            (target, height)
+            for targets in sights.values()
+            for target, sight in targets.items()
+            for height in sight.heights
+        )
 
     def _id(self, observation: tuple[int, int]) -> str:
         block = self.equations.blocks[observation[0]]
@@ -423,17 +431,4 @@ def _readings_of(equations: Equations, points: Collection[int]) -> dict[int, set
             if kind == "point":
                 for number in np.flatnonzero(np.isin(index, list(points))).tolist():
                     out[int(index[number])].add((place, number))
-    return out
-
-
-def _recorded_heights(
-    sights: Mapping[SetUp, Mapping[int, Sight]],
-) -> defaultdict[int, tuple[float, ...]]:
-    """Return the heights that are recorded with each target, those most recorded first."""
-    counts: defaultdict[int, Counter[float]] = defaultdict(Counter)
-    for targets in sights.values():
-        for target, sight in targets.items():
-            counts[target].update(sight.heights)
-    out: defaultdict[int, tuple[float, ...]] = defaultdict(tuple)
-    out |= {t: tuple(h for h, _ in c.most_common()) for t, c in counts.items()}
     return out

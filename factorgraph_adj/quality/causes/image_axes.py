@@ -424,6 +424,5 @@ def _turned(network: Network, cameras: set[str], axes: Axes) -> Network:
     at = np.array([camera.values[1:3] for camera in of_photo])[f]
     mine: Mask = np.array([camera.name in cameras for camera in of_photo])[f]
     turned = np.where(mine[:, None], axes(xy, at), xy)
-    out.images.photo, out.images.point = [f], [p]
-    out.images.xy, out.images.sigma = [turned], [sigma]
+    out.images = out.images.with_columns(f, p, turned, sigma)
     return out

@@ -10,7 +10,7 @@ with its name, too.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -26,7 +26,7 @@ from ...types import Array, Index
 from ..innovations import Innovations
 from ..prediction import predict
 from .evidence import VarianceFactor
-from .readings import TARGET_HEIGHT, Readings
+from .readings import TARGET_HEIGHT, Readings, most_recorded_heights
 from .shared_errors import TOTAL_STATION_KINDS
 
 MAX_RENAMED_SIGHTS = 100
@@ -195,11 +195,12 @@ class _Search:
 
     def _recorded_heights(self) -> dict[str, tuple[float, ...]]:
         """Return the heights of targets by the name of the target, those most recorded first."""
-        counts: dict[str, Counter[float]] = defaultdict(Counter)
-        for o in self.every.values():
-            if o.kind in TOTAL_STATION_KINDS and hasattr(o, TARGET_HEIGHT):
-                counts[o.target][getattr(o, TARGET_HEIGHT)] += 1  # type: ignore[attr-defined]
-        return {n: tuple(h for h, _ in c.most_common(MAX_TRIED_HEIGHTS)) for n, c in counts.items()}
+        every = most_recorded_heights(
+            (o.target, getattr(o, TARGET_HEIGHT))  # type: ignore[attr-defined]
+            for o in self.every.values()
+            if o.kind in TOTAL_STATION_KINDS and hasattr(o, TARGET_HEIGHT)
+        )
+        return {name: heights[:MAX_TRIED_HEIGHTS] for name, heights in every.items()}
 
     def vectors(self) -> Iterator[MistakenIdentity]:
         """Iterate over GNSS vectors with start and end, or x and y, exchanged, and positions."""

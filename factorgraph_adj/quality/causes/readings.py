@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +23,9 @@ HEIGHT_STEP_M = 0.005
 """Step of the central differences by heights of instruments and targets, metres."""
 TARGET_HEIGHT = "target_height"
 """Name of the height of the target, of models and of observations."""
+
+
+_Target = TypeVar("_Target", int, str)
 
 
 @dataclass(frozen=True)
@@ -247,3 +252,13 @@ def _difference(block: Block, a: Array, b: Array) -> Array:
     if block.unit == "rad":
         change = wrap(change)
     return np.asarray(change)
+
+
+def most_recorded_heights(
+    recorded: Iterable[tuple[_Target, float]],
+) -> dict[_Target, tuple[float, ...]]:
+    """Return the heights that are recorded with each target, those most recorded first."""
+    counts: dict[_Target, Counter[float]] = defaultdict(Counter)
+    for target, height in recorded:
+        counts[target][height] += 1
+    return {t: tuple(h for h, _ in c.most_common()) for t, c in counts.items()}

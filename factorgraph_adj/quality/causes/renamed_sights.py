@@ -31,7 +31,6 @@ from ...graph.equations import Equations
 from ...graph.observation_selection import without
 from ...graph.variables import State
 from ...network.network import Network
-from ...solve.low_rank_update import covariance_whitener
 from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 from ..innovations import Innovations
@@ -126,7 +125,7 @@ class RenamedReadings:
         """
         rows = self._rows(self.equations, observations, points)
         try:
-            v, _ = self._whitened(self._moved(self.equations, points), rows)
+            v, _ = self._moved(self.equations, points).linearise(rows).whitened(self.solution)
         except (InputError, np.linalg.LinAlgError):
             return NO_FIT
         return ReadingFit(float(v @ v), len(rows), points)
@@ -160,22 +159,12 @@ class RenamedReadings:
             out.state["point"][p] = x
         return out
 
-    def _whitened(self, here: Innovations, rows: Index) -> tuple[Array, Array]:
-        """Return W v and W A with W D Wᵀ = I of rows."""
-        linear = here.linearise(rows)
-        a = linear.a.toarray()
-        known = a[:, : self.columns]
-        root = covariance_whitener(
-            linear.covariance.toarray() + known @ self.solution.cofactor_times(known.T)
-        )
-        return root @ linear.v, root @ a
-
     def _descend(self, equations: Equations, rows: Index, start: Mapping[int, Array]) -> ReadingFit:
         here = self._moved(equations, start)
         own = [self.first[p] + np.arange(3) for p in start]
         columns = np.concatenate([np.zeros(0, dtype=np.intp), *own])
         for _ in range(MAX_FIT_STEPS):
-            v, a = self._whitened(here, rows)
+            v, a = here.linearise(rows).whitened(self.solution)
             b = a[:, columns]
             step, _, rank, _ = np.linalg.lstsq(b, -v, rcond=FIT_RANK_RATIO)
             t2 = float(np.sum((v + b @ step) ** 2))

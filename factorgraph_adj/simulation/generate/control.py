@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ...errors import Problem, known
+from ...errors import Problem, known, unknown_name
 from ...network.network import Network
 from ...observations import ControlPoint
 from ...types import Array
@@ -106,9 +106,7 @@ class Control(Parameters):
         for axis in ("horizontal", "vertical"):
             key = path_of(where, f"{axis}_points")
             found += [
-                Problem(
-                    f"unknown point {name!r}; known: {known(scene.plan.points, meant=name)}", key
-                )
+                Problem(unknown_name("point", name, scene.plan.points), key)
                 for name in getattr(self, f"{axis}_points")
                 if name not in scene.plan.points
             ]

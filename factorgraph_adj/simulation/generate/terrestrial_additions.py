@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...errors import InputError, Problem, known
+from ...errors import InputError, Problem, unknown_name
 from ...frames import LocalFrame
 from ...observations import (
     AstronomicLatitude,
@@ -207,7 +207,7 @@ def _check_names(scene: Scene, lines: tuple[Line, ...], names: list[str]) -> Non
     valid = set(names)
     problems = [
         Problem(
-            f"unknown point {name!r}; known: {known(names, meant=name)}",
+            unknown_name("point", name, names),
             path_of(path_of(scene.where, "lines"), i),
         )
         for i, line in enumerate(lines)
