@@ -25,9 +25,8 @@ from ...observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from ..file_problems import SurveyProblems
 from ..format_reader import NetworkReader, Reader
-from ..text_files import read_text
+from ..source import Source, TextSource
 from .star_net_lines import (
     ANGLE_DATA_TYPES,
     DATA_TYPES,
@@ -108,7 +107,6 @@ def read_star_net(
         InputError: every problem of the file, each with its line, and every setting that it needs
             and nothing states.
     """
-    source = Path(path)
     settings = star_net_options(options)
     if settings.adjustment is None:
         missing = known([n for n in SETTING_CHOICES if getattr(settings, n) is None], most=10)
@@ -116,34 +114,40 @@ def read_star_net(
             f"needs the settings of its project, which data files do not have: {missing}, and the "
             "default standard errors that its lines use; state them in options"
         )
-        raise InputError(Problem(what, source.name))
+        raise InputError(Problem(what, Path(path).name))
     system = None if crs is None else star_net_grid_system(crs, geoid)
     if system is None and geoid is not None:
         raise InputError(
             Problem("geoid= belongs to the reference system of a grid: crs=", str(path))
         )
     if system is not None and settings.adjustment == "LEV":
-        raise InputError(Problem("a LEV project has no coordinates of a grid", source.name))
+        raise InputError(Problem("a LEV project has no coordinates of a grid", Path(path).name))
+    source = TextSource(path, code_page="cp1252")
     reader = _Reader(source, settings, system)
     before = 0
-    for further in (source, *map(Path, files)):
-        lines = read_text(further).split("\n")
+    for file in (source, *(TextSource(f, source.problems, code_page="cp1252") for f in files)):
         if before:
-            reader.notes.go_on(further, before)
-        for number, text in enumerate(lines, start=before + 1):
-            reader.read(number, text)
-        before += len(lines)
+            source.continue_with(file.path, before)
+        for number, text in file.numbered():
+            reader.read(before + number, text)
+        before += len(file.lines)
     return reader.network(azimuths, horizontal_distances)
 
 
+def _separate_codes(word: str) -> Sequence[str]:
+    """Return the codes of standard errors that are written without blanks; or the word alone."""
+    return word if set(word) <= {"!", "&", "*"} else (word,)
+
+
 class _Reader:
-    def __init__(self, path: Path, options: StarNetOptions, system: ReferenceSystem | None) -> None:
-        self.path = path
+    def __init__(
+        self, source: Source, options: StarNetOptions, system: ReferenceSystem | None
+    ) -> None:
         self.system = system
-        self.notes = SurveyProblems(path)
-        self.values = StarNetValues(self.notes, options)
+        self.source = source
+        self.values = StarNetValues(self.source, options)
         self.points = StarNetPoints(self.values)
-        self.vectors = StarNetVectors(self.notes)
+        self.vectors = StarNetVectors(self.source)
         self.observations: list[Observation] = []
         self.side_shots: list[SideShot] = []
         self.refractions: dict[str, float] = {}
@@ -159,7 +163,7 @@ class _Reader:
         """Read a line."""
         for mark in ("#", "'", "‘", '"'):
             text = text.partition(mark)[0]
-        words = text.split()
+        words = [code for word in text.split() for code in _separate_codes(word)]
         if not words:
             return
         if words[0].startswith("."):
@@ -170,20 +174,20 @@ class _Reader:
                 self.reading = [w.upper() for w in words[1:]] != ["OFF"]
             return
         if not self.reading:
-            self.notes.leave_out(line, LINES_BEHIND_DATA_OFF, " ".join(words[:2]))
+            self.source.leave_out(line, LINES_BEHIND_DATA_OFF, " ".join(words[:2]))
             return
         code, rest = words[0].upper(), words[1:]
         if code in REFUSED_DATA_TYPES:
-            self.notes.add(line, f"data type {code} is not built: {REFUSED_DATA_TYPES[code]}")
+            self.source.add(line, f"data type {code} is not built: {REFUSED_DATA_TYPES[code]}")
         elif code not in DATA_TYPES:
-            self.notes.add(
+            self.source.add(
                 line,
                 f"unknown data type {words[0][:20]!r}; valid: "
                 + known(DATA_TYPES, meant=code, most=30),
             )
         elif code in GRID_DATA_TYPES and self.system is None:
             what = f"data type {code} needs the reference system of the grid: crs= and geoid="
-            self.notes.add(line, what)
+            self.source.add(line, what)
         elif code in ("C", "E", "CH", "EH"):
             of_code = self.points.coordinates if code[0] == "C" else self.points.elevation
             of_code(line, rest, code)
@@ -213,21 +217,21 @@ class _Reader:
             order = self.values.now.stations if count == 3 else "From-To"
             what = f"{code} begins with {count} names, {order or 'At-From-To'}, joined by "
             what += f"{self.values.now.separator!r}, not {words[0][:40] if words else ''!r}"
-            self.notes.add(line, what)
+            self.source.add(line, what)
             return []
         if count == 3:
             order = self.values.word(line, "stations", self.values.now.stations)
             if order == "FromAtTo":
                 names = [names[1], names[0], names[2]]
         if len(set(names)) < len(names):
-            self.notes.add(line, f"{code} joins a point to itself: {words[0][:40]}")
+            self.source.add(line, f"{code} joins a point to itself: {words[0][:40]}")
             return []
         return names
 
     def _vector(self, line: int, code: str, words: list[str]) -> None:
         """Read a line of a GPS vector."""
         if self.values.options.adjustment != "3D":
-            self.notes.add(line, "GPS vectors need a 3D project")
+            self.source.add(line, "GPS vectors need a 3D project")
         elif code != "G1":
             self.vectors.weights(line, code, words)
         elif names := self._names(line, code, words, 2):
@@ -239,20 +243,19 @@ class _Reader:
         rest = words[1:]
         if not names or not 1 <= len(rest) <= 3:
             if names:
-                self.notes.add(
+                self.source.add(
                     line,
                     "L takes From-To, the difference, its length or turns, and a standard error",
                 )
             return
         if self.values.options.adjustment == "2D":
-            self.notes.leave_out(line, HEIGHTS_IN_2D, "-".join(names))
+            self.source.leave_out(line, HEIGHTS_IN_2D, "-".join(names))
             return
         value = self.values.length(line, rest[0], "L difference")
         size = None
         if len(rest) > 1:
-            size = self.notes.finite(line, rest[1], "length or turns of L")
-            if size <= 0:
-                self.notes.add(line, f"length or turns of L must be > 0, not {rest[1]}")
+            size = self.source.field(line, rest[1], "length or turns of L").number(above=0.0)
+            if math.isnan(size):
                 return
         sigma, km = self.values.level_sigma(line, rest[2] if len(rest) > 2 else None, size)
         self.points.use(line, *names)
@@ -263,20 +266,20 @@ class _Reader:
     def _of_set(self, line: int, code: str, words: list[str]) -> None:
         if code == "DB":
             if self.set_at is not None:
-                self.notes.add(line, f"DB within the set of {self.set_at[0]!r}: DE is missing")
+                self.source.add(line, f"DB within the set of {self.set_at[0]!r}: DE is missing")
             if len(words) != 1:
-                self.notes.add(line, "DB takes the name of the station")
+                self.source.add(line, "DB takes the name of the station")
                 return
             self.sets[words[0]] = self.sets.get(words[0], 0) + 1
             self.set_at, self.set_begun = (words[0], str(self.sets[words[0]])), line
         elif self.set_at is None:
-            self.notes.add(line, f"{code} without DB: a set of directions begins with DB")
+            self.source.add(line, f"{code} without DB: a set of directions begins with DB")
         elif code == "DE":
             if words:
-                self.notes.add(line, f"DE takes no words, not {' '.join(words)[:40]!r}")
+                self.source.add(line, f"DE takes no words, not {' '.join(words)[:40]!r}")
             self.set_at = None
         elif not words or words[0] == self.set_at[0]:
-            self.notes.add(line, f"{code} takes the name of another station than that of the set")
+            self.source.add(line, f"{code} takes the name of another station than that of the set")
         else:
             self._observe(line, code, [self.set_at[0], words[0]], words[1:])
 
@@ -297,7 +300,7 @@ class _Reader:
         if flat and "vertical" in kinds:
             kinds.remove("vertical")
             if not kinds:
-                self.notes.add(line, f"{code} has no place among 2D data")
+                self.source.add(line, f"{code} has no place among 2D data")
                 return
         heights = [0.0, 0.0]
         if words and "/" in words[-1]:
@@ -307,7 +310,7 @@ class _Reader:
         n = len(kinds)
         if len(words) not in (n, 2 * n):
             what = f"{code} takes {', '.join(kinds)}, then no or {n} standard errors and HI/HT"
-            self.notes.add(line, f"{what}, not {len(words)} values")
+            self.source.add(line, f"{what}, not {len(words)} values")
             return
         errors: list[str | None] = [*words[n:]] or [None] * n
         given = {k: (v, s) for k, v, s in zip(kinds, words[:n], errors, strict=True)}
@@ -316,7 +319,7 @@ class _Reader:
         reverse = self._in_reverse(line, given)
         for kind, (text, error) in given.items():
             if text == "?":
-                self.notes.leave_out(line, VALUES_MISSING, f"{kind} {'-'.join(names)}")
+                self.source.leave_out(line, VALUES_MISSING, f"{kind} {'-'.join(names)}")
                 continue
             if kind in ("angle", "direction", "bearing"):
                 self._horizontal(line, kind, names, text, error, azimuth, reverse)
@@ -325,7 +328,7 @@ class _Reader:
             elif project != "2D":
                 self._vertical(line, ends, given, heights)
             elif "distance" not in given:
-                self.notes.leave_out(line, HEIGHTS_IN_2D, "-".join(names))
+                self.source.leave_out(line, HEIGHTS_IN_2D, "-".join(names))
 
     def _side_shot(self, line: int, names: list[str], words: list[str]) -> None:
         """Keep the observations of an SS line, and its target, apart from those of the network."""
@@ -392,7 +395,7 @@ class _Reader:
         elif flat:
             zenith = given.get("vertical", ("?", None))[0]
             if zenith == "?":
-                self.notes.add(line, "a slope distance needs its zenith angle in a 2D project")
+                self.source.add(line, "a slope distance needs its zenith angle in a 2D project")
                 return
             value *= math.sin(self.values.angle(line, zenith, "zenith angle"))
             self._add(line, HorizontalDistance, ends, abs(value), sigma)
@@ -443,9 +446,9 @@ class _Reader:
             return
         if heights:
             further |= {"instrument_height": heights[0], "target_height": heights[1]}
-        made = self.notes.attempt(
+        made = self.source.attempt(
             line,
-            lambda: kind(*names, value, sigma=sigma, source=self.notes.place(line), **further),
+            lambda: kind(*names, value, sigma=sigma, source=self.source.place(line), **further),
         )
         self.observations += [made] if made is not None else []
 
@@ -455,28 +458,28 @@ class _Reader:
         """Return the network; raise all problems."""
         if self.set_at is not None:
             what = f"the set of directions at {self.set_at[0]!r} has no end (DE)"
-            self.notes.add(self.set_begun, what)
+            self.source.add(self.set_begun, what)
         if self.traverse.stations is not None:
-            self.notes.add(self.traverse.begun, "the last traverse has no end (TE)")
-        if not self.points.points and not self.notes:
-            self.notes.add(1, "holds neither points nor observations")
+            self.source.add(self.traverse.begun, "the last traverse has no end (TE)")
+        if not self.points.points and not self.source.problems.count:
+            self.source.add(1, "holds neither points nor observations")
         adjustment = self.values.options.adjustment or "3D"
         others = self.observations
         self.observations = others + placed_side_shots(self.side_shots, self.points, others)
         self.vectors.check()
-        if self.system is not None and not self.notes:
-            set_grid_coordinates(self.points, self.system, self.notes)
+        if self.system is not None and not self.source.problems.count:
+            set_grid_coordinates(self.points, self.system, self.source)
             if adjustment == "2D":
                 self.values.demand(1, "elevation_of_project")
         self.values.note_missing()
-        self.notes.raise_all()
+        self.source.raise_all()
         read = StarNetContent(
             self.values.options,
             self.points,
             self.vectors,
             tuple(self.observations),
             self.refractions,
-            self.notes,
+            self.source,
         )
         if self.system is None:
             return local_network(read, adjustment)

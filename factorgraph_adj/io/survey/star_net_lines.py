@@ -10,7 +10,7 @@ from typing import Any
 from ...errors import known
 from ...stochastic_model import StandardDeviation
 from ...units import ARCSEC, GON
-from ..file_problems import SURVEY_NUMBER_PATTERN, LeftOutReason, SurveyProblems
+from ..source import LeftOutReason, Source
 from .star_net_options import (
     KILOMETRE_METRES,
     MILE_FEET,
@@ -50,6 +50,7 @@ DATA_TYPES = ("C", "E", *SIMPLE_DATA_TYPES, "L", "DB", "DE", "TB", "TE", *GRID_D
 ANGLE_DATA_TYPES = ("A", "M", "SS")
 """Data types whose stations are at, from and to."""
 DMS_PATTERN = re.compile(r"([+-]?)(\d+)-(\d+)(?:-(\d+(?:\.\d*)?))?", re.ASCII)
+PACKED_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)", re.ASCII)
 BEARING_PATTERN = re.compile(r"([NSns])(.+)([EWew])", re.ASCII)
 Sigma = float | StandardDeviation
 LINES_BEHIND_DATA_OFF = LeftOutReason("lines", "they stand behind .DATA OFF")
@@ -79,9 +80,9 @@ class Conventions:
 class StarNetValues:
     """Values of lines in the conventions in force, SI units."""
 
-    def __init__(self, notes: SurveyProblems, options: StarNetOptions) -> None:
+    def __init__(self, source: Source, options: StarNetOptions) -> None:
         """Start with the conventions of the project."""
-        self.notes = notes
+        self.source = source
         self.stated = options
         """Settings of the project, to which .INSTRUMENT without a name returns."""
         self.options = options
@@ -124,7 +125,7 @@ class StarNetValues:
         for name, line in self.missing.items():
             what = f"needs the setting {name!r} of the project, which data files do not have"
             words = " or ".join(repr(word) for word in SETTING_CHOICES.get(name, ()))
-            self.notes.add(line, f"{what}: state it in options{words and f', {words}'}")
+            self.source.add(line, f"{what}: state it in options{words and f', {words}'}")
 
     # -- values ---------------------------------------------------------------------------------
 
@@ -133,16 +134,16 @@ class StarNetValues:
         """Metres of the linear unit in force; 1 while it is not stated."""
         return STAR_NET_LINEAR_UNITS[(self.now.linear or "Meters").lower()] * self.now.multiplier
 
-    def length(self, line: int, text: str, what: str) -> float:
-        """Return a length, metres."""
+    def length(self, line: int, text: str, what: str, *, least: float = -math.inf) -> float:
+        """Return a length, metres, of ``least`` at least."""
         self.word(line, "linear", self.now.linear)
-        return self.notes.finite(line, text, what, self.metres)
+        return self.source.field(line, text, what).number(scale=self.metres, least=least)
 
     def angle(self, line: int, text: str, what: str) -> float:
         """Return an angle, radians: degrees-minutes-seconds, packed D.MMSSsss, or gons."""
         unit = self.word(line, "angular", self.now.angular)
         if unit == "GONS":
-            return self.notes.finite(line, text, what, GON)
+            return self.source.field(line, text, what).number(scale=GON)
         return self.degrees(line, text, what)
 
     def degrees(self, line: int, text: str, what: str) -> float:
@@ -150,7 +151,7 @@ class StarNetValues:
         match = DMS_PATTERN.fullmatch(text)
         if match is not None:
             sign, degrees, minutes, seconds = match[1], *(float(g or 0) for g in match.groups()[1:])
-        elif SURVEY_NUMBER_PATTERN.fullmatch(text) and "e" not in text.lower():
+        elif PACKED_PATTERN.fullmatch(text):
             sign, whole = "-" * text.startswith("-"), text.lstrip("+-")
             head, _, tail = whole.partition(".")
             tail = tail.ljust(4, "0")
@@ -158,10 +159,10 @@ class StarNetValues:
             seconds = float(f"{tail[2:4]}.{tail[4:]}")
         else:
             shown = f"{what} must be an angle, such as 102-34-12.5, not {text[:40]!r}"
-            self.notes.add(line, shown)
+            self.source.add(line, shown)
             return math.nan
         if minutes >= 60 or seconds >= 60.5 or degrees > 720:
-            self.notes.add(
+            self.source.add(
                 line,
                 f"{what}: {text[:40]!r} has 60 or more minutes or seconds, or is "
                 "no angle of a circle",
@@ -196,13 +197,10 @@ class StarNetValues:
             return HELD_ANGLE_SIGMA_RAD if angular else HELD_LENGTH_SIGMA_M
         if entered:
             scale = self._angular_error(line) if angular else self.metres
-            value = self.notes.finite(line, text or "", f"standard error of the {kind}", scale)
+            field = self.source.field(line, text, f"standard error of the {kind}")
+            value = field.number(scale=scale, least=0.0)
             if value == 0:
                 return HELD_ANGLE_SIGMA_RAD if angular else HELD_LENGTH_SIGMA_M
-            if not value > 0:
-                if value < 0:
-                    self.notes.add(line, f"standard error of the {kind} must be > 0, not {text}")
-                return math.nan
             return self._centred(line, kind, value, 0.0) if self.now.add_centring else value
         out = self._default(line, kind, angular, distance)
         if text != "*":
@@ -223,7 +221,7 @@ class StarNetValues:
         one = self.demand(line, "level") * metres
         factor = FREE_SIGMA_FACTOR if text == "*" else 1.0
         if size is None:
-            self.notes.add(
+            self.source.add(
                 line, "L needs the length of the line or its number of turns, or a standard error"
             )
             return math.nan, math.nan
@@ -250,7 +248,7 @@ class StarNetValues:
         constant *= o.metres
         if kind == "elevation":
             if ppm > 0 and distance is None:
-                self.notes.add(
+                self.source.add(
                     line,
                     "the default standard error grows with the distance, which "
                     "the line does not have: enter a standard error",
@@ -269,7 +267,7 @@ class StarNetValues:
         if any(math.isnan(v) for v in (constant, ppm, ci, ct)):
             return math.nan
         if not (constant > 0 or ppm > 0 or ci > 0 or ct > 0):
-            self.notes.add(line, f"the standard error of the {kind} is 0: state it in options")
+            self.source.add(line, f"the standard error of the {kind} is 0: state it in options")
             return math.nan
         if kind == "elevation":
             return math.hypot(constant, ci, ct)
@@ -289,11 +287,11 @@ def apply_inline_option(values: StarNetValues, line: int, words: list[str]) -> s
     ]
     if len(found) != 1:
         valid = known((*APPLIED_OPTIONS, *PRINTING_OPTIONS), meant=name, most=40)
-        values.notes.add(line, f"inline option {words[0]!r} is unknown; valid: {valid}")
+        values.source.add(line, f"inline option {words[0]!r} is unknown; valid: {valid}")
         return None
     option, rest = found[0], [w.upper() for w in words[1:]]
     if option in REFUSED_OPTIONS:
-        values.notes.add(line, f"inline option .{option} is not built: {REFUSED_OPTIONS[option]}")
+        values.source.add(line, f"inline option .{option} is not built: {REFUSED_OPTIONS[option]}")
         return None
     if option in APPLIED_OPTIONS:
         _apply_option(values, line, option, rest, words[1:])
@@ -356,7 +354,7 @@ def _apply_option(
                 now.linear = linear[0]
             else:
                 valid = "Meters, FeetUS, FeetInt, DMS, GONS"
-                values.notes.add(line, f".UNITS {said[:40]}: valid: {valid}")
+                values.source.add(line, f".UNITS {said[:40]}: valid: {valid}")
     elif option == "ORDER":
         for word, said in zip(rest, given, strict=True):
             if word in ("NE", "EN"):
@@ -364,12 +362,12 @@ def _apply_option(
             elif word in ("ATFROMTO", "FROMATTO"):
                 now.stations = "AtFromTo" if word.startswith("A") else "FromAtTo"
             else:
-                values.notes.add(line, f".ORDER {said}: valid: NE, EN, AtFromTo, FromAtTo")
+                values.source.add(line, f".ORDER {said}: valid: NE, EN, AtFromTo, FromAtTo")
         if not rest:
             now.order, now.stations = project.order, project.stations
     elif option in ("DELTA", "ADDCENTERING"):
         if rest not in (["ON"], ["OFF"], []):
-            values.notes.add(line, f".{option} must be ON or OFF, not {' '.join(given)!r}")
+            values.source.add(line, f".{option} must be ON or OFF, not {' '.join(given)!r}")
         elif option == "DELTA":
             on, off = "horizontal", "slope"
             now.distances = project.distances if not rest else on if rest == ["ON"] else off
@@ -378,12 +376,11 @@ def _apply_option(
     elif option == "SEPARATOR":
         now.separator = given[0] if given and len(given[0]) == 1 else "-"
     elif option == "MULTIPLIER":
-        now.multiplier = values.notes.finite(line, given[0], ".MULTIPLIER") if given else 1.0
-        if not now.multiplier > 0:
-            values.notes.add(line, f".MULTIPLIER must be > 0, not {given[0]!r}")
-            now.multiplier = 1.0
+        field = values.source.field(line, given[0] if given else None, ".MULTIPLIER")
+        number = field.number(above=0.0, default=1.0)
+        now.multiplier = 1.0 if math.isnan(number) else number
     elif option == "REFRACTION":
-        number = values.notes.finite(line, given[0], ".REFRACTION") if given else math.nan
+        number = values.source.field(line, given[0], ".REFRACTION").number() if given else math.nan
         now.refraction = number if given else project.refraction
     elif option == "INSTRUMENT":
         _apply_instrument(values, line, given)
@@ -391,10 +388,10 @@ def _apply_option(
         said = "".join(rest)
         signs = {"": project.longitude, "POS": "west positive", "NEG": "east positive"}
         if said[:3] not in signs:
-            values.notes.add(line, f".LONGITUDE {' '.join(given)}: valid: POS (west), NEG (west)")
+            values.source.add(line, f".LONGITUDE {' '.join(given)}: valid: POS (west), NEG (west)")
         now.longitude = signs.get(said[:3], project.longitude)
     elif option == "LWEIGHT" and given:
-        level = values.notes.finite(line, given[0], ".LWEIGHT")
+        level = values.source.field(line, given[0], ".LWEIGHT").number(above=0.0)
         if level > 0:
             values.options = replace(values.options, level=level)
 
@@ -407,7 +404,7 @@ def _apply_instrument(values: StarNetValues, line: int, given: list[str]) -> Non
     if errors is None:
         what = f".INSTRUMENT {given[0][:30]}: its standard errors are in the project of STAR*NET"
         valid = known(list(values.stated.instruments), meant=given[0]) or "none"
-        values.notes.add(line, f"{what}: state them in options, instruments; stated: {valid}")
+        values.source.add(line, f"{what}: state them in options, instruments; stated: {valid}")
         return
     changed: dict[str, Any] = {"level": level, **errors}
     values.options = replace(values.stated, **changed)

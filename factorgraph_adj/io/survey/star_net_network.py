@@ -16,7 +16,7 @@ from ...network.grid.conversion import from_grid
 from ...network.network import Network
 from ...observations import Observation
 from ...types import Array
-from ..file_problems import SurveyProblems
+from ..source import Source
 from .star_net_options import StarNetOptions
 from .star_net_points import StarNetPoint, StarNetPoints, StarNetVectors
 
@@ -35,7 +35,7 @@ class StarNetContent:
     """All observations besides the vectors."""
     refractions: Mapping[str, float]
     """Coefficient of refraction of STAR*NET by refraction group."""
-    notes: SurveyProblems
+    source: Source
     """Problems of the files, and rows that are left out."""
 
 
@@ -48,7 +48,8 @@ def local_network(read: StarNetContent, adjustment: str) -> Network:
     network = _points_network(read, adjustment, LocalFrame(radius=read.options.earth_radius), 0.0)
     for group, coefficient in read.refractions.items():
         network.set_refraction(group, value=2.0 * coefficient - 1.0, fixed=True)
-    _add_observations(network, read.observations, read.notes)
+    _add_observations(network, read.observations, read.source)
+    read.source.problems.finish(network)
     return network
 
 
@@ -64,12 +65,13 @@ def grid_network(
     network = _points_network(read, adjustment, LocalFrame(), height)
     for group, coefficient in read.refractions.items():
         network.set_refraction(group, value=2.0 * coefficient, fixed=True)
-    with _problems_with_point_lines(read.points, read.notes):
+    with _problems_with_point_lines(read.points, read.source):
         vectors = read.vectors.observations(lambda names: _station_horizons(network, system, names))
-    read.notes.raise_all()
-    _add_observations(network, [*read.observations, *vectors], read.notes)
-    sources = {("point", n): read.notes.place(p.line) for n, p in read.points.points.items()}
-    with _problems_with_point_lines(read.points, read.notes):
+    read.source.raise_all()
+    _add_observations(network, [*read.observations, *vectors], read.source)
+    read.source.problems.finish(network)
+    sources = {("point", n): read.source.place(p.line) for n, p in read.points.points.items()}
+    with _problems_with_point_lines(read.points, read.source):
         return from_grid(network, system, vectors="geocentric", sources=sources, **options)
 
 
@@ -78,19 +80,18 @@ def _points_network(
 ) -> Network:
     """Return the network of the points; those of a 2D project have the height, in metres."""
     held = read.points.anything_held(adjustment)
-    network = Network(read.notes.path.stem, frame=frame, datum="given" if held else "free")
-    network.left_out += read.notes.left.told().values()
+    network = Network(read.source.path.stem, frame=frame, datum="given" if held else "free")
     read.points.add_to(network, adjustment, height)
     return network
 
 
 def _add_observations(
-    network: Network, observations: Sequence[Observation], notes: SurveyProblems
+    network: Network, observations: Sequence[Observation], source: Source
 ) -> None:
     try:
         network.add(*observations)
     except InputError as error:
-        raise InputError([p.at(notes.path.name) for p in error.problems]) from None
+        raise InputError([p.at(source.path.name) for p in error.problems]) from None
 
 
 def star_net_grid_system(crs: ReferenceSystem | str, geoid: str | float | None) -> ReferenceSystem:
@@ -111,15 +112,13 @@ def star_net_grid_system(crs: ReferenceSystem | str, geoid: str | float | None) 
     return system
 
 
-def set_grid_coordinates(
-    points: StarNetPoints, system: ReferenceSystem, notes: SurveyProblems
-) -> None:
+def set_grid_coordinates(points: StarNetPoints, system: ReferenceSystem, source: Source) -> None:
     """Give points with latitude and longitude their grid coordinates, and all heights a geoid.
 
     Args:
         points: the points; they are changed.
         system: the reference system.
-        notes: gets the problems.
+        source: gets the problems.
     """
     geodetic = {n: p for n, p in points.points.items() if p.geodetic is not None}
     if geodetic:
@@ -127,7 +126,7 @@ def set_grid_coordinates(
         try:
             grid = _plan_of(system, at, list(geodetic))
         except InputError as error:
-            _note_point_problems(error, geodetic, notes)
+            _note_point_problems(error, geodetic, source)
             return
         for p, (east, north) in zip(geodetic.values(), grid.tolist(), strict=True):
             p.values[:2] = [east, north]
@@ -137,7 +136,7 @@ def set_grid_coordinates(
         for p in high.values():
             if not np.isfinite(p.values).all():
                 what = "an ellipsoidal height needs the plan coordinates of its point"
-                notes.add(p.line, f"{what}: C or P")
+                source.add(p.line, f"{what}: C or P")
         if not placed:
             return
         try:
@@ -145,7 +144,7 @@ def set_grid_coordinates(
             latitude, longitude, _ = system.chain.plan_geodetic(grid, list(placed))
             n = system.geoid_at(latitude, longitude, list(placed)).undulation
         except InputError as error:
-            _note_point_problems(error, placed, notes)
+            _note_point_problems(error, placed, source)
             return
         for p, undulation in zip(placed.values(), n.tolist(), strict=True):
             p.values[2] -= undulation
@@ -189,23 +188,23 @@ def _station_horizons(network: Network, system: ReferenceSystem, names: list[str
 
 
 @contextmanager
-def _problems_with_point_lines(points: StarNetPoints, notes: SurveyProblems) -> Iterator[None]:
+def _problems_with_point_lines(points: StarNetPoints, source: Source) -> Iterator[None]:
     """Put file and line before problems of points."""
     try:
         yield
     except InputError as error:
-        places = {f"point {n!r}": notes.place(p.line) for n, p in points.points.items()}
+        places = {f"point {n!r}": source.place(p.line) for n, p in points.points.items()}
         raise InputError(
-            p.at(places.get(p.where, notes.path.name)) if ":" not in p.where else p
+            p.at(places.get(p.where, source.path.name)) if ":" not in p.where else p
             for p in error.problems
         ) from None
 
 
 def _note_point_problems(
-    error: InputError, points: Mapping[str, StarNetPoint], notes: SurveyProblems
+    error: InputError, points: Mapping[str, StarNetPoint], source: Source
 ) -> None:
     """Note problems of points with the lines of these."""
     lines = {f"point {name!r}": p.line for name, p in points.items()}
     first = next(iter(points.values())).line
     for problem in error.problems:
-        notes.add(lines.get(problem.where, first), problem.what)
+        source.add(lines.get(problem.where, first), problem.what)

@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem, known
+from ...units import FOOT, US_SURVEY_FOOT
 from ..text_files import read_toml
 
-FEET_US, FEET = 1200.0 / 3937.0, 0.3048
 STAR_NET_LINEAR_UNITS = {
     "meters": 1.0,
-    "feetus": FEET_US,
-    "feetint": FEET,
-    "feetinternational": FEET,
-    "feet": FEET,
+    "feetus": US_SURVEY_FOOT,
+    "feetint": FOOT,
+    "feetinternational": FOOT,
+    "feet": FOOT,
 }
 """Metres of the linear units; ``Feet`` is the international foot."""
 MILE_FEET, KILOMETRE_METRES = 5280.0, 1000.0

@@ -26,7 +26,7 @@ import numpy as np
 from ...network.network import Network
 from ...observations import Azimuth, GnssVector, HorizontalAngle, Observation
 from ...types import Array
-from ..file_problems import SurveyProblems
+from ..source import Source, is_unread
 from .star_net_lines import BEARING_PATTERN, DMS_PATTERN, HELD_LENGTH_SIGMA_M, StarNetValues
 
 WEIGHT_FORMS = ("COVARIANCE", "STDERRCORRELATION", "STDERRORS")
@@ -80,9 +80,9 @@ class StarNetVector:
 class StarNetVectors:
     """The vectors of the files, and the options in force."""
 
-    def __init__(self, notes: SurveyProblems) -> None:
+    def __init__(self, source: Source) -> None:
         """Start without vectors."""
-        self.notes = notes
+        self.source = source
         self.vectors: list[StarNetVector] = []
         self.weight = "COVARIANCE"
         self.factors = (1.0, 1.0)
@@ -95,25 +95,24 @@ class StarNetVectors:
             if len(found) == 1:
                 self.weight = found[0]
                 return
-            self.notes.add(line, f".GPS WEIGHT {words[1][:30]}: valid: {', '.join(WEIGHT_FORMS)}")
+            self.source.add(line, f".GPS WEIGHT {words[1][:30]}: valid: {', '.join(WEIGHT_FORMS)}")
         elif word == "FACTOR" and (len(words) <= 2 or (len(words) == 4 and _vertical(words[2]))):
-            given = [self.notes.finite(line, w, "factor of .GPS") for w in words[1::2]] or [1.0]
-            if any(v <= 0 for v in given):
-                self.notes.add(line, f"factors of .GPS must be > 0, not {' '.join(words[1:])}")
-                return
-            self.factors = given[0], given[-1]
+            fields = [self.source.field(line, w, "factor of .GPS") for w in words[1::2] or ("1",)]
+            given = [f.number(above=0.0) for f in fields]
+            if not is_unread(*given):
+                self.factors = given[0], given[-1]
         elif word in REFUSED_GPS_OPTIONS:
-            self.notes.add(line, f".GPS {word} is not built: {REFUSED_GPS_OPTIONS[word]}")
+            self.source.add(line, f".GPS {word} is not built: {REFUSED_GPS_OPTIONS[word]}")
         else:
             shown = " ".join(words)[:40]
             valid = "WEIGHT with one word, FACTOR f, FACTOR f VERT v"
-            self.notes.add(line, f".GPS {shown} is unknown; valid: {valid}")
+            self.source.add(line, f".GPS {shown} is unknown; valid: {valid}")
 
     def vector(self, line: int, names: list[str], words: list[str]) -> None:
         """Begin a vector: the words of a G1 line behind its names."""
         if len(words) != 3:
-            self.notes.add(line, f"G1 takes From-To, ΔX, ΔY and ΔZ, not {len(words)} numbers")
-        value = [self.notes.finite(line, w, "component of G1") for w in words[:3]]
+            self.source.add(line, f"G1 takes From-To, ΔX, ΔY and ΔZ, not {len(words)} numbers")
+        value = [self.source.field(line, w, "component of G1").number() for w in words[:3]]
         self.vectors.append(
             StarNetVector(line, names, (value + [0.0] * 3)[:3], self.weight, self.factors)
         )
@@ -121,20 +120,21 @@ class StarNetVectors:
     def weights(self, line: int, code: str, words: list[str]) -> None:
         """Add a G2 or G3 line to the vector before it."""
         if not self.vectors or (self.vectors[-1].diagonal and code == "G2"):
-            self.notes.add(line, f"{code} without G1: it belongs to the vector before it")
+            self.source.add(line, f"{code} without G1: it belongs to the vector before it")
             return
         last = self.vectors[-1]
         if len(words) != 3:
-            self.notes.add(line, f"{code} takes three numbers, not {len(words)}")
+            self.source.add(line, f"{code} takes three numbers, not {len(words)}")
             return
-        numbers = [self.notes.finite(line, w, f"number of {code}") for w in words]
+        what = "covariance" if last.weight == "COVARIANCE" else "correlation"
         if code == "G2":
-            if any(v <= 0 for v in numbers):
-                what = "variances" if last.weight == "COVARIANCE" else "standard errors"
-                self.notes.add(line, f"{what} of G2 must be > 0, not {' '.join(words)}")
+            what = "variance" if last.weight == "COVARIANCE" else "standard error"
+        fields = [self.source.field(line, w, f"{what} of {code}") for w in words]
+        numbers = [f.number(above=0.0 if code == "G2" else -math.inf) for f in fields]
+        if code == "G2":
             last.diagonal = numbers
         elif last.corners or not last.diagonal:
-            self.notes.add(line, "G3 follows G2 of its vector")
+            self.source.add(line, "G3 follows G2 of its vector")
         else:
             last.corners = numbers
 
@@ -142,15 +142,15 @@ class StarNetVectors:
         """Note the vectors that lack a line, or whose covariance is none."""
         for v in self.vectors:
             if not v.diagonal:
-                self.notes.add(v.line, "the vector has no G2 line, its variances")
+                self.source.add(v.line, "the vector has no G2 line, its variances")
             elif not v.corners and v.weight != "STDERRORS":
                 what = f"the vector has no G3 line, which {v.weight} needs"
-                self.notes.add(v.line, f"{what}; valid without: .GPS WEIGHT STDERRORS")
+                self.source.add(v.line, f"{what}; valid without: .GPS WEIGHT STDERRORS")
             elif all(math.isfinite(n) for n in (*v.diagonal, *v.corners)):
                 values = np.linalg.eigvalsh(v.covariance())
                 if not values.min() > 0.0:
                     what = "G2 and G3 are no covariance: a combination has no positive variance"
-                    self.notes.add(v.line, what)
+                    self.source.add(v.line, what)
 
     def observations(self, horizon: Callable[[list[str]], Array]) -> list[GnssVector]:
         """Return the vectors with their covariances, geocentric.
@@ -167,13 +167,13 @@ class StarNetVectors:
             f, up = v.factors
             scale = e.T @ np.diag([f, f, up]) @ e
             covariance = scale @ v.covariance() @ scale
-            made = self.notes.attempt(
+            made = self.source.attempt(
                 v.line,
                 GnssVector,
                 *v.names,
                 tuple(v.value),
                 covariance=(covariance + covariance.T) / 2.0,
-                source=self.notes.place(v.line),
+                source=self.source.place(v.line),
             )
             if isinstance(made, GnssVector):
                 out.append(made)
@@ -215,7 +215,7 @@ class StarNetPoints:
     def use(self, line: int, *names: str) -> None:
         """Note points that a line observes."""
         for name in names:
-            if self.given.notes.name(line, name, "a point"):
+            if self.given.source.field(line, name, "point").name():
                 self.points.setdefault(name, StarNetPoint(line))
 
     def coordinates(self, line: int, words: list[str], code: str = "C") -> None:
@@ -240,10 +240,10 @@ class StarNetPoints:
         self._state(line, words, ["N", "E"] if flat else ["N", "E", "Z"], code)
 
     def _state(self, line: int, words: list[str], axes: list[str], code: str) -> None:
-        notes, n = self.given.notes, len(axes)
+        source, n = self.given.source, len(axes)
         if not n + 1 <= len(words) <= 2 * n + 1:
             what = f"{code} takes a name, {n} coordinates and up to {n} standard errors"
-            notes.add(line, f"{what}, not {len(words)} words")
+            source.add(line, f"{what}, not {len(words)} words")
             return
         self.use(line, words[0])
         point = self.points.get(words[0], StarNetPoint(line))
@@ -260,7 +260,7 @@ class StarNetPoints:
             value = self.given.length(line, words[1 + i], f"{code} {axis}")
             if abs(point.values[k] - value) > HELD_LENGTH_SIGMA_M:
                 what = f"{axis} of {words[0]!r} differs from that of line {point.line}"
-                notes.add(line, what)
+                source.add(line, what)
             point.values[k] = value
             point.sigmas[k] = self._sigma(line, text, f"{code} {axis}")
 
@@ -269,12 +269,14 @@ class StarNetPoints:
         longitude = self.given.degrees(line, words[2], "longitude")
         if not abs(latitude) <= math.pi / 2 or not abs(longitude) <= 2 * math.pi:
             if math.isfinite(latitude) and math.isfinite(longitude):
-                self.given.notes.add(line, "latitudes are within 90, longitudes within 360 degrees")
+                self.given.source.add(
+                    line, "latitudes are within 90, longitudes within 360 degrees"
+                )
             return
         sign = self.given.word(line, "longitude", self.given.now.longitude)
         at = latitude, -longitude if sign == "west positive" else longitude
         if point.geodetic is not None and at != point.geodetic:
-            self.given.notes.add(line, f"{words[0]!r} has another position in line {point.line}")
+            self.given.source.add(line, f"{words[0]!r} has another position in line {point.line}")
         point.geodetic = at
 
     def _sigma(self, line: int, text: str, what: str) -> float:
@@ -282,10 +284,7 @@ class StarNetPoints:
             return 0.0
         if text in ("*", "&"):
             return math.inf
-        value = self.given.length(line, text, f"standard error of {what}")
-        if value < 0:
-            self.given.notes.add(line, f"standard error of {what} must be ≥ 0, not {text}")
-        return value
+        return self.given.length(line, text, f"standard error of {what}", least=0.0)
 
     def add_to(self, network: Network, adjustment: str, elevation: float = 0.0) -> None:
         """Add the points: of a 2D project with z held at its elevation, of LEV with x, y held."""
@@ -396,20 +395,20 @@ class StarNetTraverse:
         """Read a TB, T or TE line."""
         if code == "TB":
             if self.stations is not None:
-                self.values.notes.add(line, "TB within a traverse: TE is missing")
+                self.values.source.add(line, "TB within a traverse: TE is missing")
             self.stations, self.backsight, self.pending, self.begun = [], None, None, line
             if len(words) != 1:
-                self.values.notes.add(line, "TB takes the backsight, a station or a bearing")
+                self.values.source.add(line, "TB takes the backsight, a station or a bearing")
             elif BEARING_PATTERN.fullmatch(words[0]) or DMS_PATTERN.fullmatch(words[0]):
                 self.backsight = self.values.bearing(line, words[0], "bearing of TB")
             else:
                 self.stations.append(words[0])
             return
         if self.stations is None:
-            self.values.notes.add(line, f"{code} without TB: a traverse begins with TB")
+            self.values.source.add(line, f"{code} without TB: a traverse begins with TB")
             return
         if not words:
-            self.values.notes.add(line, f"{code} takes the name of the station")
+            self.values.source.add(line, f"{code} takes the name of the station")
             return
         self._leg(words[0])
         self.stations.append(words[0])
@@ -426,7 +425,7 @@ class StarNetTraverse:
             return
         line, at, words = self.pending
         if to == at:
-            self.values.notes.add(line, f"T joins {at!r} to itself")
+            self.values.source.add(line, f"T joins {at!r} to itself")
         elif len(self.stations) > 1:
             self.observe(line, "T", [at, self.stations[-2], to], words)
         elif words:
@@ -437,7 +436,7 @@ class StarNetTraverse:
         """Observe the closing angle of a TE line."""
         at, back = words[0], (self.stations or ["", ""])[-2:][0]
         if len(words) not in (3, 4) or len(self.stations or []) < 2:
-            self.values.notes.add(
+            self.values.source.add(
                 line, "TE takes the station, and a closing angle with the foresight"
             )
             return
