@@ -31,7 +31,7 @@ from typing import Any
 
 from ...errors import InputError, Problem
 from ...files import read_bytes
-from ..file_problems import FileLines
+from ..source import TextSource
 
 _CREATE = re.compile(r'CREATE (MEMORY |CACHED |)TABLE (?:"?\w+"?\.)?"?(\w+)"?\s*\((.*)\)\s*;?\s*$')
 _COLUMN = re.compile(
@@ -96,7 +96,7 @@ def read_tables(path: Path, wanted: Collection[str]) -> dict[str, DatabaseTable]
     Raises:
         InputError: the files are damaged or missing, or statements wait in ``name.log``.
     """
-    lines = FileLines(path)
+    lines = TextSource(path)
     tables: dict[str, DatabaseTable] = {}
     roots: dict[str, tuple[int, list[int]]] = {}
     scale = 1
@@ -126,7 +126,7 @@ def read_tables(path: Path, wanted: Collection[str]) -> dict[str, DatabaseTable]
             lines.add(number, f"unknown table {name[:60]!r}")
     _refuse_pending_changes(path, lines)
     cached = {n: r for n, r in roots.items() if n in tables and tables[n].cached}
-    if cached and not lines.problems:
+    if cached and not lines.problems.count:
         _read_cached(path.with_suffix(".data"), tables, cached, scale, lines)
     lines.raise_all()
     return tables
@@ -149,7 +149,7 @@ def _columns(text: str) -> dict[str, str] | None:
     return out
 
 
-def _insert(lines: FileLines, number: int, table: DatabaseTable, text: str) -> None:
+def _insert(lines: TextSource, number: int, table: DatabaseTable, text: str) -> None:
     values: list[Any] = []
     at = 0
     while at <= len(text):
@@ -217,7 +217,7 @@ def _typed(kind: str, value: Any) -> Any:
     return value if type(value) is wanted else _LiteralError(value)
 
 
-def _refuse_pending_changes(path: Path, lines: FileLines) -> None:
+def _refuse_pending_changes(path: Path, lines: TextSource) -> None:
     log = path.with_suffix(".log")
     try:
         waiting = log.is_file() and log.stat().st_size > 0
@@ -278,7 +278,7 @@ def _read_cached(
     tables: dict[str, DatabaseTable],
     roots: dict[str, tuple[int, list[int]]],
     scale: int,
-    lines: FileLines,
+    lines: TextSource,
 ) -> None:
     try:
         data = read_bytes(path)

@@ -30,6 +30,7 @@ from ..file_transaction import write_files
 from ..format_limits import scalar_sigmas
 from ..format_reader import NetworkReader, Reader
 from ..numbers import write_quantity
+from ..source import Problems
 from .field_book import name_list
 from .jag3d_flat_files import (
     ESTIMATED_OPTIONS,
@@ -157,11 +158,11 @@ def read_jag3d(
     read = FlatFiles(flat_units(length, angle), parts, separate, estimated)
     files = flat_files(path)
     told = _kinds(files, dict(kinds or {}), read.problems)
-    untold = bool(read.problems)
+    untold = read.problems.count > 0
     for file, kind in told:
         read.read(file, kind)
     if untold:  # which points are unknown is not known without all files
-        raise InputError(read.problems)
+        read.problems.raise_all()
     name = Path(path).stem if isinstance(path, str | Path) else files[0].parent.name
     return as_network(
         name,
@@ -201,14 +202,15 @@ def _is_valid_sigma(value: object, zero: bool) -> bool:
 
 
 def _kinds(
-    files: Sequence[Path], stated: Mapping[str, str], problems: list[Problem]
+    files: Sequence[Path], stated: Mapping[str, str], problems: Problems
 ) -> list[tuple[Path, str]]:
     """Return the files with their kinds; problems are noted."""
     valid = ", ".join(FILE_KINDS)
     out = []
+    problems.files += [f.name for f in files]
     for name in stated:
         if name not in [f.name for f in files]:
-            problems.append(Problem(f"kinds names {name!r}, which is none of the files", name))
+            problems.wrong(f"kinds names {name!r}, which is none of the files", name)
     for file in files:
         kind = stated.get(file.name, flat_file_kind(file))
         if isinstance(kind, str) and kind not in FILE_KINDS:
@@ -218,9 +220,9 @@ def _kinds(
                 "its name does not tell what it holds: rename it, or state "
                 f"kinds = {{'{file.name}': KIND}}; valid: {valid}"
             )
-            problems.append(Problem(what, file.name))
+            problems.wrong(what, file.name)
         elif kind not in FILE_KINDS:
-            problems.append(Problem(f"unknown kind {kind!r}; valid: {valid}", file.name))
+            problems.wrong(f"unknown kind {kind!r}; valid: {valid}", file.name)
         else:
             out.append((file, kind))
     return out

@@ -33,7 +33,7 @@ from typing import TypeAlias, get_args
 
 from ...errors import InputError, Problem, known
 from ...units import ANGLE, LENGTH
-from ..file_problems import FileLines
+from ..source import Problems, TextSource, is_unread
 from .jag3d_model import (
     JAG3D_KINDS,
     NEUTRAL_VALUES,
@@ -165,17 +165,15 @@ class FlatFiles:
     """Groups of observations."""
     deflections: list[Deflection] = field(default_factory=list)
     """Deflections of the vertical."""
-    problems: list[Problem] = field(default_factory=list)
+    problems: Problems = field(default_factory=Problems)
     """Problems of all files."""
     end: str = ""
     """End of the last file, for what all files lack."""
 
     def read(self, path: Path, kind: str) -> None:
         """Read a file; its problems are noted."""
-        try:
-            lines = FileLines(path)
-        except InputError as error:
-            self.problems += error.problems
+        lines = self.problems.attempt(path.name, TextSource, path, self.problems)
+        if lines is None:
             return
         self.end = lines.place(0)
         if kind in POINT_KINDS:
@@ -192,12 +190,11 @@ class FlatFiles:
                     self.deflections.append(deflection)
         else:
             self._observations(lines, JAG3D_KINDS[kind])
-        self.problems += lines.problems
 
     # -- points -----------------------------------------------------------------------------------
 
     def _point(
-        self, lines: FileLines, number: int, words: list[str], status: PointStatus, dimension: int
+        self, lines: TextSource, number: int, words: list[str], status: PointStatus, dimension: int
     ) -> PointRow | None:
         v = _numbers(lines, number, words, 1, self.units.length, comma=True)
         if v is None:
@@ -209,7 +206,7 @@ class FlatFiles:
         return PointRow(words[0], status, dimension, yxz, sigma, lines.place(number))
 
     def _deflection(
-        self, lines: FileLines, number: int, words: list[str], status: str
+        self, lines: TextSource, number: int, words: list[str], status: str
     ) -> Deflection | None:
         v = _numbers(lines, number, words, 1, self.units.angle, comma=True)
         if v is None:
@@ -229,7 +226,7 @@ class FlatFiles:
 
     # -- observations -----------------------------------------------------------------------------
 
-    def _observations(self, lines: FileLines, kind: ObservationType) -> None:
+    def _observations(self, lines: TextSource, kind: ObservationType) -> None:
         read = self._vector if kind.axes else self._scalar
         rows: list[ObservationRow] = []
         for number, words in _words(lines, None):
@@ -264,7 +261,7 @@ class FlatFiles:
             )
 
     def _scalar(
-        self, lines: FileLines, number: int, words: list[str], kind: ObservationType
+        self, lines: TextSource, number: int, words: list[str], kind: ObservationType
     ) -> ObservationRow | None:
         unit = self.units.angle if kind.angle else self.units.length
         v = _numbers(lines, number, words, 2, 1.0)
@@ -298,7 +295,7 @@ class FlatFiles:
         return ObservationRow(words[0], words[1], (v[0] * unit,), (sigma,), place, ih, th, distance)
 
     def _vector(
-        self, lines: FileLines, number: int, words: list[str], kind: ObservationType
+        self, lines: TextSource, number: int, words: list[str], kind: ObservationType
     ) -> ObservationRow | None:
         v = _numbers(lines, number, words, 2, self.units.length)
         if v is None:
@@ -312,7 +309,7 @@ class FlatFiles:
 
 
 def _coordinates_and_sigmas(
-    lines: FileLines, number: int, v: list[float], dimension: int, what: str
+    lines: TextSource, number: int, v: list[float], dimension: int, what: str
 ) -> tuple[SigmaTriple, SigmaTriple] | None:
     """Return y, x, z and their σ of the numbers of a line; None with a problem."""
     forms = POINT_FORMS[dimension]
@@ -329,7 +326,7 @@ def _coordinates_and_sigmas(
     return (yxz[0], yxz[1], yxz[2]), (sigma[0], sigma[1], sigma[2])
 
 
-def _words(lines: FileLines, split: re.Pattern[str] | None) -> Iterable[tuple[int, list[str]]]:
+def _words(lines: TextSource, split: re.Pattern[str] | None) -> Iterable[tuple[int, list[str]]]:
     """Yield number and words of the lines that are neither empty nor comments."""
     for number, line in lines.numbered():
         text = line.strip()
@@ -343,7 +340,7 @@ def _words(lines: FileLines, split: re.Pattern[str] | None) -> Iterable[tuple[in
 
 
 def _numbers(
-    lines: FileLines,
+    lines: TextSource,
     number: int,
     words: list[str],
     first: int,
@@ -358,8 +355,9 @@ def _numbers(
             what = f"{word!r} has a comma: write a decimal point (JAG3D leaves commas out)"
             lines.add(number, what)
             return None
-        value = lines.number(number, f"word {k}", word.replace(",", ".") if comma else word)
-        if math.isnan(value):
+        text = word.replace(",", ".") if comma else word
+        value = lines.field(number, text, f"word {k}").number()
+        if is_unread(value):
             return None
         out.append(value * unit)
     return out

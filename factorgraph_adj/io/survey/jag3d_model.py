@@ -22,6 +22,7 @@ from ...frames import LocalFrame
 from ...network.network import Network
 from ...stochastic_model import StandardDeviation
 from ...units import GON
+from ..source import Problems
 
 PointStatus: TypeAlias = Literal["reference", "stochastic", "datum", "new"]
 POINT_STATUS_BY_NUMBER: dict[int, PointStatus] = {
@@ -231,7 +232,7 @@ class Conversion:
     """A network that is made of rows of JAG3D, and the problems found so far."""
 
     def __init__(
-        self, name: str, reduction: Reduction, point_sigma: float, problems: list[Problem]
+        self, name: str, reduction: Reduction, point_sigma: float, problems: Problems
     ) -> None:
         """Start with an empty network.
 
@@ -252,16 +253,11 @@ class Conversion:
 
     def refuse(self, what: str, source: str) -> None:
         """Note a problem."""
-        self.problems.append(Problem(what, source))
+        self.problems.wrong(what, source)
 
     def attempt(self, source: str, make: Callable[[], object]) -> None:
         """Call a function, and note the problems of its InputError."""
-        try:
-            make()
-        except InputError as error:
-            for p in error.problems:
-                where = p.where.removeprefix(source).removeprefix(": ")
-                self.refuse(f"{where}: {p.what}" if where else p.what, source)
+        self.problems.attempt(source, make)
 
     # -- points -----------------------------------------------------------------------------------
 

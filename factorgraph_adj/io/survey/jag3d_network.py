@@ -33,7 +33,7 @@ from ...observations import (
 )
 from ...rotation import log_rotation
 from ...stochastic_model import StandardDeviation
-from ..file_problems import MAX_LISTED_PROBLEMS
+from ..source import Problems
 from .jag3d_model import (
     DEFAULT_POINT_SIGMA_M,
     Conversion,
@@ -310,7 +310,7 @@ def as_network(
     deflections: Sequence[Deflection] = (),
     reduction: Reduction | None = None,
     point_sigma: float = DEFAULT_POINT_SIGMA_M,
-    problems: Sequence[Problem] = (),
+    problems: Problems | None = None,
     where: str,
 ) -> Network:
     """Return the network of groups of points and observations.
@@ -323,23 +323,20 @@ def as_network(
         deflections: deflections of the vertical.
         reduction: reductions that JAG3D applies.
         point_sigma: σ of stochastic points that state none, metres.
-        problems: problems found so far.
+        problems: collection with the problems found so far.
         where: names of the files, for what concerns all of them.
 
     Raises:
         InputError: all problems.
     """
-    made = Conversion(name, reduction or Reduction(), point_sigma, list(problems))
+    made = Conversion(name, reduction or Reduction(), point_sigma, problems or Problems())
     made.add_points(points)
     made.add_deflections(deflections)
     for group in groups:
         _add_group(made, group)
-    if not made.problems and not made.network.points:
-        made.problems.append(Problem("there are no points", where))
-    if made.problems:
-        rest = len(made.problems) - MAX_LISTED_PROBLEMS
-        more = [Problem(f"and {rest} further problems", where)] if rest > 0 else []
-        raise InputError([*made.problems[:MAX_LISTED_PROBLEMS], *more])
+    if not made.problems.count and not made.network.points:
+        made.problems.wrong("there are no points", where)
+    made.problems.raise_all()
     return made.network
 
 
@@ -351,9 +348,9 @@ def _add_group(made: Conversion, group: ObservationGroup) -> None:
         made.refuse(what, group.source)
         return
     make = OBSERVATION_FUNCTIONS[group.kind.name]
-    before = len(made.problems)
+    before = made.problems.count
     PARAMETER_FUNCTIONS[group.kind.name](made, group)
-    if len(made.problems) > before:
+    if made.problems.count > before:
         return
     for row in group.rows:
         if _has_valid_ends(made, group, row):

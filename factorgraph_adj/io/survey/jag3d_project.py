@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 
 from ...errors import InputError, Problem
 from ...network.network import Network
-from ..file_problems import ROWS_SWITCHED_OFF, LeftOutReason, RowsLeftOut
+from ..source import ROWS_SWITCHED_OFF, LeftOutReason, Problems
 from ..text_files import file_beginning, last_line_number, read_text
 from .hsqldb import DatabaseRow as TableRow
 from .hsqldb import DatabaseTable, read_tables
@@ -122,9 +122,8 @@ def point_pairs(path: str | Path) -> dict[str, str]:
         second = str(tables.get(row, "end_point_name", ""))
         if out.setdefault(first, second) != second:
             what = f"point {first!r} is compared with {out[first]!r} and {second!r}"
-            tables.problems.append(Problem(what, row.source))
-    if tables.problems:
-        raise InputError(tables.problems)
+            tables.problems.wrong(what, row.source)
+    tables.problems.raise_all()
     return out
 
 
@@ -132,7 +131,7 @@ class _Tables:
     def __init__(self, path: Path, tables: Mapping[str, DatabaseTable]) -> None:
         self.path = path
         self.tables = tables
-        self.problems: list[Problem] = []
+        self.problems = Problems()
 
     def rows(self, name: str) -> Iterable[TableRow]:
         """Return the rows of a table that are switched on, in the order of their ids."""
@@ -146,7 +145,7 @@ class _Tables:
         """Return a value of a row; note a problem where it is missing or not finite."""
         value = row.values.get(column, default)
         if value is None or (isinstance(value, float) and not abs(value) < 1e9):
-            self.problems.append(Problem(f"{column} is {value}", row.source))
+            self.problems.wrong(f"{column} is {value}", row.source)
             return 0 if default is None else default
         return value
 
@@ -187,12 +186,12 @@ class _Tables:
         )
         used = {p.source for p in points} | {r.source for g in groups for r in g.rows}
         used |= {d.source for d in deflections if d.name in known}
-        network.left_out += self._left_out(used, epoch).told().values()
+        self._leave_out(used, epoch)
+        self.problems.finish(network)
         return network
 
-    def _left_out(self, used: set[str], epoch: EpochChoice) -> RowsLeftOut:
-        """Return the points, observations and deflections whose rows are not used."""
-        left = RowsLeftOut()
+    def _leave_out(self, used: set[str], epoch: EpochChoice) -> None:
+        """Leave out the points, observations and deflections whose rows are not used."""
         other = {
             group.values.get("id")
             for group in self.rows("ObservationGroup")
@@ -205,8 +204,8 @@ class _Tables:
                 of_other = table in OBSERVATION_TABLES and row.values.get("group_id") in other
                 names = (row.values.get(c) for c in ("name", "start_point_name", "end_point_name"))
                 why = OBSERVATIONS_OF_OTHER_EPOCH if of_other else ROWS_SWITCHED_OFF
-                left.add(why, " ".join(str(n) for n in names if n), row.source)
-        return left
+                name = " ".join(str(n) for n in names if n)
+                self.problems.leave_out(why, name, row.source)
 
     def _all(self, name: str) -> list[TableRow]:
         table = self.tables.get(name)
@@ -226,9 +225,9 @@ class _Tables:
                     "were measured (write flat files without reductions), and state the reference "
                     "system with fga.from_grid"
                 )
-                self.problems.append(Problem(what, row.source))
+                self.problems.wrong(what, row.source)
             if not (0 < minor <= major):
-                self.problems.append(Problem(f"axes {major}, {minor} of an ellipsoid", row.source))
+                self.problems.wrong(f"axes {major}, {minor} of an ellipsoid", row.source)
                 continue
             return Reduction(
                 gaussian_radius(major, minor, latitude),
@@ -249,7 +248,7 @@ class _Tables:
             dimension = self.get(groups[number], "dimension")
             if status is None or dimension not in (1, 2, 3):
                 what = f"type or dimension {dimension} is not one of JAG3D"
-                self.problems.append(Problem(what, groups[number].source))
+                self.problems.wrong(what, groups[number].source)
                 continue
             sigma = [
                 own
@@ -277,7 +276,7 @@ class _Tables:
             kind = JAG3D_KIND_BY_NUMBER.get(self.get(group, "type"))
             if kind is None:
                 what = f"observations of type {group.values.get('type')} are not known"
-                self.problems.append(Problem(what, group.source))
+                self.problems.wrong(what, group.source)
             elif epoch == "both" or self.get(group, "reference_epoch", True) == (
                 epoch == "reference"
             ):
@@ -292,7 +291,7 @@ class _Tables:
             name = PARAMETER_BY_NUMBER.get(self.get(row, "type"))
             if name is None:
                 what = f"additional parameter of type {row.values.get('type')} is not known"
-                self.problems.append(Problem(what, row.source))
+                self.problems.wrong(what, row.source)
                 continue
             extra = GroupParameter(
                 float(self.get(row, "value_0", 0.0)), row.values.get("enable") is True

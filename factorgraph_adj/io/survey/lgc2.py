@@ -16,7 +16,6 @@ Format: CERN, LGC2 user guide; what its documents leave open was found from its 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -24,19 +23,17 @@ from pathlib import Path
 import numpy as np
 
 from ... import observations as o
-from ...errors import InputError
 from ...network.network import Network
 from ...rotation import exp_rotation
 from ...stochastic_model import StandardDeviation
 from ...types import Array
 from ...units import CC, GON
-from ..file_problems import FileLines
 from ..format_reader import NetworkReader, Reader
+from ..source import TextSource
 from .lgc2_frames import Lgc2Builder, rotation_components
 from .lgc2_input import InputWords, Lgc2Input, ObservationBlock, frame_rotation
 
 MM = 1e-3
-_PLACE = re.compile(r"[^:]*:(\d+)(?:: |$)")
 """File and line in front of a place."""
 MAX_WORDS_BY_KEYWORD = {
     **{"TSTN": 3, "ECTH": 4, "ECVE": 2, "OBSXYZ": 0, "INCLY": 1, "ROLLY": 1},
@@ -81,18 +78,12 @@ class Lgc2Observations:
     def add_all(self) -> None:
         """Add all blocks; problems are noted in the file, the first one of each block."""
         for block in self.found.blocks:
-            try:
+            with self.found.file.problems.at(self.found.file.place(block.head.line)):
                 most = MAX_WORDS_BY_KEYWORD.get(block.key)
                 if most is not None and len(block.head.words) > most:
                     behind = " ".join(block.head.words[most:])
                     block.head.wrong(f"words behind *{block.key} are not read: {behind[:60]!r}")
                 self.readers[block.key](block)
-            except InputError as error:
-                for p in error.problems:
-                    place = _PLACE.match(p.where)
-                    line = int(place[1]) if place else block.head.line
-                    where = p.where[place.end() :] if place else p.where
-                    self.found.file.add(line, f"{where}: {p.what}" if where else p.what)
 
     # -- instruments and points -------------------------------------------------------------------
 
@@ -474,7 +465,7 @@ def read_lgc2(path: str | Path, *, condition: float = CONDITION_SIGMA_M) -> Netw
         InputError: every problem of the file, each with its line: words that are not understood,
             unknown instruments, free frames in free frames, frames with a scale.
     """
-    file = FileLines(path, latin=True)
+    file = TextSource(path, code_page="cp1252")
     found = Lgc2Input(file)
     if not found.points:
         file.add(0, "has no points (*CALA, *POIN, *VXY, *VXZ, *VZ)")
@@ -483,7 +474,7 @@ def read_lgc2(path: str | Path, *, condition: float = CONDITION_SIGMA_M) -> Netw
     builder.frames_and_points()
     file.raise_all()
     Lgc2Observations(builder).add_all()
-    file.raise_all()
+    file.problems.finish(builder.network)
     return builder.network
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import InputError
 from ...frames import LocalFrame
 from ...network.network import Network
 from ...observations import FrameCoordinate, HydrostaticReading
@@ -33,14 +32,12 @@ class Lgc2Builder:
                 self._attempt_frame(node, outer)
             elif node.free and not node.joined:
                 self._attempt_frame(node, None)
-        if self.found.file.problems:
+        file = self.found.file
+        if file.problems.count:
             return
         for point in self.found.points.values():
-            try:
+            with file.problems.at(file.place(point.row.line)):
                 self._point(point)
-            except InputError as error:
-                for p in error.problems:
-                    self.found.file.add(point.row.line, p.what)
 
     def place(self, point: StatedPoint) -> Array:
         """Return the given or approximate place of a point, (3,)."""
@@ -49,14 +46,11 @@ class Lgc2Builder:
 
     def _attempt_frame(self, node: FrameNode, outer: FrameNode | None) -> None:
         line = 0 if node.row is None else node.row.line
-        try:
+        with self.found.file.problems.at(self.found.file.place(line)):
             if outer is not None:
                 node.wrong(f"is free in the free frame {outer.name}, which is not read")
             inner = [n for n in self.found.nodes if n.joined and n.parent is node]
             self._free(node, inner)
-        except InputError as error:
-            for p in error.problems:
-                self.found.file.add(line, p.what)
 
     def _free(self, node: FrameNode, inner: list[FrameNode]) -> None:
         """State a free frame, whose origin is a point, with what is held of its translation."""

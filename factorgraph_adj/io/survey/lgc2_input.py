@@ -20,7 +20,8 @@ from ...frames import LocalFrame
 from ...rotation import exp_rotation
 from ...types import Array
 from ...units import GON
-from ..file_problems import MAX_FILE_NUMBER, FileLines, parse_number
+from ..numbers import NUMBER_PATTERN
+from ..source import Problems, TextSource
 
 CERN_ORIGIN = np.array([2000.0, 2097.79265, 2433.66])
 """Origin of the cartesian system at CERN, metres."""
@@ -121,7 +122,7 @@ MAX_FRAME_DEPTH = 50
 class InputWords:
     """The words of a line, or a part of them; every method raises InputError with the line."""
 
-    def __init__(self, file: FileLines, line: int, words: list[str]) -> None:
+    def __init__(self, file: TextSource, line: int, words: list[str]) -> None:
         """Take the words of a line."""
         self.file = file
         self.line = line
@@ -138,11 +139,10 @@ class InputWords:
         return self.words[at]
 
     def number(self, at: int, name: str = "a number") -> float:
-        """Return a word as a number of moderate size."""
-        text = self.word(at, name)
-        value = parse_number(text)
-        if not abs(value) <= MAX_FILE_NUMBER:
-            self.wrong(f"{name} must be a number up to {MAX_FILE_NUMBER:g}, not {text[:40]!r}")
+        """Return a word as a number."""
+        problems = Problems()
+        value = problems.field(self.word(at, name), name, self.file.place(self.line)).number()
+        problems.raise_all()
         return value
 
     def numbers(self, begin: int, count: int, name: str = "a number") -> list[float]:
@@ -246,7 +246,7 @@ def frame_rotation(omega: float, phi: float, kappa: float) -> Array:
 class Lgc2Input:
     """Everything that an input says."""
 
-    file: FileLines
+    file: TextSource
     """The file."""
     earth: EarthModel = field(default_factory=lambda: EarthModel("OLOC"))
     """Model of the earth."""
@@ -280,7 +280,7 @@ class Lgc2Input:
                         before = self._section or "WORD"
                         row.wrong(f"the line does not belong to *{before} before it")
             except InputError as error:
-                self.file.problems += error.problems
+                self.file.problems.extend(error.problems)
         if self._node is not self.root:
             line = 0 if self._node.row is None else self._node.row.line
             self.file.add(line, f"frame {self._node.name} has no *ENDFRAME")
@@ -328,7 +328,7 @@ class Lgc2Input:
         elif key in STATION_BLOCKS or key in SINGLE_BLOCKS:
             at_station = key in STATION_BLOCKS
             if key == "ECSP" and len(rest.words) == 3:
-                at_station = not math.isnan(parse_number(rest.words[0]))
+                at_station = NUMBER_PATTERN.fullmatch(rest.words[0]) is not None
             if at_station:
                 if len(self._station.words) < 2:
                     row.wrong(f"*{key} needs a station with an instrument before it")
@@ -369,7 +369,7 @@ class Lgc2Input:
             node.rotation = frame_rotation(*(a * GON for a in t[3:]))
             node.translation, node.free = np.array(t[:3]), free
         except InputError as error:
-            self.file.problems += error.problems
+            self.file.problems.extend(error.problems)
         self.nodes.append(node)
         return node
 

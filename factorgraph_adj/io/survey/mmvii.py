@@ -26,8 +26,8 @@ from ...observations import (
     ZenithAngle,
 )
 from ...units import GON, LENGTH
-from ..file_problems import ROWS_SWITCHED_OFF, FileLines
 from ..format_reader import NetworkReader, Reader
+from ..source import ROWS_SWITCHED_OFF, Problems, TextSource, is_unread
 from ..text_files import file_beginning
 
 ORIENTATION_STATUS_LINES = ("#FIX", "#VERT", "#BASC", "#NEW")
@@ -91,22 +91,14 @@ def read_mmvii(
     network = Network(source.stem, frame=_frame(latitude, longitude))
     if latitude is not None:
         network.set_refraction(value=MMVII_REFRACTION, fixed=True)
-    lines = FileLines(given, latin=True)
+    problems = Problems()
+    lines = TextSource(given, problems, code_page="cp1252")
     for number, words in _words(lines):
         _point(network, lines, number, words, sigma_mm * LENGTH["mm"], approximate)
-    observed = FileLines(source, latin=True)
-    _Observations(network, observed).read()
-    problems: list[Problem] = []
-    for file in (lines, observed):
-        try:
-            file.raise_all()
-        except InputError as error:
-            problems += error.problems
-    if not problems and not network.points:
-        problems.append(Problem("has no points", lines.place(0)))
-    if problems:
-        raise InputError(problems)
-    network.left_out += observed.left.told().values()
+    _Observations(network, TextSource(source, problems, code_page="cp1252")).read()
+    if not problems.count and not network.points:
+        lines.add(0, "has no points")
+    problems.finish(network)
     return network
 
 
@@ -133,14 +125,14 @@ def _frame(latitude: float | None, longitude: float) -> Frame:
     return TopocentricFrame(math.radians(latitude), math.radians(longitude), 0.0, "WGS84")
 
 
-def _words(lines: FileLines) -> list[tuple[int, list[str]]]:
+def _words(lines: TextSource) -> list[tuple[int, list[str]]]:
     found = ((n, line.partition("*")[0].split()) for n, line in lines.numbered())
     return [(n, words) for n, words in found if words]
 
 
 def _point(
     network: Network,
-    lines: FileLines,
+    lines: TextSource,
     number: int,
     words: list[str],
     sigma: float,
@@ -149,8 +141,9 @@ def _point(
     if len(words) != 5 or words[0] not in ("0", "1"):
         lines.add(number, "a point has 0 (free) or 1 (given), name, X, Y, Z")
         return
-    xyz = [lines.number(number, axis, w) for axis, w in zip("XYZ", words[2:], strict=True)]
-    if any(math.isnan(v) for v in xyz):
+    fields = (lines.field(number, w, axis) for axis, w in zip("XYZ", words[2:], strict=True))
+    xyz = [f.number() for f in fields]
+    if is_unread(*xyz):
         return
     name, at = words[1], (xyz[0], xyz[1], xyz[2])
     fixed = words[0] == "1"
@@ -167,7 +160,7 @@ def _point(
 @dataclass
 class _Observations:
     network: Network
-    lines: FileLines
+    lines: TextSource
     status: str = "#VERT"
 
     def __post_init__(self) -> None:
@@ -212,9 +205,9 @@ class _Observations:
             what = f"unknown code {code[:20]!r}; valid: 3, 4, 5, 6, 7, 14, 15, 16"
             self.lines.add(number, what)
             return
-        value = self.lines.number(number, "the value", words[3])
-        sigma = self.lines.number(number, "σ", words[4])
-        if math.isnan(value) or math.isnan(sigma) or self.status == "#BASC":
+        value = self.lines.field(number, words[3], "value").number()
+        sigma = self.lines.field(number, words[4], "σ").number()
+        if is_unread(value, sigma) or self.status == "#BASC":
             return
         if sigma < 0:
             self.lines.leave_out(number, ROWS_SWITCHED_OFF, " ".join(words[:3]))

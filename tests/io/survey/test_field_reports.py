@@ -8,6 +8,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.units import ARCSEC
 from tests.io.survey import field_files
 
 FULL = """\
@@ -91,3 +92,42 @@ def test_the_remark_on_a_code_page_is_in_the_report_and_the_results(tmp_path):
     assert said in " ".join(fga.protocol(solution).split())
     fga.write_results(solution, tmp_path / "results.json")
     assert said in (tmp_path / "results.json").read_text(encoding="utf-8")
+
+
+STAR_NET = """\
+# Copyright {sign} 2024
+.UNITS Meters DMS
+.3D
+.ORDER EN
+C A 0 0 100 {three}
+C B 200 20 104 ! ! !
+DB S
+DM A 10-00-00.0 100.0000 90-00-00.0 {errors} 1.600/1.600
+DM B 110-00-00.0 173.0000 89-00-00.0 {errors} 1.600/1.600
+DE
+"""
+SETTINGS = {
+    **{"adjustment": "3D", "linear": "Meters", "angular": "DMS", "order": "EN"},
+    **{"stations": "AtFromTo", "distances": "slope", "direction": 5.0, "zenith": 8.0},
+    **{"distance": 0.003, "distance_ppm": 2.0, "refraction": 0.07},
+    **{"centring_instrument": 0.001, "centring_target": 0.001, "centring_vertical": 0.001},
+}
+
+
+def test_codes_of_standard_errors_are_read_without_blanks_between(tmp_path):
+    apart, joined = (
+        read(tmp_path, "a.dat", STAR_NET.format(sign="", three=three, errors=errors),
+             options=SETTINGS)
+        for three, errors in (("! ! !", "& & *"), ("!!!", "&&*"))
+    )  # fmt: skip
+    assert joined.points["A"].held == apart.points["A"].held == "xyz"
+    assert joined.observations == apart.observations
+    zeniths = [o for o in joined.observations.values() if isinstance(o, fga.ZenithAngle)]
+    assert all(o.sigma.constant > 1e4 * 7 * ARCSEC for o in zeniths)  # free
+
+
+def test_a_sign_in_a_comment_of_star_net_is_no_problem(tmp_path):
+    text = STAR_NET.format(sign="\xa9", three="!!!", errors="")
+    network = read(tmp_path, "a.dat", text, "cp1252", options=SETTINGS)
+    assert network.remarks == ["1 line is not UTF-8: read as Windows-1252; first in a.dat:1"]
+    assert len(network.observations) == 6

@@ -490,9 +490,9 @@ TRAPS = {
     "P Q 12,345\n": "has a comma: write a decimal point",
     "P P 12.3\n": "joins 'P' to itself",
     "P Q\n": "a station, a target and numbers",
-    "P Q 1.5 1.5 12.3 0.001 remark\n": "word 7 must be a number",
+    "P Q 1.5 1.5 12.3 0.001 remark\n": "word 7: 'remark' is not a number",
     "P Q 1 2 3 4 5\n": "at most 6 words",
-    "P Q nan\n": "word 3 must be a number",
+    "P Q nan\n": "word 3: 'nan' is not a finite number",
     "P Q 12.3 -0.001\n": "must not be negative",
     "P X 12.3\n": "unknown point 'X'",
     "P Q -5\n": "negative",
@@ -502,7 +502,7 @@ POINT_TRAPS = {
     "P 1 2\n": "has 3 or 4 or 5 or 6 numbers, not 2",
     "P 1 2 3 0.1 0 0.1\n": "must be > 0",
     "P 1 2 3\nP 1 2 3\n": "stands in new_points_3d.txt:1 already",
-    "P 1 2 x\n": "word 4 must be a number",
+    "P 1 2 x\n": "word 4: 'x' is not a number",
     f"{'P' * 300} 1 2 3\n": "more than 256 characters",
 }
 

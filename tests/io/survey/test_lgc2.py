@@ -70,7 +70,7 @@ def test_points_and_observations_have_what_their_blocks_say(tmp_path: Path) -> N
     [
         ("*OLOC", "*RS2K", "net.lgc2:3: *RS2K: the grid of the geoid of 2000 is not here"),
         ("*ZEND", "*ZENT", "net.lgc2:22: *ZENT is not understood"),
-        ("C 99.3", "C 99,3", "net.lgc2:23: the reading must be a number"),
+        ("C 99.3", "C 99,3", "net.lgc2:23: the reading: '99,3' is not a number; write a"),
         ("C 99.3", "X 99.3", "net.lgc2:23: unknown point 'X'"),
         ("C 99.3", "C 99.3 OBSE 3", "net.lgc2:23: options 'OBSE 3' are not read"),
         ("*TSTN A T", "*TSTN A U", "unknown instrument 'U'; known: T, R"),
@@ -81,7 +81,7 @@ def test_points_and_observations_have_what_their_blocks_say(tmp_path: Path) -> N
         ("*POIN", "*ENDFRAME\n*POIN", "*ENDFRAME ends no frame"),
         ("*VXY", "*FRAME F 0 0 0 0 0 0 1 TX\n*FRAME G 1 0 0 0 0 0 1 TX\n*POIN",
          "is free in the free frame F"),
-        ("B 100.0\n", "B 100.0\nC 1e99\n", "net.lgc2:20: the reading must be a number up to 1e+09"),
+        ("B 100.0\n", "B 100.0\nC 1e99\n", "net.lgc2:20: the reading must be at most 1e+12"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_told_with_its_line(

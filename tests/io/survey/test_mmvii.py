@@ -72,7 +72,7 @@ def test_a_tangent_frame_has_curvature_and_refraction(tmp_path):
         ("#TILT", "valid: #FIX, #VERT, #BASC, #NEW"),
         ("#BASC", "stations without a vertical"),
         ("14 A B 1 0.1", "needs #FIX before it"),
-        ("3 A B 1,5 0.1", "the value must be a number"),
+        ("3 A B 1,5 0.1", "value: '1,5' is not a number; write a decimal point"),
     ],
 )
 def test_what_is_not_understood_is_refused_with_its_line(tmp_path, line, said):

@@ -204,7 +204,10 @@ def test_further_files_go_on_with_lines_of_their_own(tmp_path: Path) -> None:
         ("G1 A-B 1 2 3", "job.dat:1: the vector has no G2 line"),
         ("G1 A-B 1 2 3\nG2 1 1 1", "has no G3 line, which COVARIANCE needs"),
         ("G1 A-B 1 2 3\nG2 1 1 1\nG3 2 0 0", "are no covariance"),
-        ("G1 A-B 1 2 3\nG2 1 0 1\nG3 0 0 0", "job.dat:2: variance of G2 must be greater than zero, not 0"),
+        (
+            "G1 A-B 1 2 3\nG2 1 0 1\nG3 0 0 0",
+            "job.dat:2: variance of G2 must be greater than zero, not 0",
+        ),
         ("G2 1 1 1", "job.dat:1: G2 without G1"),
         ("G1 A-B 1 2 3\nG3 0 0 0", "job.dat:2: G3 follows G2"),
         (".GPS WEIGHT HEAVY", "valid: COVARIANCE, STDERRCORRELATION, STDERRORS"),
