@@ -19,10 +19,6 @@ ANGLE: dict[str, float] = {
 }
 """Radians in one unit of angle; ``dms`` (degrees-minutes-seconds) is read by `parse_angle`."""
 
-FOOT = 0.3048
-"""International foot, metres."""
-US_SURVEY_FOOT = 1200.0 / 3937.0
-"""Foot of surveys in the United States, metres."""
 LENGTH: dict[str, float] = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "km": 1e3}
 """Metres in one unit of length."""
 FOOT, US_SURVEY_FOOT = 0.3048, 1200.0 / 3937.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,7 +19,6 @@ from ..files import (
     SPARE_ELEMENTS,
     read_pieces,
 )
-from .file_problems import SurveyProblems
 from .text_files import file_beginning
 
 MAX_SHARED_VALUES = 100_000
@@ -222,36 +220,6 @@ def text_at(element: Element, *tags: str) -> str:
     return "" if found is None else found.text.strip()
 
 
-def number_at(
-    notes: SurveyProblems, element: Element, *tags: str, scale: float = 1.0
-) -> float | None:
-    """Return the number at the end of a path of tags; None where it is absent or empty."""
-    found = element_at(element, *tags)
-    text = "" if found is None else found.text.strip()
-    if found is None or not text:
-        return None
-    return notes.finite(found.line, text, f"<{found.tag}>", scale)
-
-
-def attribute_number(
-    notes: SurveyProblems, element: Element, name: str, scale: float = 1.0
-) -> float | None:
-    """Return the number in an attribute; None where it is absent or empty."""
-    text = element.attributes.get(name, "")
-    return notes.finite(element.line, text, name, scale) if text else None
-
-
-def root_with_tag(path: Path, tag: str) -> Element | None:
-    """Return the root of a file if it has a tag; otherwise None."""
-    root = read_xml(path)
-    return root if root.tag == tag else None
-
-
 def begins_with_element(path: Path, tag: bytes) -> bool:
     """Return whether an element is named at the beginning of an XML file."""
     return b"<" + tag in file_beginning(path)
-
-
-def nan_for_none(value: float | None) -> float:
-    """Return a number, NaN for None."""
-    return math.nan if value is None else value
