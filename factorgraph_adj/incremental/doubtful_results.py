@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import known
 from ..graph.dependence import Variable
 from ..ledger.candidates import Candidates, NothingKnown, known_in
 from ..ledger.ledger import Ledger
@@ -205,6 +206,4 @@ def _fitting_without(
 
 def _listed(ids: list[str]) -> str:
     """Return ids, the first of many."""
-    more = len(ids) - MAX_OBSERVATIONS_NAMED
-    shown = ", ".join(map(repr, ids[:MAX_OBSERVATIONS_NAMED]))
-    return f"{shown} and {more} more" if more > 0 else shown
+    return known(map(repr, ids), most=MAX_OBSERVATIONS_NAMED)

@@ -17,7 +17,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..errors import AdjustmentError, InputError
+from ..errors import AdjustmentError, InputError, known
 from ..graph.dependence import Variable
 from ..ledger.candidates import Candidates, known_in
 from ..ledger.ledger import Ledger
@@ -482,11 +482,10 @@ def _why_no_solution(candidates: Candidates) -> str:
     given = [name for name in touched if name in points and all(points[name].fixed)]
     if spare <= 0 or not given:
         return TOO_WEAK
-    listed = ", ".join(map(repr, given[:MAX_GIVEN_POINTS_NAMED]))
-    more = f" and {n} more" if (n := len(given) - MAX_GIVEN_POINTS_NAMED) > 0 else ""
+    listed = known(map(repr, given), most=MAX_GIVEN_POINTS_NAMED)
     return (
         f"no solution was reached with it, though there are {spare} more readings than it takes: "
-        f"given coordinates ({listed}{more}), a name or a reading may be grossly wrong"
+        f"given coordinates ({listed}), a name or a reading may be grossly wrong"
     )
 
 

@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import AdjustmentError
+from ..errors import AdjustmentError, known
 from ..graph.equations import Equations, compile_network
 from ..network.network import Network
 from ..observations.positions import ControlPoint
@@ -333,9 +333,7 @@ class RejectedCoordinates:
 
     def __str__(self) -> str:
         """Return it as a sentence without a stop."""
-        named = ", ".join(repr(p) for p in self.points[:MAX_POINTS_IN_LOSS])
-        if more := len(self.points) - MAX_POINTS_IN_LOSS:
-            named += f" and {more} more" if more > 0 else ""
+        named = known(map(repr, self.points), most=MAX_POINTS_IN_LOSS)
         noun = "point" if len(self.points) == 1 else "points"
         return (
             f"given coordinates of {noun} {named} were set aside: they are wrong, or another mark "
@@ -376,11 +374,10 @@ class LostControl:
 
     def __str__(self) -> str:
         """Return it as a sentence without a stop."""
-        named = ", ".join(repr(p) for p in self.points[:MAX_POINTS_IN_LOSS])
-        more = f", … {len(self.points)} in all" if len(self.points) > MAX_POINTS_IN_LOSS else ""
+        named = known(map(repr, self.points), most=MAX_POINTS_IN_LOSS)
         noun, them = ("point", "it") if len(self.points) == 1 else ("points", "them")
         return (
-            f"gross errors took the control of {noun} {named}{more} away: {self.rows} of the "
+            f"gross errors took the control of {noun} {named} away: {self.rows} of the "
             f"readings that are left of {them} are controlled by nothing, so that nothing "
             "tells whether the wrong ones were set aside"
         )

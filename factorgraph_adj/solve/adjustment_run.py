@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import DatumError, InputError, Problem, SingularError
+from ..errors import DatumError, InputError, Problem, SingularError, known
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.base import Linearised
@@ -339,13 +339,8 @@ def raise_overflow(run: AdjustmentRun) -> None:
 def drift_reason(run: AdjustmentRun, bound: float) -> str:
     """Return the reason of an iteration that ended while unknowns still moved without gain."""
     names = [f"{UNKNOWNS[kind].noun} {name!r}" for kind, name in run.drifting]
-    listed = ": " + ", ".join(names[:MAX_UNKNOWNS_IN_MESSAGE]) if names else ""
-    more = (
-        f" and {len(names) - MAX_UNKNOWNS_IN_MESSAGE} more"
-        if len(names) > MAX_UNKNOWNS_IN_MESSAGE
-        else ""
-    )
+    listed = f": {known(names, most=MAX_UNKNOWNS_IN_MESSAGE)}" if names else ""
     return (
         f"vᵀPv hardly decreases any more, yet unknowns still move (by up to {bound:.2g} σ): "
-        f"some of them are nearly undetermined{listed}{more}"
+        f"some of them are nearly undetermined{listed}"
     )

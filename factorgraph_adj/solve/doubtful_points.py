@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import known
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..types import Array, Index
@@ -249,17 +250,12 @@ def describe_runaway_points(equations: Equations, state: State) -> str:
     ]
     parts = []
     if far:
-        parts.append(f"points at infinity: {_listed(far)}")
+        parts.append(f"points at infinity: {known(far, most=MAX_POINTS_IN_MESSAGE)}")
     if near:
-        parts.append(f"points at projection centres: {_listed(near)}")
+        parts.append(f"points at projection centres: {known(near, most=MAX_POINTS_IN_MESSAGE)}")
     if not parts:
         return ""
     return (
         f"{'; '.join(parts)}; their rays meet nowhere ahead of the cameras, so that vᵀPv has no "
         "minimum with them: data snooping (adjust --snoop, fga.snoop) finds wrong image points"
     )
-
-
-def _listed(names: list[str]) -> str:
-    more = len(names) - MAX_POINTS_IN_MESSAGE
-    return ", ".join(names[:MAX_POINTS_IN_MESSAGE]) + (f" and {more} more" if more > 0 else "")
