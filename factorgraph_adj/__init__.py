@@ -155,7 +155,7 @@ if _TYPE_CHECKING:
     from .planning.dispensable_observations import find_sparable
     from .planning.plan import plan
     from .planning.proposals import propose
-    from .quality.causes.search import causes
+    from .quality.causes.cause_search import causes
     from .quality.datum_change import s_transform
     from .quality.derived_quantities import adjusted_lines
     from .quality.error_ellipses import error_ellipse, error_ellipsoid
@@ -330,7 +330,7 @@ _NAMES = {
     "planning.dispensable_observations": "find_sparable",
     "planning.plan": "plan",
     "planning.proposals": "propose",
-    "quality.causes.search": "causes",
+    "quality.causes.cause_search": "causes",
     "quality.datum_change": "s_transform",
     "quality.derived_quantities": "adjusted_lines",
     "quality.error_ellipses": "error_ellipse error_ellipsoid",

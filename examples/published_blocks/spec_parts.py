@@ -9,7 +9,7 @@ import numpy as np
 from factorgraph_adj.errors import Problem
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import HeightDifference, SlopeDistance
-from factorgraph_adj.simulation.generate.aerial_blocks import Aerial
+from factorgraph_adj.simulation.generate.photo_blocks import Aerial
 from factorgraph_adj.simulation.generate.scene import (
     MICROMETRE,
     MILLIMETRE,

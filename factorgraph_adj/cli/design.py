@@ -17,9 +17,8 @@ from ..errors import AdjustmentError, InputError, Problem
 from ..files import refuse_replacing
 from ..io.project import Project, project_table_names
 from ..io.project_writer import write_project
-from ..planning.candidates import identified, with_candidates
+from ..planning.candidates import as_planned, identified, with_candidates
 from ..planning.plan import Plan, plan
-from ..planning.planned_readings import as_planned
 from ..planning.proposals import Proposal, propose
 from ..planning.target_files import Wishes, read_wishes
 from ..planning.targets import (
@@ -35,7 +34,7 @@ from ..planning.targets import (
 )
 from ..report.doubtful_results import unknowns_left_out
 from ..units import LENGTH
-from ..validate.observation_counts import problems_with_lines
+from ..validate.network_structure import problems_with_lines
 from .input import add_project, read_input
 from .messages import EXIT_DOUBTFUL, EXIT_FINE
 from .options import add_leave_out, add_probabilities, positive_count

@@ -24,7 +24,7 @@ import numpy as np
 from ..adjustment import adjust
 from ..errors import AdjustmentError
 from ..models.similarity import fit_similarity
-from ..quality.causes.search import Causes
+from ..quality.causes.cause_search import Causes
 from ..quality.misleading_readings import likely_causes
 from ..quality.reliability import reliability
 from ..solve.solution import Solution

@@ -32,7 +32,7 @@ from ..observations import AnyObservation
 from ..orientation.choice_of_start import choose_start
 from ..quality.reliability import check_probabilities
 from ..solve.linearised_equations import LinearisedEquations
-from ..start.search import approximate
+from ..start.approximate_values import approximate
 from ..types import Array
 from .factor_tests import EnteredFactor, FactorTests, factor_tests, sigmas_of
 from .network_graph import held_sigmas, inner_constraints, observation_parts, with_eased_ties

@@ -21,9 +21,8 @@ from ..graph.dependence import Variable
 from ..solve.gauss_newton_steps import Extrapolation
 from ..types import NO_ROWS, Array, Index
 from .factor_tests import JointCovariance
-from .linear_rows import TINY, Arriving, LinearRows
+from .linear_rows import TINY, Arriving, LinearRows, Mark
 from .row_groups import Grown
-from .undo_records import Mark
 
 MAX_TURNS = 10
 """Largest number of times that rows are evaluated anew after an arrival."""

@@ -11,6 +11,7 @@ estimate by more than √gᵀQg ≤ Σ|g_c| σ_c standard deviations, to the fir
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from typing import NamedTuple
 from weakref import WeakSet
 
@@ -20,10 +21,35 @@ from ..errors import InputError
 from ..frames import Frame
 from ..graph.equations import Equations
 from ..graph.variables import State
+from ..models.variables import VariableKind
 from ..types import NO_ROWS, Array, Index, Mask
 from .linearisation_points import LinearisationPoints
 from .row_groups import Grown, Rows, Sort, WholeBlockError, sort_of
-from .undo_records import Mark
+
+
+@dataclass(eq=False)
+class Mark:
+    """A tree before something is done to it, and what was replaced in it since then."""
+
+    version: int
+    """Its version."""
+    counts: dict[VariableKind, int]
+    """Number of variables of each kind."""
+    of_units: tuple[Array, ...]
+    """Whether each unit is in, and its gap."""
+    of_keys: tuple[Array, ...]
+    """Which keys have rows."""
+    of_columns: tuple[Array, ...]
+    """δ, δ at the last look, diagonal of N and bound of each column."""
+    loosened: float
+    """Largest factor by which standard deviations had grown since rows were measured."""
+    units: list[Index] = field(default_factory=list)
+    """Units whose rows were evaluated anew."""
+    replaced: list[tuple[Grown, Index, Array]] = field(default_factory=list)
+    """Values by row that were replaced: where, numbers of the rows, and values before."""
+    theta: list[tuple[VariableKind, Index, Array]] = field(default_factory=list)
+    """Kind and numbers of variables, with their points of linearisation before."""
+
 
 SIGMA_CHANGE_SHARE = 0.5
 """What the change of a standard deviation, relative to itself, counts in a gap."""

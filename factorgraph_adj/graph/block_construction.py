@@ -12,7 +12,7 @@ import numpy as np
 
 from ..entities import parameter_key, parameter_name
 from ..frames import Frame
-from ..models import position
+from ..models import positions
 from ..models.base import Linearised
 from ..models.lens import Lens
 from ..models.variables import ENTITIES, UNKNOWNS, UnknownKind, VariableKind
@@ -321,7 +321,7 @@ def _coordinate_block(
         ids,
         ("",),
         labels.__getitem__,
-        model=position.coordinate,
+        model=positions.coordinate,
         constants={"axis": np.array(axis), "reference": np.array(reference)},
         prior=prior,
         fixes="coordinates",
@@ -378,7 +378,7 @@ def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
                 chosen,
                 ("",),
                 [f"weighted {i}" for i in chosen].__getitem__,
-                model=partial(position.component, size=int(size), shift=shift),
+                model=partial(positions.component, size=int(size), shift=shift),
                 constants={"which": which[at].astype(float)},
                 prior=True,
                 axes=named,
@@ -413,7 +413,7 @@ def _weighted_rotations(
         names,
         kind.names(3),
         [f"weighted {n}" for n in names].__getitem__,
-        model=partial(position.attitude, size=kind.size),
+        model=partial(positions.attitude, size=kind.size),
         constants={"reference": table.values[rows, :9].reshape(-1, 3, 3)},
         prior=True,
         fixes="attitude",
@@ -433,7 +433,7 @@ def _weighted_tilts(network: Network, kind: UnknownKind, table: Variables, rows:
         names,
         kind.names(2),
         [f"weighted {n}" for n in names].__getitem__,
-        model=partial(position.tilt, size=kind.size),
+        model=partial(positions.tilt, size=kind.size),
         # The turn about z may not be known yet.
         constants={"upright": _upright(exp_rotation(np.nan_to_num(np.array(given)))[:, 2])},
         prior=True,
@@ -465,7 +465,7 @@ def _weighted_centres(table: Variables, weighted: Mask) -> Iterable[Block]:
         names,
         ("",),
         [f"weighted {n}" for n in names].__getitem__,
-        model=position.photo_coordinate,
+        model=positions.photo_coordinate,
         constants={"axis": np.eye(3)[axes]},
         prior=True,
         fixes="coordinates",

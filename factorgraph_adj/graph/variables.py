@@ -3,6 +3,10 @@
 Every variable that has a free component owns consecutive columns. A held component keeps its
 column, whose partials and step are zero. Completely held variables own no columns and are
 constants of the observations.
+
+Raw powers of millimetres or pixels give columns whose norms differ by a factor of 10¹⁰, on which
+GTSAM's optimisers stop at once and its Cholesky finds no pivots. In a GTSAM graph a calibration is
+therefore the vector of its given values divided by scales.
 """
 
 from __future__ import annotations
@@ -17,17 +21,56 @@ from typing import TypeAlias
 import numpy as np
 
 from ..entities import Camera, Key, Parameter, parameter_name
+from ..errors import AdjustmentError
+from ..models.base import DegenerateError
 from ..models.variables import ROTATION, UNKNOWNS, UnknownKind, VariableKind
 from ..network.network import Network
 from ..types import Array, Index, Mask
-from .calibration_scales import calibration_scales
 
+HALF_FORMAT = 0.5
+"""Half of the format, relative to the principal distance, where no format is stated."""
+RASTER_POINTS = 9
+"""Number of image points along each axis of the format at which partials are compared."""
 State: TypeAlias = dict[VariableKind, Array]
 """Values of all variables, (n, width) for each kind; a pose has 9 of rotation and 3 of centre."""
 MaskState: TypeAlias = dict[VariableKind, Mask]
 """Flags of the values of a state, with the shapes of the state."""
 DEFAULT = ""
 """Name of the constant of a kind, for observations that name no unknown of that kind."""
+
+
+def calibration_scales(camera: Camera) -> Array:
+    """Return the scale s of each calibration parameter K, (k,): given value = s × value in a graph.
+
+    s is the power of two, by which numbers are multiplied without rounding, that is nearest to
+
+        r / max |∂v/∂K|
+
+    over the format with half diagonal r: a change of one moves image points by about r, like a
+    rotation of one radian. It depends on the camera's stated values alone, not on what was
+    measured, so that a network keeps its scales while it grows.
+    """
+    k = np.array(camera.values, dtype=float)
+    named = dict(zip(camera.lens.names, k.tolist(), strict=True))
+    c = abs(named.get("c", 1.0)) or 1.0
+    corners = camera.corners()
+    middle = np.array([named.get("x0", 0.0), named.get("y0", 0.0)])
+    if corners is None:
+        corners = middle - HALF_FORMAT * c, middle + HALF_FORMAT * c
+    x, y = (a.ravel() for a in np.meshgrid(*np.linspace(*corners, RASTER_POINTS).T))
+    ray = (x - middle[0]) / c, -(y - middle[1]) / c, np.ones(len(x))
+    radius = float(np.hypot(x - middle[0], y - middle[1]).max())
+    try:
+        with np.errstate(all="ignore"):
+            by_k = camera.lens.seen(ray, x, y, k[None]).by_k
+            largest = [float(np.hypot(*np.broadcast_arrays(*pair)).max()) for pair in by_k]
+    except (AdjustmentError, DegenerateError):
+        return np.ones(len(k))
+    out = np.ones(len(k))
+    for j, most in enumerate(largest):
+        if np.isfinite(most) and most > 0.0:
+            out[j] = 2.0 ** np.round(np.log2(radius / most))
+    return out
 
 
 @dataclass(frozen=True)

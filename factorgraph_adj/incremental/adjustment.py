@@ -15,9 +15,8 @@ from ..graph.dependence import Variable
 from ..graph.user_factors import MakesFactor
 from ..io.journal import Journal
 from ..ledger import journal_entries
-from ..ledger.command_input import Input, ids_in, listed
+from ..ledger.command_input import Engine, Input, Options, ids_in, listed
 from ..ledger.ledger import Ledger
-from ..ledger.options import Engine, Options
 from ..ledger.verdicts import Policy
 from ..network.additions import UnknownsGiven
 from ..network.network import DatumChoice, Network

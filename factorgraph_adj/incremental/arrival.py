@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..ledger.candidates import Candidates, known_in
 from ..ledger.row_store import OUTCOME_CODE
 from ..ledger.verdicts import Verdict
+from ..ledger.waiting_observations import Candidates, known_in
 from ..linear_system.arrival_decisions import untested
 from ..models.variables import UNKNOWNS
 from ..types import Index

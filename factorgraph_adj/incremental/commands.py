@@ -1,29 +1,37 @@
-"""Commands of an incremental adjustment: from a state to the next one and its result."""
+"""Commands of an incremental adjustment, removal among them.
+
+Each is a function of a state, and returns another state and what it came to. After a removal, what
+the removed observations alone determined waits again.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ..entities import parameter_name
-from ..errors import InputError, Problem, known
+from ..errors import AdjustmentError, InputError, Problem, known
 from ..graph.dependence import Variable, components
 from ..graph.keys import KeyMap
 from ..graph.observation_selection import weighted_unknowns
 from ..graph.partials_check import refuse_wrong_partials
 from ..graph.user_factors import FactorModel, observation_of
 from ..graph.variables import Unknowns
-from ..ledger.candidates import Candidates, known_in
-from ..ledger.command_input import Input, ids_in, listed
+from ..ledger.command_input import Input, Options, ids_in, listed
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..ledger.row_store import OUTCOME_CODE
-from ..ledger.verdicts import DISCARDED, SNOOPED
+from ..ledger.verdicts import DISCARDED, REST, SNOOPED
+from ..ledger.waiting_observations import Candidates, NothingKnown, known_in
+from ..linear_system import engines
 from ..linear_system.arrival_decisions import untested
+from ..linear_system.engines import determined_only_by, downdated
 from ..linear_system.front_system import FrontSystem
-from ..linear_system.rebase import Draft, solution_of
+from ..linear_system.rebase import Draft, NoMinimum, solution_of, with_doubt
 from ..linear_system.section_choice import in_pieces
 from ..network.network import Network
 from ..observations import Observation
@@ -32,12 +40,113 @@ from ..observations.user_factor import OwnFactor
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..solve.solution import Solution
-from ..types import Index
+from ..types import NO_ROWS, Index
 from .arrival import Arrival, arrival_of
-from .initial_adjustment import settled
+from .initial_adjustment import adjusted, settled
 from .readmission import readmitted, readmitted_suspects, remeasured
-from .removal import remove_observations
 from .worklist import IncrementalState, Task, Verdicts, worked_off
+
+
+class Removal(NamedTuple):
+    """What is left to do once observations have been taken out."""
+
+    state: IncrementalState
+    """The state without them."""
+    tasks: tuple[Task, ...]
+    """Observations to be looked at: the rest of groups, what waits again, what had waited."""
+    start: Solution | None
+    """Where everything was, if all of it has to be found out anew."""
+
+
+def remove_observations(
+    state: IncrementalState, ids: Sequence[str], rules: Options, cause: str = "removed"
+) -> Removal:
+    """Take observations out, wherever they are.
+
+    Args:
+        state: the state.
+        ids: their ids, and names of weighted unknowns, which lose their weights.
+        rules: the options.
+        cause: why.
+    """
+    ledger = state.ledger
+    rows = ledger.find(ids)
+    weights = ledger.missing(ids)
+    inside = ledger.rows.among(rows, "accepted")
+    rests = {
+        row: left
+        for row, unit in ledger.rows.units(rows)
+        if (left := unit.without(ledger.network, set(ids))) is not None
+    }
+    firsts = [ledger.rows.ids(ledger.names, r)[0] for r in inside.tolist()]
+    ledger = ledger.moved(rows, None, cause)
+    ledger, rest = ledger.appended([u.item for u in rests.values()], REST)
+    fixed = rest[np.isin(list(rests), inside)]
+    out = rest[np.isin(list(rests), state.ledger.having("rejected"))]
+    told = {v.id: v for u in ledger.units(out) for v in untested(u, "rejected", cause=REST)}
+    ledger = ledger.moved(out, "rejected", REST, told)
+    rest = np.setdiff1d(rest, out)
+    ledger = ledger.without_weights(weights).without_lacks(rows)
+    start, again, system = None, NO_ROWS, state.system
+    if system is not None and (len(inside) or weights):
+        gone = [*firsts, *weights]
+        smaller = engines.reduced(system, gone, ledger, rules)
+        if smaller is None and (fronts := state.fronts) is not None:
+            if fronts is not system:
+                smaller = engines.reduced(fronts, gone, ledger, rules)
+            if smaller is None:
+                ledger, smaller, again, start = _ledger_without(ledger, fronts, gone, rules)
+        system = smaller
+    held = np.union1d(fixed, again)
+    tasks = [Task(np.union1d(rest, again), held), Task(ledger.having("waiting"))]
+    after = IncrementalState(ledger, system, settled=False)
+    return Removal(after, tuple(t for t in tasks if len(t.rows)), start)
+
+
+def _ledger_without(
+    ledger: Ledger, system: FrontSystem, ids: Sequence[str], rules: Options
+) -> tuple[Ledger, FrontSystem | None, Index, Solution | None]:
+    """Return ledger and system without observations that no update can take out of it.
+
+    Returns:
+        Ledger and system, what waits again, and where everything was if that is found out again.
+    """
+    if system.section is not None:
+        with suppress(AdjustmentError):
+            whole = Draft.of(ledger, system, rules.datum).adjusted(rules.datum)
+            if isinstance(whole, FrontSystem) and whole.converged:
+                return ledger, whole, NO_ROWS, None
+    loose = set() if system.doubt or rules.datum == "free" else determined_only_by(system, ids)
+    again = NO_ROWS
+    if loose:
+        inside = ledger.having("accepted")
+        again = Candidates(ledger, NothingKnown(), inside).touching(loose)
+        ledger = ledger.moved(again, "waiting", "undetermined")
+    if loose is not None and len(ledger.having("accepted")):
+        try:
+            found = Draft.of(ledger, system, rules.datum, dropped=loose).adjusted(rules.datum)
+        except AdjustmentError:
+            found = None
+        # Without redundancy there is a minimum, v = 0, where everything is determined.
+        if isinstance(found, FrontSystem) and (found.converged or found.redundancy):
+            return ledger, found, again, None
+        if isinstance(found, NoMinimum) and found.loose is None:
+            # What is gone may have led everything so far off that nothing leads back from there.
+            smaller, anew = adjusted(ledger, rules, None)
+            if isinstance(anew, FrontSystem) and anew.converged:
+                left = np.setdiff1d(ledger.having("accepted"), smaller.having("accepted"))
+                return smaller, anew, np.union1d(left, again), None
+            stays = downdated(system, ids) or system
+            return ledger, with_doubt(stays, found.reason), again, None
+    inside, where = ledger.having("accepted"), system.solution
+    if loose is None:
+        smaller, found = adjusted(ledger, rules, where)
+        if isinstance(found, FrontSystem):
+            return smaller, found, np.setdiff1d(inside, smaller.having("accepted")), None
+    # What is determined is found out anew.
+    ledger = ledger.moved(inside, "waiting", "anew")
+    return ledger, None, np.union1d(inside, again), where
+
 
 MAX_WEIGHT_FACTOR = 1e12
 """Largest factor by which a weight may be multiplied; its inverse is the smallest."""

@@ -24,7 +24,7 @@ from ..errors import AdjustmentError, DatumError, InputError, Problem, Unreached
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_network, compile_rows
 from ..graph.variables import State
-from ..ledger.candidates import Candidates, NothingKnown, excerpt
+from ..ledger.waiting_observations import Candidates, NothingKnown, excerpt
 from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..orientation.block_start import BlockStart
@@ -40,7 +40,7 @@ from ..solve.undetermined_unknowns import (
     MAX_DENSE_COLUMNS,
     undetermined_variables,
 )
-from ..start.search import partial_approximation
+from ..start.approximate_values import partial_approximation
 from ..start.start_values import Start
 from ..types import NO_ROWS, Index
 from .local_network import (

@@ -17,11 +17,11 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
-from ..ledger.candidates import Candidates, known_in
+from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..ledger.row_store import NO_PHOTO
 from ..ledger.verdicts import Verdict
+from ..ledger.waiting_observations import Candidates, known_in
 from ..linear_system import engines
 from ..linear_system.arrival_decisions import (
     JointTest,

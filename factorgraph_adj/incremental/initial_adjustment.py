@@ -11,9 +11,9 @@ import numpy as np
 from ..errors import AdjustmentError
 from ..garbage_collection import without_collections
 from ..graph.dependence import Variable
-from ..ledger.candidates import Candidates, NothingKnown
+from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
+from ..ledger.waiting_observations import Candidates, NothingKnown
 from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.rebase import EFFORT, Draft, NoMinimum, known_network

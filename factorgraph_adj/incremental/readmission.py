@@ -34,12 +34,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..ledger.candidates import Candidates, known_in
+from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..ledger.row_store import REMOVED
 from ..ledger.verdicts import DISCARDED, SNOOPED, Outcome, Verdict
-from ..linear_system.innovations import UNANSWERED, InnovationTest, innovation_tests, near_enough
+from ..ledger.waiting_observations import Candidates, known_in
+from ..linear_system.predictions import UNANSWERED, InnovationTest, innovation_tests, near_enough
 from ..linear_system.rebase import known_network
 from ..network.network import Network
 from ..types import NO_ROWS, Index

@@ -22,11 +22,11 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ..graph.dependence import Variable
-from ..ledger.candidates import Candidates, NothingKnown
+from ..ledger.command_input import Options
 from ..ledger.journal_entries import reading, replay
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..ledger.row_store import REMOVED
+from ..ledger.waiting_observations import Candidates, NothingKnown
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.linear_system import LinearSystem
 from ..linear_system.rebase import NoMinimum

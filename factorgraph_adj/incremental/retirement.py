@@ -21,12 +21,12 @@ from ..graph.equations import Equations
 from ..graph.observation_selection import keep_entities
 from ..graph.variables import calibration_name
 from ..ledger import journal_entries
-from ..ledger.candidates import Candidates, NothingKnown
+from ..ledger.command_input import Options
 from ..ledger.journal_entries import packed, packed_symmetric, unpacked, unpacked_symmetric
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..ledger.retired_unknowns import LastEstimate, Retired
 from ..ledger.row_store import REMOVED
+from ..ledger.waiting_observations import Candidates, NothingKnown
 from ..linear_system import engines
 from ..linear_system.rebase import EFFORT, Draft, NoMinimum, known_network
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds

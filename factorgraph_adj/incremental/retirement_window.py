@@ -7,9 +7,8 @@ import numpy as np
 from ..entities import parameter_name
 from ..errors import InputError, Problem
 from ..graph.dependence import Variable
-from ..ledger.command_input import ticks
+from ..ledger.command_input import Options, ticks
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..ledger.row_store import REMOVED
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network

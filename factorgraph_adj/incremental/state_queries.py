@@ -14,7 +14,7 @@ from ..constructors import ChecksArguments
 from ..entities import Photo, Point
 from ..errors import InputError, Problem, unknown_name
 from ..graph.dependence import Variable
-from ..ledger.options import Options
+from ..ledger.command_input import Options
 from ..ledger.retired_unknowns import LastEstimate, Retired
 from ..ledger.verdicts import Verdict
 from ..linear_system import engines
@@ -22,14 +22,14 @@ from ..linear_system.rebase import known_network, solution_of
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import Observation
-from ..quality.causes.search import Causes
+from ..quality.causes.cause_search import Causes
 from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..quality.snooping import snoop
 from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
 from ..types import Array
 from ..validate.repeated_readings import CopiedBlocks
-from . import doubtful_results, nonlinear_tests, readmission, retirement
+from . import doubts, nonlinear_tests, readmission, retirement
 from .arrival import Waiting, waiting_of
 from .worklist import IncrementalState
 
@@ -197,7 +197,7 @@ class StateQueries(metaclass=ChecksArguments):
         """
         inside = self._state.ledger.is_accepted
         copied = self._copies.told(inside, lambda ident, _: repr(ident))
-        minimum = doubtful_results.minimum_doubts(self._state, self._rules)
+        minimum = doubts.minimum_doubts(self._state, self._rules)
         told = (*minimum, *self._doubts_of_suspects(), *self._places_in_doubt())
         return (*told, *self._doubts_of_retired(), *copied)
 
@@ -205,7 +205,7 @@ class StateQueries(metaclass=ChecksArguments):
         """Say what several suspects contradict; it is looked for when others are suspects."""
         ids = tuple(v.id for v in self.suspects)
         if self._told_of_suspects is None or self._told_of_suspects[0] != ids:
-            self._told_of_suspects = ids, doubtful_results.suspects_doubts(self._state, self._rules)
+            self._told_of_suspects = ids, doubts.suspects_doubts(self._state, self._rules)
         return self._told_of_suspects[1]
 
     @property
@@ -230,7 +230,7 @@ class StateQueries(metaclass=ChecksArguments):
 
     def _places_in_doubt(self) -> tuple[str, ...]:
         ledger = self._state.ledger
-        return (*nonlinear_tests.side_doubts(ledger), *doubtful_results.photo_doubts(ledger))
+        return (*nonlinear_tests.side_doubts(ledger), *doubts.photo_doubts(ledger))
 
     @one_at_a_time
     def network(self) -> Network:

@@ -19,10 +19,10 @@ import numpy as np
 
 from ..errors import AdjustmentError, InputError, known
 from ..graph.dependence import Variable
-from ..ledger.candidates import Candidates, known_in
+from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..ledger.verdicts import Verdict
+from ..ledger.waiting_observations import Candidates, known_in
 from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.isam2_system import ISAM2System

@@ -21,7 +21,7 @@ from ..graph.equations import compile_rows
 from ..graph.weights import weighed_where_known
 from ..network.network import Network
 from ..observations import Observation
-from ..start.search import partial_approximation
+from ..start.approximate_values import partial_approximation
 from ..stochastic_model import StandardDeviation
 from ..types import Array
 from .source import Problems

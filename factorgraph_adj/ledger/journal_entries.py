@@ -48,9 +48,8 @@ from ..network.network import Network
 from ..observations import Correlated, Observation
 from ..observations.image import identity, number_beyond
 from ..types import Array, Index
-from .command_input import Input
+from .command_input import Input, Options
 from .ledger import Ledger
-from .options import Options
 from .row_store import REMOVED, RowStore, Unit
 from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Side, Verdict
 

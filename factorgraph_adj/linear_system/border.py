@@ -19,7 +19,7 @@ from ..graph.dependence import Variable
 from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import NO_ROWS, Array, Index
-from .linear_forms import LinearForms
+from .linear_system import LinearForms
 
 PREDICTION_MARGIN = 4.0
 """Factor by which what forms miss may grow faster with movement than where they were looked at."""

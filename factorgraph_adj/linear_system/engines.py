@@ -17,9 +17,9 @@ from ..errors import AdjustmentError
 from ..graph.dependence import Variable
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
-from ..ledger.candidates import Candidates, NothingKnown
+from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
+from ..ledger.waiting_observations import Candidates, NothingKnown
 from ..quality.group_tests import LeaveOneOutTests
 from ..start.start_values import Start
 from ..types import NO_ROWS, Index

@@ -18,8 +18,8 @@ import numpy as np
 from ..graph.dependence import Variable
 from ..graph.equations import compile_rows
 from ..graph.variables import State, Unknowns
-from ..ledger.candidates import excerpt
 from ..ledger.ledger import Ledger
+from ..ledger.waiting_observations import excerpt
 from ..models.variables import UNKNOWNS, VariableKind
 from ..solve.adjustment_run import ShapeMisfit
 from ..solve.doubtful_points import VaguePoint, vague_points
@@ -29,8 +29,7 @@ from ..solve.solution import Solution, forget_normal_equations, solution_at
 from ..types import NO_ROWS, Array, Index, Mask
 from .border import Border
 from .free_network_cofactors import UpdatedCofactors
-from .linear_forms import LinearForms
-from .linear_system import EngineName, block_by_block
+from .linear_system import EngineName, LinearForms, block_by_block
 from .section import Attempts, Section, renumbered
 
 MAX_UPDATE_ROWS = 256

@@ -18,15 +18,14 @@ import numpy as np
 from ..errors import AdjustmentError
 from ..factor_graph.factor_tests import JointCovariance
 from ..factor_graph.linear_isam2 import MAX_TURNS, LinearISAM2
-from ..factor_graph.linear_rows import Arriving
-from ..factor_graph.undo_records import Mark
+from ..factor_graph.linear_rows import Arriving, Mark
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State, Unknowns
-from ..ledger.candidates import excerpt
+from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..ledger.row_store import Unit
+from ..ledger.waiting_observations import excerpt
 from ..models.variables import VariableKind
 from ..quality.group_tests import LeaveOneOutTests
 from ..solve.adjustment_run import ShapeMisfit
@@ -37,8 +36,7 @@ from ..start.start_values import Start
 from ..types import NO_ROWS, Array, Index, Mask
 from .arrival_decisions import MIN_MOTION, SINGULAR_REDUNDANCY, PointCovariance
 from .front_system import FrontSystem
-from .linear_forms import LinearForms, rows_of
-from .linear_system import EngineName, block_by_block
+from .linear_system import EngineName, LinearForms, block_by_block, rows_of
 from .rebase import EFFORT, Draft
 
 MAX_UNKNOWNS_CHOSEN = 2_500

@@ -26,7 +26,7 @@ from ..types import Array, Index
 from .arrival_decisions import MIN_MOTION, PointCovariance
 from .border import WatchedRows
 from .front_system import FrontSystem
-from .linear_forms import LinearForms, rows_of, stacked
+from .linear_system import LinearForms, rows_of, stacked
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,14 +17,13 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..errors import AdjustmentError, SingularError
+from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..solve.linear_base import LinearisationDrift, largest_variance_error, missed_gradient
 from ..solve.linearised_equations import LinearisedEquations
 from ..types import NO_ROWS, Array
 from .front_system import FrontSystem
-from .linear_forms import LinearForms
-from .linear_system import LinearSystem
+from .linear_system import LinearForms, LinearSystem
 from .rebase import Draft
 from .section import Looked
 

@@ -14,8 +14,8 @@ from ..graph.dependence import Variable, components
 from ..graph.equations import Equations, compile_network
 from ..graph.observation_selection import filtered
 from ..graph.variables import MaskState, State, Unknowns
+from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
 from ..orientation.choice_of_start import choose_start

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..graph.equations import Equations, compile_network
-from ..ledger.candidates import Candidates, NothingKnown, excerpt
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import NO_PHOTO
+from ..ledger.waiting_observations import Candidates, NothingKnown, excerpt
 from ..models.variables import VariableKind
 from ..solve.added_factors import marginal_prior
 from ..types import Array, Index

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..solve.normal_equations import Solver
 from ..start.start_values import Start
 from ..types import Index

@@ -40,7 +40,7 @@ from .directions import (
     of_those_there,
     vertical_in_frame,
 )
-from .position import split_pose
+from .positions import split_pose
 
 FORWARD_RIGHT_DOWN: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """T = Tᵀ: right-forward-up ↔ forward-right-down; also north-east-down ↔ east-north-up."""

@@ -15,7 +15,7 @@ import numpy as np
 from ..frames import Frame
 from ..rotation import right_jacobian_inverse, skew
 from ..types import Array, Index, Mask
-from .heights import heights
+from .positions import heights
 from .sub_frame import horizons, split_frame
 
 

@@ -29,9 +29,8 @@ from ..frames import Frame
 from ..rotation import TURN_ABOUT_X, skew
 from ..types import Array
 from .base import Linearised, require, wrap
-from .heights import MOUNT_COMPONENTS
 from .line_of_sight import turned_by_angles, up_by_angles
-from .position import split_pose
+from .positions import MOUNT_COMPONENTS, split_pose
 from .sub_frame import COMPONENTS, horizons, split_frame
 
 _STEEPEST = 1e-9

@@ -32,7 +32,7 @@ from .base import Linearised, require
 from .frame_axes import axis_of
 from .inverse_lens import rays_and_partials
 from .lens import Lens
-from .position import split_pose
+from .positions import split_pose
 
 
 def depth(pose: Array, point: Array) -> Array:

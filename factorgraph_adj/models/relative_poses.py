@@ -34,7 +34,7 @@ from ..rotation import TURN_ABOUT_X as TURN
 from ..rotation import exp_rotation, log_rotation, right_jacobian_inverse, skew
 from ..types import Array
 from .base import Linearised
-from .position import split_pose
+from .positions import split_pose
 
 
 def relative_rotations(pose: Array, pose2: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import pi
 
-from ..models import position, sub_frame, terrestrial_observations
+from ..models import positions, sub_frame, terrestrial_observations
 from . import kind_records
 from .frame_observations import FrameCoordinate, FrameVector
 from .image import ImagePoint
@@ -134,7 +134,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         unit="rad",
         fixes="place",
     ),
-    ObservationKind(GnssVector, _SIGHT, position.gnss_vector, _HEIGHTS, linear=True),
+    ObservationKind(GnssVector, _SIGHT, positions.gnss_vector, _HEIGHTS, linear=True),
     ObservationKind(GnssPosition, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
     ObservationKind(ControlPoint, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
     kind_records.POSITION,

@@ -166,7 +166,7 @@ class WireReading(AxesObservation):
     The sensor is set up level and across the wire, unless its mount states or leaves free a roll.
     The frame of the wire has its y axis along the chord; free are rx (slope), ry, rz (bearing), x
     and z. A roll of the frame about the wire, ry, has no effect: a `FrameRoll` of 0 takes it away.
-    See `factorgraph_adj.models.wires`.
+    See `factorgraph_adj.models.offsets`.
     """
 
     kind: ClassVar[str] = "wire_reading"

@@ -6,19 +6,18 @@ from collections.abc import Sequence
 from math import pi
 
 from ..models import (
-    antenna,
     attitude,
     directions,
     frame_axes,
-    frame_sights,
-    heights,
     image,
     offsets,
-    point_relations,
+    positions,
     relative_poses,
+    shapes,
+    sub_frame,
     terrestrial_observations,
-    wires,
 )
+from ..models import offsets as wires
 from ..models.deformation import strip_coordinate
 from ..models.shape_outlines import WIRE
 from ..models.shapes import SHAPES
@@ -68,7 +67,7 @@ _TURNING = (*_PHOTO, ("attitude_drift", "drift"))
 POSITION = ObservationKind(
     PhotoPosition,
     (*_PHOTO, ("drift", "drift"), ("shutter", "shutter")),
-    antenna.photo_position,
+    positions.photo_position,
     ("lever_arm", "time", "velocity"),
     fixes="coordinates",
 )
@@ -105,16 +104,16 @@ FLIGHT_KINDS: Sequence[ObservationKind] = (
         choices=("angle",),
     ),
     ObservationKind(
-        PhotoRange, (("point", "point"), *_PHOTO, _METER), antenna.photo_range, ("lever_arm",)
+        PhotoRange, (("point", "point"), *_PHOTO, _METER), positions.photo_range, ("lever_arm",)
     ),
     ObservationKind(
         PhotoBase,
         (("pose", "photo"), ("pose", "photo2"), ("mount", "mount"), _METER),
-        antenna.photo_base,
+        positions.photo_base,
         ("lever_arm",),
     ),
     ObservationKind(
-        AntennaVector, _PHOTO, antenna.antenna_vector, ("lever_arm",), fixes="attitude"
+        AntennaVector, _PHOTO, positions.antenna_vector, ("lever_arm",), fixes="attitude"
     ),
 )
 """Records of the further kinds."""
@@ -131,7 +130,7 @@ INSTRUMENT_KINDS = (
     ObservationKind(
         FrameDirection,
         (*_SIGHT, ("collimation_error", "collimation_error")),
-        frame_sights.frame_direction,
+        sub_frame.frame_direction,
         ("face",),
         "rad",
         weight=DIRECTIONS,
@@ -142,7 +141,7 @@ INSTRUMENT_KINDS = (
     ObservationKind(
         FrameZenith,
         (*_SIGHT, ("index_error", "index_error")),
-        frame_sights.frame_zenith,
+        sub_frame.frame_zenith,
         ("face",),
         "rad",
         weight=INCLINATIONS,
@@ -153,7 +152,7 @@ INSTRUMENT_KINDS = (
     ObservationKind(
         FrameDistance,
         (*_SIGHT, ("edm", "instrument")),
-        frame_sights.frame_distance,
+        sub_frame.frame_distance,
         weight=LENGTHS,
         tells="distance",
         instrument="frame",
@@ -273,20 +272,20 @@ _LINE = (
 )
 
 RELATION_KINDS: Sequence[ObservationKind] = (
-    ObservationKind(relations.EqualDistance, _PAIRS, point_relations.equal_distance, ("ratio",)),
+    ObservationKind(relations.EqualDistance, _PAIRS, shapes.equal_distance, ("ratio",)),
     ObservationKind(
-        relations.EqualHeightDifference, _PAIRS, point_relations.equal_height_difference, ("ratio",)
+        relations.EqualHeightDifference, _PAIRS, shapes.equal_height_difference, ("ratio",)
     ),
     ObservationKind(
         relations.RightAngle,
         (("point", "station"), ("point", "target"), ("point", "target2")),
-        point_relations.right_angle,
+        shapes.right_angle,
         unit="rad",
     ),
     ObservationKind(
         relations.PointDirection,
         (("point", "station"), ("point", "target")),
-        point_relations.point_direction,
+        shapes.point_direction,
         ("ux", "uy", "uz"),
         "rad",
         fixes="direction",
@@ -294,7 +293,7 @@ RELATION_KINDS: Sequence[ObservationKind] = (
     ObservationKind(
         relations.CoordinateDifference,
         (("point", "station"), ("vertical", "station"), ("point", "target")),
-        point_relations.coordinate_difference,
+        shapes.coordinate_difference,
         ("horizon",),
         linear=True,
     ),
@@ -374,13 +373,13 @@ SURFACE_HEIGHT_KINDS: Sequence[ObservationKind] = (
     ObservationKind(
         ProfileHeight,
         (("point", "point"), *_CARRIED, ("profile", "profile")),
-        heights.profile_height,
+        positions.profile_height,
         ("time", "lever_arm"),
     ),
     ObservationKind(
         LevelHeight,
         (("point", "point"), ("level", "level")),
-        heights.level_height,
+        positions.level_height,
         ("slope", "along", "geoid"),
     ),
     ObservationKind(PhotoTilt, _CARRIED, directions.photo_tilt, unit="rad"),

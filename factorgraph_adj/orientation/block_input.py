@@ -24,7 +24,7 @@ from ..observations import (
     RelativePosition,
     SlopeDistance,
 )
-from ..start.heights_and_vectors import fill_given_attitudes
+from ..start.relative_positions import fill_given_attitudes
 from ..types import Array, Index, Mask
 
 

@@ -18,24 +18,25 @@ from ..errors import ApproximationError, InputError, Problem, unknown_name
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
 from ..network.network import DatumChoice, Network
+from ..start.approximate_values import approximate, partial_approximation
 from ..start.image_rays import nearest_to_rays
-from ..start.search import approximate, partial_approximation
 from ..start.start_values import Start
 from ..types import Array, Mask
 from .block_growth import BlockPart, build_parts
 from .block_input import KnownPlaces, Views, given_places, known_lengths, ray_directions
 from .block_placement import PartPlacement, place_part
-from .block_start import BlockStart, OrientedPart
-from .partial_block import GROWTH, PartialBlock
-from .robust_poses import RAYLEIGH_MEDIAN, poselib_solvers, ray_misses
-from .unknown_calibration import PrincipalDistances
-from .unoriented_photos import (
+from .block_start import (
+    BlockStart,
+    OrientedPart,
     add_photos_of_known_pose,
     doubts_of_parts,
     orient_by_given_centre_or_attitude,
     reason_no_pair,
     reason_not_oriented,
 )
+from .partial_block import GROWTH, PartialBlock
+from .robust_poses import RAYLEIGH_MEDIAN, poselib_solvers, ray_misses
+from .unknown_calibration import PrincipalDistances
 
 MAX_MISS_RATIO_AT_STATED_POINT = 10.0
 """Multiple of the limit of misses within which an image point agrees with stated coordinates."""

@@ -27,7 +27,7 @@ from ..start.polar_points import orient_sets_by_model
 from ..types import Array, Mask
 from .block_input import KnownLength, KnownPlaces
 from .partial_block import PartialBlock
-from .similarity import (
+from .robust_similarity import (
     even_rotations,
     in_one_line,
     robust_similarity,

@@ -31,7 +31,7 @@ from ..models.image import in_front
 from ..models.similarity import Similarity
 from ..network.network import DatumChoice
 from ..rotation import exp_rotation, log_rotation
-from ..start.search import approximate, partial_approximation
+from ..start.approximate_values import approximate, partial_approximation
 from ..types import Array, Index, Mask
 from .block_growth import BlockPart
 from .block_input import KnownPlaces, Views, given_places

@@ -1,4 +1,7 @@
-"""Candidates for additions to a design, each with a cost; also from two designs."""
+"""Candidates for additions to a design, each with a cost; also from two designs.
+
+The readings of a candidate are computed from the given values of the network.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..entities import Camera, Key, Parameter, Photo, Point, parameter_name
+from ..entities import Camera, ImageTable, Key, Parameter, Photo, Point, parameter_name
 from ..errors import InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import calibration_name
@@ -18,9 +21,40 @@ from ..network.additions import add_entities
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
 from ..observations.image import identity, named
+from ..simulation.measurement import measure
 from ..solve.linearised_equations import LinearisedEquations
 from ..types import Array, Index
-from .planned_readings import as_planned
+
+
+def as_planned(network: Network) -> Network:
+    """Return the network with all readings computed from its given values.
+
+    Args:
+        network: coordinates and places as planned; the observed values are ignored.
+
+    Raises:
+        InputError: points, photos and other unknowns without the values that a plan needs, as
+            `factorgraph_adj.simulation.given_values.with_given_values`.
+    """
+    read = measure(network, seed=0, noise=False)
+    return _with_names(network, read)
+
+
+def _with_names(network: Network, read: Network) -> Network:
+    """Return the network with readings, its image points in the first order with their ids."""
+    photo, point, _, sigma = network.images.columns()
+    if not len(photo):
+        return read
+    of_photo, of_point, xy, _ = read.images.columns()
+    n = len(network.points)
+    order = np.argsort(of_photo * n + of_point)
+    place = np.searchsorted((of_photo * n + of_point)[order], photo * n + point)
+    images = ImageTable()
+    images.append(photo, point, xy[order][place], sigma)
+    images.ids, images.sources = dict(network.images.ids), dict(network.images.sources)
+    read.images = images
+    return read
+
 
 Named: TypeAlias = tuple[str, str]
 """Kind of an entity or unknown (point, photo, camera, level …), and its name."""

@@ -28,15 +28,7 @@ from ..solve.solution import cofactors_at
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array, Index, Mask
 from .candidates import partials
-from .plan import (
-    DisplacementItems,
-    Plan,
-    displacement_items,
-    horizons,
-    plan,
-    realised,
-    rows_like,
-)
+from .plan import DisplacementItems, Plan, displacement_items, horizons, plan, realised, rows_like
 from .targets import (
     DetectableDisplacement,
     DetectableError,

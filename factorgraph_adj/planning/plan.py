@@ -34,7 +34,7 @@ from ..result_display import Rows, Shown
 from ..solve.solution import Solution, cofactors_at
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array, Index, Mask
-from .planned_readings import as_planned
+from .candidates import as_planned
 from .targets import (
     DetectableDisplacement,
     DetectableError,

@@ -1,7 +1,7 @@
 """The cheapest additions that make a design meet its targets.
 
 The search is greedy by gain per cost. The gain of a candidate is the decrease of the lack of the
-targets (the sum over all items of |ln(figure/limit)|); `factorgraph_adj.planning.covariances`
+targets (the sum over all items of |ln(figure/limit)|); `factorgraph_adj.planning.candidate_search`
 updates the covariances for each candidate. Then superfluous candidates are removed, and single
 candidates and pairs are exchanged for cheaper ones. A separate plan checks each proposal.
 
@@ -28,10 +28,9 @@ from ..graph.equations import compile_network
 from ..network.network import Network
 from ..result_display import Rows, Shown
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
-from .candidates import Candidate, as_candidates, dependent, with_candidates
+from .candidate_search import CandidateSearch
+from .candidates import Candidate, as_candidates, as_planned, dependent, with_candidates
 from .plan import Plan, realised
-from .planned_readings import as_planned
-from .search import CandidateSearch
 from .targets import (
     RedundancyNumber,
     Shortfall,

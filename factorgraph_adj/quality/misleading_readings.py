@@ -34,10 +34,10 @@ from ..start.start_values import Start
 from ..statistical_tests import global_test, normal_quantile
 from ..types import Array
 from .causes.block_mistakes import block_mistakes
+from .causes.cause_search import Causes, causes, exchanges_as_causes
 from .causes.exchanged_targets import TargetExchange, exchanged_targets
 from .causes.mistaken_identity import MistakenIdentity
 from .causes.readings import Readings
-from .causes.search import Causes, causes, exchanges_as_causes
 from .causes.separability import MAX_LINEAR_TEST_VALUE
 from .causes.shared_errors import TOTAL_STATION_KINDS
 from .rejections import Snooping

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..graph.variables import calibration_name
-from ..models.position import split_pose
+from ..models.positions import split_pose
 from ..solve.solution import Solution
 from ..types import Array, Index
 

@@ -29,7 +29,7 @@ from ..solve.given_state import solution_at_given_values
 from ..solve.solution import Solution
 from ..start.start_values import Start
 from ..types import Array, Mask
-from .causes.search import Causes
+from .causes.cause_search import Causes
 from .causes.shared_errors import TOTAL_STATION_KINDS
 from .reliability import Reliability, reliability
 

@@ -22,8 +22,8 @@ from ..network.network import Network
 from ..solve.solution import Solution
 from ..statistical_tests import chi2_quantile, fisher_quantile, normal_quantile
 from ..types import Array
+from .causes.cause_search import Causes, causes, every_mistaken_identity
 from .causes.mistaken_identity import MistakenIdentity, merged_exchanges
-from .causes.search import Causes, causes, every_mistaken_identity
 from .prediction import Prediction, Predictor
 from .rejections import Rejected, RejectedFactor, RejectedPoint, Round, Snooping, Test, Unresolved
 from .reliability import Reliability, critical_tau, reliability

@@ -21,16 +21,7 @@ from .adjustment_report import Report
 from .layout import decimals, paragraph, short, title
 from .observation_rows import Row, identity_columns
 from .rejected_observations import RejectedObservations
-from .tables import (
-    DATA,
-    Column,
-    Table,
-    Unit,
-    as_csv,
-    as_frame,
-    as_text,
-    figures_by_number,
-)
+from .tables import DATA, Column, Table, Unit, as_csv, as_frame, as_text, figures_by_number
 
 ROUNDING_OF_REDUNDANCY = 1e-9
 """Redundancy number below which there is nothing but rounding."""

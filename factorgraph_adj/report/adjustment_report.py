@@ -14,7 +14,7 @@ from ..graph.variables import calibration_name
 from ..io.numbers import Units
 from ..models.variables import VariableKind
 from ..network.network import Network
-from ..quality.causes.search import Causes
+from ..quality.causes.cause_search import Causes
 from ..quality.causes.shared_error_tests import GivenValue
 from ..quality.derived_quantities import (
     AdjustedLine,

@@ -22,7 +22,7 @@ from ..statistical_tests import (
 )
 from ..types import Array
 from ..validate.findings import Finding
-from ..validate.frame_axes import left_handed_frames
+from ..validate.instrument_axes import left_handed_frames
 from ..validate.repeated_readings import copied_blocks, copied_returns
 
 MAX_NAMES_IN_DOUBT = 6

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..models.variables import UNKNOWNS
+from ..quality.causes.cause_search import EXCHANGES_NOTE
 from ..quality.causes.evidence import Cause, VarianceFactor
-from ..quality.causes.search import EXCHANGES_NOTE
 from ..quality.causes.shared_error_tests import GivenValue
 from ..quality.causes.shared_errors import ErrorQuantity
 from ..quality.rejections import Rejected, Snooping

@@ -14,8 +14,8 @@ import numpy as np
 from ..graph.variables import camera_of_calibration
 from ..models.variables import VariableKind
 from ..network.network import Network
+from ..quality.causes.cause_search import Causes
 from ..quality.causes.evidence import Cause
-from ..quality.causes.search import Causes
 from ..quality.causes.shared_error_tests import GivenValue, SharedErrorTest
 from ..quality.parameter_correlations import StrongestCorrelation
 from ..quality.parameter_significance import ParameterLabel, Significance, TestedParameter

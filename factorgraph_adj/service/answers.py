@@ -18,7 +18,7 @@ from ..incremental.arrival import Arrival, Waiting
 from ..io.numbers import Units, write_quantity
 from ..ledger.verdicts import Gain, Verdict
 from ..observations import ImagePoint, observation_kind
-from ..quality.causes.search import Causes
+from ..quality.causes.cause_search import Causes
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.reliability import Reliability
 from ..report import image_axes

@@ -1,7 +1,7 @@
 """The spec of a simulation: all parameters of a simulated network, in TOML files.
 
 Example:
-    >>> from factorgraph_adj.simulation.generate.aerial_blocks import Aerial
+    >>> from factorgraph_adj.simulation.generate.photo_blocks import Aerial
     >>> from factorgraph_adj.simulation.generate.control import Control
     >>> spec = Spec(parts=(Aerial(strips=2, photos_per_strip=4),), control=Control())
     >>> len(design(spec).photos)
@@ -41,10 +41,9 @@ from ..network.network import Network
 from ..observations import ControlPoint
 from .disturbances import Errors, add_gross_errors, drop, read, readings_of, true_plan
 from .generate import (
-    aerial_blocks,
-    close_range_blocks,
     flight_observations,
     metrology,
+    photo_blocks,
     rigs_and_models,
     terrestrial_additions,
     terrestrial_networks,
@@ -105,8 +104,8 @@ def _key(name: str) -> str:
 INDEX = re.compile(r"\[(\d+)\]")
 """Pattern of an index in a path in Python notation, such as ``[0]``."""
 MODULES_OF_PARTS = (
-    aerial_blocks,
-    close_range_blocks,
+    photo_blocks,
+    photo_blocks,
     terrestrial_networks,
     metrology,
     terrestrial_additions,

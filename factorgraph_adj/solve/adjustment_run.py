@@ -19,7 +19,6 @@ from ..models.variables import UNKNOWNS
 from ..types import Array, Mask
 from .added_factors import NO_ADDED_FACTORS, AddedFactors
 from .datum_defects import Defect, FreeDatum, find_defects, minimal_datum
-from .datum_motions import zero_length_blocks
 from .gauss_newton_steps import NO_EXTRAPOLATIONS, ExtrapolationRecord
 from .inner_constraints import datum_columns
 from .linearised_equations import LinearisedEquations, sum_of_squares
@@ -30,6 +29,7 @@ from .undetermined_unknowns import (
     undetermined_combinations,
     undetermined_error,
 )
+from .unnoticed_motions import zero_length_blocks
 
 
 @dataclass(frozen=True)

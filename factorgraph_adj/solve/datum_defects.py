@@ -27,10 +27,12 @@ from ..frames import LocalFrame
 from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.datum_motions import Motions
-from ..models.heights import heights
+from ..models.positions import heights
 from ..models.variables import UNKNOWNS
 from ..types import Array, Index, Mask
-from .datum_motions import (
+from .linearised_equations import LinearisedEquations
+from .rigid_mounts import eased_ties
+from .unnoticed_motions import (
     independent_motions,
     mean_motions,
     offsets_from_axes,
@@ -42,8 +44,6 @@ from .datum_motions import (
     without_turned_deflections,
     without_turns_about_axes,
 )
-from .linearised_equations import LinearisedEquations
-from .rigid_mounts import eased_ties
 
 Motion: TypeAlias = Literal[
     "shift in x",

@@ -22,9 +22,9 @@ from ..rotation import exp_rotation, log_rotation
 from ..types import Array, Index, Mask
 from .convergence import STOPPING
 from .datum_defects import MOTION_NAMES, Defect, FreeDatum, find_defects, in_part
-from .datum_motions import stations_of
 from .gauss_newton_steps import Step
 from .normal_equations import NormalEquations
+from .unnoticed_motions import stations_of
 
 
 @dataclass(frozen=True, eq=False)

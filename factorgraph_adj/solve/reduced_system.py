@@ -22,10 +22,10 @@ from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index, Mask
-from .datum_motions import stations_of
 from .elimination_layers import Layers, first_point
 from .fronts import BlockMatrix
 from .nested_dissection import BlockPattern, Front, dissect
+from .unnoticed_motions import stations_of
 
 
 class NodePlaces:

@@ -16,15 +16,14 @@ import numpy as np
 
 from ..graph.blocks import Block
 from ..graph.equations import Equations
-from ..models.frame_sights import place_of_sight
-from ..models.sub_frame import from_frame, horizons, split_frame
+from ..models.sub_frame import from_frame, horizons, place_of_sight, split_frame
 from ..models.variables import ROTATION, UNKNOWNS
 from ..observations import KINDS
 from ..rotation import exp_rotation, nearest_rotation
 from ..stochastic_model import StandardDeviation
 from ..types import Array, Index, Mask
 from .search_state import SearchState
-from .terrestrial_observations import directions_read, zeniths_read
+from .terrestrial_readings import directions_read, zeniths_read
 
 SIGHT_COMPONENTS = ("direction", "zenith", "distance")
 """What sights state about a place, in the order of the columns of `Sights.value`."""

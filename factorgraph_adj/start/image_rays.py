@@ -16,7 +16,7 @@ from ..models.inverse_lens import directions
 from ..types import Array, Index, Mask
 from .intersection import MIN_COMPARED_MISFIT
 from .search_state import SearchState
-from .terrestrial_observations import group_median
+from .terrestrial_readings import group_median
 
 GOOD_PARALLAX_RAD = 0.1
 """Smallest angle between rays, radians, of an intersection that is used at once."""

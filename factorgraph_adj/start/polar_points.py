@@ -23,7 +23,7 @@ from ..graph.variables import State
 from ..models.base import wrap
 from ..types import Array, Index, Mask
 from .search_state import SearchState
-from .terrestrial_observations import StationObservations, group_angle, group_median
+from .terrestrial_readings import StationObservations, group_angle, group_median
 
 MAX_CLOUD_MISFIT_RATIO = 3e-3
 """Distance of a common point from its known place, relative to the size of the cloud, up to which

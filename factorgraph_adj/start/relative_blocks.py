@@ -27,7 +27,7 @@ from .intersection import (
 )
 from .polar_points import bearing, orient_sets, place_clouds, place_polar_points
 from .search_state import SearchState
-from .terrestrial_observations import StationObservations, median_angle
+from .terrestrial_readings import StationObservations, median_angle
 
 MAX_BLOCK_STARTS = 20
 """Largest number of starts that are tried at one stage."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..frames import AXES, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ..types import Array, Index, Mask
-from .terrestrial_observations import Survey
+from .terrestrial_readings import Survey
 
 
 class Horizon:

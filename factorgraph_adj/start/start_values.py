@@ -14,7 +14,7 @@ import numpy as np
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
 from ..network.network import DatumChoice
-from .search import approximate
+from .approximate_values import approximate
 
 
 class AdjustedValues(Protocol):

@@ -18,10 +18,10 @@ from .intersection import (
     loci_of_points,
     positions_in_space,
 )
-from .relative_poses import RelativePoses
+from .relative_positions import RelativePoses
 from .resection import MAX_RAY_MISS_RAD, MIN_POINTS_OF_UNIQUE_POSE, direction_misses, resect
 from .search_state import SearchState
-from .terrestrial_observations import StationObservations
+from .terrestrial_readings import StationObservations
 
 MIN_MIRRORED_SHARE = 0.8
 """Smallest share of the known points of a photo that fit if its image is mirrored."""

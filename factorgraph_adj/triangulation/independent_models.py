@@ -55,7 +55,7 @@ from ..observations import Correlated, FrameCoordinate, PhotoPosition
 from ..result_display import Rows, Shown
 from ..rotation import log_rotation, skew, world_R_camera
 from ..solve.solution import Solution
-from ..start.search import partial_approximation
+from ..start.approximate_values import partial_approximation
 from ..types import Array, Index
 
 MIN_POINTS_OF_MODEL = 5

@@ -49,8 +49,8 @@ from ..network.network import Network
 from ..observations import ControlPoint, Direction, FrameCoordinate
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
+from ..start.approximate_values import approximate
 from ..start.image_rays import read_rays
-from ..start.search import approximate
 from ..types import Array
 from .independent_models import start_values
 

@@ -43,7 +43,7 @@ from .findings import (
 )
 from .reference_frames import other_zone_text
 from .repeated_readings import SIGMA_OF_REFRACTION
-from .units import ANGLE_UNIT_NAMES, length_factors
+from .wrong_units import ANGLE_UNIT_NAMES, length_factors
 
 MAX_LISTED_READINGS = 12
 """Largest number of readings that are listed one by one."""

@@ -40,7 +40,7 @@ from .findings import (
 )
 from .reference_frames import exchanged_latitudes, mixed_heights, vector_frames
 from .traverse_misclosures import TraverseReadings, traverses_between_held_points
-from .units import length_factors, wrong_units
+from .wrong_units import length_factors, wrong_units
 
 MAX_ORIGIN_DISTANCE_M = 100_000.0
 """Distance from the origin of a curved local frame, metres, beyond which it is reported: the error

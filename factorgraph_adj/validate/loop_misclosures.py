@@ -32,7 +32,7 @@ from .findings import (
     reading_covariance,
 )
 from .reference_frames import other_zone_text
-from .units import TRIED_LENGTH_UNITS
+from .wrong_units import TRIED_LENGTH_UNITS
 
 MAX_OBSERVATIONS_OF_LOOP = 8
 """Largest number of observations of a loop that are named."""

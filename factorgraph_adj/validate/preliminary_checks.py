@@ -8,14 +8,14 @@ from ..graph.equations import compile_rows
 from ..network.network import Network
 from .contradicting_readings import contradicting_readings
 from .findings import Finding
-from .frame_places import misfitting_frames
+from .frame_mistakes import misfitting_frames
 from .given_coordinates import group_contradictions, points_behind_cameras, traverse_scale
 from .loop_misclosures import lines_between_given, open_loops
 from .repeated_readings import differing_repetitions
 from .stated_values import contradicting_surfaces, differing_heights, exchanged_heights
 from .traverse_misclosures import open_traverses
 from .undetermined_points import weakly_determined_points
-from .units import angles_beyond_circle, compared_kinds, level_sights
+from .wrong_units import angles_beyond_circle, compared_kinds, level_sights
 
 
 def named_mistakes(

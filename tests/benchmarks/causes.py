@@ -24,7 +24,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import Observation
-from factorgraph_adj.quality.causes.search import Causes, sized_causes
+from factorgraph_adj.quality.causes.cause_search import Causes, sized_causes
 from factorgraph_adj.quality.reliability import noncentrality
 from tests.networks.building_site import site
 from tests.networks.photo_block import block

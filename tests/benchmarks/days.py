@@ -22,7 +22,7 @@ from typing import get_args
 import numpy as np
 
 from factorgraph_adj.incremental.arrival import Arrival
-from factorgraph_adj.ledger.options import ENGINES, Engine
+from factorgraph_adj.ledger.command_input import ENGINES, Engine
 from tests.support.days import Compared, play
 from tests.support.two_engines import NEAR, Pair, pairs
 

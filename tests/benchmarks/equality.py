@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import get_args
 
-from factorgraph_adj.ledger.options import Engine
+from factorgraph_adj.ledger.command_input import Engine
 from tests.networks.arriving import CASES
 from tests.support.arrivals import Moment
 

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import factorgraph_adj as fga
+from factorgraph_adj.quality.causes.cause_search import Causes
 from factorgraph_adj.quality.causes.mistaken_identity import EXCHANGED_TARGETS
-from factorgraph_adj.quality.causes.search import Causes
 from factorgraph_adj.quality.rejections import Snooping
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.doubtful_results import doubts_of_network, doubts_of_solution

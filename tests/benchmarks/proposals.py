@@ -15,10 +15,10 @@ import numpy as np
 
 from examples.published_blocks.industry_block import industry_block_plan
 from factorgraph_adj.observations import SlopeDistance
+from factorgraph_adj.planning.candidate_search import CandidateSearch
 from factorgraph_adj.planning.candidates import Candidate, identified, with_candidates
 from factorgraph_adj.planning.plan import plan
 from factorgraph_adj.planning.proposals import propose
-from factorgraph_adj.planning.search import CandidateSearch
 from factorgraph_adj.planning.targets import SemiAxis, UndetectedShift, lacking
 
 CANDIDATES = 1_000

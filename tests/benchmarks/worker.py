@@ -20,7 +20,7 @@ from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.reliability import Reliability, reliability
 from factorgraph_adj.simulation.simulated_blocks import simulate_aerial_block
-from factorgraph_adj.start.search import approximate
+from factorgraph_adj.start.approximate_values import approximate
 
 from ..networks.dbat import read_roma
 from ..support.places import DATA

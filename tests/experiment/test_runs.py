@@ -33,8 +33,7 @@ from factorgraph_adj.experiment.repetitions import (
     repeat,
 )
 from factorgraph_adj.experiment.repetitions import _serve as serve
-from factorgraph_adj.experiment.results import Results
-from factorgraph_adj.experiment.runs import Experiment, run
+from factorgraph_adj.experiment.runs import Experiment, Results, run
 from tests.support import journals, trials
 from tests.support.cluster import local_client
 from tests.support.places import ROOT

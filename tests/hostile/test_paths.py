@@ -13,8 +13,8 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.files import inside
 from factorgraph_adj.io.project import load_project
+from factorgraph_adj.ledger.command_input import Options
 from factorgraph_adj.ledger.journal_entries import start_of
-from factorgraph_adj.ledger.options import Options
 from factorgraph_adj.planning.target_files import read_wishes
 from tests.hostile.formats import FORMATS
 from tests.networks import photo_files, survey_files

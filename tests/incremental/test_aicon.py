@@ -20,7 +20,7 @@ from scipy.stats import norm
 
 from factorgraph_adj import IncrementalAdjustment, Network, adjust
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.linear_system.innovations import innovation_tests
+from factorgraph_adj.linear_system.predictions import innovation_tests
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.quality.group_tests import critical_t2
 from factorgraph_adj.quality.rejections import Snooping

@@ -10,8 +10,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.graph.variables import State
-from factorgraph_adj.ledger.candidates import Candidates, NothingKnown
 from factorgraph_adj.ledger.ledger import Ledger
+from factorgraph_adj.ledger.waiting_observations import Candidates, NothingKnown
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.solve.normal_equations import NormalEquations, Solver
 from tests.benchmarks.beginning import (

@@ -23,7 +23,7 @@ import pytest
 from factorgraph_adj import IncrementalAdjustment, Network
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.json_records import network_files
-from factorgraph_adj.ledger.options import Engine
+from factorgraph_adj.ledger.command_input import Engine
 from tests.support.arrivals import batch, difference
 from tests.support.places import ROOT
 from tests.support.playing import day, morning

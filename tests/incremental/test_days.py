@@ -12,7 +12,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.incremental.arrival import Arrival
-from factorgraph_adj.ledger.options import Engine
+from factorgraph_adj.ledger.command_input import Engine
 from factorgraph_adj.observations import AnyObservation, SlopeDistance
 from tests.support import days
 from tests.support.days import compare, drawn, play

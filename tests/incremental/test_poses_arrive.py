@@ -7,7 +7,7 @@ import pytest
 
 from factorgraph_adj import IncrementalAdjustment, adjust
 from factorgraph_adj.factor_graph.linear_isam2 import IndeterminateError, LinearISAM2
-from factorgraph_adj.ledger.options import Engine
+from factorgraph_adj.ledger.command_input import Engine
 from factorgraph_adj.linear_system.isam2_system import ISAM2System
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.simulation.measurement import measure

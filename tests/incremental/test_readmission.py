@@ -11,8 +11,8 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.linear_system.front_system import FrontSystem
-from factorgraph_adj.linear_system.innovations import UNANSWERED
 from factorgraph_adj.linear_system.isam2_system import ISAM2System
+from factorgraph_adj.linear_system.predictions import UNANSWERED
 from factorgraph_adj.observations import HeightDifference
 from factorgraph_adj.types import Array, Index
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental import removal
+from factorgraph_adj.incremental import commands
 from factorgraph_adj.linear_system.front_system import FrontSystem
 from factorgraph_adj.linear_system.rebase import Draft, NoMinimum
 from factorgraph_adj.observations import (
@@ -71,7 +71,7 @@ def test_what_an_update_cannot_hold_is_found_out_anew(
             found = once(draft, *arguments, **options)
             return NoMinimum("singular", ()) if twice else found
 
-        patch.setattr(removal, "downdated", lambda *_: None)
+        patch.setattr(commands, "downdated", lambda *_: None)
         patch.setattr(Draft, "adjusted", undone)
         waits = inc.remove("AP").waits
     assert not waits
@@ -86,7 +86,7 @@ def test_what_waits_again_then_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         inc = arc()
         with monkeypatch.context() as patch:
             if fails:
-                patch.setattr(removal, "determined_only_by", lambda *_: None)
+                patch.setattr(commands, "determined_only_by", lambda *_: None)
             told.append(sorted(inc.remove(["AP", "BP"]).waits))
         assert sorted(w.id for w in inc.waiting) == told[-1]
         assert_at_the_minimum(inc)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.ledger.options import ENGINES
+from factorgraph_adj.ledger.command_input import ENGINES
 from factorgraph_adj.observations import ControlPoint, HeightDifference, SlopeDistance
 from factorgraph_adj.solve import marginalisation
 from tests.benchmarks.vehicle import Drive

@@ -13,7 +13,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.control_characters import escaped
 from factorgraph_adj.experiment.repetitions import Repetition
-from factorgraph_adj.experiment.results import Results
+from factorgraph_adj.experiment.runs import Results
 from factorgraph_adj.io.csv_tables import read_table, unguarded_cell, write_columns
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import Direction, SlopeDistance

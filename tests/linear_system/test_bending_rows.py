@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.ledger.options import Engine
+from factorgraph_adj.ledger.command_input import Engine
 from tests.networks.plane_ranges import plane_ranges
 from tests.networks.tense_distances import measured, tense_distances
 

@@ -15,9 +15,9 @@ from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.ledger.ledger import Ledger
 from factorgraph_adj.linear_system.engines import rows_beside
 from factorgraph_adj.linear_system.front_system import FrontSystem
-from factorgraph_adj.linear_system.innovations import innovation_tests, joined
-from factorgraph_adj.linear_system.linear_forms import rows_of
+from factorgraph_adj.linear_system.linear_system import rows_of
 from factorgraph_adj.linear_system.linearisation_error import is_small
+from factorgraph_adj.linear_system.predictions import innovation_tests, joined
 from factorgraph_adj.quality.group_tests import critical_t2
 from factorgraph_adj.types import Array, Index
 from tests.networks.free import FREE, rest, with_datum

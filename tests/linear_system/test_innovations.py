@@ -7,8 +7,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.incremental import commands
-from factorgraph_adj.ledger.options import Engine
-from factorgraph_adj.linear_system.innovations import innovation_tests, near_enough
+from factorgraph_adj.ledger.command_input import Engine
+from factorgraph_adj.linear_system.predictions import innovation_tests, near_enough
 from factorgraph_adj.observations import GnssVector, SlopeDistance
 
 MM = 1e-3

@@ -12,7 +12,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.entities import Point
-from factorgraph_adj.incremental import commands, entry, removal
+from factorgraph_adj.incremental import commands, entry
+from factorgraph_adj.incremental import commands as removal
 from factorgraph_adj.linear_system import linearisation_error, section_choice
 from factorgraph_adj.linear_system.front_system import FrontSystem
 from factorgraph_adj.linear_system.rebase import Draft, NoMinimum, with_doubt

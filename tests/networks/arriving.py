@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.ledger.options import Engine
+from factorgraph_adj.ledger.command_input import Engine
 from tests.networks import aicon, dbat
 from tests.networks.adjusted import ADJUSTED
 from tests.networks.gama import FOLDER, solved

@@ -9,7 +9,7 @@ import numpy as np
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.frames import direction_of
-from factorgraph_adj.models.heights import heights
+from factorgraph_adj.models.positions import heights
 from factorgraph_adj.rotation import TURN_ABOUT_X
 from tests.loaders.borea import Block
 from tests.networks.borea_flight import control_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from factorgraph_adj.graph.calibration_scales import calibration_scales
+from factorgraph_adj.graph.variables import calibration_scales
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.rotation import exp_rotation

@@ -6,7 +6,7 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
-from factorgraph_adj.models.heights import heights
+from factorgraph_adj.models.positions import heights
 from factorgraph_adj.simulation.measurement import measure
 from tests.networks.frames import network_of_frames
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.models.similarity import Similarity
-from factorgraph_adj.orientation.similarity import (
+from factorgraph_adj.orientation.robust_similarity import (
     in_one_line,
     robust_similarity,
     similarity_from_components,

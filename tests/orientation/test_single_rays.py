@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from factorgraph_adj.orientation.similarity import similarity_from_sights
+from factorgraph_adj.orientation.robust_similarity import similarity_from_sights
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array
 

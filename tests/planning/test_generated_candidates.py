@@ -13,9 +13,9 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.observations import Correlated, LevelHeight
 from factorgraph_adj.planning.candidates import difference, with_candidates
 from factorgraph_adj.planning.targets import PointPrecision
-from factorgraph_adj.simulation.generate.aerial_blocks import Aerial, CrossStrips
 from factorgraph_adj.simulation.generate.control import Control
 from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
+from factorgraph_adj.simulation.generate.photo_blocks import Aerial, CrossStrips
 from factorgraph_adj.simulation.generate.rigs_and_models import Rig
 from factorgraph_adj.simulation.generate.scene import Part
 from factorgraph_adj.simulation.generate.terrestrial_additions import Distances

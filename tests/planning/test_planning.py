@@ -23,8 +23,8 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
+from factorgraph_adj.planning.candidate_search import CandidateSearch
 from factorgraph_adj.planning.candidates import identified, with_candidates
-from factorgraph_adj.planning.search import CandidateSearch
 from factorgraph_adj.planning.targets import (
     DetectableError,
     PointPrecision,

@@ -11,7 +11,7 @@ from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.survey.comp3d_grid import Comp3dOrigin
 from factorgraph_adj.solve.solution import Solution
-from factorgraph_adj.start.search import approximate
+from factorgraph_adj.start.approximate_values import approximate
 from factorgraph_adj.units import ARCSEC, GON
 from tests.loaders import comp3d
 from tests.networks.comp3d import LATITUDE, deflected, network_of_topo

@@ -24,7 +24,7 @@ from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.solve.estimates import CalibrationEstimate
 from factorgraph_adj.solve.solution import Solution
-from factorgraph_adj.start.search import approximate
+from factorgraph_adj.start.approximate_values import approximate
 from factorgraph_adj.types import Array
 from tests.networks.dbat import (
     CAMCAL,

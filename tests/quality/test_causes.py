@@ -10,9 +10,9 @@ import pytest
 from scipy.sparse import csc_array
 
 import factorgraph_adj as fga
-from factorgraph_adj.quality.causes import image_axes
-from factorgraph_adj.quality.causes.image_axes import OrientedPhoto, axes_by_attitude
-from factorgraph_adj.quality.causes.search import evidence, sized_causes
+from factorgraph_adj.quality.causes import mistaken_axes
+from factorgraph_adj.quality.causes.cause_search import evidence, sized_causes
+from factorgraph_adj.quality.causes.mistaken_axes import OrientedPhoto, axes_by_attitude
 from factorgraph_adj.quality.causes.shared_error_tests import (
     given_values,
     shared_error_tests,
@@ -201,13 +201,13 @@ def test_a_mirrored_photo_is_left_out_with_its_position(monkeypatch: pytest.Monk
             weak = {"sigma": (1e3, 1e3, 1e3), "covariance": None}
             network.observations[ident] = replace(o, **weak)  # type: ignore[arg-type]
     found: list[fga.Solution] = []
-    unknowns_left_out = image_axes._without
+    unknowns_left_out = mistaken_axes._without
 
     def seen(*args: Any) -> fga.Solution:
         found.append(unknowns_left_out(*args))
         return found[-1]
 
-    monkeypatch.setattr(image_axes, "_without", seen)
+    monkeypatch.setattr(mistaken_axes, "_without", seen)
     best = fga.snoop(network).causes.found[0]  # type: ignore[union-attr]
     assert (best.cause, best.where) == ("the direction of y", "of photo 'photo 03'")
     (clean,) = found

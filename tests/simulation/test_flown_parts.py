@@ -15,14 +15,14 @@ from scipy import stats
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.models.heights import heights
+from factorgraph_adj.models.positions import heights
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import PhotoPosition, ProfileHeight
 from factorgraph_adj.simulation.disturbances import DropOut, Errors
-from factorgraph_adj.simulation.generate.aerial_blocks import Aerial, CrossStrips
 from factorgraph_adj.simulation.generate.control import Control
 from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
 from factorgraph_adj.simulation.generate.metrology import Shapes
+from factorgraph_adj.simulation.generate.photo_blocks import Aerial, CrossStrips
 from factorgraph_adj.simulation.generate.rigs_and_models import IndependentModels, Rig
 from factorgraph_adj.simulation.measurement import SimulatedNetwork
 from factorgraph_adj.simulation.spec import Earth, Spec, design, read_spec, simulate

@@ -18,11 +18,10 @@ from factorgraph_adj.entities import ImageTable
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.simulation.disturbances import DropOut, Errors, GrossError
-from factorgraph_adj.simulation.generate.aerial_blocks import Aerial, CrossStrips
-from factorgraph_adj.simulation.generate.close_range_blocks import CloseRange
 from factorgraph_adj.simulation.generate.control import Control
 from factorgraph_adj.simulation.generate.flight_observations import Gnss, Lake, Statoscope
 from factorgraph_adj.simulation.generate.metrology import Shapes, Trackers
+from factorgraph_adj.simulation.generate.photo_blocks import Aerial, CloseRange, CrossStrips
 from factorgraph_adj.simulation.generate.rigs_and_models import Rig
 from factorgraph_adj.simulation.generate.scene import Camera
 from factorgraph_adj.simulation.generate.terrestrial_additions import (

@@ -1,1 +1,1 @@
-"""Tests of `factorgraph_adj.start.search`."""
+"""Tests of `factorgraph_adj.start.approximate_values`."""

@@ -36,8 +36,8 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.simulation.measurement import look_at, measure
-from factorgraph_adj.start import search as start_search
-from factorgraph_adj.start.search import approximate
+from factorgraph_adj.start import approximate_values as start_search
+from factorgraph_adj.start.approximate_values import approximate
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC, GON
 from tests.networks import aicon, dbat

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.start.approximate_values import approximate
 from factorgraph_adj.start.polar_points import agreed_transformation, turned_in_plan
-from factorgraph_adj.start.search import approximate
 from tests.networks.exchanged_day import SIGMA_GNSS, day
 
 TURN, SHIFT = 2.3, np.array([400.0, -150.0, 12.0])

@@ -14,7 +14,7 @@ from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import ImagePoint, RelativePosition, RelativeRotation
 from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.simulation.measurement import measure
-from factorgraph_adj.start.search import partial_approximation
+from factorgraph_adj.start.approximate_values import partial_approximation
 from tests.networks.odometry import odometry
 from tests.networks.rigs import MOUNTS, PARTS, on_mount, rig
 

@@ -10,7 +10,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.observations import FrameCoordinate, HeightDifference
-from factorgraph_adj.start.search import approximate
+from factorgraph_adj.start.approximate_values import approximate
 from tests.networks.every_kind import FRAMES
 from tests.networks.frames import network_of_frames
 

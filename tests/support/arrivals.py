@@ -11,7 +11,7 @@ import numpy as np
 from factorgraph_adj import IncrementalAdjustment, Network, Solution, adjust, reliability
 from factorgraph_adj.errors import AdjustmentError
 from factorgraph_adj.graph.dependence import variables_of
-from factorgraph_adj.ledger.options import Engine
+from factorgraph_adj.ledger.command_input import Engine
 from factorgraph_adj.models.base import wrap
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint

@@ -24,7 +24,7 @@ from factorgraph_adj import (
     adjust,
 )
 from factorgraph_adj.incremental.arrival import Arrival
-from factorgraph_adj.ledger.options import Engine
+from factorgraph_adj.ledger.command_input import Engine
 from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint
 from factorgraph_adj.solve.minimum import NOT_ON_INNER_CONSTRAINTS

@@ -22,7 +22,7 @@ import numpy as np
 
 from factorgraph_adj import IncrementalAdjustment, Network
 from factorgraph_adj.entities import Photo, Point
-from factorgraph_adj.ledger.options import Engine
+from factorgraph_adj.ledger.command_input import Engine
 from factorgraph_adj.observations import AnyObservation, Correlated, HeightDifference, Observation
 from factorgraph_adj.simulation.measurement import measure
 from tests.networks.site import CONTROL, UNKNOWN, plan

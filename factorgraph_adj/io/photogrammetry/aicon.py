@@ -24,12 +24,7 @@ from ...observations import ControlPoint, SlopeDistance
 from ...units import LENGTH
 from ..source import Problems, is_unread
 from ..text_files import read_text
-from .block_source import (
-    PHOTOS_SWITCHED_OFF,
-    ImagePoints,
-    filled_lines,
-    whole_number,
-)
+from .block_source import PHOTOS_SWITCHED_OFF, ImagePoints, filled_lines, whole_number
 
 MM = LENGTH["mm"]
 BLOCK_SUFFIXES = (".phc", ".eor", ".obc", ".ior")

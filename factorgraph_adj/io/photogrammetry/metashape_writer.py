@@ -14,13 +14,7 @@ from ...frames import LocalFrame
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, SlopeDistance
 from ..file_transaction import write_files
-from ..format_limits import (
-    Refusals,
-    calibration_values,
-    common_value,
-    numbers_text,
-    pixel_format,
-)
+from ..format_limits import Refusals, calibration_values, common_value, numbers_text, pixel_format
 from .metashape_cameras import LOST_PARAMETERS, calibration_parameters, sensor_type
 
 METASHAPE_LOCAL_WKT = (

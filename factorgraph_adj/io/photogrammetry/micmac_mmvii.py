@@ -38,12 +38,7 @@ from ...network.network import Network
 from ...observations import ControlPoint
 from ..source import Problems, is_unread
 from ..xml_files import Element, parse_xml
-from .block_source import (
-    ImagePoints,
-    add_pixel_camera,
-    rotation_and_scale,
-    whole_number,
-)
+from .block_source import ImagePoints, add_pixel_camera, rotation_and_scale, whole_number
 
 PREFIX = "Ori-PerspCentral-"
 """Beginning of the names of MMVII's poses of frame cameras."""

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ...errors import Problem
-from ...models.heights import heights
+from ...models.positions import heights
 from ...observations import (
     LevelHeight,
     NavigationAttitude,
@@ -18,7 +18,7 @@ from ...observations import (
     ProfileHeight,
 )
 from ..parameters import number, path_of
-from .aerial_blocks import Exposure, Known, drawn, stated, strips_kept
+from .photo_blocks import Exposure, Known, drawn, stated, strips_kept
 from .scene import MILLIMETRE, Part, Scene
 
 ARM, BORESIGHT = ("x", "y", "z"), ("rx", "ry", "rz")

@@ -14,7 +14,7 @@ from ...triangulation.independent_models import as_models, photos_of_strips
 from ...types import Array
 from ..measurement import measure
 from ..parameters import number, path_of
-from .aerial_blocks import Known, drawn, stated
+from .photo_blocks import Known, drawn, stated
 from .scene import MICROMETRE, MILLIMETRE, Camera, Part, Scene
 
 

@@ -12,7 +12,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.rotation import log_rotation
-from factorgraph_adj.start.search import approximate
+from factorgraph_adj.start.approximate_values import approximate
 from tests.networks.pixel_block import projected
 
 LATITUDE, LONGITUDE, HEIGHT = 52.5, 13.4, 40.0

@@ -11,8 +11,8 @@ from scipy import special, stats
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import HeightDifference
+from factorgraph_adj.quality.causes.cause_search import Cause, ordered_causes, sized_causes
 from factorgraph_adj.quality.causes.evidence import VarianceFactor, evidence
-from factorgraph_adj.quality.causes.search import Cause, ordered_causes, sized_causes
 from factorgraph_adj.quality.causes.separability import MIN_T2_DIFFERENCE, separability_tolerance
 from tests.benchmarks.causes import adjusted
 from tests.networks.building_site import site

@@ -17,9 +17,9 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from factorgraph_adj.quality.causes import search
+from factorgraph_adj.quality.causes import cause_search
+from factorgraph_adj.quality.causes.cause_search import sized_causes
 from factorgraph_adj.quality.causes.readings import Readings
-from factorgraph_adj.quality.causes.search import sized_causes
 from factorgraph_adj.quality.causes.shared_error_tests import (
     conditional_error_tests,
     shared_error_tests,
@@ -59,14 +59,14 @@ def sights(readings: list[Observation], station: str, target: str) -> list[int]:
     ]
 
 
-def causes_with(network: fga.Network, readings: list[Observation]) -> search.Causes:
+def causes_with(network: fga.Network, readings: list[Observation]) -> cause_search.Causes:
     """Return the causes of misfits of a network with readings."""
     whole = network.copy()
     whole.add(*readings)
     return fga.causes(fga.reliability(fga.adjust(whole)))
 
 
-def gross(seed: int, kind: type, times: float) -> tuple[search.Causes, str]:
+def gross(seed: int, kind: type, times: float) -> tuple[cause_search.Causes, str]:
     """Return the causes where one reading of a kind is wrong by a multiple of σ, and its sight."""
     network, readings, _ = site(seed)
     of_kind = [i for i, o in enumerate(readings) if isinstance(o, kind)]
@@ -154,12 +154,12 @@ def test_the_places_with_the_largest_test_are_chosen(monkeypatch: pytest.MonkeyP
     network.add(*readings)
     solution = fga.adjust(network)
 
-    def of_sights() -> list[search.Cause]:
+    def of_sights() -> list[cause_search.Cause]:
         found = sized_causes(solution, ())
         return [c for c in found if c.cause == TARGET and "seen from" in c.where]
 
     every = of_sights()
-    monkeypatch.setattr(search, "MAX_PLACES_OF_CAUSE", 3)
+    monkeypatch.setattr(cause_search, "MAX_PLACES_OF_CAUSE", 3)
     few = of_sights()
     assert len(every) > len(few) == 3
     largest = sorted((c.t2 for c in every), reverse=True)[:3]

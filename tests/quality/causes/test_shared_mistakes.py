@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.quality.causes.cause_search import Causes
 from factorgraph_adj.quality.causes.readings import Readings
-from factorgraph_adj.quality.causes.search import Causes
 from factorgraph_adj.quality.causes.shared_errors import shared_error_columns
 from tests.networks.mistaken import MISTAKES, levelling, long_sights
 

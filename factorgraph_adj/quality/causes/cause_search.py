@@ -24,7 +24,7 @@ from ...types import Array, Index
 from ..reliability import Reliability
 from .evidence import Cause, VarianceFactor, evidence, three_digits
 from .exchanged_images import exchanged_image_points, exchanged_photos
-from .image_axes import mirrored_block, photos_with_other_axes
+from .mistaken_axes import mirrored_block, photos_with_other_axes
 from .mistaken_identity import MistakenIdentity, mistaken_identities
 from .readings import Readings
 from .separability import (

@@ -38,8 +38,8 @@ from .common_places import (
     with_exchanges_undone,
 )
 from .findings import Finding
-from .frame_axes import left_handed_frames, tilted_frames, wrong_circle_units
 from .given_coordinates import MIN_SCALE_DIFFERENCE, factor_meaning
+from .instrument_axes import left_handed_frames, tilted_frames, wrong_circle_units
 from .loop_misclosures import MAX_LISTED_MISCLOSURES, MAX_OBSERVATIONS_OF_LOOP, closed_loops
 
 MIN_MIRROR_IMPROVEMENT = 5.0

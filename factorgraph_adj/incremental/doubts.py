@@ -19,12 +19,12 @@ import numpy as np
 
 from ..errors import known
 from ..graph.dependence import Variable
-from ..ledger.candidates import Candidates, NothingKnown, known_in
+from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
-from ..ledger.options import Options
 from ..ledger.row_store import NO_PHOTO
+from ..ledger.waiting_observations import Candidates, NothingKnown, known_in
 from ..linear_system.front_system import FrontSystem
-from ..linear_system.innovations import UNANSWERED, innovation_tests, joined
+from ..linear_system.predictions import UNANSWERED, innovation_tests, joined
 from ..models.variables import UNKNOWNS
 from ..quality.group_tests import LeaveOneOutTests
 from ..types import Index

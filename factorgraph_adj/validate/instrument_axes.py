@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import known
 from ..graph.equations import Equations
-from ..models.frame_sights import place_of_sight
+from ..models.sub_frame import place_of_sight
 from ..network.network import Network
 from ..observations import KINDS, Observation
 from ..start.frame_places import SIGHT_COMPONENTS, Sights, read_sights
@@ -31,7 +31,7 @@ from .common_places import (
     common_places,
 )
 from .findings import Finding
-from .units import ANGLE_UNIT_NAMES
+from .wrong_units import ANGLE_UNIT_NAMES
 
 MIN_TILT_IMPROVEMENT = 5.0
 """How many times better places must fit with a tilt for it to be reported."""

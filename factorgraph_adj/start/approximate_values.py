@@ -30,16 +30,6 @@ from .alignment_frames import (
     place_image_lines,
 )
 from .frame_places import FramePlaces, fill_points_from_frames, place_frames, read_frame_places
-from .heights_and_vectors import (
-    fill_given_coordinates,
-    fill_heights,
-    fill_surface_heights,
-    fill_vector_ends,
-    given_positions,
-    height_differences,
-    share_gyro_constants,
-    start_surface,
-)
 from .image_rays import (
     GOOD_PARALLAX_RAD,
     MIN_PARALLAX_RAD,
@@ -58,18 +48,26 @@ from .intersection import (
 )
 from .polar_points import orient_sets, orient_sets_by_model, place_clouds, place_polar_points
 from .relative_blocks import join_blocks, observed_misfits, resolve_ambiguity, start_height
-from .relative_poses import (
+from .relative_positions import (
     RelativePoses,
+    fill_given_coordinates,
+    fill_heights,
     fill_mounts,
     fill_poses,
+    fill_surface_heights,
+    fill_vector_ends,
+    given_positions,
+    height_differences,
     open_mounts,
     read_relative_poses,
+    share_gyro_constants,
+    start_surface,
     start_with_photo,
 )
 from .resection import intersect_sights, orient_frames, resect_frames, resect_photos, start_frame
 from .search_state import Horizon, SearchState, horizon_place
 from .shape_fit import frames_of_shapes, place_shapes
-from .terrestrial_observations import median_angle, read_survey
+from .terrestrial_readings import median_angle, read_survey
 from .unreached_unknowns import problems_of_unreached
 
 

@@ -28,14 +28,13 @@ from ..errors import AdjustmentError
 from ..graph.dependence import Variable
 from ..graph.equations import compile_rows
 from ..graph.variables import State, Unknowns
-from ..ledger.candidates import excerpt
 from ..ledger.ledger import Ledger
+from ..ledger.waiting_observations import excerpt
 from ..models.variables import VariableKind
 from ..quality.group_tests import LeaveOneOutTests, critical_t2
 from ..solve.feasible_states import state_off_lines
 from ..types import NO_ROWS, Array, Index
-from .linear_forms import LinearForms, rows_of
-from .linear_system import LinearSystem
+from .linear_system import LinearForms, LinearSystem, rows_of
 from .rebase import notices_motion
 
 SIGMA_SLACK = 1.05
