@@ -42,6 +42,8 @@ _Named = tuple[str, str]
 
 
 AdjustedResult = TypeVar("AdjustedResult")
+VARIANCE_SCALES = ("a-priori", "a-posteriori")
+"""Valid scales of covariances: 1, or σ̂0²."""
 
 
 def largest_determined_part(
@@ -142,10 +144,6 @@ def _observations(network: Network, concerned: Sequence[_Named]) -> dict[_Named,
         for u in wanted & {("pose", photos[f]), ("point", points[p])}:
             found[u].append(f"{photos[f]}/{points[p]}")
     return found
-
-
-VARIANCE_SCALES = ("a-priori", "a-posteriori")
-"""Valid scales of covariances: 1, or σ̂0²."""
 
 
 @with_one_thread

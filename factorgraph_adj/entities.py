@@ -19,6 +19,12 @@ from .types import Array, Index, Mask
 
 REFRACTION_OF_THE_NETWORK = ""
 """Name of the refraction group for observations without a named group."""
+_LOWER_LEFT: dict[Origin, tuple[float, float]] = {
+    "centre": (-0.5, -0.5),
+    "upper left": (0.0, -1.0),
+    "lower left": (0.0, 0.0),
+}
+"""Lower left corner of the sensor for each origin, in widths and heights of the sensor, y up."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +55,6 @@ class Point(metaclass=ChecksArguments):
 Origin: TypeAlias = Literal["centre", "upper left", "lower left"]
 """Place of the origin of image coordinates on the sensor."""
 ORIGINS: tuple[Origin, ...] = get_args(Origin)
-_LOWER_LEFT: dict[Origin, tuple[float, float]] = {
-    "centre": (-0.5, -0.5),
-    "upper left": (0.0, -1.0),
-    "lower left": (0.0, 0.0),
-}
-"""Lower left corner of the sensor for each origin, in widths and heights of the sensor, y up."""
 
 
 @dataclass(frozen=True)

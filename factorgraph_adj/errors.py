@@ -9,6 +9,9 @@ from difflib import get_close_matches
 
 MOST_COMPARED = 2_000
 """Largest number of names that are compared with a wrong one, which takes 10 µs for each name."""
+_NUMBER = re.compile(r"\d+")
+_LIST = re.compile(r"(?<=; )(valid|known|it takes): .{60,}?(?=; did you mean '|$)", re.DOTALL)
+"""A long list of what would be valid, to the end of a message or to the name that was meant."""
 
 
 class AdjustmentError(Exception):
@@ -95,11 +98,6 @@ class UnknownLeftOut:
     """Why it was left out."""
     ids: tuple[str, ...]
     """Observations that were left out with it; image points by photo/point."""
-
-
-_NUMBER = re.compile(r"\d+")
-_LIST = re.compile(r"(?<=; )(valid|known|it takes): .{60,}?(?=; did you mean '|$)", re.DOTALL)
-"""A long list of what would be valid, to the end of a message or to the name that was meant."""
 
 
 def listed_once(problems: Iterable[Problem]) -> tuple[Problem, ...]:

@@ -63,6 +63,9 @@ _KINDS = (
 
 
 # -- paths ----------------------------------------------------------------------------------------
+_NAMED: ContextVar[frozenset[Path]] = ContextVar("paths named by the user", default=frozenset())
+_RUN: ContextVar[FilesOfRun | None] = ContextVar("files of the run", default=None)
+_NO_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 
 def inside(folder: Path, name: str, where: str, *, allow_outside: bool | None = None) -> Path:
@@ -141,9 +144,6 @@ def named_by_user(*paths: object) -> Iterator[None]:
         _NAMED.reset(token)
 
 
-_NAMED: ContextVar[frozenset[Path]] = ContextVar("paths named by the user", default=frozenset())
-
-
 # -- inputs that outputs must not replace ---------------------------------------------------------
 
 
@@ -202,9 +202,6 @@ def refuse_replacing(paths: Iterable[Path]) -> None:
     ]
     if problems:
         raise InputError(problems)
-
-
-_RUN: ContextVar[FilesOfRun | None] = ContextVar("files of the run", default=None)
 
 
 # -- contents -------------------------------------------------------------------------------------
@@ -328,9 +325,6 @@ def refuse_growth(size: int, stored: int, name: str, *, more: bool = False) -> N
             f"{MAX_GROWTH} times its size, and {MAX_FILE_BYTES} bytes"
         )
         raise InputError(Problem(what, name))
-
-
-_NO_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 
 def _stored(descriptor: int, status: os.stat_result) -> int:

@@ -30,6 +30,8 @@ from .types import Array
 
 MEAN_EARTH_RADIUS = 6_371_000.0
 """Mean radius of the Earth, metres."""
+EARTH_SCALE_M = 2.0**23
+"""Metres, a power of two near the radius of the Earth: differences of this size keep all digits."""
 
 AXES: dict[str, Array] = {
     "e": np.array([1.0, 0.0]),

@@ -30,6 +30,8 @@ CONFIDENCE_OF_REGION = 0.95
 """Probability with which an error ellipse or an interval covers the truth."""
 SIGMA_PER_MEDIAN_DEVIATION = 1.4826
 """Ratio of σ to the median absolute deviation of a normal distribution."""
+TOLERANCE_IN_SIGMAS = 3.29
+"""Tolerance of a difference, in its standard deviations: exceeded by chance once in 1000."""
 
 
 def normal_quantile(p: float) -> float:

@@ -31,6 +31,10 @@ TURN = 2.0 * math.pi
 ARCSEC = ANGLE["arcsec"]
 GON = ANGLE["gon"]
 CC = ANGLE["cc"]
+MILLIMETRE = LENGTH["mm"]
+KILOMETRE = LENGTH["km"]
+PPM = 1e-6
+"""Part per million."""
 
 _DMS = re.compile(r"^\s*([+-])?\s*(\d+)[\s:°d-]+(\d+)[\s:'′m-]+(\d+(?:\.\d*)?)\s*[\"″s]?\s*$")
 

@@ -33,13 +33,7 @@ from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.quality.point_precision import check_points
 from factorgraph_adj.simulation.disturbances import Errors
 from factorgraph_adj.simulation.generate.control import Control
-from factorgraph_adj.simulation.generate.scene import (
-    MICROMETRE,
-    MILLIMETRE,
-    perimeter,
-    round_lines,
-    spread,
-)
+from factorgraph_adj.simulation.generate.scene import MICROMETRE, perimeter, round_lines, spread
 from factorgraph_adj.simulation.generate.terrestrial_additions import (
     DistanceMeter,
     Distances,
@@ -49,6 +43,7 @@ from factorgraph_adj.simulation.generate.terrestrial_additions import (
 from factorgraph_adj.simulation.spec import Spec, simulate
 from factorgraph_adj.simulation.systematic_errors import AffineFilm, InImages, LensDistortion
 from factorgraph_adj.types import Array
+from factorgraph_adj.units import MILLIMETRE
 
 from ..published_blocks.el_hakim_1986 import SIGMA_AERIAL_TERRESTRIAL, Line, aerial_1986_plan
 from ..published_blocks.spec_parts import Aerial1986

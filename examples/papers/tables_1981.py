@@ -28,7 +28,7 @@ from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.quality.point_precision import check_points
 from factorgraph_adj.simulation.generate.control import Control, Pattern
-from factorgraph_adj.simulation.generate.scene import MILLIMETRE, perimeter
+from factorgraph_adj.simulation.generate.scene import perimeter
 from factorgraph_adj.simulation.generate.terrestrial_additions import (
     Additions,
     Astronomic,
@@ -41,6 +41,7 @@ from factorgraph_adj.simulation.generate.terrestrial_additions import (
 from factorgraph_adj.simulation.measurement import Seed
 from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, simulate
 from factorgraph_adj.statistical_tests import chi2_quantile
+from factorgraph_adj.units import MILLIMETRE
 
 from ..published_blocks.industry_block import simulate_industry_block
 from ..published_blocks.spec_parts import IspBlock

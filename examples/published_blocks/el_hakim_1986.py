@@ -43,9 +43,8 @@ from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.simulation.generate.scene import in_view
 from factorgraph_adj.simulation.measurement import Seed, SimulatedNetwork, Truth, disturb, measure
 from factorgraph_adj.types import Array, Mask
+from factorgraph_adj.units import MILLIMETRE
 
-MILLIMETRE = 1e-3
-"""Millimetre in metres."""
 MICROMETRE = 1e-3
 """Micrometre in millimetres, the unit of image coordinates."""
 GEOMETRY = 1986

@@ -40,9 +40,8 @@ from factorgraph_adj.simulation.measurement import (
     measure,
 )
 from factorgraph_adj.types import Array, Mask
+from factorgraph_adj.units import MILLIMETRE
 
-MILLIMETRE = 1e-3
-"""Millimetre in metres."""
 MICROMETRE = 1e-3
 """Micrometre in millimetres, the unit of image coordinates."""
 

@@ -12,7 +12,6 @@ from factorgraph_adj.observations import HeightDifference, SlopeDistance
 from factorgraph_adj.simulation.generate.photo_blocks import Aerial
 from factorgraph_adj.simulation.generate.scene import (
     MICROMETRE,
-    MILLIMETRE,
     Camera,
     Part,
     Scene,
@@ -20,6 +19,7 @@ from factorgraph_adj.simulation.generate.scene import (
     round_lines,
 )
 from factorgraph_adj.simulation.parameters import number
+from factorgraph_adj.units import MILLIMETRE
 
 from .el_hakim_1986 import (
     SIGMA_AERIAL_TERRESTRIAL,

@@ -42,6 +42,9 @@ SLOPE_STEP_RAD = 1e-4
 """Half the distance of the places between which a slope of the geoid is taken, radians: 640 m."""
 MAX_UNDULATION_M = 200.0
 """Largest undulation that is believed, metres; on the Earth it stays within about ±110 m."""
+GEOID_SUFFIXES = (".gtx", ".tif", ".tiff", ".gsb", ".csv", ".geo")
+"""Suffixes of files of geoids."""
+GEOID_TABLE_COLUMNS = ("point", "n", "xi", "eta")
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,11 +182,6 @@ def _real(data: bytes, record: int, order: str) -> float:
 def _text(data: bytes, record: int) -> str:
     at = record * NTV2_RECORD_BYTES + 8
     return data[at : at + 8].split(b"\0")[0].decode("ascii", "replace").strip()
-
-
-GEOID_SUFFIXES = (".gtx", ".tif", ".tiff", ".gsb", ".csv", ".geo")
-"""Suffixes of files of geoids."""
-GEOID_TABLE_COLUMNS = ("point", "n", "xi", "eta")
 
 
 @dataclass(frozen=True, eq=False)

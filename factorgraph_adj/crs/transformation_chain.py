@@ -20,6 +20,13 @@ from ..units import ARCSEC
 from . import proj
 from .geoid import Geoid, GeoidValues, deflections
 
+HEIGHT_ITERATIONS = 5
+"""Iterations of the ellipsoidal height in the system of the grid; each one gains 5 digits."""
+MAX_ZONES = 60
+"""Largest number of a zone with which an easting begins."""
+AREA_MARGIN_DEG = 10.0
+"""Degrees outside of its area of use where coordinates cannot belong to a system."""
+
 
 @dataclass(frozen=True)
 class SevenParameters(metaclass=ChecksArguments):
@@ -69,14 +76,6 @@ class SevenParameters(metaclass=ChecksArguments):
     def inverse(self, xyz: Array) -> Array:
         """Return coordinates in the source, (n, 3) metres."""
         return np.asarray(np.linalg.solve(self.matrix, (xyz - self.shift).T).T)
-
-
-HEIGHT_ITERATIONS = 5
-"""Iterations of the ellipsoidal height in the system of the grid; each one gains 5 digits."""
-MAX_ZONES = 60
-"""Largest number of a zone with which an easting begins."""
-AREA_MARGIN_DEG = 10.0
-"""Degrees outside of its area of use where coordinates cannot belong to a system."""
 
 
 @dataclass(frozen=True, eq=False)

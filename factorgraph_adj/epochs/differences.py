@@ -31,6 +31,15 @@ MAX_ALIGNMENT_ITERATIONS = 50
 """Largest number of steps in which the second epoch is moved onto the first."""
 NOT_NAMED = "neither named as reference nor as object"
 """Why points are not compared if both are named."""
+ONE_EPOCH_ALONE = ("in the first epoch alone", "in the second epoch alone")
+"""Why points are not compared that the other epoch lacks."""
+LEFT_OUT = (
+    "left out of the first epoch as undetermined",
+    "left out of the second epoch as undetermined",
+)
+"""Why points are not compared that were left out of an epoch, see `determined_part`."""
+HELD_IN_ONE = ("held in the first epoch alone", "held in the second epoch alone")
+"""Why points are not compared that one epoch holds and the other determines."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,17 +302,6 @@ def aligned_points(
         "the second epoch cannot be moved onto the first: are the points the same, with the same "
         "names? Adjust the second epoch with start=first"
     )
-
-
-ONE_EPOCH_ALONE = ("in the first epoch alone", "in the second epoch alone")
-"""Why points are not compared that the other epoch lacks."""
-LEFT_OUT = (
-    "left out of the first epoch as undetermined",
-    "left out of the second epoch as undetermined",
-)
-"""Why points are not compared that were left out of an epoch, see `determined_part`."""
-HELD_IN_ONE = ("held in the first epoch alone", "held in the second epoch alone")
-"""Why points are not compared that one epoch holds and the other determines."""
 
 
 @dataclass(frozen=True)

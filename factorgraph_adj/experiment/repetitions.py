@@ -36,6 +36,11 @@ REPETITIONS_PER_THREAD = 4
 REPETITIONS_IN_ADVANCE = 4
 """Number of repetitions that a process is given in advance, so that it does not wait for the
 pipe."""
+MISSING = "a cluster needs Dask, which is not installed: pip install 'factorgraph_adj[cluster]'"
+_NEVER_BEGAN = (
+    "a worker process ended before it could begin ({}). In a script, the call of run belongs "
+    "under `if __name__ == '__main__':`, as every process imports the script once more"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +139,6 @@ def _figures(returned: object, levels: Levels) -> dict[str, float]:
             raise TypeError(f"figure {name!r} is a number, not of type {type(value).__name__}")
         figures[name] = float(value)
     return figures
-
-
-MISSING = "a cluster needs Dask, which is not installed: pip install 'factorgraph_adj[cluster]'"
 
 
 def is_client(client: object) -> bool:
@@ -244,12 +246,6 @@ def _ready(trial: Trial) -> bool:
 def _repeat(trial: Trial, seed: int, levels: bytes) -> Outcome:
     use_one_thread()
     return repeat(trial, seed, pickle.loads(levels))
-
-
-_NEVER_BEGAN = (
-    "a worker process ended before it could begin ({}). In a script, the call of run belongs "
-    "under `if __name__ == '__main__':`, as every process imports the script once more"
-)
 
 
 def in_processes(

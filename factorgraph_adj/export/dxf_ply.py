@@ -60,6 +60,30 @@ DXF_LAYERS: dict[str, tuple[str, int]] = {
 """Layer of the drawing and its colour (AutoCAD colour index) for each look of a layer of a map."""
 ARROW_HEAD_SHARE = 0.2
 """Length of the two strokes of an arrow head, in the length of the arrow."""
+PLY_VERTEX = np.dtype(
+    [
+        *((a, "<f8") for a in ("x", "y", "z")),
+        *((f"sigma_{a}", "<f4") for a in "xyz"),
+        *((c, "u1") for c in ("red", "green", "blue")),
+        ("kind", "u1"),
+    ]
+)
+"""One vertex; σ in metres, NaN where unknown."""
+PLY_TYPES = {"<f8": "double", "<f4": "float", "|u1": "uchar"}
+"""Names of the types of `PLY_VERTEX` in PLY."""
+PLY_POINT_COLOURS = {
+    "held": (0, 158, 115),
+    "part": (0, 158, 115),
+    "known": (0, 158, 115),
+    "datum": (0, 158, 115),
+    "check": (213, 94, 0),
+    "station": (204, 121, 167),
+    "new": (200, 200, 200),
+    "side_shot": (240, 228, 66),
+}
+"""Colours of points by what they are."""
+PLY_PHOTO_COLOUR = (0, 114, 178)
+"""Colour of projection centres."""
 
 
 def write_dxf(
@@ -271,32 +295,6 @@ def _box(found: SolutionMap) -> tuple[Array, Array]:
     places = [s for x in near for s in x.shapes if s is not None]
     every = np.concatenate(places) if places else np.zeros((1, 3))
     return every.min(axis=0), every.max(axis=0)
-
-
-PLY_VERTEX = np.dtype(
-    [
-        *((a, "<f8") for a in ("x", "y", "z")),
-        *((f"sigma_{a}", "<f4") for a in "xyz"),
-        *((c, "u1") for c in ("red", "green", "blue")),
-        ("kind", "u1"),
-    ]
-)
-"""One vertex; σ in metres, NaN where unknown."""
-PLY_TYPES = {"<f8": "double", "<f4": "float", "|u1": "uchar"}
-"""Names of the types of `PLY_VERTEX` in PLY."""
-PLY_POINT_COLOURS = {
-    "held": (0, 158, 115),
-    "part": (0, 158, 115),
-    "known": (0, 158, 115),
-    "datum": (0, 158, 115),
-    "check": (213, 94, 0),
-    "station": (204, 121, 167),
-    "new": (200, 200, 200),
-    "side_shot": (240, 228, 66),
-}
-"""Colours of points by what they are."""
-PLY_PHOTO_COLOUR = (0, 114, 178)
-"""Colour of projection centres."""
 
 
 def write_ply(result: ExportedResult, path: str | Path, *, binary: bool = True) -> None:

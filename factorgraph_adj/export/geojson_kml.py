@@ -29,6 +29,25 @@ from .map_layers import (
 
 CIRCLE_DEG, HALF_CIRCLE_DEG = 360.0, 180.0
 """The circle and its half, degrees."""
+KML_NAMESPACE = "http://www.opengis.net/kml/2.2"
+KML_ICON = "http://maps.google.com/mapfiles/kml/shapes/placemark_circle.png"
+KML_COLOURS = {
+    "points": "ff000000",
+    "ellipses": "ffb27200",
+    "observations": "ff6e6e6e",
+    "image_points": "466e6e6e",
+    "observations_at_points": "ff005ed5",
+    "photos": "ffb27200",
+    "footprints": "ff739e00",
+    "vectors": "ff005ed5",
+    "displacements_moved": "ff005ed5",
+    "displacements_kept": "ff8c8c8c",
+}
+"""Colour of each look of a layer as alpha, blue, green, red."""
+HIDDEN_LAYERS = ("image_points", "observations_at_points")
+"""Layers that are not shown until somebody asks for them."""
+XML_CONTROL_CHARACTERS = {9, 10, 13}
+"""Control characters that XML has."""
 
 
 def parts_of_line(shape: Array) -> list[Array]:
@@ -165,27 +184,6 @@ def geojson_geometry(shape: Array, geometry: Geometry) -> dict[str, Any]:
     if len(lines) == 1:
         return {"type": one, "coordinates": lines[0]}
     return {"type": several, "coordinates": lines}
-
-
-KML_NAMESPACE = "http://www.opengis.net/kml/2.2"
-KML_ICON = "http://maps.google.com/mapfiles/kml/shapes/placemark_circle.png"
-KML_COLOURS = {
-    "points": "ff000000",
-    "ellipses": "ffb27200",
-    "observations": "ff6e6e6e",
-    "image_points": "466e6e6e",
-    "observations_at_points": "ff005ed5",
-    "photos": "ffb27200",
-    "footprints": "ff739e00",
-    "vectors": "ff005ed5",
-    "displacements_moved": "ff005ed5",
-    "displacements_kept": "ff8c8c8c",
-}
-"""Colour of each look of a layer as alpha, blue, green, red."""
-HIDDEN_LAYERS = ("image_points", "observations_at_points")
-"""Layers that are not shown until somebody asks for them."""
-XML_CONTROL_CHARACTERS = {9, 10, 13}
-"""Control characters that XML has."""
 
 
 def write_kml(

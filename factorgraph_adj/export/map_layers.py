@@ -20,10 +20,10 @@ from ..report.plots.style import readable_number
 from ..solve.solution import Solution
 from ..statistical_tests import CONFIDENCE_OF_REGION
 from ..types import Array
+from ..units import MILLIMETRE
 from ..version import __version__
 from .map_coordinates import MapCoordinates
 from .map_shapes import (
-    MILLIMETRE,
     FrameShapes,
     coordinate_differences,
     ellipse_shapes,

@@ -28,14 +28,13 @@ from ..report.plots.image_residuals import ImageRows, image_rows
 from ..report.plots.observation_lines import observation_ends
 from ..solve.solution import Solution
 from ..types import Array, Index
+from ..units import MILLIMETRE
 
 PARTS_OF_SENSOR_EDGE = 8
 """Parts of each edge of the sensor: the distortion bends the edges of a footprint."""
 MIN_SINE_TO_GROUND = 0.05
 """Smallest sine of the angle between a ray and the ground; beyond it the photo looks over the
 horizon, and has no footprint."""
-MILLIMETRE = 1e-3
-"""Millimetre, metres."""
 VERTICES_OF_RING = 72
 """Vertices of a ring; the axes of the ellipse end at four of them."""
 

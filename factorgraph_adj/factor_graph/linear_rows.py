@@ -26,6 +26,14 @@ from ..types import NO_ROWS, Array, Index, Mask
 from .linearisation_points import LinearisationPoints
 from .row_groups import Grown, Rows, Sort, WholeBlockError, sort_of
 
+SIGMA_CHANGE_SHARE = 0.5
+"""What the change of a standard deviation, relative to itself, counts in a gap."""
+PROBE = 0.1
+"""Step of a column, in conditional standard deviations 1/√N_jj, with which it is measured how much
+rows bend."""
+UNBOUNDED, TINY = 1e9, 1e-300
+"""Curvature of a row for which it is not known; and a divisor in the place of 0."""
+
 
 @dataclass(eq=False)
 class Mark:
@@ -49,15 +57,6 @@ class Mark:
     """Values by row that were replaced: where, numbers of the rows, and values before."""
     theta: list[tuple[VariableKind, Index, Array]] = field(default_factory=list)
     """Kind and numbers of variables, with their points of linearisation before."""
-
-
-SIGMA_CHANGE_SHARE = 0.5
-"""What the change of a standard deviation, relative to itself, counts in a gap."""
-PROBE = 0.1
-"""Step of a column, in conditional standard deviations 1/√N_jj, with which it is measured how much
-rows bend."""
-UNBOUNDED, TINY = 1e9, 1e-300
-"""Curvature of a row for which it is not known; and a divisor in the place of 0."""
 
 
 class Arriving(NamedTuple):

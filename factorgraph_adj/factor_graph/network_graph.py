@@ -29,6 +29,10 @@ from ..types import Array
 
 MAX_CONSTRAINT_WEIGHT_RATIO = 2.0**20
 """Weight of the constraints, relative to that of the best observed coordinate."""
+MAX_TIE_WEIGHT_RATIO = 2.0**16
+"""Largest weight of a tie to a carrier, relative to all that holds the best held member otherwise.
+GTSAM's Cholesky refuses pivots below 2⁻²⁴ of what was there; estimates and covariances change by
+the inverse, relative to σ, at most."""
 
 
 def inner_constraints(
@@ -87,11 +91,6 @@ def inner_constraints(
 
 NamedParts: TypeAlias = tuple[str, list[Part], Callable[[], gtsam.noiseModel.Base]]
 """Name and observations of a factor, and a function that makes its noise model."""
-
-MAX_TIE_WEIGHT_RATIO = 2.0**16
-"""Largest weight of a tie to a carrier, relative to all that holds the best held member otherwise.
-GTSAM's Cholesky refuses pivots below 2⁻²⁴ of what was there; estimates and covariances change by
-the inverse, relative to σ, at most."""
 
 
 @dataclass(frozen=True)

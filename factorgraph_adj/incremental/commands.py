@@ -46,6 +46,15 @@ from .initial_adjustment import adjusted, settled
 from .readmission import readmitted, readmitted_suspects, remeasured
 from .worklist import IncrementalState, Task, Verdicts, worked_off
 
+MAX_WEIGHT_FACTOR = 1e12
+"""Largest factor by which a weight may be multiplied; its inverse is the smallest."""
+WEIGHT_OF_GIVEN_VALUE = (
+    "is a given value with a σ of its own, and no observation: remove it, and observe the unknown "
+    "with the σ that is meant (ControlPoint for a point)"
+)
+MAX_SETTLING_ROUNDS = 5
+"""Largest number of times that what waits is looked at before everything is at rest."""
+
 
 class Removal(NamedTuple):
     """What is left to do once observations have been taken out."""
@@ -146,16 +155,6 @@ def _ledger_without(
     # What is determined is found out anew.
     ledger = ledger.moved(inside, "waiting", "anew")
     return ledger, None, np.union1d(inside, again), where
-
-
-MAX_WEIGHT_FACTOR = 1e12
-"""Largest factor by which a weight may be multiplied; its inverse is the smallest."""
-WEIGHT_OF_GIVEN_VALUE = (
-    "is a given value with a σ of its own, and no observation: remove it, and observe the unknown "
-    "with the σ that is meant (ControlPoint for a point)"
-)
-MAX_SETTLING_ROUNDS = 5
-"""Largest number of times that what waits is looked at before everything is at rest."""
 
 
 def at_time(state: IncrementalState, time: float | None, rules: Options) -> IncrementalState:

@@ -48,6 +48,10 @@ MAX_UNKNOWNS_LOOKED_AT = 5
 """Largest number of unknowns that suspects share and at which is looked: those of most."""
 MAX_READINGS_BESIDE = 12
 """Largest number of readings of it that are in, and looked at with them: the first."""
+SHARED_ERROR = (
+    "causes() looks for an error that several share, such as wrong given "
+    "coordinates or a wrong height of an instrument"
+)
 
 
 def photo_doubts(ledger: Ledger) -> tuple[str, ...]:
@@ -92,12 +96,6 @@ def minimum_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
     if weak := [t.row for t in tests if not t.answered]:
         told += f"; of {_listed(ledger.ids_of(np.array(weak)))}: {UNANSWERED}"
     return (told,)
-
-
-SHARED_ERROR = (
-    "causes() looks for an error that several share, such as wrong given "
-    "coordinates or a wrong height of an instrument"
-)
 
 
 def suspects_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:

@@ -35,6 +35,8 @@ DISAGREES = "fewer than two of its image points agree with the photos that were 
 """What a point lacks."""
 MISMATCH = "it does not agree with the block that its photo was oriented in"
 """Why an image point waits until its point is known."""
+_FRAMES = tuple(k.name for k in parameter_kinds() if k.rotates and k.connects)
+"""Kinds of parameters that place what is measured in them, once they are known."""
 
 
 @dataclass(frozen=True)
@@ -122,10 +124,6 @@ def may_have_datum(local: Network) -> bool:
     """Return whether an observation may say where a local network is; its rank tells."""
     every = local.observations.values()
     return any(isinstance(o, OwnFactor) or o.record.fixes != "nothing" for o in every)
-
-
-_FRAMES = tuple(k.name for k in parameter_kinds() if k.rotates and k.connects)
-"""Kinds of parameters that place what is measured in them, once they are known."""
 
 
 def without_blunders(solution: Solution, alpha: float) -> Solution:

@@ -83,6 +83,8 @@ MIN_RELATIVE_DECREASE = 1e-6
 """Decrease of vᵀPv, relative to 1 + vᵀPv, from which another minimum counts as better."""
 LARGE_NETWORK_UNKNOWNS = 3_000
 """Number of unknowns from which on a network is large."""
+MOVES_TO_TRY = tuple(3.0**-k for k in range(13))
+"""Moves at which vᵀPv is computed, relative to the farthest likely one."""
 
 
 def with_points_at(start: Start, places: Mapping[str, Iterable[float]]) -> Start:
@@ -196,10 +198,6 @@ def side_doubts(ledger: Ledger) -> tuple[str, ...]:
         for ident, side in ledger.sides.items()
         if side.alone and ledger.status(ident) == "accepted"
     )
-
-
-MOVES_TO_TRY = tuple(3.0**-k for k in range(13))
-"""Moves at which vᵀPv is computed, relative to the farthest likely one."""
 
 
 def tested_by_readjustment(

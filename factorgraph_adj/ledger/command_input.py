@@ -26,6 +26,8 @@ MIN_SECONDS = 1e-3
 """Shortest time for which arrivals can be kept, seconds."""
 MAX_SECONDS = 1e11
 """Latest time of an arrival, seconds: more than three thousand years."""
+POLICIES = ("accept", "flag", "reject")
+DATUMS = get_args(DatumChoice)
 
 
 def is_seconds(value: object, *, least: float = 0.0) -> bool:
@@ -173,8 +175,6 @@ def ids_in(given: str | Iterable[str]) -> list[str]:
     return listed(given, "id: an id is a text", str)
 
 
-POLICIES = ("accept", "flag", "reject")
-DATUMS = get_args(DatumChoice)
 Engine: TypeAlias = Literal["auto", "isam2", "fronts"]
 """What carries the arrivals."""
 ENGINES = get_args(Engine)

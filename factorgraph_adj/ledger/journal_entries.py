@@ -62,6 +62,8 @@ FIELDS = (
 """Fields of a line after the first."""
 _TOLD = ("suspect", "rejected")
 """Outcomes whose lines have the figures of verdicts."""
+THREE_DIGITS, SEVEN_DIGITS = "<f2", "<f4"
+"""Types of the numbers in text: little-endian, of half and of single precision."""
 
 
 def header(network: Network, options: Mapping[str, object]) -> dict[str, Any]:
@@ -433,10 +435,6 @@ def _array(values: Sequence[float | None] | None) -> Array | None:
     if values is None:
         return None
     return np.array([np.nan if x is None else x for x in values], dtype=float)
-
-
-THREE_DIGITS, SEVEN_DIGITS = "<f2", "<f4"
-"""Types of the numbers in text: little-endian, of half and of single precision."""
 
 
 def packed(a: Array) -> str:

@@ -34,6 +34,7 @@ CREATE TABLE observation (id TEXT PRIMARY KEY, number INTEGER) WITHOUT ROWID;
 CREATE INDEX of_unknowns ON unknown (number);
 CREATE INDEX of_observations ON observation (number);
 """
+TAKES_BACK = "settle(all=True) takes everything back"
 
 
 class LastEstimate(NamedTuple):
@@ -156,9 +157,6 @@ class Archive:
 
 def _packed(x: Array | None) -> bytes | None:
     return None if x is None else np.ascontiguousarray(x, dtype=float).tobytes()
-
-
-TAKES_BACK = "settle(all=True) takes everything back"
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,13 @@ from ..stochastic_model import StandardDeviation
 from ..types import Array, Index, Mask
 from .verdicts import OUTCOMES, Outcome, Verdict
 
+REMOVED = -1
+"""Status of a row that was taken out; its room is given back by `Rows.compacted`."""
+OUTCOME_CODE: dict[Outcome, int] = {outcome: number for number, outcome in enumerate(OUTCOMES)}
+"""Status of a row by what became of it."""
+NO_PHOTO = -1
+"""Number of the photo of rows that are no image points."""
+
 
 @dataclass(frozen=True, eq=False)
 class Unit:
@@ -145,14 +152,6 @@ def _scaled(o: Observation, by: float) -> Observation:
     if covariance is not None:
         changes["covariance"] = np.asarray(covariance) * by**2
     return replace(o, **changes)
-
-
-REMOVED = -1
-"""Status of a row that was taken out; its room is given back by `Rows.compacted`."""
-OUTCOME_CODE: dict[Outcome, int] = {outcome: number for number, outcome in enumerate(OUTCOMES)}
-"""Status of a row by what became of it."""
-NO_PHOTO = -1
-"""Number of the photo of rows that are no image points."""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,13 @@ from .border import WatchedRows
 from .front_system import FrontSystem
 from .linear_system import LinearForms, rows_of, stacked
 
+MAX_DENSE_ROWS = 300
+"""Number of rows up to which all columns of M are solved for at once."""
+MAX_DENSE_NUMBERS = 3_000_000
+"""Largest number of rows times unknowns for which this is done."""
+ROWS_PER_SOLUTION = 64
+"""Number of rows that are solved for at once beyond that."""
+
 
 @dataclass(frozen=True, eq=False)
 class RowsBesideBase:
@@ -126,14 +133,6 @@ class RowsBesideBase:
             if (np.abs(motion).max(axis=1) * weight > MIN_MOTION).any():
                 out.add(variable)
         return out
-
-
-MAX_DENSE_ROWS = 300
-"""Number of rows up to which all columns of M are solved for at once."""
-MAX_DENSE_NUMBERS = 3_000_000
-"""Largest number of rows times unknowns for which this is done."""
-ROWS_PER_SOLUTION = 64
-"""Number of rows that are solved for at once beyond that."""
 
 
 @dataclass(frozen=True, eq=False)

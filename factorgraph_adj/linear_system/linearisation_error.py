@@ -38,6 +38,14 @@ OF_BORDER = 0.3
 """Part of the step that may be left which the rows of new unknowns may miss without a look."""
 LOOK = 0.1
 """Work of a look at the whole, relative to an adjustment of it."""
+MAX_SMALL_UNKNOWNS = 250
+"""Largest number of unknowns of a network that is linearised anew after every change: the look at
+its linear forms would take as long."""
+VANISHED = 1e-12
+"""Variance relative to the conditional one up to which it is zero: a given datum leaves no smaller
+one than that, and inner constraints none to a single datum point."""
+SIGMA_SHARE = 0.9
+"""Part of the promised accuracy by which a standard deviation may differ there."""
 
 
 def within_accuracy(
@@ -262,16 +270,6 @@ def _since(system: FrontSystem, then: Array) -> tuple[float, float]:
         along = system.update.spread.T @ system.lifted.gradient(system.followed, system.slots)
         inner += float(along @ w)
     return float(np.sqrt(max(float(w @ moved), 0.0))), inner
-
-
-MAX_SMALL_UNKNOWNS = 250
-"""Largest number of unknowns of a network that is linearised anew after every change: the look at
-its linear forms would take as long."""
-VANISHED = 1e-12
-"""Variance relative to the conditional one up to which it is zero: a given datum leaves no smaller
-one than that, and inner constraints none to a single datum point."""
-SIGMA_SHARE = 0.9
-"""Part of the promised accuracy by which a standard deviation may differ there."""
 
 
 def is_small(system: LinearSystem) -> bool:

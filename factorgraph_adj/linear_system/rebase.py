@@ -36,6 +36,9 @@ from .linear_system import LinearSystem
 from .section import Section
 from .section_choice import section_of
 
+MIN_NOTICED_MOTION = 1e-6
+"""|A g| relative to Σ|A||g| from which on a row notices a motion g of a free network."""
+
 
 @dataclass(frozen=True)
 class Effort:
@@ -60,8 +63,6 @@ class Effort:
 
 EFFORT = Effort()
 """The effort of every rebase."""
-MIN_NOTICED_MOTION = 1e-6
-"""|A g| relative to Σ|A||g| from which on a row notices a motion g of a free network."""
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ from .directions import (
     vertical_in_frame,
 )
 from .positions import split_pose
+from .terrestrial_observations import NO_LENGTH
 
 FORWARD_RIGHT_DOWN: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """T = Tᵀ: right-forward-up ↔ forward-right-down; also north-east-down ↔ east-north-up."""
@@ -54,6 +55,7 @@ NO_ANGLES = (
 Angles: TypeAlias = Callable[[Array], Array]
 _LEAST = 1e-9
 """Smallest part of the vertical in the plane of an inclinometer, and smallest length, metres."""
+ON_ITS_SIDE = "the axis of the inclinometer is vertical: its reading has no direction"
 
 
 def from_omega_phi_kappa(angles: Array) -> Array:
@@ -318,10 +320,6 @@ def photo_angle(
     by_pose[:, :, 3:] += by_shift
     value = angles[np.arange(n), number % 3]
     return Linearised(wrap(value[:, None] - observed), (by_pose, by_turn @ body.by_mount))
-
-
-ON_ITS_SIDE = "the axis of the inclinometer is vertical: its reading has no direction"
-NO_LENGTH = "station and target coincide: the sight has no length"
 
 
 def _inclined(

@@ -55,6 +55,24 @@ DEFORMATIONS = (
     *(f"{axis}_{power}" for axis in "xyz" for power in _POWERS),
 )
 """Names of the parameters, in order."""
+HEIGHT_TERMS: tuple[tuple[str, ...], ...] = (
+    ("z",),
+    ("z_x", "z_y"),
+    ("z_xx", "z_xy", "z_yy"),
+    ("z_xxx", "z_xxy", "z_xyy"),
+    ("z_xxxx", "z_xxxy", "z_xxxxy"),
+)
+"""Terms of the height by degree; x stands for along, y for across: ``z_xxy`` is along² across.
+
+They are the 12 terms of Schut and those of three lower ones (FRAMES F6.2)."""
+COEFFICIENTS: tuple[str, ...] = tuple(
+    name
+    for degree, heights in enumerate(HEIGHT_TERMS)
+    for name in (f"a{degree}", f"b{degree}", *heights)
+)
+"""Names of the coefficients in order."""
+HIGHEST = len(HEIGHT_TERMS) - 1
+"""Highest degree in plan."""
 
 
 class Deformed(NamedTuple):
@@ -97,26 +115,6 @@ def deformed(q: Array, parameters: Array, base: Array) -> Deformed:
     moved = np.einsum("nia,na->ni", terms, parameters)
     by_q = np.einsum("na,naij->nij", parameters, slopes) / base[:, None, None]
     return Deformed(q + moved, np.eye(3) + by_q, terms)
-
-
-HEIGHT_TERMS: tuple[tuple[str, ...], ...] = (
-    ("z",),
-    ("z_x", "z_y"),
-    ("z_xx", "z_xy", "z_yy"),
-    ("z_xxx", "z_xxy", "z_xyy"),
-    ("z_xxxx", "z_xxxy", "z_xxxxy"),
-)
-"""Terms of the height by degree; x stands for along, y for across: ``z_xxy`` is along² across.
-
-They are the 12 terms of Schut and those of three lower ones (FRAMES F6.2)."""
-COEFFICIENTS: tuple[str, ...] = tuple(
-    name
-    for degree, heights in enumerate(HEIGHT_TERMS)
-    for name in (f"a{degree}", f"b{degree}", *heights)
-)
-"""Names of the coefficients in order."""
-HIGHEST = len(HEIGHT_TERMS) - 1
-"""Highest degree in plan."""
 
 
 def monomials(along: Array, across: Array, size: int) -> Array:

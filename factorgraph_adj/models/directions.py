@@ -37,6 +37,8 @@ _STEEPEST = 1e-9
 """Smallest length of up, seen along the axis of turning, at which an inclination is defined."""
 POSE = 6
 """Components of a pose."""
+ALONG = "the {} axis of the instrument is vertical: it has no inclination about the other axis"
+OPPOSITE = "the body stands opposite to where it was seen: the direction has no difference from it"
 
 
 class Directions(NamedTuple):
@@ -163,10 +165,6 @@ def of_those_there(
 ) -> tuple[Array, ...]:
     """Return the partials of the variables that are there, from pairs of variable and partial."""
     return tuple(partial for variable, partial in partials if variable is not None)
-
-
-ALONG = "the {} axis of the instrument is vertical: it has no inclination about the other axis"
-OPPOSITE = "the body stands opposite to where it was seen: the direction has no difference from it"
 
 
 def _carried(pose: Array, mount: Array, s: Array) -> tuple[Array, Array, Array]:

@@ -34,6 +34,23 @@ from .inverse_lens import rays_and_partials
 from .lens import Lens
 from .positions import split_pose
 
+EXCHANGED = "x and y, exchanged,"
+ALONG_X, ALONG_Y = "the direction of x", "the direction of y"
+MIRRORED = "the axes, mirrored (x and y exchanged, or one the wrong way),"
+OTHER: tuple[tuple[str, Axes], ...] = (
+    (EXCHANGED, lambda xy, _: xy[:, ::-1]),
+    (EXCHANGED, lambda xy, _: -xy[:, ::-1]),  # with rows that count down
+    (ALONG_Y, lambda xy, _: xy * [1.0, -1.0]),
+    (ALONG_Y, lambda xy, at: xy * [1.0, -1.0] + at * [0.0, 2.0]),  # counted from the other edge
+    (ALONG_X, lambda xy, _: xy * [-1.0, 1.0]),
+    (ALONG_X, lambda xy, at: xy * [-1.0, 1.0] + at * [2.0, 0.0]),
+)
+"""Causes, and what they make of coordinates that are right; each undoes itself."""
+NO_IMAGE = (
+    "the line has no image in the photo: it passes through the projection centre, or lies in the "
+    "focal plane"
+)
+
 
 def depth(pose: Array, point: Array) -> Array:
     """Return the depth p_z of points (n, 3) in front of cameras (n, 12), metres, (n,)."""
@@ -110,27 +127,8 @@ def by_rotation(p: tuple[Array, Array, Array], g: tuple[Array, Array, Array]) ->
     return gy * pz - gz * py, gz * px - gx * pz, gx * py - gy * px
 
 
-EXCHANGED = "x and y, exchanged,"
-ALONG_X, ALONG_Y = "the direction of x", "the direction of y"
-MIRRORED = "the axes, mirrored (x and y exchanged, or one the wrong way),"
-
 Axes = Callable[[Array, Array], Array]
 """Coordinates with other axes, from coordinates (n, 2) and the principal point (2,)."""
-OTHER: tuple[tuple[str, Axes], ...] = (
-    (EXCHANGED, lambda xy, _: xy[:, ::-1]),
-    (EXCHANGED, lambda xy, _: -xy[:, ::-1]),  # with rows that count down
-    (ALONG_Y, lambda xy, _: xy * [1.0, -1.0]),
-    (ALONG_Y, lambda xy, at: xy * [1.0, -1.0] + at * [0.0, 2.0]),  # counted from the other edge
-    (ALONG_X, lambda xy, _: xy * [-1.0, 1.0]),
-    (ALONG_X, lambda xy, at: xy * [-1.0, 1.0] + at * [2.0, 0.0]),
-)
-"""Causes, and what they make of coordinates that are right; each undoes itself."""
-
-
-NO_IMAGE = (
-    "the line has no image in the photo: it passes through the projection centre, or lies in the "
-    "focal plane"
-)
 
 
 def image_line(

@@ -45,6 +45,11 @@ NO_OFFSET = "the point lies on the line: its offset has no direction"
 NO_LINE = "the two points of the line coincide"
 _SHORTEST = 1e-9
 """Smallest offset from a line, and smallest length of a line, metres."""
+PARALLEL = "the wire is parallel to the plane of its sensor"
+UPRIGHT = "the wire is vertical: no level sensor can be set up across it"
+_STEEPEST = 1e-3
+"""Smallest sine of the angle between the wire and the plane of a sensor, or the vertical."""
+_Y = np.array([0.0, 1.0, 0.0])
 
 
 def _of_q(
@@ -231,13 +236,6 @@ def hydrostatic_reading(
         (factor * above)[:, None] - observed,
         (-(factor[:, None] * up)[:, None, :], factor[:, None, None], by_mount),
     )
-
-
-PARALLEL = "the wire is parallel to the plane of its sensor"
-UPRIGHT = "the wire is vertical: no level sensor can be set up across it"
-_STEEPEST = 1e-3
-"""Smallest sine of the angle between the wire and the plane of a sensor, or the vertical."""
-_Y = np.array([0.0, 1.0, 0.0])
 
 
 class _Carrier(NamedTuple):

@@ -28,6 +28,11 @@ from ..types import Array
 from .base import Linearised, require
 from .line_of_sight import up_by_angles
 
+ARM = slice(9, 12)
+"""Stored numbers of a mount that are its arm b."""
+MOUNT_COMPONENTS = 6
+"""Components of a mount: three rotations, three of the arm."""
+
 
 def _raised(
     frame: Frame, position: Array, vertical: Array, height: Array
@@ -155,10 +160,6 @@ def component(
     index = which.astype(int)
     one[rows, 0, index] = 1.0
     return Linearised(value[rows, index + shift][:, None] - observed, (one,))
-
-
-ARM = slice(9, 12)
-"""Stored numbers of a mount that are its arm b."""
 
 
 class Antennas(NamedTuple):
@@ -312,10 +313,6 @@ def _measured(d: Array, meter: Array) -> tuple[Array, Array, Array]:
     towards = ((1.0 + meter[:, 0]) / length)[:, None] * d
     by_meter = np.stack([length, np.ones_like(length)], axis=1)[:, None, :]
     return ((1.0 + meter[:, 0]) * length + meter[:, 1])[:, None], towards[:, None, :], by_meter
-
-
-MOUNT_COMPONENTS = 6
-"""Components of a mount: three rotations, three of the arm."""
 
 
 def heights(frame: Frame, position: Array) -> tuple[Array, Array]:

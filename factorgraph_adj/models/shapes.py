@@ -42,6 +42,9 @@ from .shape_outlines import Outline
 from .sub_frame import horizons, in_frame
 
 NO_LENGTH = "two of its points are the same place: the direction between them is open"
+ON_THE_AXIS = "the point lies on the axis of the shape: the direction of its distance is open"
+AT_THE_CENTRE = "the point lies in the centre of the shape: the direction of its distance is open"
+_TILTS, _ALL = ("rx", "ry"), ("rx", "ry", "x", "y", "z")
 
 
 def _pair(
@@ -217,10 +220,6 @@ def coordinate_difference(
         e,
     )
     return Linearised(d[:, rows] - observed, tuple(j[:, rows] for j in by))
-
-
-ON_THE_AXIS = "the point lies on the axis of the shape: the direction of its distance is open"
-AT_THE_CENTRE = "the point lies in the centre of the shape: the direction of its distance is open"
 
 
 class Distances(NamedTuple):
@@ -400,7 +399,6 @@ def paraboloid(q: Array, focal: Array) -> Distances:
     return Distances(f[:, None], by_q[:, None], ((-by_k * k / focal)[:, None],))
 
 
-_TILTS, _ALL = ("rx", "ry"), ("rx", "ry", "x", "y", "z")
 _RADIUS = Size("radius")
 SHAPES = {
     s.name: s

@@ -47,6 +47,12 @@ from .terrestrial_observations import SECOND, direction_in_face_one, zenith_in_f
 
 COMPONENTS = 7
 """Components of a frame: three rotations, three of the offset, ln of the scale."""
+NO_LENGTH = "the target stands at the origin of the instrument: the sight has no length"
+NO_DIRECTION = "the target stands on the z axis of the frame: the sight has no direction"
+_SHORTEST = 1e-9
+"""Smallest length of a sight, unit of the frame; shorter sights are degenerate."""
+_STEEPEST = 1e-9
+"""Smallest ratio of the part across the z axis to the length at which a sight has a direction."""
 
 
 class Stored(NamedTuple):
@@ -247,12 +253,6 @@ def frame_vector(
     return Linearised(there.turned - observed, (by_frame, there.by_origin, there.by_place))
 
 
-NO_LENGTH = "the target stands at the origin of the instrument: the sight has no length"
-NO_DIRECTION = "the target stands on the z axis of the frame: the sight has no direction"
-_SHORTEST = 1e-9
-"""Smallest length of a sight, unit of the frame; shorter sights are degenerate."""
-_STEEPEST = 1e-9
-"""Smallest ratio of the part across the z axis to the length at which a sight has a direction."""
 _Chain: TypeAlias = tuple[Array, tuple[Array, ...]]
 """Residuals (n, 1), and partials (n, 1, k) by each variable."""
 

@@ -44,6 +44,12 @@ which one measures."""
 
 UNKNOWNS: dict[str, UnknownKind] = {}
 """Registered kinds of unknowns by name, in the order of their columns."""
+_ATTITUDE = tuple(Component(f"r{a}", "angle", np.nan) for a in "xyz")
+RATES = (
+    "drifts per unit of time need observations at different times: `time` is 0 in those that leave "
+    "it out"
+)
+"""What helps where drifts are not determined."""
 
 
 def register_unknown(kind: UnknownKind) -> UnknownKind:
@@ -92,14 +98,6 @@ def parameter_kinds() -> tuple[UnknownKind, ...]:
 def _xyz(*, start: float = np.nan) -> tuple[Component, ...]:
     return tuple(Component(a, "length", start) for a in "xyz")
 
-
-_ATTITUDE = tuple(Component(f"r{a}", "angle", np.nan) for a in "xyz")
-
-RATES = (
-    "drifts per unit of time need observations at different times: `time` is 0 in those that leave "
-    "it out"
-)
-"""What helps where drifts are not determined."""
 
 _BUILT_IN: Sequence[UnknownKind] = (
     UnknownKind("point", "point", "p", _xyz(), motions=datum_motions.of_points, connects=True),

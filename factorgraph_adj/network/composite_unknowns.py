@@ -11,6 +11,10 @@ from ..models.shapes import SHAPES
 from ..models.variables import VariableKind
 from ..observations.relative_poses import RelativePosition, RelativeRotation
 
+RIGID = (1e-8, 1e-6)
+"""Play of a rigid mount, radians and metres: beside a projection centre with σ = 1 mm it changes
+nothing by more than (play/σ)² = 10⁻⁶ of σ. Ten times less costs digits that large blocks need."""
+
 
 class Holder(Protocol):
     """What has stated unknowns by kind and key."""
@@ -34,11 +38,6 @@ class OfKind:
     def __set__(self, network: Holder, given: Mapping[Any, Parameter]) -> None:
         # Copies of the network may share the table of kinds: the setter replaces the table.
         network.parameters = {**network.parameters, self.kind: dict(given)}
-
-
-RIGID = (1e-8, 1e-6)
-"""Play of a rigid mount, radians and metres: beside a projection centre with σ = 1 mm it changes
-nothing by more than (play/σ)² = 10⁻⁶ of σ. Ten times less costs digits that large blocks need."""
 
 
 def member_of_rig(

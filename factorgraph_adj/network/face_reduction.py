@@ -26,6 +26,7 @@ from ..models.base import wrap
 from ..models.variables import UNKNOWNS, VariableKind
 from ..observations import Direction, Observation, SlopeDistance, ZenithAngle
 from ..result_display import Rows, Shown
+from ..statistical_tests import TOLERANCE_IN_SIGMAS
 from ..stochastic_model import StandardDeviation
 from ..types import Array
 from .face_readings import FaceReading, checked_readings
@@ -42,8 +43,6 @@ KINDS_OF_CIRCLE_ERRORS = ("index_error", "collimation_error")
 MAX_CIRCLE_ERROR_RAD = 0.2 * pi / 200.0
 """Index or collimation error beyond which a set-up is doubted whatever its targets say: 0.2 gon.
 An instrument in order has less; readings of two targets, or of a circle that was turned, more."""
-TOLERANCE_IN_SIGMAS = 3.29
-"""Tolerance of a difference, in its standard deviations: exceeded by chance once in 1000."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,8 @@ Sets: TypeAlias = Literal["apart", "same"]
 SetUp: TypeAlias = tuple[str, str]
 """Station and set."""
 _AXES = ("x", "y", "z")
+ZERO = {"rx": 0.0, "ry": 0.0, "rz": 0.0}
+"""Start of rotations between reference frames, radians: they are seconds of arc."""
 
 
 def join(networks: Iterable[Network], *, name: str | None = None, sets: Sets = "apart") -> Network:
@@ -417,7 +419,3 @@ def vectors_in_own_datum(
             source=o.source,
         )
     return out
-
-
-ZERO = {"rx": 0.0, "ry": 0.0, "rz": 0.0}
-"""Start of rotations between reference frames, radians: they are seconds of arc."""

@@ -39,6 +39,34 @@ MAX_GROWTH_ITERATIONS = 12
 """Largest number of iterations of one pass."""
 MAX_GROWTH_TRIES = 4
 """Largest number of times that points are left out that the image points do not determine."""
+MAX_START_PAIRS = 6
+"""Largest number of start pairs that are tried for one part."""
+MAX_START_PAIRS_OF_CALIBRATION = 3
+"""The same for each calibration where several are tried."""
+TRIAL_TURNS = 3
+"""Number of turns after which a start is judged."""
+MIN_FITTING_SHARE = 0.7
+"""Share of the image points in oriented photos that must agree with a start that is kept."""
+MAX_GOOD_SPREAD = 3e-4
+"""Spread of misses, part of the principal distance, of a start with a calibration that fits."""
+MAX_GOOD_DISTANCE_CHANGE = 0.1
+"""Largest relative change of the principal distance in the first turns of a good start."""
+MAX_REFUSED_SHARE = 0.3
+"""Largest number of photos, as a share of the oriented ones, that a good start cannot orient."""
+MAX_IMAGE_POINTS_IN_GROWTH = 300
+"""Number of image points of a photo that take part while the block grows."""
+MIN_POINTS_OF_SURE_PHOTO = 15
+"""Number of known points of a photo that is oriented at once."""
+MIN_SHARE_OF_BEST_PHOTO = 0.5
+"""Photos with this share of the known points of the best photo are oriented in the same turn."""
+MAX_PHOTOS_ADJUSTED_WHOLE = 30
+"""Number of photos above which an adjustment on the way moves new photos and their neighbours."""
+GROWTH_UNTIL_WHOLE_ADJUSTMENT = 1.25
+"""Growth of the number of photos after which the whole part is adjusted again."""
+MIN_PHOTOS_TO_CALIBRATE = 4
+"""Number of photos from which the calibration is improved."""
+MAX_FINAL_ROUNDS = 3
+"""Largest number of adjustments of all image points at the end."""
 
 
 def adjust_part(
@@ -188,36 +216,6 @@ def _camera(growth: PartialBlock, number: int, calibrate: bool) -> Camera:
         fixed=tuple((~usable).tolist()),
         sigma=tuple(np.where(usable, sigma, np.inf).tolist()),
     )
-
-
-MAX_START_PAIRS = 6
-"""Largest number of start pairs that are tried for one part."""
-MAX_START_PAIRS_OF_CALIBRATION = 3
-"""The same for each calibration where several are tried."""
-TRIAL_TURNS = 3
-"""Number of turns after which a start is judged."""
-MIN_FITTING_SHARE = 0.7
-"""Share of the image points in oriented photos that must agree with a start that is kept."""
-MAX_GOOD_SPREAD = 3e-4
-"""Spread of misses, part of the principal distance, of a start with a calibration that fits."""
-MAX_GOOD_DISTANCE_CHANGE = 0.1
-"""Largest relative change of the principal distance in the first turns of a good start."""
-MAX_REFUSED_SHARE = 0.3
-"""Largest number of photos, as a share of the oriented ones, that a good start cannot orient."""
-MAX_IMAGE_POINTS_IN_GROWTH = 300
-"""Number of image points of a photo that take part while the block grows."""
-MIN_POINTS_OF_SURE_PHOTO = 15
-"""Number of known points of a photo that is oriented at once."""
-MIN_SHARE_OF_BEST_PHOTO = 0.5
-"""Photos with this share of the known points of the best photo are oriented in the same turn."""
-MAX_PHOTOS_ADJUSTED_WHOLE = 30
-"""Number of photos above which an adjustment on the way moves new photos and their neighbours."""
-GROWTH_UNTIL_WHOLE_ADJUSTMENT = 1.25
-"""Growth of the number of photos after which the whole part is adjusted again."""
-MIN_PHOTOS_TO_CALIBRATE = 4
-"""Number of photos from which the calibration is improved."""
-MAX_FINAL_ROUNDS = 3
-"""Largest number of adjustments of all image points at the end."""
 
 
 @dataclass(frozen=True, eq=False)

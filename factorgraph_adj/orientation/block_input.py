@@ -27,6 +27,11 @@ from ..observations import (
 from ..start.relative_positions import fill_given_attitudes
 from ..types import Array, Index, Mask
 
+MAX_RAY_TANGENT = 5.0
+"""Largest tangent of a ray that a block is oriented from: 79° off the axis."""
+IDENTITY_POSE: Array = np.append(np.eye(3), np.zeros(3))
+"""Stored pose whose axes are those of the world, (12,)."""
+
 
 @dataclass(frozen=True, eq=False)
 class KnownPlaces:
@@ -113,10 +118,6 @@ def known_lengths(equations: Equations) -> Iterator[KnownLength]:
             if size > 0 and np.isfinite(size):
                 number = unknowns["pose"].number
                 yield KnownLength("pose", (number[o.photo], number[o.photo2]), size)
-
-
-MAX_RAY_TANGENT = 5.0
-"""Largest tangent of a ray that a block is oriented from: 79° off the axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,10 +219,6 @@ class IdealRays:
     """One standard deviation of an image point as a tangent, (n,)."""
     usable: Mask
     """Image points whose ray could be computed, (n,)."""
-
-
-IDENTITY_POSE: Array = np.append(np.eye(3), np.zeros(3))
-"""Stored pose whose axes are those of the world, (12,)."""
 
 
 def ray_directions(tangent: Array, pose: Array = IDENTITY_POSE) -> Array:

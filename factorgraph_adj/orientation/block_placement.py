@@ -50,6 +50,12 @@ MAX_REFINED_ROTATIONS = 4
 """Number of rotations from which the fit goes on."""
 MAX_FITTED_OBSERVATIONS = 400
 """Largest number of observations of a block of the equations that are fitted."""
+MIN_POINTS_OF_ROTATION = 3
+"""Number of known points, not in one line, that give the rotation of a part."""
+OPEN_PARAMETERS_WITH_SCALE = 6
+"""Number of open parameters of a part of which only the scale is known."""
+UNIT_BASE_IN_WORDS = "the base of the start pair has the length 1"
+NO_COORDINATES_IN_WORDS = "no known coordinates"
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,10 +261,6 @@ def _noun(kind: str, *, prior: bool) -> str:
     return f"{kind.replace('_', ' ')} observations"
 
 
-MIN_POINTS_OF_ROTATION = 3
-"""Number of known points, not in one line, that give the rotation of a part."""
-
-
 @dataclass(frozen=True, eq=False)
 class PartPlacement:
     """The transformation of a part, and what it was found from."""
@@ -330,12 +332,6 @@ def place_part(
     misfits = np.full(len(x), np.nan)
     misfits[full] = np.linalg.norm(found.of(x[full]) - y[full], axis=1)
     return PartPlacement(found, words, complete, misfits)
-
-
-OPEN_PARAMETERS_WITH_SCALE = 6
-"""Number of open parameters of a part of which only the scale is known."""
-UNIT_BASE_IN_WORDS = "the base of the start pair has the length 1"
-NO_COORDINATES_IN_WORDS = "no known coordinates"
 
 
 def _incomplete(

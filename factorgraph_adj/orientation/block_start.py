@@ -28,6 +28,21 @@ from .partial_block import GROWTH, MIN_PAIR_POINTS, PartialBlock
 from .robust_poses import absolute_pose, ray_misses
 from .unknown_calibration import PrincipalDistances
 
+NO_RESECTION = 10**9
+"""Number of rays of a photo of which nothing is given: it is oriented otherwise."""
+MAX_MISS_RATIO_AT_KNOWN_CENTRE = 10.0
+"""Multiple of the limit of misses within which an image point agrees with a photo that a known
+projection centre places: the centre has an error of its own."""
+MAX_MISS_WITHOUT_BASE = 5.0
+"""Median miss of the rays of two photos after the best rotation, in standard deviations of an image
+point, up to which they were taken from one place."""
+MIN_DISTANCE_DIFFERENCE = 0.1
+"""Relative difference of a held principal distance from that of the pairs that is reported."""
+MIN_SHARE_WITH_OTHER_AXES = 0.7
+"""Share of the image points of a photo that must fit with its axes turned."""
+MAX_PHOTOS_IN_MESSAGE = 8
+"""Largest number of photos that are listed."""
+
 
 @dataclass(frozen=True)
 class OrientedPart:
@@ -173,13 +188,6 @@ def _flags_of(names: Mapping[str, object], some: Collection[str]) -> Mask:
     return np.array([n in chosen for n in names], dtype=bool)
 
 
-NO_RESECTION = 10**9
-"""Number of rays of a photo of which nothing is given: it is oriented otherwise."""
-MAX_MISS_RATIO_AT_KNOWN_CENTRE = 10.0
-"""Multiple of the limit of misses within which an image point agrees with a photo that a known
-projection centre places: the centre has an error of its own."""
-
-
 def add_photos_of_known_pose(growth: PartialBlock, known: KnownPlaces) -> Mask:
     """Give photos the poses that are known altogether, in place; return the points' new rays, (n,).
 
@@ -263,17 +271,6 @@ def reason_not_oriented(every: int, of_block: int, alone: int, *, centred: bool)
         f"{found}{lone}; a resection needs {GROWTH.least_at_end} that fit, or two with a known "
         "projection centre or attitude: measure more points of other photos in it, or take it out"
     )
-
-
-MAX_MISS_WITHOUT_BASE = 5.0
-"""Median miss of the rays of two photos after the best rotation, in standard deviations of an image
-point, up to which they were taken from one place."""
-MIN_DISTANCE_DIFFERENCE = 0.1
-"""Relative difference of a held principal distance from that of the pairs that is reported."""
-MIN_SHARE_WITH_OTHER_AXES = 0.7
-"""Share of the image points of a photo that must fit with its axes turned."""
-MAX_PHOTOS_IN_MESSAGE = 8
-"""Largest number of photos that are listed."""
 
 
 def reason_no_pair(views: Views, rays: IdealRays) -> str:

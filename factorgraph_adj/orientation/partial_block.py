@@ -15,6 +15,17 @@ from ..types import Array, Index, Mask
 from .block_input import IDENTITY_POSE, IdealRays, Views, ray_directions
 from .robust_poses import RAYLEIGH_MEDIAN, RelativePose, ray_misses, relative_pose
 
+MIN_PAIR_POINTS = 8
+"""Smallest number of common points of a pair."""
+PAIRS_OF_ROUND = 24
+"""Number of pairs that are oriented before the best of them is looked for."""
+MAX_ORIENTED_PAIRS = 120
+"""Largest number of pairs that are oriented."""
+GOOD_PARALLAX_OF_PAIR_RAD = 0.2
+"""Angle between rays, radians, above which more parallax is no better."""
+MIN_PARALLAX_OF_PAIR_RAD = 0.1
+"""Median angle between rays, radians, of a pair that needs no better one."""
+
 
 @dataclass(frozen=True)
 class GrowthRules:
@@ -263,18 +274,6 @@ class PartialBlock:
         centre, direction = self.world_rays(rows)
         _, strength = nearest_to_rays(centre, direction, self.views.point[rows], len(self.point))
         return strength
-
-
-MIN_PAIR_POINTS = 8
-"""Smallest number of common points of a pair."""
-PAIRS_OF_ROUND = 24
-"""Number of pairs that are oriented before the best of them is looked for."""
-MAX_ORIENTED_PAIRS = 120
-"""Largest number of pairs that are oriented."""
-GOOD_PARALLAX_OF_PAIR_RAD = 0.2
-"""Angle between rays, radians, above which more parallax is no better."""
-MIN_PARALLAX_OF_PAIR_RAD = 0.1
-"""Median angle between rays, radians, of a pair that needs no better one."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,6 +36,32 @@ from .partial_block import PartialBlock
 
 MIN_LEVER_RATIO = 0.3
 """Smallest lever of a ray, part of the largest one, with which it counts."""
+MAX_POINT_TRIPLES = 300
+"""Largest number of triples of points that are tried."""
+MIN_EXTENT_RATIO_OFF_LINE = 1e-2
+"""Smallest ratio of the two extents of points that do not lie in one line."""
+MAX_MISFIT_RATIO = 4.0
+"""Multiple of the median misfit above which a known point does not fit."""
+START_ROTATIONS = 24
+"""Number of rotations from which partly known coordinates are fitted."""
+MIN_RAYS_OF_SIMILARITY = 4
+"""Smallest number of rays that determine a similarity."""
+RAYS_OF_TRIAL = 5
+"""Number of rays with which a rotation is tried."""
+MAX_RAY_SAMPLES = 40
+"""Largest number of such choices."""
+RANDOM_ROTATIONS = 12
+"""Number of random rotations, each of which is combined with the 24 of a cube."""
+MAX_REFINED_TRIALS = 24
+"""Number of trials that are refined."""
+CAUCHY_ANGLE_RAD = 0.02
+"""Angle between a ray and its sight, radians, from which it counts by the logarithm."""
+MAX_ANGLE_RATIO = 4.0
+"""Largest angle between a ray that fits and its sight, relative to the median."""
+MAX_RAYS = 200
+"""Largest number of rays that are used, spread evenly."""
+MAX_EVALUATIONS = 100
+"""Largest number of evaluations of a refinement."""
 
 
 def scales_by_rays(
@@ -80,16 +106,6 @@ def _positive_scales(weight: Array, product: Array) -> list[float]:
     strong = weight > MIN_LEVER_RATIO**2 * weight.max(initial=0.0)
     found = product[strong] / weight[strong]
     return [float(s) for s in found[found > 0.0]]
-
-
-MAX_POINT_TRIPLES = 300
-"""Largest number of triples of points that are tried."""
-MIN_EXTENT_RATIO_OFF_LINE = 1e-2
-"""Smallest ratio of the two extents of points that do not lie in one line."""
-MAX_MISFIT_RATIO = 4.0
-"""Multiple of the median misfit above which a known point does not fit."""
-START_ROTATIONS = 24
-"""Number of rotations from which partly known coordinates are fitted."""
 
 
 def in_one_line(x: Array) -> bool:
@@ -216,26 +232,6 @@ def even_rotations(n: int = 24) -> list[Array]:
                         r[2] = np.cross(r[0], r[1])
                         out.append(r)
     return out[:n]
-
-
-MIN_RAYS_OF_SIMILARITY = 4
-"""Smallest number of rays that determine a similarity."""
-RAYS_OF_TRIAL = 5
-"""Number of rays with which a rotation is tried."""
-MAX_RAY_SAMPLES = 40
-"""Largest number of such choices."""
-RANDOM_ROTATIONS = 12
-"""Number of random rotations, each of which is combined with the 24 of a cube."""
-MAX_REFINED_TRIALS = 24
-"""Number of trials that are refined."""
-CAUCHY_ANGLE_RAD = 0.02
-"""Angle between a ray and its sight, radians, from which it counts by the logarithm."""
-MAX_ANGLE_RATIO = 4.0
-"""Largest angle between a ray that fits and its sight, relative to the median."""
-MAX_RAYS = 200
-"""Largest number of rays that are used, spread evenly."""
-MAX_EVALUATIONS = 100
-"""Largest number of evaluations of a refinement."""
 
 
 @dataclass(frozen=True, eq=False)

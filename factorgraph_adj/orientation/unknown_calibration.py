@@ -32,6 +32,20 @@ MIN_DLT_SINGULAR_RATIO = 1e-6
 """Smallest ratio of the last but one singular value of the equations to the first."""
 MAX_DLT_STEPS = 20
 """Largest number of Gauss-Newton steps."""
+TRIED_DISTANCE_FACTORS = (1.0, 0.7, 1.4, 0.5, 2.0, 0.35, 2.8, 4.0)
+"""Principal distances that are tried, parts of the longer side of the image: angles of view from
+110° to 14°."""
+MIN_KNOWN_POINTS_OF_PHOTO = 8
+"""Smallest number of known points of a photo that determine a principal distance."""
+MAX_PAIRS_OF_DISTANCE = 40
+"""Largest number of pairs whose principal distance is asked for."""
+MIN_EPIPOLAR_LIMIT = 2e-3
+"""Smallest limit of the distance from epipolar lines, part of the longer side: what distortion that
+is not known leaves."""
+MIN_DISTANCE_FACTOR, MAX_DISTANCE_FACTOR = 0.2, 8.0
+"""Bounds of principal distances, parts of the longer side."""
+MIN_REPORTED_DISTANCE_CHANGE = 0.05
+"""Relative change of a principal distance that is worth telling."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -195,22 +209,6 @@ def _decomposed(p: Array, x: Array, observed: Array) -> DirectTransformation:
         rotation,
         _image(coefficients, x) - observed,
     )
-
-
-TRIED_DISTANCE_FACTORS = (1.0, 0.7, 1.4, 0.5, 2.0, 0.35, 2.8, 4.0)
-"""Principal distances that are tried, parts of the longer side of the image: angles of view from
-110° to 14°."""
-MIN_KNOWN_POINTS_OF_PHOTO = 8
-"""Smallest number of known points of a photo that determine a principal distance."""
-MAX_PAIRS_OF_DISTANCE = 40
-"""Largest number of pairs whose principal distance is asked for."""
-MIN_EPIPOLAR_LIMIT = 2e-3
-"""Smallest limit of the distance from epipolar lines, part of the longer side: what distortion that
-is not known leaves."""
-MIN_DISTANCE_FACTOR, MAX_DISTANCE_FACTOR = 0.2, 8.0
-"""Bounds of principal distances, parts of the longer side."""
-MIN_REPORTED_DISTANCE_CHANGE = 0.05
-"""Relative change of a principal distance that is worth telling."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,6 +50,10 @@ from .targets import (
 TIED = 1e-9
 """Singular value of the partials by new unknowns, relative to the largest, up to which a new
 unknown is undetermined."""
+MAX_CHOSEN_OF_PAIRS = 12
+"""Largest number of chosen candidates for which the exchange of pairs is tried."""
+MAX_AVAILABLE_OF_PAIRS = 60
+"""Largest number of available candidates for which the exchange of pairs is tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,12 +253,6 @@ def told(rows: CandidateRows, place: Index, known: Mask) -> Told | None:
     inverse = (vt.T / s) / scale[:, None]
     carry = -(inverse @ u[:, :k].T) @ b
     return Told(old, u[:, k:].T @ b, place[rows.columns[new]], old, carry, inverse @ inverse.T)
-
-
-MAX_CHOSEN_OF_PAIRS = 12
-"""Largest number of chosen candidates for which the exchange of pairs is tried."""
-MAX_AVAILABLE_OF_PAIRS = 60
-"""Largest number of available candidates for which the exchange of pairs is tried."""
 
 
 class CandidateSearch:

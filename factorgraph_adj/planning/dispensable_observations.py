@@ -30,6 +30,7 @@ from ..types import Array, Index, Mask
 from .candidates import partials
 from .plan import DisplacementItems, Plan, displacement_items, horizons, plan, realised, rows_like
 from .targets import (
+    MAX_SHORTFALLS_LISTED,
     DetectableDisplacement,
     DetectableError,
     RedundancyNumber,
@@ -55,7 +56,6 @@ EQUAL = 1e-6
 For losses near zero, rounding errors reach this size. Of observations with equal values, as in a
 symmetric design, the first one is removed.
 """
-LISTED = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,7 +126,10 @@ def find_sparable(
         raise InputError(problems)
     if whole.shortfalls:
         raise InputError(
-            [Problem("fails already with everything", str(s)) for s in whole.shortfalls[:LISTED]]
+            [
+                Problem("fails already with everything", str(s))
+                for s in whole.shortfalls[:MAX_SHORTFALLS_LISTED]
+            ]
         )
     if whole.solution.n_observations > LARGEST:
         raise InputError(

@@ -32,6 +32,7 @@ from .candidate_search import CandidateSearch
 from .candidates import Candidate, as_candidates, as_planned, dependent, with_candidates
 from .plan import Plan, realised
 from .targets import (
+    MAX_SHORTFALLS_LISTED,
     RedundancyNumber,
     Shortfall,
     Target,
@@ -53,8 +54,6 @@ candidate is tried with a plan."""
 NOTICED = 1e-6
 """BG of whitened rows and motions, relative to the largest element of B times that of G, above
 which the rows determine the motion; for undetermined motions rounding leaves up to 1e-7."""
-LISTED = 12
-"""Maximum number of shortfalls that a message lists."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +192,7 @@ def propose(
             "no choice of candidates was found that meets it (candidates that only together "
             "determine a new point, or meet a target only together, are not found)"
         )
-        raise InputError([Problem(why, str(s)) for s in design.shortfalls[:LISTED]])
+        raise InputError([Problem(why, str(s)) for s in design.shortfalls[:MAX_SHORTFALLS_LISTED]])
     return Proposal(_steps(planner, before, _ordered(before, chosen), design), design, before)
 
 
@@ -296,7 +295,7 @@ def _refuse_unreachable(before: Plan, best: Plan) -> None:
         raise InputError(
             [
                 Problem(f"cannot be met: {_of(s)} with all candidates together", s.item)
-                for s in hopeless[:LISTED]
+                for s in hopeless[:MAX_SHORTFALLS_LISTED]
             ]
         )
 

@@ -57,6 +57,8 @@ from .candidates import Candidate, dependent, identified, with_candidates
 from .targets import TARGETS, DetectableError, RedundancyNumber, Target, check_targets
 
 CANDIDATE_KEYS = ("name", "cost", "points", "photos", "unknowns", "observations")
+IN_MM = "at_most_mm"
+"""Key for the limit of a length in millimetres."""
 
 
 def tables(document: Mapping[str, Any], key: str, top: FieldRow) -> list[Mapping[str, Any]]:
@@ -305,10 +307,6 @@ def _names(item: AnyObservation) -> list[tuple[str, str]]:
 def _source(item: AnyObservation) -> str:
     first: Any = item.observations[0] if isinstance(item, Correlated) else item
     return str(first.source or "")
-
-
-IN_MM = "at_most_mm"
-"""Key for the limit of a length in millimetres."""
 
 
 @dataclass(frozen=True, eq=False)

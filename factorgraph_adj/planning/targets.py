@@ -26,6 +26,8 @@ from ..types import Array, Mask
 
 LEAST = 1e-6
 """Redundancy number below which an observation is uncontrolled."""
+MAX_SHORTFALLS_LISTED = 12
+"""Maximum number of shortfalls that a message lists."""
 MOST = 1e9
 """Largest ratio of figure and limit; uncontrolled observations have this ratio."""
 MET = 1e-9

@@ -47,6 +47,10 @@ from .point_precision import Place, length_and_sigma, place_covariance, place_po
 
 UPRIGHT_SINE = 1e-12
 """Sine of a tilt below which an axis has no azimuth."""
+FRAME_VARIABLE_KINDS = ("frame", "point", "vertical")
+"""Kinds of the variables that give a frame its place."""
+PLACE_COMPONENTS = ("X", "Y", "Z")
+"""Names of the coordinates of a place in the frame of the network."""
 
 
 @dataclass(frozen=True)
@@ -156,12 +160,6 @@ def _azimuths(enu: Array, d: Array, sigma: Array) -> tuple[Array, Array]:
     variance = np.einsum("ni,nij,nj->n", across, sigma, across)
     safe = np.where(there, level, 1.0)
     return azimuth, np.sqrt(np.maximum(variance, 0.0)) / safe
-
-
-FRAME_VARIABLE_KINDS = ("frame", "point", "vertical")
-"""Kinds of the variables that give a frame its place."""
-PLACE_COMPONENTS = ("X", "Y", "Z")
-"""Names of the coordinates of a place in the frame of the network."""
 
 
 @dataclass(frozen=True, eq=False)

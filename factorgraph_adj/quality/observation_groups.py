@@ -62,6 +62,10 @@ MAX_WEIGHT_LOG_CHANGE = 0.1
 elements of S beside its diagonal change by this part of their value, the diagonal follows r."""
 PROJECTED_COLUMNS_AT_ONCE = 16
 """Number of columns that are projected at once."""
+MAX_PROBES_OF_ITERATION, PROBES_OF_RESULT = 2, 64
+"""Numbers of random sign vectors in larger networks: at most `MAX_PROBES_OF_ITERATION` for each
+group during the iteration, `PROBES_OF_RESULT` for all groups together at its end, but at least one
+for each group."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,12 +232,6 @@ def _refuse_split(solution: Solution, groups: ObservationGroups) -> None:
             refuse(first + a, first + b)
     if problems:
         raise InputError(problems)
-
-
-MAX_PROBES_OF_ITERATION, PROBES_OF_RESULT = 2, 64
-"""Numbers of random sign vectors in larger networks: at most `MAX_PROBES_OF_ITERATION` for each
-group during the iteration, `PROBES_OF_RESULT` for all groups together at its end, but at least one
-for each group."""
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,16 @@ from .reliability import Reliability, reliability
 
 Test = Literal["baarda", "pope"]
 """Baarda's w with σ0 = 1, or Pope's τ with the estimated σ̂0."""
+MAX_LOST_SHARE = 1.0 / 3.0
+"""Largest share of its readings that an instrument loses to gross errors of single readings."""
+MIN_LOST_READINGS = 6
+"""Smallest number of readings rejected of an instrument: two sights with all they consist of."""
+MIN_KEPT_SHARE = 0.5
+"""Smallest share of its observations that a point keeps."""
+MAX_POINTS_IN_LOSS = 6
+"""Largest number of points that a sentence names."""
+MAX_POINT_CHANGE_SIGMAS = 10.0
+"""Largest change of the place of such a point, in its standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -214,18 +224,6 @@ class Snooping(Shown):
     def network(self) -> Network:
         """The network without the observations that were rejected."""
         return self.solution.network
-
-
-MAX_LOST_SHARE = 1.0 / 3.0
-"""Largest share of its readings that an instrument loses to gross errors of single readings."""
-MIN_LOST_READINGS = 6
-"""Smallest number of readings rejected of an instrument: two sights with all they consist of."""
-MIN_KEPT_SHARE = 0.5
-"""Smallest share of its observations that a point keeps."""
-MAX_POINTS_IN_LOSS = 6
-"""Largest number of points that a sentence names."""
-MAX_POINT_CHANGE_SIGMAS = 10.0
-"""Largest change of the place of such a point, in its standard deviations."""
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,20 @@ from .rejections import RejectedFactor, Test, Unresolved
 from .reliability import Reliability, correlations_of_tests, critical_tau, reliability
 from .snooping_candidates import Choice, Outlier, RowGroups, choose_outliers
 
+UPDATED_COLUMNS_AT_ONCE = 16
+"""Number of columns that are multiplied by A at once."""
+NEGLIGIBLE_WEIGHT = 1e-20
+"""Factor on the weight of a withdrawn observation: below the rounding of all others, yet a point
+without other observations keeps its place."""
+MAX_UPDATED_ROWS = 64
+"""Largest number of rows that leave by an update. With 64 rows the update takes about 0.3 s in Roma
+and 0.2 s in a grid of 10 000 points; weights, whose time does not depend on the number, take 0.5 s
+and 1.6 s."""
+MAX_NEGLECTED_RESIDUAL = 0.01
+"""Largest length of what the linear model leaves out of the whitened residuals in an update. Test
+values change by about this length, so that the margin of a choice, which is relative to test values
+of 3 and more, must exceed the length too."""
+
 
 @dataclass
 class FactorSearch:
@@ -105,10 +119,6 @@ class FactorSearch:
             for name, ratio in found
             if ratio > 1.0
         ]
-
-
-UPDATED_COLUMNS_AT_ONCE = 16
-"""Number of columns that are multiplied by A at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,19 +221,6 @@ class UpdatedTests:
         """Return the correlations of all test values with those of ``rows``, (n, k)."""
         pqp = residual_response(self.solution, rows, factor=self.update)
         return correlations_of_tests(pqp, rows, self.precision, self.controlled)
-
-
-NEGLIGIBLE_WEIGHT = 1e-20
-"""Factor on the weight of a withdrawn observation: below the rounding of all others, yet a point
-without other observations keeps its place."""
-MAX_UPDATED_ROWS = 64
-"""Largest number of rows that leave by an update. With 64 rows the update takes about 0.3 s in Roma
-and 0.2 s in a grid of 10 000 points; weights, whose time does not depend on the number, take 0.5 s
-and 1.6 s."""
-MAX_NEGLECTED_RESIDUAL = 0.01
-"""Largest length of what the linear model leaves out of the whitened residuals in an update. Test
-values change by about this length, so that the margin of a choice, which is relative to test values
-of 3 and more, must exceed the length too."""
 
 
 @dataclass(frozen=True, eq=False)

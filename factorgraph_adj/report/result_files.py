@@ -25,7 +25,7 @@ from ..quality.derived_quantities import place_of_frame
 from ..quality.variance_components import VarianceComponents
 from ..solve.solution import Solution
 from ..statistical_tests import global_test
-from ..units import decimal
+from ..units import MILLIMETRE, decimal
 from . import image_axes
 from .adjusted_coordinates import (
     image_statistics_by_photo,
@@ -50,8 +50,6 @@ MAX_REPEATED_LISTED = 20
 """Largest number of repeated observations that a protocol lists."""
 MEGABYTE = 1e6
 """Bytes of a megabyte."""
-MILLIMETRE = 1e-3
-"""Metres of a millimetre."""
 
 
 def parts_protocol(solution: PartsSolution, run: Run | None = None) -> str:

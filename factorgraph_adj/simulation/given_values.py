@@ -29,6 +29,7 @@ RAYS = 2
 NULL = 1e-11
 """Smallest eigenvalue of the N of a determined point. N is scaled to a unit diagonal before the
 orientation unknowns are eliminated."""
+HINT = "state them, or plan with as_network() of an adjustment that found them"
 
 
 def undetermined_points(network: Network) -> list[str]:
@@ -112,9 +113,6 @@ def _is_singular(normal: Array, taken: Array, free: Mask) -> bool:
         return True
     own = (normal - taken)[np.ix_(free, free)] / np.outer(scale, scale)
     return bool(np.linalg.eigvalsh(own)[0] < NULL)
-
-
-HINT = "state them, or plan with as_network() of an adjustment that found them"
 
 
 def with_given_values(network: Network) -> Network:

@@ -45,7 +45,7 @@ from ..observations import (
 from ..rotation import world_R_camera
 from ..stochastic_model import StandardDeviation
 from ..types import Array, Index
-from ..units import ARCSEC
+from ..units import ARCSEC, MILLIMETRE
 from .generate.scene import corners
 from .measurement import Seed, SimulatedNetwork, Truth, disturb, look_at, measure
 
@@ -80,6 +80,49 @@ GEOCENTRIC_GEOMETRY_SEED = 1986
 """Seed of the geometry: every simulation has the same block."""
 PRISM = 0.25
 """Height of the reflector on a signalised point, metres."""
+QUARRY = TopocentricFrame(np.deg2rad(47.2), np.deg2rad(8.8), 620.0)
+"""Topocentric frame of the block; its geocentric frame is the frame of the network."""
+PILLARS = {
+    # East, north, up, metres; height of instrument and target.
+    "A": ((-420.0, -260.0, 12.0), 1.47),
+    "B": ((380.0, -350.0, 45.0), 1.52),
+    "C": ((520.0, 310.0, 118.0), 1.39),
+    "D": ((-350.0, 420.0, 64.0), 1.61),
+    "E": ((-90.0, -140.0, 3.0), 1.55),
+    "F": ((130.0, -120.0, 8.0), 1.44),
+    "G": ((160.0, 150.0, 21.0), 1.58),
+    "H": ((-140.0, 170.0, 150.0), 1.41),
+}
+ASTRONOMIC = ("A", "C", "H")
+"""Pillars with astronomic latitude and longitude; their deflections are free, the deflections
+of the other pillars are weighted."""
+REFRACTION = {"morning": 0.21, "noon": 0.08, "": 0.13}
+"""True coefficients of refraction: two free ones for the zenith angles of four pillars each, and a
+weighted one for the vertical angles."""
+DISTANCE_METER = "EDM"
+SCALE, ZERO = 4.0e-6, 2.3 * MILLIMETRE
+"""True scale and zero constant of the distance meter, free."""
+DRONE_CAMERA = "drone"
+DRONE_CALIBRATION = {
+    "c": 24.31,
+    "x0": 0.05,
+    "y0": -0.08,
+    "k1": -1.3e-4,
+    "k2": 1.1e-7,
+    "p1": 6e-6,
+    "p2": -4e-6,
+}
+"""True calibration, mm; all of it is free. The sensor has 36 × 24 mm."""
+DRONE_SENSOR_MM = (36.0, 24.0)
+LEVER_ARM = (0.12, -0.05, -0.21)
+"""Vector from the projection centre to the antenna of the drone, metres."""
+SIGMA_ANGLE = StandardDeviation(constant=1.0 * ARCSEC, centring_target=0.3 * MILLIMETRE)
+SIGMA_DISTANCE = StandardDeviation(constant=1.0 * MILLIMETRE, ppm=1.0)
+SIGMA_LEVELLING = StandardDeviation(per_sqrt_km=0.7 * MILLIMETRE)
+SIGMA_AZIMUTH = 3.0 * ARCSEC
+SIGMA_ASTRONOMIC = 0.3 * ARCSEC
+SIGMA_DEFLECTION = 5.0 * ARCSEC
+SIGMA_REFRACTION = 0.05
 
 
 def simulate_aerial_block(
@@ -172,57 +215,6 @@ def _seen(grid: Array, spacing: float, footprint: Array, at: Array, rotation: Ar
     t = np.abs(p[..., :2] / p[..., 2:])
     i, j = np.nonzero(np.all(t < np.array(AERIAL_SENSOR_MM) / 2 / AERIAL_CALIBRATION["c"], axis=2))
     return np.asarray((i + low[0]) * rows + (j + low[1]), dtype=np.intp)
-
-
-MILLIMETRE = 1e-3
-
-QUARRY = TopocentricFrame(np.deg2rad(47.2), np.deg2rad(8.8), 620.0)
-"""Topocentric frame of the block; its geocentric frame is the frame of the network."""
-
-PILLARS = {
-    # East, north, up, metres; height of instrument and target.
-    "A": ((-420.0, -260.0, 12.0), 1.47),
-    "B": ((380.0, -350.0, 45.0), 1.52),
-    "C": ((520.0, 310.0, 118.0), 1.39),
-    "D": ((-350.0, 420.0, 64.0), 1.61),
-    "E": ((-90.0, -140.0, 3.0), 1.55),
-    "F": ((130.0, -120.0, 8.0), 1.44),
-    "G": ((160.0, 150.0, 21.0), 1.58),
-    "H": ((-140.0, 170.0, 150.0), 1.41),
-}
-ASTRONOMIC = ("A", "C", "H")
-"""Pillars with astronomic latitude and longitude; their deflections are free, the deflections
-of the other pillars are weighted."""
-
-REFRACTION = {"morning": 0.21, "noon": 0.08, "": 0.13}
-"""True coefficients of refraction: two free ones for the zenith angles of four pillars each, and a
-weighted one for the vertical angles."""
-DISTANCE_METER = "EDM"
-SCALE, ZERO = 4.0e-6, 2.3 * MILLIMETRE
-"""True scale and zero constant of the distance meter, free."""
-
-DRONE_CAMERA = "drone"
-DRONE_CALIBRATION = {
-    "c": 24.31,
-    "x0": 0.05,
-    "y0": -0.08,
-    "k1": -1.3e-4,
-    "k2": 1.1e-7,
-    "p1": 6e-6,
-    "p2": -4e-6,
-}
-"""True calibration, mm; all of it is free. The sensor has 36 × 24 mm."""
-DRONE_SENSOR_MM = (36.0, 24.0)
-LEVER_ARM = (0.12, -0.05, -0.21)
-"""Vector from the projection centre to the antenna of the drone, metres."""
-
-SIGMA_ANGLE = StandardDeviation(constant=1.0 * ARCSEC, centring_target=0.3 * MILLIMETRE)
-SIGMA_DISTANCE = StandardDeviation(constant=1.0 * MILLIMETRE, ppm=1.0)
-SIGMA_LEVELLING = StandardDeviation(per_sqrt_km=0.7 * MILLIMETRE)
-SIGMA_AZIMUTH = 3.0 * ARCSEC
-SIGMA_ASTRONOMIC = 0.3 * ARCSEC
-SIGMA_DEFLECTION = 5.0 * ARCSEC
-SIGMA_REFRACTION = 0.05
 
 
 def simulate_geocentric_block(seed: Seed) -> SimulatedNetwork:

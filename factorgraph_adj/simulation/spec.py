@@ -55,6 +55,19 @@ from .parameters import BAD, Parameters, changed, convert, number, path_of
 
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 """Pattern of keys that need no quotes."""
+INDEX = re.compile(r"\[(\d+)\]")
+"""Pattern of an index in a path in Python notation, such as ``[0]``."""
+MODULES_OF_PARTS = (
+    photo_blocks,
+    photo_blocks,
+    terrestrial_networks,
+    metrology,
+    terrestrial_additions,
+    flight_observations,
+    rigs_and_models,
+)
+"""Modules that define the kinds of parts; their import registers the kinds, and so does that of a
+user's module with subclasses of `Part`."""
 
 
 def to_toml(value: Any) -> str:
@@ -99,21 +112,6 @@ def _is_table(value: Any) -> bool:
 
 def _key(name: str) -> str:
     return name if BARE.fullmatch(name) else toml_value(name)
-
-
-INDEX = re.compile(r"\[(\d+)\]")
-"""Pattern of an index in a path in Python notation, such as ``[0]``."""
-MODULES_OF_PARTS = (
-    photo_blocks,
-    photo_blocks,
-    terrestrial_networks,
-    metrology,
-    terrestrial_additions,
-    flight_observations,
-    rigs_and_models,
-)
-"""Modules that define the kinds of parts; their import registers the kinds, and so does that of a
-user's module with subclasses of `Part`."""
 
 
 @dataclass(frozen=True)

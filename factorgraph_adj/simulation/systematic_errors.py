@@ -17,10 +17,10 @@ from ..errors import Problem, unknown_name
 from ..network.network import Network
 from ..observations import SlopeDistance, VerticalAngle
 from ..types import Array
-from .generate.scene import MICROMETRE, MILLIMETRE
+from ..units import MILLIMETRE, PPM
+from .generate.scene import MICROMETRE
 from .parameters import Parameters, number, path_of
 
-PPM = 1e-6
 TRUE_SCALE = "true scale"
 """Name of the distance meter for readings of distances that state no distance meter."""
 

@@ -49,6 +49,9 @@ from ..types import Array, Index
 from .linearised_equations import ExtraRows
 from .normal_equations import NormalEquations
 
+MIN_PRIOR_EIGENVALUE = 1e-8
+"""Smallest μ that counts as different from zero."""
+
 
 @dataclass(frozen=True, eq=False)
 class AddedFactors:
@@ -196,10 +199,6 @@ ExtraFactors: TypeAlias = (
 unknowns that their keys belong to."""
 NO_ADDED_FACTORS = AddedFactors()
 """No rows beside the observations."""
-
-
-MIN_PRIOR_EIGENVALUE = 1e-8
-"""Smallest μ that counts as different from zero."""
 
 
 class UnknownGroup(NamedTuple):

@@ -31,6 +31,13 @@ from .undetermined_unknowns import (
 )
 from .unnoticed_motions import zero_length_blocks
 
+GROSS_RMS = 30.0
+"""Root mean square of v/σ above which a state is far from the minimum: nothing that is singular
+there tells what the observations determine."""
+FITTING_RMS = 3.0
+"""Root mean square of v/σ up to which readings fit where an iteration ended. Above it gross errors
+or poor start values have led it there."""
+
 
 @dataclass(frozen=True)
 class ShapeMisfit:
@@ -173,14 +180,6 @@ class AdjustmentRun:
         extra = self.extra.at(self.equations, state).rows
         value = sum_of_squares(v, *(e.residual for e in extra))
         return value if np.isfinite(value) else np.inf
-
-
-GROSS_RMS = 30.0
-"""Root mean square of v/σ above which a state is far from the minimum: nothing that is singular
-there tells what the observations determine."""
-FITTING_RMS = 3.0
-"""Root mean square of v/σ up to which readings fit where an iteration ended. Above it gross errors
-or poor start values have led it there."""
 
 
 def misfits_grossly(normal: NormalEquations) -> bool:

@@ -32,6 +32,9 @@ from .reduced_system import EliminationRemainder
 UNIT_NOISE = {d: gtsam.noiseModel.Unit.Create(d) for d in range(1, 7)}
 MAX_JACOBIAN_KEYS = 3
 """Largest number of keys that the JacobianFactor constructor takes in Python."""
+MAX_COLAMD_VARIABLES = 300
+"""Largest number of variables for which the fill of COLAMD is as good as that of nested
+dissection."""
 
 
 @dataclass(frozen=True)
@@ -291,11 +294,6 @@ def cliques_of(tree: gtsam.GaussianBayesTree, unknowns: Unknowns) -> list[Clique
         stack.extend((clique[i], len(out)) for i in range(clique.nrChildren()))
         out.append(Clique(own[:f], own[f:], r, t, parent))
     return out
-
-
-MAX_COLAMD_VARIABLES = 300
-"""Largest number of variables for which the fill of COLAMD is as good as that of nested
-dissection."""
 
 
 def metis_ordering(graph: gtsam.GaussianFactorGraph) -> gtsam.Ordering:

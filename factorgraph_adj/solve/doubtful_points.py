@@ -35,6 +35,20 @@ MIN_RAY_EIGENVALUE = 1e-4
 
 VAGUE_ROWS_AT_ONCE = 100_000
 """Number of observations that are worked on at once."""
+MIN_EXCHANGE_MOVEMENT_RATIO = 10.0
+"""Smallest movement of such a point, and distance between two of them, relative to the median of
+the movements of all points from their given coordinates."""
+MAX_EXCHANGE_DISTANCE_RATIO = 0.1
+"""Largest distance of a point from the other's given coordinates, relative to its movement."""
+MIN_GIVEN_POINTS = 5
+"""Smallest number of points with given coordinates whose median says how good these are."""
+MAX_POINTS_COMPARED = 1000
+"""Largest number of points that moved far and are compared with one another."""
+INFINITE_DISTANCE_RATIO, ZERO_DISTANCE_RATIO = 1e3, 1e-3
+"""Distances of a point from a photo, relative to the median of all image points, above and below
+which it counts as infinitely far away, and as being at the projection centre."""
+MAX_POINTS_IN_MESSAGE = 5
+"""Largest number of points that a reason names of each."""
 
 
 @dataclass(frozen=True)
@@ -152,17 +166,6 @@ def points_with_narrow_rays(equations: Equations, state: State, layers: Layers) 
     return [names[i] for i in found.tolist()]
 
 
-MIN_EXCHANGE_MOVEMENT_RATIO = 10.0
-"""Smallest movement of such a point, and distance between two of them, relative to the median of
-the movements of all points from their given coordinates."""
-MAX_EXCHANGE_DISTANCE_RATIO = 0.1
-"""Largest distance of a point from the other's given coordinates, relative to its movement."""
-MIN_GIVEN_POINTS = 5
-"""Smallest number of points with given coordinates whose median says how good these are."""
-MAX_POINTS_COMPARED = 1000
-"""Largest number of points that moved far and are compared with one another."""
-
-
 def describe_exchanged_points(equations: Equations, state: State) -> tuple[str, ...]:
     """Return a sentence for each ring of points that lie at one another's given coordinates.
 
@@ -212,13 +215,6 @@ def _sentence(names: list[str]) -> str:
         f"points {ring} lie at one another's given coordinates: their names may be exchanged in "
         "all readings"
     )
-
-
-INFINITE_DISTANCE_RATIO, ZERO_DISTANCE_RATIO = 1e3, 1e-3
-"""Distances of a point from a photo, relative to the median of all image points, above and below
-which it counts as infinitely far away, and as being at the projection centre."""
-MAX_POINTS_IN_MESSAGE = 5
-"""Largest number of points that a reason names of each."""
 
 
 def describe_runaway_points(equations: Equations, state: State) -> str:

@@ -33,6 +33,18 @@ from ..observations import KINDS
 from ..start.image_rays import nearest_to_rays
 from ..types import Array, Index, Mask
 
+MAX_PRINCIPAL_DISTANCE_CUT = 0.5
+"""Largest part of a principal distance that a step may take."""
+MOVE_SIGMA = 1e-6
+"""Standard deviation of a move, metres or radians: a thousand times the resolution of a geocentric
+coordinate, and far below what offsets measure."""
+DIRECTIONLESS_WEIGHT_FACTOR = 1e-6
+"""Factor on the weights of offsets without a direction, while others bring the start to a side."""
+MAX_ITERATIONS_OFF_LINES = 20
+"""Largest number of iterations for that."""
+MAX_MOVES_OFF_LINES = 4
+"""Largest number of moves; more do not help where all that is free stays on the line."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Rays:
@@ -148,10 +160,6 @@ def _rays_of_points_behind(equations: Equations, state: State, may_move: Mask) -
     return _Rays.joined(parts)
 
 
-MAX_PRINCIPAL_DISTANCE_CUT = 0.5
-"""Largest part of a principal distance that a step may take."""
-
-
 def is_behind_camera(equations: Equations, state: State) -> Mask:
     """Return whether each image point has its object point behind the camera, block by block."""
     out = [np.zeros(0, dtype=bool)]
@@ -246,17 +254,6 @@ def refuse_points_behind(equations: Equations, state: State) -> None:
             ]
     if problems:
         raise InputError(problems)
-
-
-MOVE_SIGMA = 1e-6
-"""Standard deviation of a move, metres or radians: a thousand times the resolution of a geocentric
-coordinate, and far below what offsets measure."""
-DIRECTIONLESS_WEIGHT_FACTOR = 1e-6
-"""Factor on the weights of offsets without a direction, while others bring the start to a side."""
-MAX_ITERATIONS_OFF_LINES = 20
-"""Largest number of iterations for that."""
-MAX_MOVES_OFF_LINES = 4
-"""Largest number of moves; more do not help where all that is free stays on the line."""
 
 
 def state_off_lines(equations: Equations, state: State) -> State:

@@ -32,6 +32,18 @@ import numpy as np
 
 from ..types import Array
 
+MAX_STEP_DIFFERENCES = 6
+"""Number of differences of steps that are kept."""
+MAX_VAIN_EXTRAPOLATIONS = 5
+"""Number of extrapolations in a row that are not taken, after which only some steps are
+extrapolated: each costs an evaluation of all observations."""
+STEPS_PER_TRIAL = 2
+"""Every how many steps an extrapolation is tried then."""
+MIN_SINGULAR_VALUE_RATIO = 1e-8
+"""Relative singular value of the matrix of differences of steps below which it counts as zero."""
+S = TypeVar("S")
+"""A state: the values themselves, or what tells where they are."""
+
 
 @dataclass(frozen=True)
 class DampingRule:
@@ -88,17 +100,6 @@ class Damping:
         if value < DAMPING.least or bound < DAMPING.near:
             return Damping(0.0, max(value, DAMPING.least))
         return Damping(value, self.resume)
-
-
-MAX_STEP_DIFFERENCES = 6
-"""Number of differences of steps that are kept."""
-MAX_VAIN_EXTRAPOLATIONS = 5
-"""Number of extrapolations in a row that are not taken, after which only some steps are
-extrapolated: each costs an evaluation of all observations."""
-STEPS_PER_TRIAL = 2
-"""Every how many steps an extrapolation is tried then."""
-MIN_SINGULAR_VALUE_RATIO = 1e-8
-"""Relative singular value of the matrix of differences of steps below which it counts as zero."""
 
 
 @dataclass(frozen=True)
@@ -171,10 +172,6 @@ class Extrapolation:
         """Note the movement of the unknowns after the last step, (n_columns,)."""
         if self._step is not None:
             self._moves.append(movement)
-
-
-S = TypeVar("S")
-"""A state: the values themselves, or what tells where they are."""
 
 
 class Factorised(Protocol):

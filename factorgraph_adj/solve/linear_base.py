@@ -45,6 +45,12 @@ REACH_FACTOR = 2.0
 """Length, relative to the one that a look saw, from which on its prediction is enlarged."""
 MAX_GAIN_GROWTH = 4.0
 """Factor by which ``gained`` may grow since a look."""
+SIGMA_SAMPLES = 16
+"""Number of samples from which standard deviations are estimated."""
+MAX_RANDOM_NUMBERS = 4_000_000
+"""Number of random numbers for which samples are worked out at once."""
+POINT_SLOTS = 256
+"""Number of slots: a limit for rows beside a base, of which few touch two points each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,14 +164,6 @@ def largest_variance_error(
             return 0.0, start
         x = y
     return size, np.asarray(x[:, 0])
-
-
-SIGMA_SAMPLES = 16
-"""Number of samples from which standard deviations are estimated."""
-MAX_RANDOM_NUMBERS = 4_000_000
-"""Number of random numbers for which samples are worked out at once."""
-POINT_SLOTS = 256
-"""Number of slots: a limit for rows beside a base, of which few touch two points each."""
 
 
 class ReducedCofactors:

@@ -23,6 +23,8 @@ SYMMETRIC_ELEMENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Rows and columns of the elements of a symmetric matrix, in the order of its array."""
 DIAGONAL_ELEMENTS = (0, 3, 5)
 """Places of the elements on the diagonal."""
+POINT_PARTIALS = slice(3, 6)
+"""Partials by X₀ among those of a ray: partials by the object point have the opposite sign."""
 
 
 class PointCholesky:
@@ -123,10 +125,6 @@ def symmetric_matrices(elements: Array) -> Array:
     for (i, j), value in zip(SYMMETRIC_ELEMENTS, elements, strict=True):
         out[:, i, j] = out[:, j, i] = value
     return out
-
-
-POINT_PARTIALS = slice(3, 6)
-"""Partials by X₀ among those of a ray: partials by the object point have the opposite sign."""
 
 
 @dataclass(frozen=True)

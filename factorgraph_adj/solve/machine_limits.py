@@ -41,6 +41,26 @@ ROWS_AT_ONCE = 100_000
 MAX_PROBLEMS = 50
 """Largest number of observations that are listed."""
 _UNITS = {"m": " m", "rad": " rad"}
+BYTES_PER_NUMBER = 8
+"""Bytes of a number."""
+GIGABYTE = 1e9
+"""Bytes of a gigabyte."""
+LIST_BYTES_PER_RAY = 120
+"""Bytes of the index lists and observed values of each ray."""
+CHUNK_BYTES = 12_000_000
+"""Bytes of the temporary arrays while one chunk of rays is evaluated."""
+BYTES_PER_POINT = 900
+"""Bytes of the factors, cross products and right sides of each object point."""
+BYTES_PER_ROW = 300
+"""Bytes of the partials and index lists of each terrestrial row."""
+PRODUCT_BYTES_PER_ROW = 24
+"""Bytes of the products of each terrestrial row, for each element of a block."""
+RELIABILITY_BYTES_PER_ROW = 2000
+"""Bytes of the leverages, tests and detectable errors of each terrestrial row."""
+RELIABILITY_NUMBERS_PER_RAY = 30
+"""Numbers of the reliability of each image point: its leverages, tests and detectable errors."""
+MIN_BYTES_CHECKED = 1e8
+"""Bytes below which an adjustment is not compared with the free memory."""
 
 
 def check_numerical_precision(system: LinearisedEquations, resolution: float) -> None:
@@ -202,28 +222,6 @@ def _listed(problems: list[Problem], count: int) -> list[Problem]:
     if count > len(problems):
         problems.append(Problem(f"and {count - len(problems)} further observations of such a σ"))
     return problems
-
-
-BYTES_PER_NUMBER = 8
-"""Bytes of a number."""
-GIGABYTE = 1e9
-"""Bytes of a gigabyte."""
-LIST_BYTES_PER_RAY = 120
-"""Bytes of the index lists and observed values of each ray."""
-CHUNK_BYTES = 12_000_000
-"""Bytes of the temporary arrays while one chunk of rays is evaluated."""
-BYTES_PER_POINT = 900
-"""Bytes of the factors, cross products and right sides of each object point."""
-BYTES_PER_ROW = 300
-"""Bytes of the partials and index lists of each terrestrial row."""
-PRODUCT_BYTES_PER_ROW = 24
-"""Bytes of the products of each terrestrial row, for each element of a block."""
-RELIABILITY_BYTES_PER_ROW = 2000
-"""Bytes of the leverages, tests and detectable errors of each terrestrial row."""
-RELIABILITY_NUMBERS_PER_RAY = 30
-"""Numbers of the reliability of each image point: its leverages, tests and detectable errors."""
-MIN_BYTES_CHECKED = 1e8
-"""Bytes below which an adjustment is not compared with the free memory."""
 
 
 @dataclass(frozen=True)

@@ -64,6 +64,10 @@ DIFFERENCE_STEP_SIGMAS = 0.01
 """Movement for the differences of partials, relative to σ."""
 MIN_RELATIVE_EIGENVALUE = 1e-12
 """Smallest eigenvalue of a correlation matrix that counts, relative to the largest one."""
+MIN_RETIRED_PIVOT = 1e-13
+"""Smallest pivot, relative to the largest partial of its rows, of a determined unknown."""
+RETIRED_ROWS_NAME = "retired observations"
+"""Name of the rows."""
 
 
 class MissedStep(NamedTuple):
@@ -211,14 +215,6 @@ def _missed(here: LinearisedEquations, rows: Index, scale: Array, follow: Array)
     x = w[:, :, :k]
     quadratic = 0.5 * (x + x.transpose(0, 2, 1) + x.transpose(2, 0, 1))
     return MissedStep(scale, np.zeros(k), w[:, :, k].copy(), quadratic)
-
-
-MIN_RETIRED_PIVOT = 1e-13
-"""Smallest pivot, relative to the largest partial of its rows, of a determined unknown."""
-
-
-RETIRED_ROWS_NAME = "retired observations"
-"""Name of the rows."""
 
 
 class Marginalisation(NamedTuple):

@@ -52,6 +52,27 @@ MIN_WEIGHT_FACTOR = 0.5
 """Smallest factor on the weight of an observation that takes part in the judgement."""
 MEDIAN_OF_CHI2 = 0.4549364
 """Median of the χ² distribution with one degree of freedom."""
+NOT_ON_INNER_CONSTRAINTS = "not at rest on the inner constraints of the free network"
+"""Reason that a solution gives when a free network at its minimum misses its inner constraints."""
+DEFAULT_TOLERANCE = 1e-5
+"""Bound on the last step of every unknown relative to its own σ, if nothing else is asked for."""
+DEFAULT_MAX_ITERATIONS = 100
+"""Largest number of iterations, if nothing else is asked for."""
+MAX_REWEIGHTINGS = 40
+"""Largest number of times that weights are computed: they depend on the lengths of sights, which
+hardly change with the unknowns."""
+LOWER_MINIMUM_NOTE = (
+    "the start was far from this minimum and vᵀPv is larger than chance explains: gross errors, or "
+    "a lower minimum elsewhere, cannot be excluded"
+)
+"""Addition to the reason of such an adjustment."""
+GROSS_ERRORS_NOTE = (
+    f"the root mean square of v/σ is above {GROSS_RMS:.0f}, so that gross errors or wrong start "
+    "values are likely: adjust --snoop, or fga.snoop, looks for the observations"
+)
+"""Addition to the reason of an adjustment that ended far from a minimum."""
+MAX_PULLS_AHEAD = 3
+"""Largest number of times that points are pulled back from behind cameras after an iteration."""
 
 
 def fits_badly(v: Array, factors: Array | None, n_determined: int, *, relative: bool) -> bool:
@@ -80,30 +101,6 @@ def fits_badly(v: Array, factors: Array | None, n_determined: int, *, relative: 
         variance = float(np.median(squares)) / MEDIAN_OF_CHI2 * len(squares) / r
         spread = np.sqrt((1.0 + 2.72) * 2.0 / r)
     return bool(squares.sum() > variance * r * (1.0 + MAX_CHANCE_EXCESS_SIGMAS * spread))
-
-
-NOT_ON_INNER_CONSTRAINTS = "not at rest on the inner constraints of the free network"
-"""Reason that a solution gives when a free network at its minimum misses its inner constraints."""
-DEFAULT_TOLERANCE = 1e-5
-"""Bound on the last step of every unknown relative to its own σ, if nothing else is asked for."""
-DEFAULT_MAX_ITERATIONS = 100
-"""Largest number of iterations, if nothing else is asked for."""
-MAX_REWEIGHTINGS = 40
-"""Largest number of times that weights are computed: they depend on the lengths of sights, which
-hardly change with the unknowns."""
-
-LOWER_MINIMUM_NOTE = (
-    "the start was far from this minimum and vᵀPv is larger than chance explains: gross errors, or "
-    "a lower minimum elsewhere, cannot be excluded"
-)
-"""Addition to the reason of such an adjustment."""
-GROSS_ERRORS_NOTE = (
-    f"the root mean square of v/σ is above {GROSS_RMS:.0f}, so that gross errors or wrong start "
-    "values are likely: adjust --snoop, or fga.snoop, looks for the observations"
-)
-"""Addition to the reason of an adjustment that ended far from a minimum."""
-MAX_PULLS_AHEAD = 3
-"""Largest number of times that points are pulled back from behind cameras after an iteration."""
 
 
 def readjust(

@@ -27,6 +27,9 @@ from .fronts import BlockMatrix
 from .nested_dissection import BlockPattern, Front, dissect
 from .unnoticed_motions import stations_of
 
+MAX_POINT_NODE_COLUMNS = 8
+"""Largest number of columns of the node of a point: its coordinates, and some unknowns at it."""
+
 
 class NodePlaces:
     """Nodes of some columns each, padded to equal width, and a border of full columns."""
@@ -112,10 +115,6 @@ class NodePlaces:
         i, j = np.arange(w), np.arange(self.side)
         matrix.diagonal[:, i, i] += 1.0 - nodes
         matrix.corner[j, j] += 1.0 - border
-
-
-MAX_POINT_NODE_COLUMNS = 8
-"""Largest number of columns of the node of a point: its coordinates, and some unknowns at it."""
 
 
 @dataclass(frozen=True)

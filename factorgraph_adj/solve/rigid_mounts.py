@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 MAX_REMAINDER_SIGMAS = 0.1
 """Remainder of second order, in standard deviations, above which a variable is placed again."""
+MIN_SIGNIFICANT_SHARE = 1e-13
+"""Share of a sum below which a difference of two sums is rounding."""
 
 
 def with_rig_members_placed(
@@ -136,10 +138,6 @@ def _left(equations: Equations, block: Block, moved: State, promised: Array) -> 
     """Return whether remainders of second order count."""
     v = block.evaluate(equations.network.frame, moved, jacobians=False).residual
     return bool(np.any(np.abs(v - promised) > MAX_REMAINDER_SIGMAS * block.sigma))
-
-
-MIN_SIGNIFICANT_SHARE = 1e-13
-"""Share of a sum below which a difference of two sums is rounding."""
 
 
 def diagonal_without_stiffness(system: LinearisedEquations, diagonal: Array) -> Array:

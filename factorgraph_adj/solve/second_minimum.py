@@ -39,6 +39,29 @@ MAX_STATION_SPREAD_RATIO = 0.1
 """Largest spread of stations across their plane, relative to the distance of the point from it."""
 MAX_EXCESS = 100.0
 """Increase of vᵀPv at the image up to which an adjustment from there is worth while."""
+WEAK_EIGENVALUE_RATIO = 1e-6
+"""Smallest eigenvalue of N of a point, relative to its largest, below which both sides of the point
+are looked at: its σ are then in a ratio of 1000."""
+TRIAL_DISTANCES = tuple(10.0**-k for k in range(6))
+"""Distances at which vᵀPv is computed, relative to the extent of the network."""
+MIN_VTPV_DECREASE, MIN_VTPV_DECREASE_RATIO = 1e-6, 1e-9
+"""Decrease of vᵀPv from which a place counts as better, and more of it relative to vᵀPv."""
+MAX_EQUAL_VTPV_DIFFERENCE = 1.0
+"""Difference of vᵀPv up to which two places fit equally well: one observation moved by one σ."""
+MIN_SEPARATION_SIGMAS = 3.0
+"""Distance of two places, in units of their σ without the others, from which they are two."""
+MAX_RESUMPTIONS = 20
+"""Largest number of times that an adjustment goes on; all points that may move do so at once."""
+MAX_POINTS_EXAMINED = 20
+"""Largest number of points of which the other side is examined one by one."""
+MAX_OTHER_SIDE_ITERATIONS = 100
+"""Largest number of iterations on the other side."""
+BETWEEN_TWO_PLACES = "a point is between two places, and vᵀPv decreases to both sides"
+"""Reason of an adjustment that still finds such points after `MAX_RESUMPTIONS`."""
+REPEATED_FROM_GIVEN_VALUES = "{why}: it was repeated from the given poses and coordinates."
+"""Sentence of a solution that began at the given values after all."""
+NO_START_CONVERGED = "From the given poses and coordinates it did not converge either."
+"""Sentence of a solution that began at the other start, where neither converged."""
 
 
 def mirror_midpoints(equations: Equations, state: State, candidates: Mask) -> dict[int, Array]:
@@ -159,27 +182,6 @@ def _own_squares(
                 continue
             np.add.at(out, index[rows], np.sum(part.whiten(v) ** 2, axis=1))
     return out
-
-
-WEAK_EIGENVALUE_RATIO = 1e-6
-"""Smallest eigenvalue of N of a point, relative to its largest, below which both sides of the point
-are looked at: its σ are then in a ratio of 1000."""
-TRIAL_DISTANCES = tuple(10.0**-k for k in range(6))
-"""Distances at which vᵀPv is computed, relative to the extent of the network."""
-MIN_VTPV_DECREASE, MIN_VTPV_DECREASE_RATIO = 1e-6, 1e-9
-"""Decrease of vᵀPv from which a place counts as better, and more of it relative to vᵀPv."""
-MAX_EQUAL_VTPV_DIFFERENCE = 1.0
-"""Difference of vᵀPv up to which two places fit equally well: one observation moved by one σ."""
-MIN_SEPARATION_SIGMAS = 3.0
-"""Distance of two places, in units of their σ without the others, from which they are two."""
-MAX_RESUMPTIONS = 20
-"""Largest number of times that an adjustment goes on; all points that may move do so at once."""
-MAX_POINTS_EXAMINED = 20
-"""Largest number of points of which the other side is examined one by one."""
-MAX_OTHER_SIDE_ITERATIONS = 100
-"""Largest number of iterations on the other side."""
-BETWEEN_TWO_PLACES = "a point is between two places, and vᵀPv decreases to both sides"
-"""Reason of an adjustment that still finds such points after `MAX_RESUMPTIONS`."""
 
 
 @dataclass(frozen=True)
@@ -415,12 +417,6 @@ def _from_other_side(
     if not ended.converged or ended.vtpv > here + MAX_EQUAL_VTPV_DIFFERENCE:
         return None
     return ended, other.state
-
-
-REPEATED_FROM_GIVEN_VALUES = "{why}: it was repeated from the given poses and coordinates."
-"""Sentence of a solution that began at the given values after all."""
-NO_START_CONVERGED = "From the given poses and coordinates it did not converge either."
-"""Sentence of a solution that began at the other start, where neither converged."""
 
 
 def adjustment_from_better_start(attempt: Callable[[Start], Solution], start: Start) -> Solution:

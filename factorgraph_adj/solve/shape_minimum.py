@@ -26,6 +26,32 @@ from ..types import Array, Index
 from .adjustment_run import AdjustmentRun, ShapeMisfit
 from .gauss_newton import IterationEnd
 
+MIN_EXCESS_SIGMAS = 4.0
+"""Excess of vᵀPv of n rows over n, in units of its standard deviation √(2n), from which on a shape
+is looked at."""
+LOOSE_SHAPE_WEIGHT_FACTOR = 1e-6
+"""Factor on the weights of a shape's observations with which its points are found without it."""
+MIN_SHAPE_VTPV_DECREASE, MIN_SHAPE_VTPV_DECREASE_RATIO = 1e-6, 1e-9
+"""Decrease of vᵀPv from which another minimum counts as better, and more of it relative to vᵀPv."""
+TRIAL_TOLERANCE, TRIAL_TOLERANCE_RATIO = 1e-2, 1e-4
+"""Bound of the last step relative to σ up to which another start is followed, and the same relative
+to √vᵀPv where that is more: such a step changes vᵀPv by 1e-8 of its value."""
+MAX_TRIAL_ITERATIONS = 50
+"""Largest number of iterations from another start."""
+LOOSE_TOLERANCE_FACTOR = 10.0
+"""Multiple of this bound up to which points are followed without the shape: they are a start."""
+MAX_SAME_RESIDUAL_RATIO = 1e-9
+"""Largest difference of the amounts of residuals, relative to √vᵀPv, at starts that are the same
+shape."""
+MIN_MISFIT_CHANGE_FACTOR = 1.5
+"""Factor by which the rows or the excess of a shape that was fitted again in vain change before the
+shape is fitted anew again, so that n arrivals on it cost in proportion to log n. An adjustment that
+settles does not count what was in vain before."""
+MAX_SHAPES_REFITTED = 10
+"""Largest number of shapes that are looked at, those that fit worst first."""
+HALF_TURN_ABOUT_X = np.array([1.0, -1.0, -1.0])
+"""Diagonal of the half turn about x, which reverses the z axis of a frame."""
+
 
 def refitted_shape(equations: Equations, state: State, f: int) -> State | None:
     """Return a state with the free components and sizes of one shape from its points alone.
@@ -58,33 +84,6 @@ def free_sizes(equations: Equations, f: int) -> list[tuple[str, int]]:
     parts = (part for number, part in shape_observations(equations) if number == f)
     keys = dict.fromkeys((k, int(i)) for p in parts for k, n in p.sizes for i in np.unique(n))
     return [(k, i) for k, i in keys if equations.unknowns[k].free[i].any()]
-
-
-MIN_EXCESS_SIGMAS = 4.0
-"""Excess of vᵀPv of n rows over n, in units of its standard deviation √(2n), from which on a shape
-is looked at."""
-LOOSE_SHAPE_WEIGHT_FACTOR = 1e-6
-"""Factor on the weights of a shape's observations with which its points are found without it."""
-MIN_SHAPE_VTPV_DECREASE, MIN_SHAPE_VTPV_DECREASE_RATIO = 1e-6, 1e-9
-"""Decrease of vᵀPv from which another minimum counts as better, and more of it relative to vᵀPv."""
-TRIAL_TOLERANCE, TRIAL_TOLERANCE_RATIO = 1e-2, 1e-4
-"""Bound of the last step relative to σ up to which another start is followed, and the same relative
-to √vᵀPv where that is more: such a step changes vᵀPv by 1e-8 of its value."""
-MAX_TRIAL_ITERATIONS = 50
-"""Largest number of iterations from another start."""
-LOOSE_TOLERANCE_FACTOR = 10.0
-"""Multiple of this bound up to which points are followed without the shape: they are a start."""
-MAX_SAME_RESIDUAL_RATIO = 1e-9
-"""Largest difference of the amounts of residuals, relative to √vᵀPv, at starts that are the same
-shape."""
-MIN_MISFIT_CHANGE_FACTOR = 1.5
-"""Factor by which the rows or the excess of a shape that was fitted again in vain change before the
-shape is fitted anew again, so that n arrivals on it cost in proportion to log n. An adjustment that
-settles does not count what was in vain before."""
-MAX_SHAPES_REFITTED = 10
-"""Largest number of shapes that are looked at, those that fit worst first."""
-HALF_TURN_ABOUT_X = np.array([1.0, -1.0, -1.0])
-"""Diagonal of the half turn about x, which reverses the z axis of a frame."""
 
 
 def refit_shapes(

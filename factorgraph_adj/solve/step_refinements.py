@@ -43,6 +43,9 @@ from .elimination_layers import Layers, first_point
 from .gauss_newton_steps import Factorised, Step
 from .normal_equations import NormalEquations
 
+INNER_STEPS = 2
+"""Number of inner steps of each point."""
+
 
 @dataclass(frozen=True)
 class AccelerationRule:
@@ -90,10 +93,6 @@ def accelerated_movement(
         scale = np.sqrt(normal.eased)
         length, along = np.linalg.norm(scale * a), np.linalg.norm(scale * dx)
     return dx + a if 2.0 * length <= ACCELERATION.most * along else None
-
-
-INNER_STEPS = 2
-"""Number of inner steps of each point."""
 
 
 def state_after_inner_iterations(

@@ -58,6 +58,12 @@ MIN_MOVED_SHARE = 1e-6
 """Share of a parameter in undetermined combinations above which it is named beside them."""
 MAX_UNKNOWNS_IN_MESSAGE = 12
 """Largest number of unknowns that a message names."""
+MIN_SAME_MOTION_COSINE = 0.999
+"""Cosine of the angle between an undetermined combination and a motion that is the same."""
+MAX_HARDLY_NOTICED_RATIO = 1.5e-4
+"""Ratio |A g| / |√diag(N) g| below which a motion g of the network counts as not noticed on the
+curved Earth: attitudes of a photo flight notice a shift by 2e-5 to 6e-5. Where all but a few points
+move together, their combination resembles a motion that is noticed by 5e-4 and more."""
 
 
 def _scale(system: LinearisedEquations, diagonal: Array) -> Array:
@@ -261,14 +267,6 @@ def _apart(unknowns: Unknowns, defects: Sequence[Defect]) -> list[tuple[str, str
         if moving[unknowns.columns(kind, number)].any()
     ]
     return found if len(found) < len(active) else []
-
-
-MIN_SAME_MOTION_COSINE = 0.999
-"""Cosine of the angle between an undetermined combination and a motion that is the same."""
-MAX_HARDLY_NOTICED_RATIO = 1.5e-4
-"""Ratio |A g| / |√diag(N) g| below which a motion g of the network counts as not noticed on the
-curved Earth: attitudes of a photo flight notice a shift by 2e-5 to 6e-5. Where all but a few points
-move together, their combination resembles a motion that is noticed by 5e-4 and more."""
 
 
 def _nearly_unnoticed(

@@ -23,6 +23,13 @@ from ..observations import KINDS
 from ..types import Array, Index, Mask
 from .linearised_equations import LinearisedEquations
 
+MAX_SIGMA_RAD = 0.01
+"""Standard deviation, radians, of a turn of the network up to which it counts as told by
+convergence of meridians, or by distances from lines that are not zero: a turn that is known less
+well is no longer linear. By convergence, the distance from the pole is known to the same part."""
+MIN_TURN_COSINE = 0.7
+"""Cosine of the angle between a rotation and the vertical from which it is a turn about it."""
+
 
 def zero_length_blocks(system: LinearisedEquations) -> Iterator[tuple[Block, Mask]]:
     """Yield blocks of lengths, and which of their observations (n,) are lengths of zero."""
@@ -116,14 +123,6 @@ def offsets_from_axes(equations: Equations, kind: VariableKind) -> Array:
         np.add.at(total[:, :2], shape, p * block.observed)
         np.add.at(weight[:, :2], shape, p)
     return np.asarray(total / np.where(weight > 0.0, weight, 1.0))
-
-
-MAX_SIGMA_RAD = 0.01
-"""Standard deviation, radians, of a turn of the network up to which it counts as told by
-convergence of meridians, or by distances from lines that are not zero: a turn that is known less
-well is no longer linear. By convergence, the distance from the pole is known to the same part."""
-MIN_TURN_COSINE = 0.7
-"""Cosine of the angle between a rotation and the vertical from which it is a turn about it."""
 
 
 def undirected_motions(

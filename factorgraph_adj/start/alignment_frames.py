@@ -44,6 +44,8 @@ MIN_DISTANCE_OF_OTHER_PLACE_M = 1e-3
 """Distance, metres, from which on two fits are different places."""
 
 _ALIGNMENT_KINDS = frozenset(r.name for r in METROLOGY_KINDS if r.frames)
+MIN_SINE_BETWEEN_PLANES = 1e-4
+"""Sine of the angle between planes up to which they leave the line open."""
 
 
 def alignment_observations(equations: Equations) -> dict[int, list[Block]]:
@@ -240,10 +242,6 @@ class _AlignmentFit:
         a, b = (x.values["frame"][self._frame] for x in (best, m))
         places = [s[:ROTATION].reshape(3, 3) @ s[9:12] for s in (a, b)]
         return bool(np.abs(places[0] - places[1]).max() > MIN_DISTANCE_OF_OTHER_PLACE_M)
-
-
-MIN_SINE_BETWEEN_PLANES = 1e-4
-"""Sine of the angle between planes up to which they leave the line open."""
 
 
 def place_image_lines(equations: Equations, state: State) -> list[Problem]:

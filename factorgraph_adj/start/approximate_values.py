@@ -70,6 +70,9 @@ from .shape_fit import frames_of_shapes, place_shapes
 from .terrestrial_readings import median_angle, read_survey
 from .unreached_unknowns import problems_of_unreached
 
+MAX_MISFIT_OF_GIVEN_VALUES = 0.05
+"""Misfit of a length (relative) or an angle (radians) above which a coordinate must be rough."""
+
 
 def fill_single_components(equations: Equations, state: State) -> list[Problem]:
     """Fill missing values of unknowns with one component; return a problem for each that is left.
@@ -126,10 +129,6 @@ def _values_from_rows(
         values = -np.sum(by_it * computed.residual, axis=1) / square
     sound = np.isfinite(values)
     return list(zip(index[rows][sound].tolist(), values[sound].tolist(), strict=True))
-
-
-MAX_MISFIT_OF_GIVEN_VALUES = 0.05
-"""Misfit of a length (relative) or an angle (radians) above which a coordinate must be rough."""
 
 
 @with_one_thread

@@ -27,6 +27,10 @@ from .terrestrial_readings import directions_read, zeniths_read
 
 SIGHT_COMPONENTS = ("direction", "zenith", "distance")
 """What sights state about a place, in the order of the columns of `Sights.value`."""
+MIN_UPRIGHT_COSINE = 0.99
+"""Smallest cosine of the tilt of a frame of which plan and height are found each alone."""
+MIN_EXTENT_RATIO_OF_PLACES = 1e-3
+"""Smallest ratio of extents, across and along, at which places fix a rotation in space."""
 
 
 @dataclass(frozen=True)
@@ -203,12 +207,6 @@ def _in_face_one(equations: Equations, block: Block, what: str) -> Array:
         scale, zero = equations.unknowns[kind].values[number].T
         return np.asarray((value - zero) / (1.0 + scale))
     return directions_read(block) if what == "direction" else zeniths_read(block)
-
-
-MIN_UPRIGHT_COSINE = 0.99
-"""Smallest cosine of the tilt of a frame of which plan and height are found each alone."""
-MIN_EXTENT_RATIO_OF_PLACES = 1e-3
-"""Smallest ratio of extents, across and along, at which places fix a rotation in space."""
 
 
 def place_frames(progress: SearchState, seen: FramePlaces) -> bool:

@@ -30,6 +30,14 @@ MIN_MISFIT_RATIO = 3.0
 """Smallest ratio of the misfits of the second best and the best position of a sure decision."""
 MIN_COMPARED_MISFIT = 1e-4
 """Misfit relative to the size of the figure below which misfits are not compared."""
+GOOD_CROSSING_SINE = 0.3
+"""Smallest sine of the crossing angle of an intersection that is used at once."""
+MIN_CROSSING_SINE = 0.005
+"""Smallest sine of the crossing angle at which loci determine a point."""
+MAX_SPHERES_OF_POINT = 8
+"""Largest number of distances of one point that are intersected by threes."""
+MAX_START_TRIANGLE_POINTS = 20
+"""Largest number of points whose triangles may start a network."""
 
 
 @dataclass
@@ -215,12 +223,6 @@ def _meet(
     ]
 
 
-GOOD_CROSSING_SINE = 0.3
-"""Smallest sine of the crossing angle of an intersection that is used at once."""
-MIN_CROSSING_SINE = 0.005
-"""Smallest sine of the crossing angle at which loci determine a point."""
-
-
 def loci_of_points(progress: SearchState) -> dict[int, Loci]:
     """Return the loci of every point unknown in plan, from known points."""
     s, plan = progress.survey, progress.plan
@@ -321,12 +323,6 @@ def contradiction_misfits(progress: SearchState) -> Array:
             options = crossings(own, figure_size(own))
             found.append(options[0].misfit if options else MAX_RELATIVE_MISFIT)
     return np.array(found)
-
-
-MAX_SPHERES_OF_POINT = 8
-"""Largest number of distances of one point that are intersected by threes."""
-MAX_START_TRIANGLE_POINTS = 20
-"""Largest number of points whose triangles may start a network."""
 
 
 def three_spheres(centre: Array, radius: Array) -> list[Array]:

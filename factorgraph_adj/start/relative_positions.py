@@ -38,6 +38,9 @@ from ..types import Array, Index, Mask
 from .search_state import SearchState
 from .terrestrial_readings import StationObservations, group_angle, group_median
 
+MAX_PAIRS_OF_MOUNT = 200
+"""Largest number of pairs of photos from which the rotation of a mount is computed."""
+
 
 def height_differences(progress: SearchState) -> tuple[Index, Index, Array]:
     """Return pairs of points and their height differences H_b − H_a, metres, known so far.
@@ -223,10 +226,6 @@ def _fill_ends(progress: SearchState, v: StationObservations, *, height: bool) -
     found = np.stack([group_median(place, at[:, c], len(new)) for c in range(3)], 1)
     placed = progress.set_plan(new, found[:, :2])
     return (height and progress.set_height(new, found[:, 2])) or placed
-
-
-MAX_PAIRS_OF_MOUNT = 200
-"""Largest number of pairs of photos from which the rotation of a mount is computed."""
 
 
 @dataclass(frozen=True)

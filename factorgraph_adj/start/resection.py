@@ -29,6 +29,10 @@ MAX_RAY_MISS_RAD = 0.02
 """Miss of a ray, radians, above which an image point does not support a pose."""
 MIN_POINTS_OF_UNIQUE_POSE = 8
 """Number of points from which a pose that fits well is unique."""
+MIN_SIGHTS_OF_INSTRUMENT = 4
+"""Smallest number of known points of a resection in space."""
+MIN_SINE_BETWEEN_SIGHTS = 1e-3
+"""Smallest sine of the angle between two sights that fix a rotation."""
 
 
 def three_point_poses(x: Array, d: Array) -> tuple[Array, Array]:
@@ -259,14 +263,6 @@ def resected_pose(given: Array, x: Array, d: Array, least: int) -> Array | None:
         return None
     centre = np.where(np.isnan(x0), pose[1], x0)
     return np.concatenate([pose[0].ravel(), centre])
-
-
-MIN_SIGHTS_OF_INSTRUMENT = 4
-"""Smallest number of known points of a resection in space."""
-
-
-MIN_SINE_BETWEEN_SIGHTS = 1e-3
-"""Smallest sine of the angle between two sights that fix a rotation."""
 
 
 def orient_frames(progress: SearchState, seen: FramePlaces) -> bool:

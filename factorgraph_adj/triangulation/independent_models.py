@@ -66,6 +66,10 @@ FACING_DOWN = world_R_camera(0.0, 0.0, 0.0)
 """Rotation from the axes of a camera to its photogrammetric axes."""
 RELATIVE_RIDGE_SIGMA = 1e-3
 """Independent part of a joint covariance: σ relative to the mean σ of a coordinate."""
+FRAME_COMPONENTS = UNKNOWNS["frame"].names()
+"""Components of a frame, all of which are free for a model."""
+MIN_STRIP_POINTS = MIN_POINTS_OF_MODEL + 1
+"""Smallest number of common points of two photos that follow one another in a strip."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -279,12 +283,6 @@ def _effects(solution: Solution, unit: Network, photos: tuple[str, ...]) -> Arra
         own = by_rays[columns[3:]] if len(columns) else np.zeros((3, len(design)))
         taken.append(own)
     return np.concatenate(taken)
-
-
-FRAME_COMPONENTS = UNKNOWNS["frame"].names()
-"""Components of a frame, all of which are free for a model."""
-MIN_STRIP_POINTS = MIN_POINTS_OF_MODEL + 1
-"""Smallest number of common points of two photos that follow one another in a strip."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)

@@ -64,6 +64,8 @@ PLAN_HEIGHT_STEP_TOLERANCE = 1e-8
 """Bound on the last step of each adjustment, relative to σ."""
 MIN_RADIUS_RATIO = 0.05
 """Smallest radius of a ray, in principal distances."""
+CAMERA_TO_PHOTO_SIGNS = np.array([1.0, -1.0, -1.0])
+"""Signs from the axes of a camera (y down, z forward) to photogrammetric ones."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -256,8 +258,6 @@ def _taken_over(network: Network, solution: Solution) -> Network:
 RadialCentre: TypeAlias = Literal["horizon", "nadir", "isocentre", "principal"]
 """Point of a photo from which its directions are taken."""
 RADIAL_CENTRES: tuple[RadialCentre, ...] = get_args(RadialCentre)
-CAMERA_TO_PHOTO_SIGNS = np.array([1.0, -1.0, -1.0])
-"""Signs from the axes of a camera (y down, z forward) to photogrammetric ones."""
 
 
 def plan_station(photo: str) -> str:

@@ -23,6 +23,15 @@ from ..units import significant
 
 COORDINATE_DECIMALS = 4
 """Number of decimals of a coordinate, metres, that are looked at for exchanged digits."""
+MIN_MM_SHOWN_IN_METRES = 1e5
+"""Size in millimetres from which a misfit is reported in metres."""
+CONTRADICTION_FACTOR = 6.0
+"""Multiple of its standard deviation from which a reading contradicts given coordinates. Smaller
+misfits are for the adjustment to judge, with all other readings."""
+MIN_FIT_IMPROVEMENT = 5.0
+"""How many times better another reading of a group must fit to be reported."""
+MIN_READINGS_OF_GROUP = 4
+"""Smallest number of readings of a group."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +45,7 @@ class Finding:
     size: float = nan
     """How large the misfit is, in ``unit``; NaN if it has no size."""
     tolerance: float = nan
-    """How large it may be: `TOLERANCE_FACTOR` times its standard deviation, in ``unit``; NaN if
+    """How large it may be: `TOLERANCE_IN_SIGMAS` times its standard deviation, in ``unit``; NaN if
     there is none."""
     unit: str = ""
     """Unit of both."""
@@ -56,21 +65,6 @@ class Finding:
         if self.tolerance == self.tolerance:
             size += f", tolerance {significant(self.tolerance, 3)} {self.unit}".rstrip()
         return f"{self.what}{size}; {self.remedy}"
-
-
-MIN_MM_SHOWN_IN_METRES = 1e5
-"""Size in millimetres from which a misfit is reported in metres."""
-TOLERANCE_FACTOR = 3.29
-"""Tolerance of a misclosure, in its standard deviations: exceeded by chance once in 1000."""
-CONTRADICTION_FACTOR = 6.0
-"""Multiple of its standard deviation from which a reading contradicts given coordinates. Smaller
-misfits are for the adjustment to judge, with all other readings."""
-
-
-MIN_FIT_IMPROVEMENT = 5.0
-"""How many times better another reading of a group must fit to be reported."""
-MIN_READINGS_OF_GROUP = 4
-"""Smallest number of readings of a group."""
 
 
 def given_rows(

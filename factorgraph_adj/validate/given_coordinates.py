@@ -55,6 +55,22 @@ MAX_UNIT_FACTOR_DIFFERENCE = 0.01
 MIN_SCALE_DIFFERENCE = 0.1
 """Smallest difference of a factor from 1 that is reported: smaller ones are scales that an
 adjustment tests as causes."""
+TRANSPOSED_ROTATION = "transposed"
+OTHER_SIGN_OF_Y0 = "the other side"
+PHOTO_MISTAKES: Mapping[str, tuple[str, str]] = {
+    ALONG_Y: (
+        "with the image y axis the other way",
+        "state y_axis, and y0 in the direction of y; of some photos alone, change the sign of y",
+    ),
+    ALONG_X: ("with the image x axis the other way", "change the sign of x, or its origin"),
+    EXCHANGED: ("with x and y of the image exchanged", "exchange the columns x and y"),
+    TRANSPOSED_ROTATION: ("with transposed rotation matrices", "turn the matrices"),
+    OTHER_SIGN_OF_Y0: (
+        "with the other sign of y0",
+        "give y0 in the direction of y, as y_axis says: y0 as given lies outside the image",
+    ),
+}
+"""What may be wrong with photos, and what to do."""
 
 
 def points_behind_cameras(equations: Equations) -> Iterator[Finding]:
@@ -79,24 +95,6 @@ def points_behind_cameras(equations: Equations) -> Iterator[Finding]:
                 f"coordinates and orientation: {known(names)}",
                 "correct them, or leave approximate ones out",
             )
-
-
-TRANSPOSED_ROTATION = "transposed"
-OTHER_SIGN_OF_Y0 = "the other side"
-PHOTO_MISTAKES: Mapping[str, tuple[str, str]] = {
-    ALONG_Y: (
-        "with the image y axis the other way",
-        "state y_axis, and y0 in the direction of y; of some photos alone, change the sign of y",
-    ),
-    ALONG_X: ("with the image x axis the other way", "change the sign of x, or its origin"),
-    EXCHANGED: ("with x and y of the image exchanged", "exchange the columns x and y"),
-    TRANSPOSED_ROTATION: ("with transposed rotation matrices", "turn the matrices"),
-    OTHER_SIGN_OF_Y0: (
-        "with the other sign of y0",
-        "give y0 in the direction of y, as y_axis says: y0 as given lies outside the image",
-    ),
-}
-"""What may be wrong with photos, and what to do."""
 
 
 def wrong_photo_axes(equations: Equations) -> Iterator[Finding]:

@@ -40,6 +40,12 @@ MIN_TILT_RAD = 1e-3
 less, and levels of instruments are off by less."""
 MIN_CIRCLE_IMPROVEMENT = 20.0
 """How many times better places must fit with angles in another unit for it to be reported."""
+CIRCLE_COLUMNS: tuple[tuple[tuple[int, ...], str], ...] = (
+    ((0, 1), "directions and zenith angles"),
+    ((0,), "directions"),
+    ((1,), "zenith angles"),
+)
+"""Columns of `Sights.value` that are tried in another unit, and their name."""
 
 
 def left_handed_frames(network: Network) -> Iterator[Finding]:
@@ -144,14 +150,6 @@ def _upright_rms(fit: PlaceSimilarity) -> float:
     c, s = np.array([cosine, sine]) / max(np.hypot(sine, cosine), 1e-300)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return float(np.sqrt(np.mean((b - fit.scale * (a @ turn.T)) ** 2)))
-
-
-CIRCLE_COLUMNS: tuple[tuple[tuple[int, ...], str], ...] = (
-    ((0, 1), "directions and zenith angles"),
-    ((0,), "directions"),
-    ((1,), "zenith angles"),
-)
-"""Columns of `Sights.value` that are tried in another unit, and their name."""
 
 
 def wrong_circle_units(

@@ -20,11 +20,11 @@ from ..errors import known
 from ..graph.equations import Equations
 from ..observations import Observation
 from ..observations.variances import LEVELLING, Along
+from ..statistical_tests import TOLERANCE_IN_SIGMAS
 from ..stochastic_model import StandardDeviation
 from ..types import Array, Index
 from .findings import (
     CONTRADICTION_FACTOR,
-    TOLERANCE_FACTOR,
     Finding,
     exchanged_components,
     mistyped_coordinates,
@@ -116,7 +116,7 @@ def misclosures(
         number = np.array([i for i, _ in loop])
         sign = np.array([s for _, s in loop], dtype=float)
         w = sign @ edges.value[number]
-        limit = TOLERANCE_FACTOR * np.sqrt(edges.variance[number].sum(axis=0))
+        limit = TOLERANCE_IN_SIGMAS * np.sqrt(edges.variance[number].sum(axis=0))
         worst = int(np.argmax(np.abs(w) / limit))
         if abs(w[worst]) > limit[worst]:
             named = known((edges.label[i] for i, _ in loop), most=MAX_OBSERVATIONS_OF_LOOP)

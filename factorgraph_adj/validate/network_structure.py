@@ -33,6 +33,11 @@ Sources: TypeAlias = Mapping[tuple[str, str], str]
 """File and line by noun (point, photo) and name."""
 MIN_COUNTED_ENTITIES = 5
 """Free networks with fewer points and photos are exempt from the count for each point."""
+DATUM_AXES = ("x", "y", "z")
+MIN_GEOCENTRIC_RADIUS_M = 6_300_000.0
+"""Smallest distance from the centre of the Earth, metres; measured points are farther away."""
+PLACE_KINDS = ("point", "pose", "frame", "size")
+"""Kinds of variables without which an observation has no geometry: zeros do not stand for them."""
 
 
 def located_names(noun: str, names: Sequence[str], at: Sources) -> str:
@@ -272,11 +277,6 @@ def _sizes(equations: Equations) -> dict[tuple[str, int], set[int]]:
     return users
 
 
-DATUM_AXES = ("x", "y", "z")
-MIN_GEOCENTRIC_RADIUS_M = 6_300_000.0
-"""Smallest distance from the centre of the Earth, metres; measured points are farther away."""
-
-
 def _label_of(table: Variables, label: Index, numbers: Index) -> Index:
     """Return the connected part of each variable, −1 for held or unobserved variables."""
     offset = table.offset[numbers]
@@ -415,10 +415,6 @@ def _observed_axes(block: Block, unknowns: Unknowns) -> Mask:
             table = unknowns[kind]
             observed &= ~(table.free[index] & np.isinf(table.sigma[index]))[:, :3]
     return observed
-
-
-PLACE_KINDS = ("point", "pose", "frame", "size")
-"""Kinds of variables without which an observation has no geometry: zeros do not stand for them."""
 
 
 def geocentric_problems(network: Network, at: Sources) -> Iterator[Problem]:

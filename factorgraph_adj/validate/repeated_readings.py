@@ -31,11 +31,11 @@ from ..observations import (
     ZenithAngle,
 )
 from ..observations.variances import Along
-from ..statistical_tests import poisson_upper_probability
+from ..statistical_tests import TOLERANCE_IN_SIGMAS, poisson_upper_probability
 from ..stochastic_model import StandardDeviation
 from ..types import Array
 from ..units import ANGLE
-from .findings import TOLERANCE_FACTOR, Finding
+from .findings import Finding
 from .loop_misclosures import line_sigma
 
 REFRACTION_OF_HEIGHTS = 0.13
@@ -189,7 +189,7 @@ def _distances(network: Network) -> Iterator[Finding]:
     for group in same.values():
         for a, b in combinations(group, 2):
             w = a.value - b.value
-            limit = TOLERANCE_FACTOR * float(
+            limit = TOLERANCE_IN_SIGMAS * float(
                 np.hypot(reading_sigma(a, a.value), reading_sigma(b, b.value))
             )
             if abs(w) > limit:
@@ -250,7 +250,7 @@ def _heights(network: Network) -> Iterator[Finding]:
         for back in rises.get((b, a), ()) if a < b else ():
             for forth in there:
                 w = forth[1] + back[1]
-                limit = TOLERANCE_FACTOR * float(np.hypot(forth[2], back[2]))
+                limit = TOLERANCE_IN_SIGMAS * float(np.hypot(forth[2], back[2]))
                 if abs(w) > limit:
                     yield Finding(
                         f"the height differences of {forth[0].label()} and {back[0].label()}, "

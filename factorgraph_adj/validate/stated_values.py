@@ -29,10 +29,10 @@ from ..models.unknown import UnknownKind
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
 from ..observations import Direction, HorizontalDistance, Observation, SlopeDistance, VerticalAngle
-from ..statistical_tests import SIGMA_PER_MEDIAN_DEVIATION
+from ..statistical_tests import SIGMA_PER_MEDIAN_DEVIATION, TOLERANCE_IN_SIGMAS
 from ..types import Array, Index
 from ..units import significant
-from .findings import MIN_FIT_IMPROVEMENT, TOLERANCE_FACTOR, Finding
+from .findings import MIN_FIT_IMPROVEMENT, Finding
 
 MIN_LENGTH_RATIO = 100.0
 """Ratio of the stated length to the distance of the ends, or its inverse, from which it is doubted:
@@ -252,7 +252,7 @@ def _of_kind(equations: Equations, kind: UnknownKind) -> Iterator[Finding]:
         off = float(np.median(higher[own]))
         apart = SIGMA_PER_MEDIAN_DEVIATION * float(np.median(np.abs(higher[own] - off)))
         spread = max(apart, float(np.median(sigma[own])))
-        limit = TOLERANCE_FACTOR * float(
+        limit = TOLERANCE_IN_SIGMAS * float(
             np.hypot(spread, weight if free and not approximate else 0.0)
         )
         if approximate or not len(sure):

@@ -35,9 +35,10 @@ from ..observations import (
     VerticalAngle,
     ZenithAngle,
 )
+from ..statistical_tests import TOLERANCE_IN_SIGMAS
 from ..types import Array
 from ..units import ANGLE
-from .findings import TOLERANCE_FACTOR, Finding
+from .findings import Finding
 from .loop_misclosures import MAX_LISTED_MISCLOSURES, closed_loops
 from .repeated_readings import reading_sigma
 
@@ -45,6 +46,9 @@ MAX_TRAVERSE_STARTS = 200
 """Largest number of held points from which traverses are looked for."""
 MAX_POINTS_OF_TRAVERSE = 8
 """Largest number of points of a traverse that are named."""
+PLANE_TOLERANCE_FACTOR = float(np.sqrt(-2.0 * np.log(0.001)))
+"""Tolerance of a misclosure in the plane, in semi-axes of its ellipse: exceeded by chance once in
+1000, as `TOLERANCE_IN_SIGMAS` is by a single value."""
 
 
 @dataclass(frozen=True)
@@ -231,11 +235,6 @@ def _length(
     return 1000.0
 
 
-PLANE_TOLERANCE_FACTOR = float(np.sqrt(-2.0 * np.log(0.001)))
-"""Tolerance of a misclosure in the plane, in semi-axes of its ellipse: exceeded by chance once in
-1000, as `TOLERANCE_FACTOR` is by a single value."""
-
-
 @dataclass(frozen=True)
 class Traverse:
     """A traverse: a way along legs, with the angles between them."""
@@ -394,12 +393,12 @@ def _way(legs: Sequence[tuple[str, str]]) -> list[str]:
 def _tested(t: Traverse) -> Finding | None:
     """Return what does not close; none: all is within the tolerance."""
     angular = t.angular()
-    if angular is not None and abs(angular[0]) > TOLERANCE_FACTOR * angular[1]:
+    if angular is not None and abs(angular[0]) > TOLERANCE_IN_SIGMAS * angular[1]:
         return Finding(
             f"the angles of {t} do not close",
             _where_angle(t) + "look for a wrong direction or name, or at the held points",
             angular[0] / ANGLE["mgon"],
-            TOLERANCE_FACTOR * angular[1] / ANGLE["mgon"],
+            TOLERANCE_IN_SIGMAS * angular[1] / ANGLE["mgon"],
             "mgon",
         )
     linear = t.linear()
@@ -412,7 +411,7 @@ def _tested(t: Traverse) -> Finding | None:
     if directed:  # the ellipse of Σ, in the direction of w
         limit = PLANE_TOLERANCE_FACTOR * size / float(np.sqrt(w @ np.linalg.solve(covariance, w)))
     else:
-        limit = TOLERANCE_FACTOR * float(np.sqrt(w @ covariance @ w)) / size
+        limit = TOLERANCE_IN_SIGMAS * float(np.sqrt(w @ covariance @ w)) / size
     if size <= limit:
         return None
     what = "does not close" if directed else "is not as long as its ends are apart"
@@ -444,7 +443,7 @@ def _where_leg(t: Traverse, w: Array) -> str:
     _, azimuth, covariance = t.computed()
     across = np.column_stack([np.cos(azimuth), -np.sin(azimuth)])
     sigma = np.sqrt(np.einsum("ni,ij,nj->n", across, covariance, across))
-    fits = np.flatnonzero(np.abs(across @ w) < TOLERANCE_FACTOR * sigma).tolist()
+    fits = np.flatnonzero(np.abs(across @ w) < TOLERANCE_IN_SIGMAS * sigma).tolist()
     if not fits or 2 * len(fits) > len(azimuth):
         return ""
     legs = " or ".join(f"{t.points[i]!r} – {t.points[i + 1]!r}" for i in fits)

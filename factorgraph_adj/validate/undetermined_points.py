@@ -24,8 +24,9 @@ from ..graph.variables import State
 from ..models.base import wrap
 from ..models.variables import UNKNOWNS
 from ..observations import KINDS
+from ..statistical_tests import TOLERANCE_IN_SIGMAS
 from ..types import Array, Mask
-from .findings import TOLERANCE_FACTOR, Finding
+from .findings import Finding
 
 MIN_TOLERANCE_SHARE = 0.05
 """Smallest tolerance along the weakest direction, relative to the distance of the nearest point
@@ -72,7 +73,7 @@ def weakly_determined_points(equations: Equations) -> Iterator[Finding]:
     nearest = of.nearest[numbers]
     # A weighted coordinate may be as poor as that on purpose, unless it says nothing.
     part = np.where(of.weighted[numbers], 1.0, MIN_TOLERANCE_SHARE)
-    free = TOLERANCE_FACTOR * sigma > part * nearest
+    free = TOLERANCE_IN_SIGMAS * sigma > part * nearest
     step = np.zeros((len(table.names), 3))
     step[numbers] = vectors[:, :, 0] * nearest[:, None]
     way, misfit = of.second_places(step)
@@ -84,7 +85,7 @@ def weakly_determined_points(equations: Equations) -> Iterator[Finding]:
         & (apart < MAX_SECOND_PLACE_SHARE)
         & (
             misfit[numbers]
-            < np.minimum(TOLERANCE_FACTOR**2, MAX_SECOND_PLACE_MISFIT_RATIO * straight)
+            < np.minimum(TOLERANCE_IN_SIGMAS**2, MAX_SECOND_PLACE_MISFIT_RATIO * straight)
         )
     )
     for i in np.flatnonzero(free | two).tolist():
@@ -95,7 +96,7 @@ def weakly_determined_points(equations: Equations) -> Iterator[Finding]:
                 f"by the given coordinates, what is observed of point {name!r} determines it "
                 f"{'not' if weak[i] else 'hardly'} {along}",
                 UNDETERMINED_REMEDY,
-                np.nan if weak[i] else TOLERANCE_FACTOR * float(sigma[i]),
+                np.nan if weak[i] else TOLERANCE_IN_SIGMAS * float(sigma[i]),
                 unit="m",
             )
         else:

@@ -48,6 +48,17 @@ MIN_NEARER_SHARE = 0.9
 """Share of readings that must be nearer to what is right in another unit."""
 UNIT_FACTOR_ROUNDING = 1e-9
 """Relative difference of factors that are the same."""
+TRIED_LENGTH_UNITS: Mapping[str, float] = {
+    "feet": FOOT,
+    "US survey feet": US_SURVEY_FOOT,
+    "metres": 1.0,
+    "millimetres": 1e-3,
+    "centimetres": 1e-2,
+    "kilometres": 1e3,
+}
+"""Units of lengths that are tried, metres."""
+ANGLE_UNIT_NAMES: Mapping[str, str] = {"deg": "degrees", "gon": "gon", "rad": "radians"}
+"""Units of angles that are tried, and their names."""
 
 
 def angles_beyond_circle(network: Network, unit: str) -> Iterator[Finding]:
@@ -159,19 +170,6 @@ def _noun(unit: str) -> str:
 
 def _circle(unit: str) -> str:
     return f"{TURN / ANGLE[unit]:.10g}"
-
-
-TRIED_LENGTH_UNITS: Mapping[str, float] = {
-    "feet": FOOT,
-    "US survey feet": US_SURVEY_FOOT,
-    "metres": 1.0,
-    "millimetres": 1e-3,
-    "centimetres": 1e-2,
-    "kilometres": 1e3,
-}
-"""Units of lengths that are tried, metres."""
-ANGLE_UNIT_NAMES: Mapping[str, str] = {"deg": "degrees", "gon": "gon", "rad": "radians"}
-"""Units of angles that are tried, and their names."""
 
 
 def length_factors(stated: str) -> dict[str, float]:

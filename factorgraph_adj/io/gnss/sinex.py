@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 
 from ...errors import InputError, Problem
-from ...frames import Frame, GeocentricFrame, TopocentricFrame
+from ...frames import EARTH_SCALE_M, Frame, GeocentricFrame, TopocentricFrame
 from ...network.network import Network
 from ...observations import ControlPoint, Correlated, GnssPosition
 from ...solve.solution import Solution
@@ -289,8 +289,6 @@ def _at_epoch(
     return by @ value, by @ covariance @ by.T
 
 
-EARTH_SCALE_M = 2.0**23
-"""Metres, a power of two near the radius of the Earth: differences of this size keep all digits."""
 _CODE = re.compile(r"[!-~]{1,4}", re.ASCII)
 _AGENCY = re.compile(r"[A-Z0-9]{3}", re.ASCII)
 

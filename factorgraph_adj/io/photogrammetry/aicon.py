@@ -21,12 +21,11 @@ from ...errors import InputError, Problem
 from ...models.lens import BalancedLens
 from ...network.network import Network
 from ...observations import ControlPoint, SlopeDistance
-from ...units import LENGTH
+from ...units import MILLIMETRE
 from ..source import Problems, is_unread
 from ..text_files import read_text
 from .block_source import PHOTOS_SWITCHED_OFF, ImagePoints, filled_lines, whole_number
 
-MM = LENGTH["mm"]
 BLOCK_SUFFIXES = (".phc", ".eor", ".obc", ".ior")
 """Files that a block needs; .scale may be absent."""
 AICON_PARAMETERS = ("c", "x0", "y0", "A1", "A2", "B1", "B2")
@@ -205,7 +204,7 @@ def _points(path: Path, network: Network, problems: Problems, marked: bool) -> s
             problems.leave_out(PHOTOS_SWITCHED_OFF, f"point {name}", where)
         if active == "0" or is_unread(found):
             continue
-        at = (MM * found[0], MM * found[1], MM * found[2])
+        at = (MILLIMETRE * found[0], MILLIMETRE * found[1], MILLIMETRE * found[2])
         with problems.at(where):
             if new != "0":
                 network.add_point(name, at, datum=not marked or datum != "0")
@@ -219,7 +218,7 @@ def _points(path: Path, network: Network, problems: Problems, marked: bool) -> s
                     name,
                     value,
                     axes="".join("xyz"[i] for i in axes),
-                    sigma=tuple(MM * s for s in sigma),
+                    sigma=tuple(MILLIMETRE * s for s in sigma),
                     source=where,
                 )
                 network.add(o)
@@ -256,7 +255,7 @@ def _photos(path: Path, network: Network, problems: Problems, cameras: set[str])
             network.add_photo(
                 name,
                 camera,
-                position=[MM * v for v in found[:3]] if oriented else None,
+                position=[MILLIMETRE * v for v in found[:3]] if oriented else None,
                 omega_phi_kappa=found[3:] if oriented else None,
             )
     return off
@@ -305,8 +304,8 @@ def _scale_bars(path: Path, network: Network, problems: Problems, off: set[str])
                     SlopeDistance(
                         a,
                         b,
-                        MM * found[0],
-                        sigma=MM * found[1],
+                        MILLIMETRE * found[0],
+                        sigma=MILLIMETRE * found[1],
                         id=None if taken else name,
                         source=where,
                     )

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...frames import TopocentricFrame
+from ...frames import EARTH_SCALE_M, TopocentricFrame
 from ...network.network import Network
 from ...observations import (
     Correlated,
@@ -265,8 +265,6 @@ def add_baselines(files: Comp3dFiles, network: Network, line: Comp3dLine) -> Non
 
 # -- equal distances and heights (codes 21, 22) --------------------------------------------------
 
-EARTH_SCALE_M = 2.0**23
-"""Metres, a power of two near the radius of the Earth."""
 EQUALITY_KINDS: dict[str, type[Observation]] = {"21": EqualHeightDifference, "22": EqualDistance}
 """Kinds by code."""
 

@@ -25,7 +25,7 @@ from ...observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from ...units import ARCSEC, CC, GON, LENGTH, parse_angle
+from ...units import ARCSEC, CC, GON, MILLIMETRE, parse_angle
 from ..source import Field, Problems
 from ..xml_files import Element
 from ..xml_source import XmlSource
@@ -37,7 +37,6 @@ from .gama_elements import (
     gama_source,
 )
 
-MM = LENGTH["mm"]
 DEFAULT_SIGMA_APR = 10.0
 MAX_FACE_DIFFERENCE_RAD = 0.05
 """Difference from π, radians, of two readings of one target that are two faces: far above any
@@ -223,7 +222,7 @@ class _Reader:
         cls = _SIGHTS[element.tag]
         station, target = self._ends(element, setup.station)
         if element.tag in ("distance", "s-distance"):
-            value, unit = self.source.attribute(element, "val").number(above=0.0), MM
+            value, unit = self.source.attribute(element, "val").number(above=0.0), MILLIMETRE
             sigma = self._stdev(element, self._default_of_distance(setup.defaults, value))
         else:
             value, unit = _angle_of(self.source.attribute(element, "val"))
@@ -298,7 +297,7 @@ class _Reader:
             return None
         return PendingObservation(
             element,
-            (MM,),
+            (MILLIMETRE,),
             sigma,
             lambda q: HeightDifference(
                 station,
@@ -322,7 +321,7 @@ class _Reader:
             return None
         return PendingObservation(
             element,
-            (MM, MM, MM),
+            (MILLIMETRE, MILLIMETRE, MILLIMETRE),
             math.nan,
             lambda q: GnssVector(
                 station,
@@ -347,7 +346,7 @@ class _Reader:
             return None
         return PendingObservation(
             element,
-            (MM,) * len(axes),
+            (MILLIMETRE,) * len(axes),
             math.nan,
             lambda q: ControlPoint(
                 name, values, axes=axes, covariance=q, source=self.source.place(element.line)

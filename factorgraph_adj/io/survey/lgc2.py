@@ -27,14 +27,12 @@ from ...network.network import Network
 from ...rotation import exp_rotation
 from ...stochastic_model import StandardDeviation
 from ...types import Array
-from ...units import CC, GON
+from ...units import CC, GON, MILLIMETRE
 from ..format_reader import NetworkReader, Reader
 from ..source import TextSource
 from .lgc2_frames import Lgc2Builder, rotation_components
 from .lgc2_input import InputWords, Lgc2Input, ObservationBlock, frame_rotation
 
-MM = 1e-3
-"""File and line in front of a place."""
 MAX_WORDS_BY_KEYWORD = {
     **{"TSTN": 3, "ECTH": 4, "ECVE": 2, "OBSXYZ": 0, "INCLY": 1, "ROLLY": 1},
     **dict.fromkeys(("ANGL", "ZEND", "DIST", "DSPT", "UVEC", "UVD"), 2),
@@ -140,7 +138,7 @@ class Lgc2Observations:
             head.wrong(f"scale {name}: ppm {ppm:g}, centring {centring:g}; only zeros are read")
         if other:
             head.wrong(f"scale {name}: σ of the correction {other:g}; only zeros are read")
-        return sigma * MM, correction
+        return sigma * MILLIMETRE, correction
 
     def _stated(self, row: InputWords, name: str) -> None:
         if name not in self.found.points:
@@ -205,7 +203,7 @@ class Lgc2Observations:
     def _distances(
         self, station: str, parts: list[float], rows: list[InputWords], column: int = 1
     ) -> None:
-        sigma = StandardDeviation(parts[0] * MM, ppm=parts[1], combine="linear")
+        sigma = StandardDeviation(parts[0] * MILLIMETRE, ppm=parts[1], combine="linear")
         for row in rows:
             target, value = row.word(0, "a point"), row.number(column, "the distance")
             self._stated(row, target)
@@ -244,7 +242,11 @@ class Lgc2Observations:
         for row in block.rows:
             target, value = self._reading(row, options=("OBSE",))
             given = row.options(2, ("OBSE",)).get("OBSE")
-            s = sigma if given is None else row.number(row.words.index("OBSE") + 1, "σ") * MM
+            s = (
+                sigma
+                if given is None
+                else row.number(row.words.index("OBSE") + 1, "σ") * MILLIMETRE
+            )
             if not at_sight:
                 self.network.add(
                     o.LineOffset(
@@ -314,7 +316,7 @@ class Lgc2Observations:
         of_water, water = head.number(1, "the σ of the water"), head.word(3, "the water level")
         sigma, height, _ = self._numbers(head, head.words[0], 3)
         self.network.set_level(water)
-        s = math.sqrt(sigma**2 + height**2 + of_water**2) * MM
+        s = math.sqrt(sigma**2 + height**2 + of_water**2) * MILLIMETRE
         for row in block.rows:
             target, value = self._reading(row)
             up = self.found.points[target].node.to(None)[0][2, 2]
@@ -331,7 +333,10 @@ class Lgc2Observations:
         if set(options) - {"SAGFIX"}:
             head.wrong(f"options {' '.join(options)[:60]!r} of a wire are not read; valid: SAGFIX")
         x, z, centring_x, centring_z = self._numbers(head, instrument, 4)
-        sigma = (math.hypot(x, centring_x, of_wire) * MM, math.hypot(z, centring_z, of_wire) * MM)
+        sigma = (
+            math.hypot(x, centring_x, of_wire) * MILLIMETRE,
+            math.hypot(z, centring_z, of_wire) * MILLIMETRE,
+        )
         a, b = (self._on_wire(head, anchor, block.rows) for anchor in (first, second))
         self.network.add_frame(wire, free=("rx", "ry", "rz", "x", "z"), origin=a.tolist())
         self.network.add(o.FrameRoll(wire, first, 0.0, sigma=WIRE_ROLL_SIGMA_RAD))
@@ -430,7 +435,7 @@ class Lgc2Observations:
             self._stated(row, target)
             x, sigma = np.array(row.numbers(1, 6)).reshape(2, 3)
             row.options(7, ())
-            covariance = r @ np.diag((sigma * MM) ** 2) @ r.T
+            covariance = r @ np.diag((sigma * MILLIMETRE) ** 2) @ r.T
             value = tuple((r @ x + t).tolist())
             self.network.add(
                 o.FrameCoordinate(

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Problem, known
-from ...units import FOOT, US_SURVEY_FOOT
+from ...units import FOOT, KILOMETRE, US_SURVEY_FOOT
 from ..text_files import read_toml
 
 STAR_NET_LINEAR_UNITS = {
@@ -24,7 +24,7 @@ STAR_NET_LINEAR_UNITS = {
     "feet": FOOT,
 }
 """Metres of the linear units; ``Feet`` is the international foot."""
-MILE_FEET, KILOMETRE_METRES = 5280.0, 1000.0
+MILE_FEET, KILOMETRE_METRES = 5280.0, KILOMETRE
 """Linear units in the unit of level lines: miles of feet, kilometres of metres."""
 SETTING_CHOICES: dict[str, tuple[str, ...]] = {
     "adjustment": ("2D", "3D", "LEV"),

@@ -28,6 +28,9 @@ from ...types import Array
 from .transformation import HELD, OFFSET, GridMove, Moved, no_place
 
 PLAN, HEIGHT = slice(0, 2), 2
+CURVATURE_WITHIN = -0.5
+"""Coefficients of refraction below are k − 1: halfway between the usual k of 0 to 0.2 and it."""
+POSITION = slice(3, 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,9 +301,6 @@ def _frame(parameter: Parameter, move: GridMove, places: Moved, row: int) -> Par
     return replace(parameter, values=tuple(values.tolist()), constants=tuple(constants.tolist()))
 
 
-CURVATURE_WITHIN = -0.5
-"""Coefficients of refraction below are k − 1: halfway between the usual k of 0 to 0.2 and it."""
-
 CONVERSIONS: dict[str, Convert] = {
     "refraction": _without_curvature,
     "orientation": _turned,
@@ -319,9 +319,6 @@ CONVERSIONS: dict[str, Convert] = {
 the vertical, from north, or along nothing. Heights of levels and profiles stay above the geoid,
 because their observations get its undulation."""
 assert set(CONVERSIONS) <= set(UNKNOWNS)
-
-
-POSITION = slice(3, 6)
 
 
 def moved_photo(photo: Photo, place: Moved, row: int) -> tuple[Photo, list[Observation]]:

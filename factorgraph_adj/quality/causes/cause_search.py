@@ -64,6 +64,11 @@ MIN_SHARE_OF_LARGE_CAUSE = 0.5
 lot."""
 MIN_SHARING_OBSERVATIONS = 2
 """Smallest number of observations that share a cause; an error of one is tested as its own."""
+EXCHANGES_NOTE = (
+    "exchanges (of targets, names of points, ends of vectors, faces, axes of photos) are tested by "
+    "data snooping only (adjust --snoop)"
+)
+"""What is to be known of causes in an adjustment without data snooping."""
 
 
 def every_mistaken_identity(
@@ -99,13 +104,6 @@ def every_mistaken_identity(
         pairs = () if block else tuple(exchanged_photos(equations, clean, bad, alpha, weight))
         found = (*block, *pairs, *found)
     return tuple(m.judged_by(weight.variance) for m in found)
-
-
-EXCHANGES_NOTE = (
-    "exchanges (of targets, names of points, ends of vectors, faces, axes of photos) are tested by "
-    "data snooping only (adjust --snoop)"
-)
-"""What is to be known of causes in an adjustment without data snooping."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -44,6 +44,31 @@ MAX_USUAL_HEIGHT_M = 3.0
 much as itself: it is stated in another unit, or belongs to something else."""
 USUAL_HEIGHT_M = 1.5
 """Usual height of an instrument or a target, metres."""
+MAX_PLAUSIBLE_ERRORS: dict[ErrorQuantity, float] = {
+    "length": 2.5,
+    "angle": GON,
+    "turn": np.inf,
+    "ppm": 1e4,
+    "ratio": np.inf,
+    "image": np.inf,
+    "number": np.inf,
+    "curvature": 3.0,
+}
+"""Largest error, SI, that heights, constants and centring have in the field: 2.5 m (the height of a
+target that is forgotten, or counted twice), a gon, one percent. Where an error would have to be
+larger, readings belong to something else."""
+HEIGHT_UNITS = {"centimetres": 100.0, "millimetres": 1000.0, "feet": 1.0 / FOOT}
+"""Units in which a height may have been recorded in place of metres, by what a metre is in them."""
+_QUANTITY_UNITS: dict[ErrorQuantity, tuple[float, str]] = {
+    "length": (1e-3, "mm"),
+    "angle": (ANGLE["mgon"], "mgon"),
+    "turn": (ANGLE["mgon"], "mgon"),
+    "ppm": (1.0, "ppm"),
+    "ratio": (0.01, "%"),
+    "image": (1.0, ""),
+    "number": (1.0, ""),
+    "curvature": (1.0, ""),
+}
 
 
 @dataclass(frozen=True)
@@ -110,34 +135,6 @@ def evidence(t2: float, dof: int, freedom: float = np.inf) -> float:
         first = np.log(a) + betaln(a, half) - a * np.log(x)
         first -= np.log(hyp2f1(a, 1.0 - half, a + 1.0, x)) if x < 1.0 else 0.0
     return -float(np.log(found)) if found > 0.0 else float(first)
-
-
-MAX_PLAUSIBLE_ERRORS: dict[ErrorQuantity, float] = {
-    "length": 2.5,
-    "angle": GON,
-    "turn": np.inf,
-    "ppm": 1e4,
-    "ratio": np.inf,
-    "image": np.inf,
-    "number": np.inf,
-    "curvature": 3.0,
-}
-"""Largest error, SI, that heights, constants and centring have in the field: 2.5 m (the height of a
-target that is forgotten, or counted twice), a gon, one percent. Where an error would have to be
-larger, readings belong to something else."""
-HEIGHT_UNITS = {"centimetres": 100.0, "millimetres": 1000.0, "feet": 1.0 / FOOT}
-"""Units in which a height may have been recorded in place of metres, by what a metre is in them."""
-
-_QUANTITY_UNITS: dict[ErrorQuantity, tuple[float, str]] = {
-    "length": (1e-3, "mm"),
-    "angle": (ANGLE["mgon"], "mgon"),
-    "turn": (ANGLE["mgon"], "mgon"),
-    "ppm": (1.0, "ppm"),
-    "ratio": (0.01, "%"),
-    "image": (1.0, ""),
-    "number": (1.0, ""),
-    "curvature": (1.0, ""),
-}
 
 
 def three_digits(value: float) -> str:

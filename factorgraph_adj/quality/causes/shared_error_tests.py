@@ -46,6 +46,7 @@ MAX_RELATIVE_ERROR_OF_C = 0.5
 MIN_SCALED_COORDINATES = 4
 """Smallest number of held coordinates with a scale of their own: that of fewer is the error of any
 of them."""
+SCALE_AXES = "xyz"
 
 
 @dataclass(frozen=True)
@@ -382,9 +383,6 @@ def _columns(
         groups.append(first + np.arange(len(which)))
         first += len(which)
     return np.concatenate(parts), groups
-
-
-SCALE_AXES = "xyz"
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from ...errors import InputError
 from ...graph.equations import Equations
 from ...graph.variables import State
 from ...types import Array, Index
+from ...units import PPM
 from .readings import Readings
 
 ErrorQuantity: TypeAlias = Literal[
@@ -38,7 +39,6 @@ TOTAL_STATION_KINDS = (
     "horizontal_angle",
 )
 """Kinds that are read at a total station."""
-PPM = 1e-6
 MIN_PHOTOS_OF_FOCUS = 2
 """Smallest number of photos before and after the change: that of one is not told from its place."""
 MAX_REFOCUSING_ENTRIES = 2_000_000

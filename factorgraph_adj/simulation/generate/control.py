@@ -9,8 +9,9 @@ from ...errors import Problem, known, unknown_name
 from ...network.network import Network
 from ...observations import ControlPoint
 from ...types import Array
+from ...units import MILLIMETRE
 from ..parameters import Parameters, number, path_of
-from .scene import MILLIMETRE, Scene, corners, perimeter, spread
+from .scene import Scene, corners, perimeter, spread
 
 Pattern = Literal["full", "perimeter", "corners", "none", "named"]
 Axis = tuple[str, float]

@@ -17,13 +17,16 @@ from ...observations import (
     PhotoPosition,
     ProfileHeight,
 )
+from ...units import KILOMETRE, MILLIMETRE
 from ..parameters import number, path_of
 from .photo_blocks import Exposure, Known, drawn, stated, strips_kept
-from .scene import MILLIMETRE, Part, Scene
+from .scene import Part, Scene
 
 ARM, BORESIGHT = ("x", "y", "z"), ("rx", "ry", "rz")
 MILLISECOND = 1e-3
 ZERO = (0.0, 0.0, 0.0)
+ROUNDS = 3
+"""Number of Newton's steps that put a point on a level surface; each squares the error."""
 
 
 @dataclass(frozen=True)
@@ -192,11 +195,6 @@ class Gnss(Part):
                     id=f"{self.prefix}INS {at.photo}",
                 )
             )
-
-
-KILOMETRE = 1e3
-ROUNDS = 3
-"""Number of Newton's steps that put a point on a level surface; each squares the error."""
 
 
 @dataclass(frozen=True)

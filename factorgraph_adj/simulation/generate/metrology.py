@@ -24,9 +24,9 @@ from ...observations import (
 from ...rotation import exp_rotation
 from ...stochastic_model import StandardDeviation
 from ...types import Array
-from ...units import ARCSEC
+from ...units import ARCSEC, MILLIMETRE
 from ..parameters import number, path_of
-from .scene import MILLIMETRE, Part, Scene
+from .scene import Part, Scene
 
 Form = Literal["plane", "line", "circle", "cylinder", "sphere"]
 KINDS = {

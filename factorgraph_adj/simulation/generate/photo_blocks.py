@@ -20,6 +20,8 @@ END_COLUMN = 0.5
 edge of the neighbouring photo; points half-way stay in the photo in spite of tilts."""
 SEAM = 0.45
 """Distance of the outer points of the outer strips from the nadir, fraction of a photo's side."""
+QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""Rotation by 90° about the axis of the camera."""
 
 
 @dataclass(frozen=True)
@@ -298,10 +300,6 @@ def drawn(sigma: Mapping[str, float], rng: np.random.Generator) -> dict[str, flo
     """
     z = rng.standard_normal(len(sigma)).tolist()
     return {n: s * e for (n, s), e in zip(sigma.items(), z, strict=True) if s > 0}
-
-
-QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Rotation by 90° about the axis of the camera."""
 
 
 def _close_range_camera() -> Camera:

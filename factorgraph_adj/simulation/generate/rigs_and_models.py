@@ -12,10 +12,15 @@ from ...network.composite_unknowns import RIGID
 from ...rotation import TURN_ABOUT_X, exp_rotation
 from ...triangulation.independent_models import as_models, photos_of_strips
 from ...types import Array
+from ...units import MILLIMETRE
 from ..measurement import measure
 from ..parameters import number, path_of
 from .photo_blocks import Known, drawn, stated
-from .scene import MICROMETRE, MILLIMETRE, Camera, Part, Scene
+from .scene import MICROMETRE, Camera, Part, Scene
+
+TURNS, ARM = ("rx", "ry", "rz"), ("x", "y", "z")
+LEAST_SIGHTS = 3
+"""Number of image points of a member with a free mount, which has six components."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +61,6 @@ class IndependentModels(Part):
         step = self.photos - self.shared
         starts = range(0, len(strip) - self.photos + 1, step)
         return [tuple(strip[i : i + self.photos]) for i in starts]
-
-
-TURNS, ARM = ("rx", "ry", "rz"), ("x", "y", "z")
-LEAST_SIGHTS = 3
-"""Number of image points of a member with a free mount, which has six components."""
 
 
 def _member_camera() -> Camera:

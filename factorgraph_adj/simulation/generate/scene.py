@@ -15,13 +15,13 @@ from ...network.network import Network
 from ...types import Array, Index, Mask
 from ..parameters import Parameters, number, path_of
 
-MILLIMETRE = 1e-3
-"""Millimetre in metres."""
 MICROMETRE = 1e-3
 """Micrometre in millimetres, the unit of image coordinates."""
 GEOMETRY = 2000
 """Tag of the streams of geometry. numpy pads seeds with zeros, [s, p, 0] is [s, p]: without a
 unique tag, the first stream of part p would be the noise of the p-th kind."""
+JITTER = 0.3
+"""Largest shift of a point from its place in a jittered grid, as a fraction of the grid's width."""
 
 
 @dataclass(frozen=True)
@@ -146,10 +146,6 @@ class Scene:
             # The problems of the failed part are already listed.
             raise InputError([])
         return list(chosen)
-
-
-JITTER = 0.3
-"""Largest shift of a point from its place in a jittered grid, as a fraction of the grid's width."""
 
 
 def jittered_grid(low: Array, high: Array, spacing: float, rng: np.random.Generator) -> Array:

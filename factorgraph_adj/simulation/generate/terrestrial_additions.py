@@ -21,9 +21,9 @@ from ...observations import (
     ZenithAngle,
 )
 from ...stochastic_model import StandardDeviation
-from ...units import ARCSEC
+from ...units import ARCSEC, MILLIMETRE
 from ..parameters import Parameters, number, path_of
-from .scene import MILLIMETRE, Part, Scene, nearest_lines, perimeter, round_lines
+from .scene import Part, Scene, nearest_lines, perimeter, round_lines
 
 
 @dataclass(frozen=True)
