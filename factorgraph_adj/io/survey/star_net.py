@@ -7,7 +7,7 @@ article 1120, "STAR*NET data types".
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,7 +29,6 @@ from ..format_reader import NetworkReader, Reader
 from ..source import Source, TextSource
 from .star_net_lines import (
     ANGLE_DATA_TYPES,
-    DATA_TYPES,
     GRID_DATA_TYPES,
     HEIGHTS_IN_2D,
     LINES_BEHIND_DATA_OFF,
@@ -139,6 +138,10 @@ def _separate_codes(word: str) -> Sequence[str]:
     return word if set(word) <= {"!", "&", "*"} else (word,)
 
 
+def _comment(line: int, code: str, words: list[str]) -> None:
+    """Pass over a comment on a vector (G0)."""
+
+
 class _Reader:
     def __init__(
         self, source: Source, options: StarNetOptions, system: ReferenceSystem | None
@@ -156,6 +159,17 @@ class _Reader:
         self.set_begun = 1
         self.sets: dict[str, int] = {}
         self.traverse = StarNetTraverse(self.values, self.points, self._observe, self._add)
+        self.data_types: dict[str, Callable[[int, str, list[str]], None]] = {
+            **{"C": self.points.coordinates, "E": self.points.elevation},
+            **dict.fromkeys(SIMPLE_DATA_TYPES, self._simple),
+            "L": self._level,
+            **dict.fromkeys(("DB", "DN", "DM", "DE"), self._of_set),
+            **dict.fromkeys(("TB", "T", "TE"), self.traverse.read),
+            **{"CH": self.points.coordinates, "EH": self.points.elevation},
+            **dict.fromkeys(("P", "PH"), self.points.position),
+            "G0": _comment,
+            **dict.fromkeys(("G1", "G2", "G3"), self._vector),
+        }
 
     # -- lines ------------------------------------------------------------------------------------
 
@@ -179,37 +193,20 @@ class _Reader:
         code, rest = words[0].upper(), words[1:]
         if code in REFUSED_DATA_TYPES:
             self.source.add(line, f"data type {code} is not built: {REFUSED_DATA_TYPES[code]}")
-        elif code not in DATA_TYPES:
-            self.source.add(
-                line,
-                f"unknown data type {words[0][:20]!r}; valid: "
-                + known(DATA_TYPES, meant=code, most=30),
-            )
         elif code in GRID_DATA_TYPES and self.system is None:
             what = f"data type {code} needs the reference system of the grid: crs= and geoid="
             self.source.add(line, what)
-        elif code in ("C", "E", "CH", "EH"):
-            of_code = self.points.coordinates if code[0] == "C" else self.points.elevation
-            of_code(line, rest, code)
-        elif code in ("P", "PH"):
-            self.points.position(line, rest, code)
-        elif code in ("G1", "G2", "G3"):
-            self._vector(line, code, rest)
-        elif code == "G0":
-            return
-        elif code == "L":
-            self._level(line, rest)
-        elif code in ("DB", "DE", "DN", "DM"):
-            self._of_set(line, code, rest)
-        elif code in ("TB", "T", "TE"):
-            self.traverse.read(line, code, rest)
-        else:
-            count = 3 if code in ANGLE_DATA_TYPES else 2
-            names = self._names(line, code, rest, count)
-            if names and code == "SS":
-                self._side_shot(line, names, rest[1:])
-            elif names:
-                self._observe(line, code, names, rest[1:])
+        elif (
+            read := self.source.field(line, code, "data type").choice(self.data_types)
+        ) is not None:
+            read(line, code, rest)
+
+    def _simple(self, line: int, code: str, words: list[str]) -> None:
+        """Read a line of observations between the points that its first word names."""
+        names = self._names(line, code, words, 3 if code in ANGLE_DATA_TYPES else 2)
+        if names:
+            observe = self._side_shot if code == "SS" else self._observe
+            observe(line, code, names, words[1:])
 
     def _names(self, line: int, code: str, words: list[str], count: int) -> list[str]:
         names = words[0].split(self.values.now.separator) if words else []
@@ -238,8 +235,8 @@ class _Reader:
             self.points.use(line, *names)
             self.vectors.vector(line, names, words[1:])
 
-    def _level(self, line: int, words: list[str]) -> None:
-        names = self._names(line, "L", words, 2)
+    def _level(self, line: int, code: str, words: list[str]) -> None:
+        names = self._names(line, code, words, 2)
         rest = words[1:]
         if not names or not 1 <= len(rest) <= 3:
             if names:
@@ -330,10 +327,10 @@ class _Reader:
             elif "distance" not in given:
                 self.source.leave_out(line, HEIGHTS_IN_2D, "-".join(names))
 
-    def _side_shot(self, line: int, names: list[str], words: list[str]) -> None:
+    def _side_shot(self, line: int, code: str, names: list[str], words: list[str]) -> None:
         """Keep the observations of an SS line, and its target, apart from those of the network."""
         stated, before = names[-1] in self.points.points, len(self.observations)
-        self._observe(line, "SS", names, words)
+        self._observe(line, code, names, words)
         made = tuple(self.observations[before:])
         del self.observations[before:]
         if not stated:

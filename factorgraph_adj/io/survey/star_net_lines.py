@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -45,8 +46,6 @@ REFUSED_DATA_TYPES = {
 """Data types of STAR*NET that the reader refuses, and why."""
 GRID_DATA_TYPES = ("CH", "EH", "P", "PH", "G0", "G1", "G2", "G3")
 """Data types that need the reference system of a project in a grid."""
-DATA_TYPES = ("C", "E", *SIMPLE_DATA_TYPES, "L", "DB", "DE", "TB", "TE", *GRID_DATA_TYPES)
-"""All data types of STAR*NET that the reader knows."""
 ANGLE_DATA_TYPES = ("A", "M", "SS")
 """Data types whose stations are at, from and to."""
 DMS_PATTERN = re.compile(r"([+-]?)(\d+)-(\d+)(?:-(\d+(?:\.\d*)?))?", re.ASCII)
@@ -279,42 +278,145 @@ def apply_inline_option(values: StarNetValues, line: int, words: list[str]) -> s
 
     Options may be abbreviated as far as they differ from others.
     """
-    name = words[0][1:].upper()
-    found = [o for o in (*APPLIED_OPTIONS, *PRINTING_OPTIONS, *REFUSED_OPTIONS) if o == name] or [
-        o
-        for o in (*APPLIED_OPTIONS, *PRINTING_OPTIONS, *REFUSED_OPTIONS)
-        if name and o.startswith(name)
-    ]
+    name, every = words[0][1:].upper(), (*APPLIED_OPTIONS, *PRINTING_OPTIONS, *REFUSED_OPTIONS)
+    found = [o for o in every if o == name] or [o for o in every if name and o.startswith(name)]
     if len(found) != 1:
         valid = known((*APPLIED_OPTIONS, *PRINTING_OPTIONS), meant=name, most=40)
         values.source.add(line, f"inline option {words[0]!r} is unknown; valid: {valid}")
         return None
-    option, rest = found[0], [w.upper() for w in words[1:]]
+    option = found[0]
     if option in REFUSED_OPTIONS:
         values.source.add(line, f"inline option .{option} is not built: {REFUSED_OPTIONS[option]}")
         return None
     if option in APPLIED_OPTIONS:
-        _apply_option(values, line, option, rest, words[1:])
+        APPLIED_OPTIONS[option](values, line, words[1:])
     return option
 
 
-APPLIED_OPTIONS = (
-    "UNITS",
-    "ORDER",
-    "DELTA",
-    "REFRACTION",
-    "SEPARATOR",
-    "MULTIPLIER",
-    "ADDCENTERING",
-    "2D",
-    "3D",
-    "DATA",
-    "LWEIGHT",
-    "INSTRUMENT",
-    "LONGITUDE",
-    "GPS",
-)
-"""Inline options that change what is read."""
+def _apply_nothing(values: StarNetValues, line: int, given: list[str]) -> None:
+    """Change no convention: what reads the lines applies the option."""
+
+
+def _apply_2d(values: StarNetValues, line: int, given: list[str]) -> None:
+    values.now.dimension = "2D"
+
+
+def _apply_3d(values: StarNetValues, line: int, given: list[str]) -> None:
+    values.now.dimension = "3D"
+
+
+def _apply_units(values: StarNetValues, line: int, given: list[str]) -> None:
+    now, project = values.now, values.project()
+    if not given:
+        now.linear, now.angular = project.linear, project.angular
+    for said in given:
+        word = said.lower()
+        fitting = [n for n in STAR_NET_LINEAR_UNITS if n.startswith(word)]
+        linear = word if word in STAR_NET_LINEAR_UNITS else fitting[0] if fitting else ""
+        sizes = {STAR_NET_LINEAR_UNITS[n] for n in fitting}
+        if word.upper() in ("DMS", "GONS"):
+            now.angular = word.upper()
+        elif linear and (linear == word or len(sizes) == 1):
+            now.linear = linear
+        else:
+            valid = "Meters, FeetUS, FeetInt, DMS, GONS"
+            values.source.add(line, f".UNITS {said[:40]}: valid: {valid}")
+
+
+def _apply_order(values: StarNetValues, line: int, given: list[str]) -> None:
+    now, project = values.now, values.project()
+    if not given:
+        now.order, now.stations = project.order, project.stations
+    for said in given:
+        stations = {"ATFROMTO": "AtFromTo", "FROMATTO": "FromAtTo"}.get(said.upper())
+        if said.upper() in ("NE", "EN"):
+            now.order = said.upper()
+        elif stations is not None:
+            now.stations = stations
+        else:
+            values.source.add(line, f".ORDER {said}: valid: NE, EN, AtFromTo, FromAtTo")
+
+
+def _is_on(values: StarNetValues, line: int, option: str, given: list[str]) -> bool | None:
+    """Return whether an option is ON or OFF; None without a word, and after a problem."""
+    word = " ".join(given).upper()
+    field = values.source.field(line, word, option)
+    return field.choice({"ON": True, "OFF": False}, default=None)
+
+
+def _apply_delta(values: StarNetValues, line: int, given: list[str]) -> None:
+    on = _is_on(values, line, ".DELTA", given)
+    stated = values.project().distances
+    values.now.distances = stated if on is None else "horizontal" if on else "slope"
+
+
+def _apply_centring(values: StarNetValues, line: int, given: list[str]) -> None:
+    values.now.add_centring = bool(_is_on(values, line, ".ADDCENTERING", given))
+
+
+def _apply_separator(values: StarNetValues, line: int, given: list[str]) -> None:
+    values.now.separator = given[0] if given and len(given[0]) == 1 else "-"
+
+
+def _apply_multiplier(values: StarNetValues, line: int, given: list[str]) -> None:
+    field = values.source.field(line, given[0] if given else None, ".MULTIPLIER")
+    number = field.number(above=0.0, default=1.0)
+    values.now.multiplier = 1.0 if math.isnan(number) else number
+
+
+def _apply_refraction(values: StarNetValues, line: int, given: list[str]) -> None:
+    field = values.source.field(line, given[0] if given else None, ".REFRACTION")
+    number = field.number_or_none()
+    values.now.refraction = values.project().refraction if number is None else number
+
+
+def _apply_longitude(values: StarNetValues, line: int, given: list[str]) -> None:
+    stated = values.project().longitude
+    signs = {"": stated, "POS": "west positive", "NEG": "east positive"}
+    said = "".join(given).upper()[:3]
+    if said not in signs:
+        values.source.add(line, f".LONGITUDE {' '.join(given)}: valid: POS (west), NEG (west)")
+    values.now.longitude = signs.get(said, stated)
+
+
+def _apply_level_weight(values: StarNetValues, line: int, given: list[str]) -> None:
+    level = values.source.field(line, given[0] if given else None, ".LWEIGHT")
+    number = level.number(above=0.0, default=math.nan)
+    if number > 0:
+        values.options = replace(values.options, level=number)
+
+
+def _apply_instrument(values: StarNetValues, line: int, given: list[str]) -> None:
+    """Apply the standard errors of an instrument; without a name those of the project."""
+    level = values.options.level  # .LWEIGHT holds on
+    library = {str(n).upper(): errors for n, errors in values.stated.instruments.items()}
+    errors = library.get(given[0].upper()) if given else {}
+    if errors is None:
+        what = f".INSTRUMENT {given[0][:30]}: its standard errors are in the project of STAR*NET"
+        valid = known(list(values.stated.instruments), meant=given[0]) or "none"
+        values.source.add(line, f"{what}: state them in options, instruments; stated: {valid}")
+        return
+    changed: dict[str, Any] = {"level": level, **errors}
+    values.options = replace(values.stated, **changed)
+
+
+APPLIED_OPTIONS: dict[str, Callable[[StarNetValues, int, list[str]], None]] = {
+    "UNITS": _apply_units,
+    "ORDER": _apply_order,
+    "DELTA": _apply_delta,
+    "REFRACTION": _apply_refraction,
+    "SEPARATOR": _apply_separator,
+    "MULTIPLIER": _apply_multiplier,
+    "ADDCENTERING": _apply_centring,
+    "2D": _apply_2d,
+    "3D": _apply_3d,
+    "DATA": _apply_nothing,
+    "LWEIGHT": _apply_level_weight,
+    "INSTRUMENT": _apply_instrument,
+    "LONGITUDE": _apply_longitude,
+    "GPS": _apply_nothing,
+}
+"""Inline options that change what is read, and the functions that apply them."""
 PRINTING_OPTIONS = ("LOSTSTATIONS", "PTOLERANCE", "ELLIPSE", "RELATIVE")
 """Inline options that change only what STAR*NET prints."""
 REFUSED_OPTIONS = {
@@ -331,80 +433,3 @@ REFUSED_OPTIONS = {
     "COPY": "copies of points are not read; rename the points",
 }
 """Inline options that are not built, and why."""
-
-
-def _apply_option(
-    values: StarNetValues, line: int, option: str, rest: list[str], given: list[str]
-) -> None:
-    now, project = values.now, values.project()
-    if option in ("2D", "3D"):
-        now.dimension = option
-    elif option == "UNITS":
-        if not rest:
-            now.linear, now.angular = project.linear, project.angular
-        for word, said in zip(rest, given, strict=True):
-            linear = [n for n in STAR_NET_LINEAR_UNITS if n.upper() == word] or [
-                n for n in STAR_NET_LINEAR_UNITS if n.upper().startswith(word)
-            ]
-            if len({STAR_NET_LINEAR_UNITS[n] for n in linear}) > 1:
-                linear = []
-            if word in ("DMS", "GONS"):
-                now.angular = word
-            elif linear:
-                now.linear = linear[0]
-            else:
-                valid = "Meters, FeetUS, FeetInt, DMS, GONS"
-                values.source.add(line, f".UNITS {said[:40]}: valid: {valid}")
-    elif option == "ORDER":
-        for word, said in zip(rest, given, strict=True):
-            if word in ("NE", "EN"):
-                now.order = word
-            elif word in ("ATFROMTO", "FROMATTO"):
-                now.stations = "AtFromTo" if word.startswith("A") else "FromAtTo"
-            else:
-                values.source.add(line, f".ORDER {said}: valid: NE, EN, AtFromTo, FromAtTo")
-        if not rest:
-            now.order, now.stations = project.order, project.stations
-    elif option in ("DELTA", "ADDCENTERING"):
-        if rest not in (["ON"], ["OFF"], []):
-            values.source.add(line, f".{option} must be ON or OFF, not {' '.join(given)!r}")
-        elif option == "DELTA":
-            on, off = "horizontal", "slope"
-            now.distances = project.distances if not rest else on if rest == ["ON"] else off
-        else:
-            now.add_centring = rest == ["ON"]
-    elif option == "SEPARATOR":
-        now.separator = given[0] if given and len(given[0]) == 1 else "-"
-    elif option == "MULTIPLIER":
-        field = values.source.field(line, given[0] if given else None, ".MULTIPLIER")
-        number = field.number(above=0.0, default=1.0)
-        now.multiplier = 1.0 if math.isnan(number) else number
-    elif option == "REFRACTION":
-        number = values.source.field(line, given[0], ".REFRACTION").number() if given else math.nan
-        now.refraction = number if given else project.refraction
-    elif option == "INSTRUMENT":
-        _apply_instrument(values, line, given)
-    elif option == "LONGITUDE":
-        said = "".join(rest)
-        signs = {"": project.longitude, "POS": "west positive", "NEG": "east positive"}
-        if said[:3] not in signs:
-            values.source.add(line, f".LONGITUDE {' '.join(given)}: valid: POS (west), NEG (west)")
-        now.longitude = signs.get(said[:3], project.longitude)
-    elif option == "LWEIGHT" and given:
-        level = values.source.field(line, given[0], ".LWEIGHT").number(above=0.0)
-        if level > 0:
-            values.options = replace(values.options, level=level)
-
-
-def _apply_instrument(values: StarNetValues, line: int, given: list[str]) -> None:
-    """Apply the standard errors of an instrument; without a name those of the project."""
-    level = values.options.level  # .LWEIGHT holds on
-    library = {str(n).upper(): errors for n, errors in values.stated.instruments.items()}
-    errors = library.get(given[0].upper()) if given else {}
-    if errors is None:
-        what = f".INSTRUMENT {given[0][:30]}: its standard errors are in the project of STAR*NET"
-        valid = known(list(values.stated.instruments), meant=given[0]) or "none"
-        values.source.add(line, f"{what}: state them in options, instruments; stated: {valid}")
-        return
-    changed: dict[str, Any] = {"level": level, **errors}
-    values.options = replace(values.stated, **changed)

@@ -218,7 +218,7 @@ class StarNetPoints:
             if self.given.source.field(line, name, "point").name():
                 self.points.setdefault(name, StarNetPoint(line))
 
-    def coordinates(self, line: int, words: list[str], code: str = "C") -> None:
+    def coordinates(self, line: int, code: str, words: list[str]) -> None:
         """Read the words of a C or CH line: name, coordinates, standard errors."""
         flat = self.given.now.dimension == "2D"
         order = self.given.word(line, "order", self.given.now.order) or "NE"
@@ -227,11 +227,11 @@ class StarNetPoints:
             axes = [*order, "Z"]
         self._state(line, words, axes, code)
 
-    def elevation(self, line: int, words: list[str], code: str = "E") -> None:
+    def elevation(self, line: int, code: str, words: list[str]) -> None:
         """Read the words of an E or EH line: name, elevation, standard error."""
         self._state(line, words, ["Z"], code)
 
-    def position(self, line: int, words: list[str], code: str) -> None:
+    def position(self, line: int, code: str, words: list[str]) -> None:
         """Read the words of a P or PH line: name, latitude, longitude, height, standard errors.
 
         Standard errors are those of north, east and up in the linear unit.

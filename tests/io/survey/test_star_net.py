@@ -367,7 +367,7 @@ def test_settings_may_stand_in_a_toml_file(tmp_path):
         ("G1 1-2 10 20 30", "data type G1 needs the reference system of the grid: crs= and geoid="),
         ("P 1 38-44-27 122-45-21", "data type P needs the reference system"),
         ("CH 1 1 2 3", "data type CH needs the reference system"),
-        ("X 1-2 3", "unknown data type 'X'; valid: C, E, A"),
+        ("X 1-2 3", "data type 'X' is unknown; valid: C, E, A"),
         (".GRID ON", "inline option .GRID is not built"),
         (".SCALE 0.9999", "inline option .SCALE is not built"),
         (".INCLUDE other.dat", "inline option .INCLUDE is not built"),

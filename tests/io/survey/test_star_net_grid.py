@@ -189,7 +189,11 @@ def test_further_files_go_on_with_lines_of_their_own(tmp_path: Path) -> None:
     assert next(iter(network.observations.values())).source == "more.gps:2"
     (tmp_path / "more.gps").write_text("# one\nG1 A-B 1 2\nX\n", encoding="utf-8")
     said = problems(tmp_path, "Y\n", files=[str(tmp_path / "more.gps")])
-    for part in ("job.dat:1: unknown data type 'Y'", "more.gps:2: G1 takes", "more.gps:3: unknown"):
+    for part in (
+        "job.dat:1: data type 'Y' is unknown",
+        "more.gps:2: G1 takes",
+        "more.gps:3: unknown",
+    ):
         assert part in said
 
 
