@@ -30,21 +30,6 @@ def run(*arguments: object, **more: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, env=environment, **(TEXT | more))
 
 
-@pytest.fixture
-def here(capsys):
-    """Run the command in this process: as `run`, but sooner."""
-
-    def run_here(*arguments: object) -> subprocess.CompletedProcess[str]:
-        command = list(map(str, arguments))
-        try:
-            code = cli.main(command)
-        except SystemExit as stop:  # argparse
-            code = stop.code
-        return subprocess.CompletedProcess(command, code, *capsys.readouterr())
-
-    return run_here
-
-
 @pytest.fixture(scope="module")
 def block(tmp_path_factory) -> Path:
     """The small block as a project."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -24,21 +23,6 @@ LONG = pytest.mark.slow(
 )
 
 TWO_ASIDE = "2 observations set aside\n"
-
-
-@pytest.fixture
-def here(capsys):
-    """Run the command in this process."""
-
-    def run_here(*arguments: object) -> subprocess.CompletedProcess[str]:
-        command = list(map(str, arguments))
-        try:
-            code = cli.main(command)
-        except SystemExit as stop:  # argparse
-            code = stop.code
-        return subprocess.CompletedProcess(command, code, *capsys.readouterr())
-
-    return run_here
 
 
 @pytest.fixture(scope="module")

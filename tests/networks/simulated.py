@@ -72,9 +72,9 @@ def gnss() -> fga.Network:
     return network
 
 
-def free_block() -> fga.Network:
+def free_block(seed: int = 4) -> fga.Network:
     """The small block without anything that holds it."""
-    network = small_block(4)
+    network = small_block(seed)
     network.points = {
         n: replace(p, fixed=(False,) * 3, sigma=None) for n, p in network.points.items()
     }

@@ -8,7 +8,8 @@ import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import NoDistortion
-from factorgraph_adj.rotation import world_R_camera
+from factorgraph_adj.observations import Correlated, FrameDirection, FrameZenith
+from factorgraph_adj.rotation import log_rotation, world_R_camera
 from factorgraph_adj.simulation.measurement import Seed, disturb, measure
 from factorgraph_adj.types import Array
 
@@ -97,3 +98,38 @@ def _control(points: Array) -> set[int]:
         (x, y) for x in (low[0], 0.5 * (low[0] + high[0]), high[0]) for y in (low[1], high[1])
     ]
     return {int(np.argmin(np.sum((points[:, :2] - w) ** 2, axis=1))) for w in wanted}
+
+
+TO_CAMERA = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Rotation from the axes of the theodolite to those of the camera."""
+
+
+def as_sights(photos: fga.Network, focal: float, sigma: float) -> fga.Network:
+    """Return a block with each photo as a frame and each image point as two angles.
+
+    Args:
+        photos: without distortion.
+        focal: principal distance, mm.
+        sigma: of image coordinates, mm.
+    """
+    network = fga.Network("sights")
+    for p in photos.points.values():
+        network.add_point(p.name, p.coordinates, fixed=p.held)
+    for f in photos.photos.values():
+        assert f.rotation is not None
+        assert f.position is not None
+        turn = log_rotation((f.rotation @ TO_CAMERA)[None])[0].tolist()
+        values = dict(zip(("rx", "ry", "rz"), turn, strict=True)) | dict.fromkeys("xyz", 0.0)
+        network.add_frame(f.name, values=values, origin=f.position)
+    for o in photos.image_points():
+        far = np.hypot(focal, o.x)
+        square = far**2 + o.y**2
+        slopes = np.array([[focal / far**2, 0.0], [o.x * o.y / (far * square), -far / square]])
+        direction = float(np.arctan2(o.x, focal) % (2 * np.pi))
+        zenith = float(np.pi / 2 - np.arctan2(o.y, far))
+        both = (
+            FrameDirection(o.photo, o.point, direction, sigma=1.0),
+            FrameZenith(o.photo, o.point, zenith, sigma=1.0),
+        )
+        network.add(Correlated(both, sigma**2 * slopes @ slopes.T))
+    return network

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.graph.observation_selection import without
-from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.reliability import Reliability, reliability
 from factorgraph_adj.quality.snooping_candidates import RowGroups, choose_outliers
 from factorgraph_adj.quality.snooping_state import UpdatedTests
 from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
 from factorgraph_adj.types import Index
 from tests.benchmarks.grids import simulate_grid
+from tests.networks.simulated import free_block
 from tests.networks.small_block import small_block
 
 LONG = pytest.mark.slow(
@@ -23,19 +24,10 @@ LONG = pytest.mark.slow(
 )
 
 
-def free_block() -> Network:
-    network = small_block(seed=2)
-    network.points = {
-        name: replace(p, fixed=(False,) * 3, sigma=None) for name, p in network.points.items()
-    }
-    network.datum = "free"
-    return network
-
-
 NETWORKS = {
     "grid": lambda: simulate_grid(3, points=100).network,
     "small block": lambda: small_block(seed=2),
-    "free small block": free_block,
+    "free small block": partial(free_block, 2),
     "geocentric block": lambda: simulate_geocentric_block(11).network,
 }
 AT_REST = 1e-5

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import gtsam
@@ -44,6 +45,7 @@ from factorgraph_adj.solve.minimum import readjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.statistical_tests import global_test
 from factorgraph_adj.types import Array
+from tests.networks.simulated import free_block
 from tests.networks.small_block import SIGMA_MM, plan, small_block
 from tests.networks.wrong_weights import TRUE, WRONG, industry_block, measured_kinds, rescaled
 from tests.support.dense import Dense
@@ -174,16 +176,6 @@ def two_cameras_two_instruments(seed: int = 3) -> Network:
     return measured
 
 
-def free_block() -> Network:
-    """Return the small block without any datum, its distances claimed too precise."""
-    network = small_block(seed=2)
-    network.points = {
-        name: replace(p, fixed=(False,) * 3, sigma=None) for name, p in network.points.items()
-    }
-    network.datum = "free"
-    return network
-
-
 # -- the restricted likelihood, dense -------------------------------------------------------------
 
 
@@ -248,7 +240,7 @@ class Restricted:
 
 TERRESTRIAL_AND_IMAGES = {
     "small block by kind": (small_block, "kind"),
-    "free small block by kind": (free_block, "kind"),
+    "free small block by kind": (partial(free_block, 2), "kind"),
     "two cameras and instruments": (two_cameras_two_instruments, "instrument"),
     "sessions of GNSS vectors": (gnss, by_letter),
     "levelling in two groups": (lambda: levelling(loops({"a": 1.0, "b": 3.0}), seed=5), by_letter),
@@ -678,7 +670,7 @@ def test_stochastic_traces_agree_with_the_exact_ones() -> None:
         np.testing.assert_allclose(at.information.sum(axis=1), at.redundancy, rtol=1e-9)
 
 
-@pytest.mark.parametrize("make", [free_block, gnss])
+@pytest.mark.parametrize("make", [partial(free_block, 2), gnss])
 def test_large_networks_need_no_dense_matrix_for_what_decides(make: Callable[[], Network]) -> None:
     """q, r and B come from factor and redundancy numbers, in free networks and with clusters."""
     solution = adjust(make())

@@ -16,17 +16,14 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.observations import Correlated, FrameDirection, FrameZenith
-from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.simulation.measurement import look_at, measure
 from factorgraph_adj.types import Array
+from tests.networks.strip_of_photos import as_sights
 
 FOCAL = 50.0
 """Principal distance, mm."""
 SIGMA = 5e-3
 """Standard deviation of an image coordinate, mm."""
-PHOTOGRAPHIC = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Rotation from the axes of the frame to those of the camera: x right, y down, z forwards."""
 
 
 def block_of_photos(scale: float) -> fga.Network:
@@ -56,36 +53,6 @@ def block_of_photos(scale: float) -> fga.Network:
     return out
 
 
-def as_bundles(photos: fga.Network) -> fga.Network:
-    """Return the block with each photo as a frame and each image point as a sight."""
-    network = fga.Network("bundles")
-    for p in photos.points.values():
-        network.add_point(p.name, p.coordinates, fixed=p.held)
-    for f in photos.photos.values():
-        assert f.rotation is not None and f.position is not None
-        turn = log_rotation((f.rotation @ PHOTOGRAPHIC)[None])[0]
-        values = dict(zip(("rx", "ry", "rz"), turn.tolist(), strict=True))
-        network.add_frame(
-            f.name, values=values | dict.fromkeys("xyz", 0.0), origin=tuple(f.position)
-        )
-    for o in photos.image_points():
-        r2 = FOCAL**2 + o.x**2
-        by_image = np.array(
-            [
-                [FOCAL / r2, 0.0],
-                [o.x * o.y / (np.sqrt(r2) * (r2 + o.y**2)), -np.sqrt(r2) / (r2 + o.y**2)],
-            ]
-        )
-        direction = float(np.arctan2(o.x, FOCAL) % (2 * np.pi))
-        zenith = float(np.pi / 2 - np.arctan2(o.y, np.sqrt(r2)))
-        pair = (
-            FrameDirection(o.photo, o.point, direction, sigma=1.0),
-            FrameZenith(o.photo, o.point, zenith, sigma=1.0),
-        )
-        network.add(Correlated(pair, SIGMA**2 * by_image @ by_image.T))
-    return network
-
-
 @dataclass(frozen=True)
 class Pair:
     """Both adjustments."""
@@ -97,7 +64,8 @@ class Pair:
     def of(cls, scale: float) -> Pair:
         photos = block_of_photos(scale)
         return cls(
-            fga.adjust(photos, tolerance=1e-8), fga.adjust(as_bundles(photos), tolerance=1e-8)
+            fga.adjust(photos, tolerance=1e-8),
+            fga.adjust(as_sights(photos, FOCAL, SIGMA), tolerance=1e-8),
         )
 
     def estimates(self) -> float:
@@ -156,7 +124,7 @@ def test_what_is_left_falls_with_the_errors_of_the_images(usual: Pair, tenth: Pa
 
 def test_bundles_without_their_covariance_are_another_block(usual: Pair) -> None:
     """Equal standard deviations of angles are not those of an image: 20 % at its corner."""
-    network = as_bundles(block_of_photos(1.0))
+    network = as_sights(block_of_photos(1.0), FOCAL, SIGMA)
     network.clusters = []
     angle = SIGMA / FOCAL
     for ident, o in network.observations.items():

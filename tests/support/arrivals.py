@@ -81,12 +81,31 @@ class Difference:
     sigmas: float
     """Largest relative difference of a σ."""
 
+    @property
+    def largest(self) -> float:
+        """Both of them."""
+        return max(self.estimates, self.sigmas)
 
-def difference(a: Solution, b: Solution) -> Difference:
-    """Compare the variables of a with those of b."""
+
+def difference(
+    a: Solution, b: Solution, *, shared: bool = False, shapes: bool = True
+) -> Difference:
+    """Compare the variables of a with those of b.
+
+    Args:
+        a: one solution.
+        b: the other.
+        shared: compare those that both have; otherwise they have the same.
+        shapes: whether frames of shapes are compared: the normal of a plane or the axis of a
+            cylinder may point either way, at the same minimum.
+    """
     estimates = sigmas = 0.0
-    assert sorted(variables(a)) == sorted(variables(b))
-    for kind, name in variables(b):
+    ours, theirs = set(variables(a)), set(variables(b))
+    assert shared or ours == theirs
+    frames = b.equations.network.frames
+    for kind, name in ours & theirs:
+        if kind == "frame" and not shapes and frames[name].fixed[:3] == (False, False, True):
+            continue
         free, qb = deviations(b, kind, name)
         if not free.any():
             continue

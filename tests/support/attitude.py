@@ -1,4 +1,4 @@
-"""Covariance of a photo in ω, φ, κ, as photogrammetric programs print it."""
+"""Rotations and covariances of photos as photogrammetric programs have them."""
 
 from __future__ import annotations
 
@@ -25,3 +25,11 @@ def covariance_of_angles(rotation: Array, covariance: Array) -> Array:
     jacobian = np.eye(6)
     jacobian[:3, :3] = change.T / (2 * STEP)
     return jacobian @ covariance @ jacobian.T
+
+
+def rodrigues(vector: Array) -> Array:
+    """Return the rotation (3, 3) of a rotation vector by Rodrigues' formula."""
+    angle = np.linalg.norm(vector)
+    x, y, z = vector / angle
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)

@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 import io
+import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+import pytest
+
+from factorgraph_adj.cli.command_line import main
 
 FILES = {
     *("protocol.txt", "results.json", "points.csv", "photos.csv"),
@@ -20,3 +27,19 @@ class Terminal(io.StringIO):
 
     def isatty(self) -> bool:
         return True
+
+
+@pytest.fixture
+def here(capsys: pytest.CaptureFixture[str]) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run the command in this process, which is sooner than in one of its own."""
+
+    def run_here(*arguments: object) -> subprocess.CompletedProcess[str]:
+        command = list(map(str, arguments))
+        code: Any
+        try:
+            code = main(command)
+        except SystemExit as stop:  # argparse
+            code = stop.code
+        return subprocess.CompletedProcess(command, code, *capsys.readouterr())
+
+    return run_here

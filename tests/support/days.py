@@ -31,7 +31,7 @@ from factorgraph_adj.solve.minimum import NOT_ON_INNER_CONSTRAINTS
 from factorgraph_adj.start.start_values import Start
 from tests.networks.random_small import random_network
 from tests.networks.site import STATIONS
-from tests.support.arrivals import bare, batch, between, deviations, ids_of, variables
+from tests.support.arrivals import bare, batch, deviations, difference, ids_of
 from tests.support.two_engines import Recorded
 from tests.support.watched import measured_site
 
@@ -284,7 +284,8 @@ def compare(inc: IncrementalAdjustment, seed: int, when: str) -> Compared:
     if not theirs.converged:
         return replace(out, unlike=f"no batch adjustment: {theirs.reason}")
     out = replace(out, told=bool(ours.second_places))
-    estimates, sigmas = apart(ours, theirs)
+    found = difference(ours, theirs, shared=True)
+    estimates, sigmas = found.estimates, found.sigmas
     for name in inc.network().points:  # what is asked for directly
         if theirs.equations.unknowns["point"].offset[theirs.number("point", name)] >= 0:
             free, sigma = deviations(theirs, "point", name)
@@ -326,18 +327,5 @@ def _apart_from(start: Start, theirs: Solution) -> float:
         )  # which rounding may hide, too
         # The same minimum, whose vᵀPv has rounding too.
         if rests and abs(again.vtpv - theirs.vtpv) <= LOWER * (1.0 + theirs.vtpv):
-            return max(apart(again, theirs))
+            return difference(again, theirs, shared=True).largest
     return 0.0
-
-
-def apart(a: Solution, b: Solution) -> tuple[float, float]:
-    """Return the largest difference of an estimate and of a σ, relative to σ of ``b``."""
-    estimates = sigmas = 0.0
-    for kind, name in set(variables(a)) & set(variables(b)):
-        free, sigma = deviations(b, kind, name)
-        if free.any():
-            own = np.sqrt(np.maximum(np.diag(a.variable_covariance((kind, name))), 0.0))
-            moved = np.abs(between(a, b, kind, name))[free] / sigma[free]
-            estimates = max(estimates, float(moved.max()))
-            sigmas = max(sigmas, float(np.abs(own[free] / sigma[free] - 1.0).max()))
-    return estimates, sigmas

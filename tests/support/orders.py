@@ -23,7 +23,7 @@ from factorgraph_adj.errors import AdjustmentError
 from factorgraph_adj.ledger.verdicts import Policy
 from factorgraph_adj.observations import AnyObservation
 from tests.networks.random_small import Drawn, handed_over, random_network
-from tests.support.arrivals import batch, between, deviations, ids_of, variables
+from tests.support.arrivals import batch, difference, ids_of, variables
 
 AT_REST = 1e-6
 """Largest deviation of a settled state, relative to σ."""
@@ -237,7 +237,7 @@ def study(drawn: Drawn, *, orders: int = 1) -> Study:
             if ours != theirs:
                 told = ", ".join(" ".join(v) for v in sorted(ours ^ theirs))
                 add(end, "unknowns", f"only here or only in {most.way.name}: {told}")
-            apart = _apart(end.solution, most.solution, shapes=False)
+            apart = difference(end.solution, most.solution, shared=True, shapes=False).largest
             if apart > AT_REST:
                 add(end, "another minimum", f"{apart:.1e} σ from {most.way.name}")
             else:
@@ -270,33 +270,10 @@ def _from_batch(end: End) -> float | tuple[str, str]:
     if not end.solution.converged:
         told = f"the batch adjustment comes to rest, the state does not: {end.solution.reason}"
         return "no minimum", told
-    off = _apart(end.solution, theirs)
+    off = difference(end.solution, theirs, shared=True).largest
     if off > AT_REST:
         anew = adjust(end.adjustment.network(), tolerance=COMPARABLE[-1])
-        floor = _apart(anew, theirs) if anew.converged else np.inf
+        floor = difference(anew, theirs, shared=True).largest if anew.converged else np.inf
         if off <= ROUNDING * floor:
             return "weak", f"two batch adjustments are {floor:.1e} σ from each other"
     return off
-
-
-def _apart(a: Solution, b: Solution, *, shapes: bool = True) -> float:
-    """Return the largest difference of an estimate or a σ, relative to σ, of shared unknowns.
-
-    Args:
-        a: one solution.
-        b: the other.
-        shapes: whether frames of shapes are compared: the normal of a plane or the axis of a
-            cylinder may point either way, at the same minimum.
-    """
-    largest = 0.0
-    frames = b.equations.network.frames
-    for kind, name in set(variables(a)) & set(variables(b)):
-        if kind == "frame" and not shapes and frames[name].fixed[:3] == (False, False, True):
-            continue
-        free, sigma = deviations(b, kind, name)
-        if free.any():
-            own = np.sqrt(np.maximum(np.diag(a.variable_covariance((kind, name))), 0.0))
-            moved = np.abs(between(a, b, kind, name))[free] / sigma[free]
-            off = np.abs(own[free] / sigma[free] - 1.0)
-            largest = max(largest, float(np.max(moved)), float(np.max(off)))
-    return largest

@@ -9,38 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.observations import Correlated, FrameDirection, FrameZenith
-from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.triangulation.independent_models import as_models
-from tests.networks.strip_of_photos import FOCAL, SIGMA_IMAGE, measured_strip, strip_plan, units
-
-TO_CAMERA = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Rotation from the axes of the theodolite to those of the camera."""
-
-
-def as_sights(photos: fga.Network) -> fga.Network:
-    """Return the block with each photo as a frame and each image point as two angles."""
-    network = fga.Network("sights")
-    for p in photos.points.values():
-        network.add_point(p.name, p.coordinates, fixed=p.held)
-    for f in photos.photos.values():
-        assert f.rotation is not None
-        assert f.position is not None
-        turn = log_rotation((f.rotation @ TO_CAMERA)[None])[0].tolist()
-        values = dict(zip(("rx", "ry", "rz"), turn, strict=True)) | dict.fromkeys("xyz", 0.0)
-        network.add_frame(f.name, values=values, origin=f.position)
-    for o in photos.image_points():
-        far = np.hypot(FOCAL, o.x)
-        square = far**2 + o.y**2
-        slopes = np.array([[FOCAL / far**2, 0.0], [o.x * o.y / (far * square), -far / square]])
-        direction = float(np.arctan2(o.x, FOCAL) % (2 * np.pi))
-        zenith = float(np.pi / 2 - np.arctan2(o.y, far))
-        both = (
-            FrameDirection(o.photo, o.point, direction, sigma=1.0),
-            FrameZenith(o.photo, o.point, zenith, sigma=1.0),
-        )
-        network.add(Correlated(both, SIGMA_IMAGE**2 * slopes @ slopes.T))
-    return network
+from tests.networks.strip_of_photos import (
+    FOCAL,
+    SIGMA_IMAGE,
+    as_sights,
+    measured_strip,
+    strip_plan,
+    units,
+)
 
 
 def test_photos_models_and_polar_sub_frames_are_one_block() -> None:
@@ -49,7 +26,7 @@ def test_photos_models_and_polar_sub_frames_are_one_block() -> None:
     photos = measured_strip(strip_plan(whole=chosen), seed=3)
     bundle = fga.adjust(photos, tolerance=1e-8)
     models = fga.adjust(as_models(photos, chosen).network, tolerance=1e-8)
-    sights = fga.adjust(as_sights(photos), tolerance=1e-8)
+    sights = fga.adjust(as_sights(photos, FOCAL, SIGMA_IMAGE), tolerance=1e-8)
     assert (sights.n_observations, sights.n_unknowns) == (bundle.n_observations, bundle.n_unknowns)
     free = [p for p in bundle.network.points if bundle.covariance(p).any()]
     sigma = {p: bundle.standard_deviations(p) for p in free}

@@ -11,6 +11,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from tests.networks.photo_files import openmvg
+from tests.support.attitude import rodrigues
 
 F, PP = 1500.0, np.array([1000.0, 750.0])
 LENSES = {
@@ -23,13 +24,6 @@ LENSES = {
 CENTRES = np.array([(0.0, 0, 30), (8, 1, 31), (1, 9, 29), (9, 8, 32)])
 TURNS = np.array([(3.1, 0.1, 0.05), (3.0, 0.3, -0.1), (0.1, 3.1, 0.2), (2.9, -0.4, 0.1)])
 POINTS = np.array([(x, y, 0.05 * x * y - 1) for x in (-4.0, 5, 12) for y in (-3.0, 4, 11)])
-
-
-def camera_r_world(vector: np.ndarray) -> np.ndarray:
-    angle = np.linalg.norm(vector)
-    x, y, z = vector / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
 
 
 def image(kind: str, rotation: np.ndarray, centre: np.ndarray) -> np.ndarray:
@@ -56,7 +50,7 @@ def image(kind: str, rotation: np.ndarray, centre: np.ndarray) -> np.ndarray:
 
 def block(kind: str, noise: float = 0.0, **more) -> dict[str, bytes]:
     rng = np.random.default_rng(4)
-    poses = [(camera_r_world(t), c) for t, c in zip(TURNS, CENTRES, strict=True)]
+    poses = [(rodrigues(t), c) for t, c in zip(TURNS, CENTRES, strict=True)]
     seen = {
         i: {j: (xy + noise * rng.normal(size=2)).tolist()
             for j, xy in enumerate(image(kind, r, c))}

@@ -14,6 +14,7 @@ from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.start.approximate_values import approximate
 from tests.networks.pixel_block import projected
+from tests.support.attitude import rodrigues
 
 LATITUDE, LONGITUDE, HEIGHT = 52.5, 13.4, 40.0
 W, H = 4000, 3000
@@ -29,17 +30,9 @@ TURNS = np.array([(3.1, 0.1, 0.05), (3.0, 0.3, -0.1), (0.1, 3.1, 0.2), (2.9, -0.
 POINTS = np.array([(x, y, 0.05 * x * y - 1) for x in (-9.0, 5.0, 20.0) for y in (-8.0, 6.0, 18.0)])
 
 
-def camera_R_world(vector: np.ndarray) -> np.ndarray:
-    """Return the rotation of a rotation vector by Rodrigues' formula."""
-    angle = np.linalg.norm(vector)
-    x, y, z = vector / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
-
-
 def normalised(shot: int, points: np.ndarray, camera: dict = BROWN) -> np.ndarray:
     """Return normalised image coordinates by the formula of OpenSfM's geometry.rst."""
-    rotation = camera_R_world(TURNS[shot])
+    rotation = rodrigues(TURNS[shot])
     q = (points - CENTRES[shot]) @ rotation.T
     x, y = q[:, 0] / q[:, 2], q[:, 1] / q[:, 2]
     r2 = x * x + y * y
@@ -64,7 +57,7 @@ def folder(tmp_path: Path) -> Path:
     shots = {
         f"{i}.jpg": {
             "rotation": TURNS[i].tolist(),
-            "translation": (-camera_R_world(TURNS[i]) @ CENTRES[i]).tolist(),
+            "translation": (-rodrigues(TURNS[i]) @ CENTRES[i]).tolist(),
             "camera": "cam",
             "gps_position": (CENTRES[i] + 1.0).tolist(),
             "gps_dop": 5.0,
@@ -114,7 +107,7 @@ def test_a_fisheye_is_read(folder: Path) -> None:
     (folder / "reconstruction.json").write_text(json.dumps(document))
     (folder / "gcp_list.txt").unlink()
     network = fga.read(folder / "reconstruction.json")
-    q = (POINTS - CENTRES[0]) @ camera_R_world(TURNS[0]).T
+    q = (POINTS - CENTRES[0]) @ rodrigues(TURNS[0]).T
     rho = np.hypot(q[:, 0], q[:, 1])
     theta = np.arctan2(rho, q[:, 2])
     scale = W * 0.5 * theta * (1 - 0.1 * theta**2 + 0.03 * theta**4) / rho
@@ -158,21 +151,21 @@ def test_rigs_place_shots_by_instance_and_rig_camera(folder: Path) -> None:
     first = document[0]["shots"]["0.jpg"]
     rotation, translation = first.pop("rotation"), np.array(first.pop("translation"))
     inner, shift = np.array((0.1, -0.2, 0.3)), np.array((0.5, 0.1, -0.2))
-    outer = camera_R_world(inner).T @ camera_R_world(np.array(rotation))
+    outer = rodrigues(inner).T @ rodrigues(np.array(rotation))
     document[0]["rig_cameras"] = {
         "side": {"rotation": inner.tolist(), "translation": shift.tolist()}
     }
     document[0]["rig_instances"] = {
         "0": {
             "rotation": np.ravel(log_rotation(outer[None])).tolist(),
-            "translation": (camera_R_world(inner).T @ (translation - shift)).tolist(),
+            "translation": (rodrigues(inner).T @ (translation - shift)).tolist(),
             "rig_camera_ids": {"0.jpg": "side"},
         }
     }
     (folder / "reconstruction.json").write_text(json.dumps(document))
     photo = fga.read(folder / "reconstruction.json").photos["0.jpg"]
     assert photo.position == pytest.approx(CENTRES[0], abs=1e-9)
-    assert np.asarray(photo.rotation) == pytest.approx(camera_R_world(TURNS[0]).T, abs=1e-12)
+    assert np.asarray(photo.rotation) == pytest.approx(rodrigues(TURNS[0]).T, abs=1e-12)
 
 
 def test_ground_control_of_json_is_normalised(folder: Path) -> None:
