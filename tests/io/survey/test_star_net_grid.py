@@ -192,7 +192,7 @@ def test_further_files_go_on_with_lines_of_their_own(tmp_path: Path) -> None:
     for part in (
         "job.dat:1: data type 'Y' is unknown",
         "more.gps:2: G1 takes",
-        "more.gps:3: unknown",
+        "more.gps:3: data type 'X' is unknown",
     ):
         assert part in said
 
