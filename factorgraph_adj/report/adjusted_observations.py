@@ -95,8 +95,8 @@ class ObservationColumns:
         written = [n for n in cells if n not in ("observed", "unit")]
         framed = ("id", "kind", "component")
         return [
-            Column(title="kind", value="kind_name", only=("html",), translated=True),
             Column(title="observation", value="what", only=("html",)),
+            Column(title="kind", value="kind_name", only=("html",), translated=True),
             Column(title="id", value="own_id", only=("html",)),
             *(
                 Column(title=n, value=cell(n), only=DATA if n in framed else ("csv", "json"))

@@ -7,6 +7,7 @@ leaves; what is cut off stands in the protocol.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,17 +15,24 @@ from ..control_characters import escaped
 from ..errors import known
 from ..parts.solution import PartsSolution
 from ..quality.rejections import Snooping
+from ..quality.reliability import Reliability
 from ..solve.solution import Solution
 from ..statistical_tests import AdjustmentFigures, global_test
 from ..units import decimal
-from .adjusted_observations import redundancy_text, test_symbol
+from .adjusted_observations import ObservationColumns, redundancy_text, test_symbol
 from .adjustment_report import Report
 from .catalogue import Texts
-from .doubtful_results import doubts_of_solution, notes_of_solution, unknowns_left_out
+from .doubtful_results import (
+    doubts_of_solution,
+    exceeded_by_chance,
+    notes_of_solution,
+    unknowns_left_out,
+)
 from .html.verdict import LightColour, adjustment_verdict
-from .layout import LINE_WIDTH, clipped, listed, paragraph, short, table
+from .layout import LINE_WIDTH, clipped, listed, paragraph, percent, short, table
 from .observation_rows import Row
 from .options import Provenance
+from .tables import Column, text_cells
 from .text import NO_REDUNDANCY, doubt_lines, global_test_text, note_lines
 
 MAX_LINES = 24
@@ -121,6 +129,7 @@ List = tuple[list[str], list[str], list[list[str]]]
 """Lines above a list, its header and its rows; without rows the lines stand alone."""
 R = "r: redundancy number, the share of an error that its residual shows"
 MDB = "∇: smallest error that the test detects"
+ERROR = "error: estimated ∇ of this reading, if it alone is wrong"
 
 
 def _w(symbol: str) -> str:
@@ -221,20 +230,51 @@ def _readings(report: Report) -> List:
     order = [i for i in np.argsort(-size, kind="stable")[:MAX_ROWS].tolist() if size[i] >= 0]
     if report.solution.redundancy <= 0 or not order:
         return [], [], []
-    symbol = test_symbol(report)
-    rows = [
-        [
-            _shortened(_label(row)),
-            decimal(row.sign * float(values[row.number]), 2)
-            + (" *" if size[row.number] > critical else "  "),
-            redundancy_text(float(rel.redundancy_numbers[row.number])),
-            f"{short(float(rel.mdb[row.number]) / row.scale.size)} {row.scale.small}".strip(),
-        ]
-        for row in report.rows.at(order)
-    ]
+    shown, columns = report.rows.at(order), _reading_columns(report, rel)
+    symbol, above = test_symbol(report), int(np.sum(size > critical))
     legend = f"{_w(symbol)} (*: above the critical |{symbol}| {critical:.2f}); {R}; {MDB}"
-    above = ["", "Worst readings", *paragraph(legend)]
-    return above, ["reading", f"{symbol}  ", "r", "∇"], rows
+    lines = ["", "Worst readings", *paragraph(f"{legend}; {ERROR}" if above else legend)]
+    lines += _caution(report, above)
+    cells = zip(*(text_cells(c, shown) for c in columns), strict=True)
+    header = [c.heading(WORDS) + ("  " if c.title == symbol else "") for c in columns]
+    return lines, header, list(map(list, cells))
+
+
+def _reading_columns(report: Report, rel: Reliability) -> list[Column[Row]]:
+    """Return the columns of the worst readings; errors have a size where one is critical."""
+    values, critical = report.tests
+    of = ObservationColumns(report, ())
+    starred, test = of.test().shown, replace(of.test(), shown=None)
+    assert starred is not None
+    columns = [
+        Column[Row](title="reading", value=lambda row: _shortened(_label(row))),
+        replace(test, shown=lambda row: starred(row) or f"{test.read(row)}  "),
+        of.redundancy_number(rel),
+        of.detectable(rel, with_unit=True),
+    ]
+    if np.any(np.abs(values) > critical):
+        columns.append(of.error(rel, with_unit=True))
+    return columns
+
+
+def _caution(report: Report, above: int) -> list[str]:
+    """Return what readings above the critical value mean: chance, or errors one by one."""
+    if not above:
+        return []
+    values, critical = report.tests
+    alpha, tested = report.options.alpha, int(np.isfinite(values).sum())
+    chance = exceeded_by_chance(values, critical, alpha, report.redundancy_of_tau)
+    if chance:
+        n = alpha * tested
+        about = f"{n:.0f}" if n >= 1 else f"{n:.1g}"
+        return paragraph(
+            f"*: of {tested} good readings, chance puts about {about} above the critical value at "
+            f"this level (α0 = {percent(alpha)})"
+        )
+    more = "" if report.snooping is not None else "; --snoop goes on from there"
+    return paragraph(
+        f"only the first is to be trusted until it is repaired, as it makes others large{more}"
+    )
 
 
 def _label(row: Row) -> str:

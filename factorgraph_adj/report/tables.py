@@ -7,8 +7,10 @@ digits. A column that is added to a table appears in all five.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import isfinite
 from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
@@ -38,6 +40,12 @@ MIN_LONG_TEXT, MAX_CELLS_EXAMINED = 31, 1000
 """Number of letters from which a text is long, and number of cells that are examined for it."""
 ROWS_PER_PAGE = 25
 """Number of rows that a table shows at a time, and has in a page whose script does not run."""
+
+
+FIGURE_SPACE, POINT_SPACE = "\u2007", "\u2008"
+"""Blanks as wide as a digit and as a decimal point."""
+DECIMAL_NUMBER = re.compile(r"-?\d+(\.\d+)?")
+"""A number without an exponent."""
 
 
 @dataclass(frozen=True)
@@ -190,8 +198,8 @@ def as_text(made: Table[Row], t: Texts = ENGLISH) -> list[str]:
     Columns of texts are flush left, until the first of figures.
     """
     columns = [c for c in made.within("text") if c.below is None]
-    cells = [_text_cells(c, made.rows) for c in columns]
-    lower = {c.below: _text_cells(c, made.rows) for c in made.within("text") if c.below}
+    cells = [text_cells(c, made.rows) for c in columns]
+    lower = {c.below: text_cells(c, made.rows) for c in made.within("text") if c.below}
     kept = [i for i, c in enumerate(columns) if any(cells[i]) or any(lower.get(c.title, ()))]
     sentences = [c for c in made.within("text") if c.below == ""]
     rows: list[list[str]] = []
@@ -208,7 +216,8 @@ def as_text(made: Table[Row], t: Texts = ENGLISH) -> list[str]:
     return table(heads, rows, left=left, notes=notes if sentences else ())
 
 
-def _text_cells(column: Column[Row], rows: Sequence[Row]) -> list[str]:
+def text_cells(column: Column[Row], rows: Sequence[Row]) -> list[str]:
+    """Return the cells of a column as text has them."""
     texts = [column.read(row) for row in rows]
     if not column.with_unit:
         return texts
@@ -248,6 +257,18 @@ class SheetColumn:
         some = self.values[:MAX_CELLS_EXAMINED]
         return "long" if any(len(v) >= MIN_LONG_TEXT for v in some) else ""
 
+    @cached_property
+    def decimals(self) -> int:
+        """Largest number of decimals of its figures; −1 where there are none."""
+        return max(map(_decimals, self.values), default=-1) if self.numeric else -1
+
+    def pad(self, cell: str) -> str:
+        """Return blanks as wide as what a cell lacks behind its last digit, see `decimals`."""
+        own = _decimals(cell)
+        if self.decimals <= 0 or own == self.decimals:
+            return ""
+        return (POINT_SPACE if own <= 0 else "") + FIGURE_SPACE * (self.decimals - max(own, 0))
+
 
 @dataclass(frozen=True)
 class Sheet:
@@ -279,8 +300,15 @@ class Sheet:
         return {
             "looks": [c.look for c in self.columns],
             "english": [c.english for c in self.columns],
+            "decimals": [c.decimals for c in self.columns],
             "columns": [list(c.values) for c in self.columns],
         }
+
+
+def _decimals(cell: str) -> int:
+    """Return the number of decimals of a figure; −1 of other texts."""
+    found = DECIMAL_NUMBER.fullmatch(cell)
+    return len(found[1] or ".") - 1 if found else -1
 
 
 def as_html(

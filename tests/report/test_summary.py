@@ -14,6 +14,7 @@ from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.layout import _width as width
 from factorgraph_adj.report.options import Provenance
 from factorgraph_adj.report.summary import MAX_LINES, render_summary, verdict_line
+from tests.support.places import EXAMPLES
 
 N_POINTS = 6
 SIGMA = 0.002
@@ -66,8 +67,27 @@ def test_a_gross_error_has_the_doubts_of_the_protocol_and_its_reading_stands_fir
     listed = text.partition("  reading ")[2].splitlines()[1]
     assert "0 2 (id 0-2)" in listed
     shown = [f"{rel.w[row]:.2f}", "*", f"{rel.redundancy_numbers[row]:.2f}"]
-    assert listed.split()[-5:-2] == shown
-    assert float(listed.split()[-2]) == pytest.approx(1000.0 * rel.mdb[row], rel=0.005)
+    assert listed.split()[-7:-4] == shown
+    assert float(listed.split()[-4]) == pytest.approx(1000.0 * rel.mdb[row], rel=0.005)
+    assert float(listed.split()[-2]) == pytest.approx(1000.0 * rel.estimated_errors[row], rel=0.005)
+    words = " ".join(text.split())
+    assert "only the first is to be trusted until it is repaired" in words and "--snoop" in words
+
+
+def test_a_star_that_chance_explains_is_said_to_be_one() -> None:
+    """One test value of 1 027 good ones is above the critical value of one in a thousand."""
+    network = fga.read_project(EXAMPLES / "industry_block")
+    ident = "98"
+    wrong = network.observations[ident]
+    network.observations[ident] = replace(wrong, value=wrong.value - 0.0007)
+    solution = fga.adjust(network)
+    rel = fga.reliability(solution)
+    assert np.sum(np.abs(rel.w) > rel.critical_w) == 1
+    text = " ".join(solution.summary().split())
+    assert verdict(solution.summary()) == "no indication of gross errors"
+    expected = round(rel.alpha * np.sum(rel.controlled))
+    assert f"of {rel.controlled.sum()} good readings, chance puts about {expected} above" in text
+    assert "only the first is to be trusted" not in text
 
 
 def test_the_weakest_points_have_the_largest_standard_deviations() -> None:

@@ -133,6 +133,18 @@ def test_a_page_has_its_language_and_drops_empty_columns() -> None:
     assert as_html(Table("points", [], points().columns), Texts("en")) is None
 
 
+def test_figures_of_a_page_align_at_their_decimal_points() -> None:
+    values = [1.5, 12.25, 3.0]
+    column = Column(title="x", value=lambda row: row, shown=lambda row: f"{row:g}", digits=2)
+    made = as_html(Table("points", values, [column]), Texts("en"))
+    assert made is not None
+    cells = made.columns[0].values
+    assert list(cells) == ["1.5", "12.25", "3"]
+    # A blank has the width of a digit, another one that of the point.
+    assert [made.columns[0].pad(c) for c in cells] == ["\u2007", "", "\u2008\u2007\u2007"]
+    assert {len(c.partition(".")[2]) + len(made.columns[0].pad(c)) for c in cells[:2]} == {2}
+
+
 def test_cells_below_others_make_a_second_line_and_sentences_a_paragraph() -> None:
     made = Table(
         "photos",

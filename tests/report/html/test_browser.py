@@ -165,7 +165,7 @@ def test_a_click_on_a_marked_observation_shows_its_row(browser, folder, block):
         found.ready()
         _click(found, "js_doubts", worst)
         row = found.chosen()
-    assert row[1] in {r.what for r in block.rows.all() if abs(rel.w[r.number]) > rel.critical_w}
+    assert row[0] in {r.what for r in block.rows.all() if abs(rel.w[r.number]) > rel.critical_w}
 
 
 @TOOLS
@@ -185,6 +185,26 @@ def test_a_table_sorts_and_filters(browser, folder, block):
         table.locator(".filters input").nth(column).fill(f"> {limit}")
         status = found.page.locator("#points [role=status]").text_content()
         assert f"of {int(np.sum(sigma.round(2) > limit))}, filtered from {len(sigma)}" in status
+
+
+@TOOLS
+def test_a_wide_table_scrolls_under_its_first_column_and_one_row_has_no_filters(browser, folder):
+    with opened(browser, folder / "block.html") as found:
+        found.page.set_viewport_size({"width": 700, "height": 800})
+        found.ready()
+        found.alive("observations")
+        place = """t => { const cell = t.tBodies[0].rows[0].cells[0], box = t.parentElement;
+        const before = cell.getBoundingClientRect().left; box.scrollLeft = 200;
+        return [box.scrollLeft, before, cell.getBoundingClientRect().left]; }"""
+        scrolled, before, after = found.page.eval_on_selector("#table-observations", place)
+        assert scrolled == 200 and after == before
+        assert found.page.locator("#table-observations .filters").count() == 1
+    with opened(browser, folder / "heights.html") as found:
+        found.ready()
+        found.alive("groups")
+        table = found.page.locator("#table-groups")
+        assert table.get_attribute("data-rows") == "1"
+        assert table.locator(".filters").count() == 0
 
 
 @TOOLS

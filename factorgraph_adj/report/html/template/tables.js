@@ -21,9 +21,17 @@ function asked(text, numeric) {
   };
 }
 
+// Blanks as wide as the digits that a cell lacks, so that figures align at their decimal points.
+function pad(cell, decimals) {
+  const found = /^-?\d+(\.\d+)?$/.exec(cell);
+  const own = found ? (found[1] ?? ".").length - 1 : -1;
+  if (decimals <= 0 || own === decimals) return "";
+  return (own <= 0 ? "\u2008" : "") + "\u2007".repeat(decimals - Math.max(own, 0));
+}
+
 async function made(table) {
   const name = table.dataset.sheet;
-  const [DataTable, { looks, english, columns }] = await Promise.all([
+  const [DataTable, { looks, english, decimals, columns }] = await Promise.all([
     dataTables(), dataOf(`sheet-${name}`),
   ]);
   const numeric = looks.map((look) => look === "number");
@@ -42,7 +50,11 @@ async function made(table) {
     columns: heads.map((_, i) => ({
       type: numeric[i] ? "num" : "string",
       className: looks[i],
-      createdCell: english[i] ? (cell) => { cell.lang = "en"; } : null,
+      createdCell: (cell, text) => {
+        if (english[i]) cell.lang = "en";
+        const blanks = pad(text, decimals[i]);
+        if (blanks) cell.dataset.pad = blanks;
+      },
       orderSequence: numeric[i] ? ["desc", "asc", ""] : ["asc", "desc", ""],
       render: (cell, type) => {
         if (type === "display") return escapeCell(cell);
@@ -55,34 +67,34 @@ async function made(table) {
     },
   });
   if (caption && !table.caption) table.prepend(caption);
-  // After the table is made, which takes the last row of the head for its titles.
-  const line = table.tHead.insertRow();
-  line.className = "filters";
-  const filters = heads.map((head) => {
-    const cell = document.createElement("td");
-    const box = document.createElement("input");
-    box.type = "search";
-    box.setAttribute("aria-label", `${tell("js_filter")}: ${head}`);
-    box.title = tell("js_filter_help");
-    cell.append(box);
-    line.append(cell);
-    return box;
-  });
-  filters.forEach((input, i) => {
-    input.addEventListener("input", () => {
-      const fits = asked(input.value, numeric[i]);
-      const column = api.column(i);
-      column.search.fixed("asked", input.value ? (cell) => fits(String(cell)) : null);
-      api.draw();
-    });
-    input.addEventListener("keydown", (event) => event.stopPropagation());
-  });
-  bar.append(...controls(api, name, heads, rows));
+  if (n > 1) addFilters(table, api, heads, numeric);
+  if (n > 1) bar.append(...controls(api, name, heads, rows));
   const cut = box.nextElementSibling;
   if (cut?.classList.contains("cut")) cut.remove();
   sheets.set(name, api);
   table.dataset.made = "yes";
   return api;
+}
+
+// A line of filters, after the table is made, which takes the last row of the head for its titles.
+function addFilters(table, api, heads, numeric) {
+  const line = table.tHead.insertRow();
+  line.className = "filters";
+  heads.forEach((head, i) => {
+    const cell = document.createElement("td");
+    const input = document.createElement("input");
+    input.type = "search";
+    input.setAttribute("aria-label", `${tell("js_filter")}: ${head}`);
+    input.title = tell("js_filter_help");
+    cell.append(input);
+    line.append(cell);
+    input.addEventListener("input", () => {
+      const fits = asked(input.value, numeric[i]);
+      api.column(i).search.fixed("asked", input.value ? (cell) => fits(String(cell)) : null);
+      api.draw();
+    });
+    input.addEventListener("keydown", (event) => event.stopPropagation());
+  });
 }
 
 // Search, paging and CSV, made of the elements that every browser has.
