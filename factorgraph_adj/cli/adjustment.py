@@ -413,7 +413,7 @@ def _verdict(found: AdjustedProject, report: Report) -> int:
         *notes_of_network(network),
     ):
         print(said, file=sys.stderr)
-    if found.snooping is not None and (aside := len(found.snooping.ids_set_aside)):
+    if found.snooping is not None and (aside := len(found.snooping.rejected_ids)):
         print(f"{aside} observation{'s' * (aside != 1)} set aside", file=sys.stderr)
     doubts = all_doubts(report)
     for doubt in doubts:

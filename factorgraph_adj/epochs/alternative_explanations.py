@@ -69,7 +69,7 @@ def epoch_causes(
         found = _causes(solution, estimated)
         if found is None:
             continue
-        if (first := found.likeliest) is None:
+        if (first := found.most_probable) is None:
             for said in found.undecided_sentences:
                 yield f"in {which} alone, {said}; {CAUSE_ADVICE}"
         elif first.given is None or not known:

@@ -381,7 +381,7 @@ def snooped(
     """
     found = snoop(network, start=solution, **options)
     ids = [r.id for r in found.rejected]
-    ids += [i for p in found.points_set_aside for i in p.rays]
+    ids += [i for p in found.rejected_points for i in p.rays]
     if not ids:
         return state, Arrival(), found
     limit = found.critical * (found.solution.sigma0 if found.test == "pope" else 1.0)

@@ -284,7 +284,7 @@ class StateQueries(metaclass=ChecksArguments):
             alpha: probability of a false alarm of one test; none: that of this adjustment.
 
         Returns:
-            The causes, the likeliest first (``likeliest`` is the one that explains more than single
+            The causes, first the most probable (``most_probable`` explains more than single
             readings and all others); none where nothing misfits.
 
         Raises:

@@ -157,7 +157,7 @@ class Snooping(Shown):
     """Observations set aside, in that order, without the rays of removed points."""
     readmitted: tuple[str, ...]
     """Ids of observations that fitted and were put back, including those rejected again later."""
-    points_set_aside: tuple[RejectedPoint, ...]
+    rejected_points: tuple[RejectedPoint, ...]
     """Points removed with all their rays, since the remaining rays did not determine them."""
     unresolved: tuple[Unresolved, ...]
     """Observations above the critical value that cannot be rejected."""
@@ -169,7 +169,7 @@ class Snooping(Shown):
     """Test that decides."""
     reason: str
     """Reason why the search ended."""
-    factors_set_aside: tuple[RejectedFactor, ...] = ()
+    rejected_factors: tuple[RejectedFactor, ...] = ()
     """Factors of the user that were rejected, in that order."""
     whole: Solution | None = field(default=None, repr=False)
     """The adjustment of everything; None where it has no minimum."""
@@ -178,10 +178,10 @@ class Snooping(Shown):
 
     def headline(self) -> str:
         """Return the numbers of observations and points set aside, and why the search ended."""
-        factors = len(self.factors_set_aside)
+        factors = len(self.rejected_factors)
         own = f", {factors} factors" if factors else ""
         return (
-            f"Snooping: {len(self.rejected)} observations and {len(self.points_set_aside)} points"
+            f"Snooping: {len(self.rejected)} observations and {len(self.rejected_points)} points"
             f"{own} set aside, {len(self.unresolved)} unresolved, σ̂0 {self.solution.sigma0:.4f}; "
             f"{self.reason}"
         )
@@ -215,9 +215,9 @@ class Snooping(Shown):
         return self.__dict__ | {"look": None}
 
     @property
-    def ids_set_aside(self) -> tuple[str, ...]:
+    def rejected_ids(self) -> tuple[str, ...]:
         """Ids of all observations rejected, the rays of removed points among them."""
-        rays = (ray for p in self.points_set_aside for ray in p.rays)
+        rays = (ray for p in self.rejected_points for ray in p.rays)
         return (*(r.id for r in self.rejected), *rays)
 
     @property
@@ -261,7 +261,7 @@ def group_losses(
         whole: the adjustment of everything, against which points are compared; none: points count
             however far they moved.
     """
-    aside = set(found.ids_set_aside)
+    aside = set(found.rejected_ids)
     if not aside:
         return ()
     readings, points = _members(original)
@@ -271,7 +271,7 @@ def group_losses(
         for lost, n in [(len(aside.intersection(ids)), len(ids))]
         if lost >= MIN_LOST_READINGS and lost > MAX_LOST_SHARE * n
     ]
-    removed = {p.name for p in found.points_set_aside}
+    removed = {p.name for p in found.rejected_points}
     for name, ids in points.items():
         lost = len(aside.intersection(ids))
         if name in removed or lost < 2 or len(ids) - lost >= MIN_KEPT_SHARE * len(ids):
@@ -394,7 +394,7 @@ def lost_control(found: Snooping, original: Network) -> LostControl | None:
         original: the network before it.
     """
     clean, controlled = found.solution, found.reliability.controlled
-    aside = found.ids_set_aside
+    aside = found.rejected_ids
     if not aside or controlled.all():
         return None
     left = clean.equations

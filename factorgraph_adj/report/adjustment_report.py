@@ -229,7 +229,7 @@ class Report:
     @property
     def shared_error_doubts(self) -> list[str]:
         """What speaks against gross errors of single readings."""
-        return [*self.likelier, *self._found_before, *self._lost, *self._mistyped]
+        return [*self.more_probable, *self._found_before, *self._lost, *self._mistyped]
 
     @cached_property
     def _mistyped(self) -> list[str]:
@@ -268,11 +268,11 @@ class Report:
             return [f"found before the adjustment: {finding}" for finding in every]
         if self.snooping is None or original is None:
             return []
-        wrong = {*self.snooping.ids_set_aside, *(u.id for u in self.snooping.unresolved)}
+        wrong = {*self.snooping.rejected_ids, *(u.id for u in self.snooping.unresolved)}
         if not wrong:
             return []
         found = preliminary(original, length=self.units.length, angle=self.units.angle)
-        first = None if self.causes is None else self.causes.likeliest
+        first = None if self.causes is None else self.causes.most_probable
         named = set() if first is None else set(first.ids)
         return findings_on_misfits([f for f in found if not named or set(f.ids) != named], wrong)
 
@@ -289,14 +289,14 @@ class Report:
         return [*found, *(str(x) for x in (place, control, given) if x is not None)]
 
     @property
-    def likelier(self) -> list[str]:
+    def more_probable(self) -> list[str]:
         """The cause that explains more than what data snooping rejected; empty if there is none.
 
         Without snooping the test values are the doubt; with σ0 estimated it may show in none.
         """
         if self.causes is None:
             return []
-        first = self.causes.likeliest
+        first = self.causes.most_probable
         if self.snooping is None and first is not None and not first.sizes:
             return [f"readings fit without a mistake: {first}"]
         if self.snooping is None and not self.pope:
@@ -305,7 +305,7 @@ class Report:
             return self.causes.undecided_sentences
         what = "" if self.causes.alone(first) else "one of several errors, "
         rest = self.causes.consequence(first)
-        return [f"{what}likelier than gross errors of single readings: {first}{rest}"]
+        return [f"{what}more probable than gross errors of single readings: {first}{rest}"]
 
     @cached_property
     def causes(self) -> Causes | None:
@@ -333,7 +333,7 @@ class Report:
         found, original = self.snooping, self.provenance.original
         if found is None or original is None:
             return None
-        return set_aside(self.solution, found.ids_set_aside, original, self.units)
+        return set_aside(self.solution, found.rejected_ids, original, self.units)
 
     def sign_in_report(self, found: Rejected | Unresolved) -> float:
         """Return the factor from figures of data snooping to those shown, as `Row.sign`.

@@ -54,20 +54,20 @@ def unit_of_error(report: Report, size: ErrorQuantity) -> tuple[float, str]:
 
 
 def causes_section(report: Report) -> list[str]:
-    """Return the likeliest causes of misfits that several observations share."""
+    """Return the most probable causes of misfits that several observations share."""
     found = report.causes
     if found is None:
         return []
     undecided = [line for text in found.undecided_sentences for line in paragraph(text)]
-    if not found.likelier:
+    if not found.more_probable:
         heading = title("An error, but nothing tells in which reading")
         return [*heading, *undecided] if undecided else []
-    shown = found.likelier[:MAX_CAUSES_LISTED]
+    shown = found.more_probable[:MAX_CAUSES_LISTED]
     out = title("Likely causes, each of which explains more than any single reading")
     for i, cause in enumerate(shown, start=1):
         out += paragraph(f"{i}. {cause_sentence(report, cause)}")
         out += paragraph(f"shared by {_members(cause)}", indent=5) if cause.ids else []
-    more = len(found.likelier) - len(shown)
+    more = len(found.more_probable) - len(shown)
     if more:
         out.append(f"  … {more} more explain less")
     out += undecided
@@ -89,7 +89,7 @@ def all_doubts(report: Report) -> list[str]:
 def exchange_hints(report: Report) -> list[str]:
     """Return a hint at exchanges, where they were not tested and may be behind the result.
 
-    They may where the adjustment has no minimum, or where the likeliest cause would have to be
+    They may where the adjustment has no minimum, or where the most probable cause would have to be
     larger than such an error is.
     """
     found = report.causes
@@ -115,7 +115,7 @@ def most_probable_cause(report: Report) -> str:
     found = report.causes
     if found is None:
         return ""
-    if found.likeliest is None:
+    if found.most_probable is None:
         return next(iter(found.undecided_sentences), "")
     return found.most_probable_text(lambda cause: cause_sentence(report, cause))
 
@@ -204,7 +204,7 @@ def snooping_section(report: Report) -> list[str]:
 def _how_many(found: Snooping) -> str:
     """Return how many observations were set aside before the rounds, and in them."""
     gone, back = (sum(getattr(r, a) for r in found.rounds) for a in ("set_aside", "readmitted"))
-    now = _aside(found) + len(found.factors_set_aside)
+    now = _aside(found) + len(found.rejected_factors)
     before, last = now - (gone - back), max(r.number for r in found.rounds)
     rounds = f"in {last} round{'s' * (last != 1)}"
     if not before:
@@ -215,7 +215,7 @@ def _how_many(found: Snooping) -> str:
 
 def _aside(found: Snooping) -> int:
     """Return how many observations are set aside, with the rays of points."""
-    return len(found.rejected) + sum(len(p.rays) for p in found.points_set_aside)
+    return len(found.rejected) + sum(len(p.rays) for p in found.rejected_points)
 
 
 def _observations(n: int) -> str:
@@ -302,9 +302,9 @@ def _others(found: Snooping) -> list[str]:
 
 def _points(report: Report, found: Snooping, name: str) -> list[str]:
     """Return points that were set aside with all their observations."""
-    if not found.points_set_aside:
+    if not found.rejected_points:
         return []
-    shown, note = report.cut(list(found.points_set_aside), "points", "snooping.csv")
+    shown, note = report.cut(list(found.rejected_points), "points", "snooping.csv")
     rows = [
         [p.name, p.label, str(len(p.rays)), str(p.round or found.at_the_start), f"{p.test:.2f}"]
         for p in shown
@@ -417,7 +417,7 @@ def _findings(report: Report) -> list[_Finding]:
         *(_Finding(aside.find(r.id, r.component), "set aside", r) for r in found.rejected),
         *(
             _Finding(aside.find(ray, ""), "point set aside", replace(p, test=nan), whole=True)
-            for p in found.points_set_aside
+            for p in found.rejected_points
             for ray in p.rays
         ),
         *(_Finding(aside.find(i, ""), "readmitted", None, whole=True) for i in again),

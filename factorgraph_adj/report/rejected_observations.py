@@ -54,7 +54,7 @@ def set_aside(
 
     Args:
         solution: the solution without them.
-        ids: their ids; `Snooping.ids_set_aside` has those of data snooping.
+        ids: their ids; `Snooping.rejected_ids` has those of data snooping.
         original: the network with them: the one before data snooping.
         units: units of the rows; metres, gon and degrees by default.
     """

@@ -30,9 +30,9 @@ from .layout import finite_json, json_text
 from .tables import as_json_columns
 from .unknowns import unknown_components
 
-RESULTS_FORMAT = 2
+RESULTS_FORMAT = 3
 """Version of results.json; it grows with every change that a reader could stumble over."""
-RESULTS_SCHEMA = "https://github.com/factorgraph-adj/factorgraph_adj/results-2.schema.json"
+RESULTS_SCHEMA = "https://github.com/factorgraph-adj/factorgraph_adj/results-3.schema.json"
 """Name of the schema of the format."""
 COVARIANCE_ORDER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Rows and columns of the covariance of a point in the order xx, xy, xz, yy, yz, zz."""
@@ -99,7 +99,7 @@ def results_record(report: Report) -> dict[str, Any]:
             for g in report.rows.groups()
         ],
         "reliability": _reliability(report),
-        "causes": [] if report.causes is None else [_cause(c) for c in report.causes.likelier],
+        "causes": [] if report.causes is None else [_cause(c) for c in report.causes.more_probable],
         "undecided": [] if report.causes is None else list(report.causes.undecided),
         **({} if report.snooping is None else {"snooping": _snooping(report, report.snooping)}),
         **({} if report.components is None else {"variance_components": _components(report)}),
@@ -214,7 +214,7 @@ def _snooping(report: Report, found: Snooping) -> dict[str, Any]:
             for r in found.rejected
         ],
         "readmitted": list(found.readmitted),
-        "points_set_aside": [asdict(p) | {"rays": list(p.rays)} for p in found.points_set_aside],
+        "rejected_points": [asdict(p) | {"rays": list(p.rays)} for p in found.rejected_points],
         "unresolved": [shown(u) for u in found.unresolved],
     }
 

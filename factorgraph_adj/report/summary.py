@@ -214,7 +214,7 @@ def _counts(s: Solution | PartsSolution, network: str) -> str:
 
 def _set_aside(report: Report) -> list[str]:
     """Return the observations that data snooping set aside."""
-    ids = [] if report.snooping is None else list(report.snooping.ids_set_aside)
+    ids = [] if report.snooping is None else list(report.snooping.rejected_ids)
     if not ids:
         return []
     return [f"  set aside    {_count(len(ids), 'observation')}: {listed(ids, MAX_IDS)}"]

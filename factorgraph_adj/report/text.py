@@ -170,7 +170,7 @@ def run_lines(run: Run, *, width: int = 15) -> list[str]:
 
 
 def doubt_lines(report: Report) -> list[str]:
-    """Return why the result is not to be trusted, and the likeliest cause."""
+    """Return why the result is not to be trusted, and the most probable cause."""
     doubts = all_doubts(report)
     if not doubts:
         return []

@@ -282,9 +282,9 @@ class Answers:
     def causes(self, found: Causes | None) -> Answer:
         """Return the causes of misfits; empty where nothing misfits."""
         if found is None:
-            return {"likeliest": None, "undecided": [], "causes": []}
+            return {"most_probable": None, "undecided": [], "causes": []}
         return {
-            "likeliest": None if found.likeliest is None else str(found.likeliest),
+            "most_probable": None if found.most_probable is None else str(found.most_probable),
             "undecided": list(found.undecided),
             "causes": [
                 fields_of(c, "cause", "where", "t2", "dof", "critical")
@@ -308,9 +308,9 @@ class Answers:
                 _which(r) | {"round": r.round, "test_value": self._test_value(r)}
                 for r in found.rejected
             ],
-            "points_set_aside": [
+            "rejected_points": [
                 {"name": p.name, "rays": list(p.rays), "reason": p.reason}
-                for p in found.points_set_aside
+                for p in found.rejected_points
             ],
             "readmitted": list(found.readmitted),
             "unresolved": [

@@ -38,7 +38,7 @@ such as σ of a new point before the observation, are null.
                       blocks of them repeat earlier ones in all digits (also at the end of the
                       stream, on standard error)
 ``causes``            what several observations may have in common that misfits, suspects among
-                      them, such as a wrong height of an instrument: ``likeliest`` and
+                      them, such as a wrong height of an instrument: ``most_probable`` and
                       ``undecided``, sentences; ``causes``: ``cause``, ``where``, ``error`` and
                       ``sigma`` (SI), ``t2``, ``dof``, ``critical``, ``ids``; takes adjustments
 ``accept``            ``ids``: put suspect or rejected observations into the graph
@@ -46,7 +46,7 @@ such as σ of a new point before the observation, are null.
 ``remove``            ``ids``: remove observations; those that lose their support wait again
 ``replace``           ``id``, ``observation``: replace an observation by another one
 ``reweight``          ``ids``, ``factor``: multiply weights by the factor
-``snoop``             set gross errors aside: ``set_aside``, ``points_set_aside``,
+``snoop``             set gross errors aside: ``set_aside``, ``rejected_points``,
                       ``readmitted``, ``unresolved``, ``entered`` (verdicts on what fits then)
 ``settle``            iterate to convergence; the result is that of a batch adjustment; with
                       ``all``: true everything that was retired is taken back first

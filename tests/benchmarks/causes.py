@@ -3,7 +3,7 @@
 Each case is a building site, or a photo block, with one error at a random place, of ten times the
 smallest size that a test detects there. Prints of how many cases the cause comes first, how often
 it is among the first three, how often it is told, and in how many cases without an error anything
-is reported as likelier than a single reading.
+is reported as more probable than a single reading.
 
 What nothing tells of is no case: an error whose test has no redundancy, and an exchange of readings
 that no others control. Where another cause changes the readings in the same way, so that both have
@@ -49,7 +49,7 @@ class Counted:
     same: int
     """Cases in which another cause is the same to all readings."""
     named: int
-    """Cases in which it was told to be likelier than any single reading."""
+    """Cases in which it was told to be more probable than any single reading."""
 
 
 def adjusted(network: Network, readings: Sequence[Observation]) -> Network:
@@ -134,7 +134,7 @@ def count(cause: str, cases: int) -> Counted:
         first += place == 0
         three += place is not None and place < 3
         as_good += place is not None and same(found, place)
-        named += place is not None and found.found[place] in found.likelier
+        named += place is not None and found.found[place] in found.more_probable
         if place != 0:
             told(f"{cause}, seed {seed}, size {size:.4g}, {case.where}: {place}", found)
     return Counted(done, first, three, as_good, named)
@@ -153,8 +153,8 @@ def false_alarms(cases: int, *, photos: bool = False) -> int:
     for seed in range(cases) if photos else determined(cases):
         network, readings = (block(seed), []) if photos else site(seed)[:2]
         found = searched(adjusted(network, readings))
-        out += bool(found.likelier)
-        if found.likelier:
+        out += bool(found.more_probable)
+        if found.more_probable:
             told(f"without an error, seed {seed}", found)
     return out
 

@@ -125,9 +125,10 @@ def false_alarms(days: int, *, most: int = MOST) -> int:
     out = 0
     for seed in range(days):
         found = fga.snoop(day(seed, exchanges=0, most=most).network).causes
-        if found is not None and (found.likelier or found.undecided):
+        if found is not None and (found.more_probable or found.undecided):
             out += 1
-            print(f"  clean day {seed}: {found.undecided or found.likelier[0]}", file=sys.stderr)
+            told = found.undecided or found.more_probable[0]
+            print(f"  clean day {seed}: {told}", file=sys.stderr)
     return out
 
 
@@ -137,7 +138,7 @@ def named_by_chance(networks: int) -> tuple[int, int]:
     for seed in range(networks):
         solution = fga.adjust(small(seed))
         found = fga.causes(fga.reliability(solution))
-        if found.likeliest is not None:
+        if found.most_probable is not None:
             named += 1
             guessed += not explains_most(found)
     return named, guessed
@@ -145,7 +146,7 @@ def named_by_chance(networks: int) -> tuple[int, int]:
 
 def explains_most(found: Causes) -> bool:
     """Return whether the named cause explains more than every reading, by dense algebra."""
-    (first, *rest) = [c.t2 for c in found.likelier]
+    (first, *rest) = [c.t2 for c in found.more_probable]
     a, v = dense(found.solution)
     q = np.eye(len(v)) - a @ np.linalg.pinv(a)
     r = np.diag(q)

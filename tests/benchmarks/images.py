@@ -66,7 +66,7 @@ def mismatches(seeds: int) -> None:
             for seed in range(seeds):
                 block = kind(100 + seed, control=0, mismatches=share)
                 began = time.process_time()
-                gone = set(fga.snoop(block.network).ids_set_aside)
+                gone = set(fga.snoop(block.network).rejected_ids)
                 seconds += time.process_time() - began
                 wrong, lost = gone - block.mismatched, lost_points(block)
                 n_bad += len(block.mismatched)

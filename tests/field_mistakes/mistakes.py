@@ -104,7 +104,7 @@ def exchange_axes(p: Project, photo: str) -> None:
     "height of the instrument 0.1 m too large",
     ADJUST,
     DOUBTFUL,
-    "likeliest cause: the height of the instrument at 'S2' (1.712 m): 10",
+    "most probable cause: the height of the instrument at 'S2' (1.712 m): 10",
 )
 def _(p: Project) -> None:
     for row in p.tables["observations.csv"]:
@@ -214,7 +214,7 @@ def _(p: Project) -> None:
     "index error of the vertical circle",
     ADJUST,
     DOUBTFUL,
-    "likeliest cause: the index error of the vertical circle at station 'S3': 19.8 ±",
+    "most probable cause: the index error of the vertical circle at station 'S3': 19.8 ±",
 )
 def _(p: Project) -> None:
     for row in p.rows("zenith_angle", station="S3"):
@@ -236,7 +236,7 @@ def _(p: Project) -> None:
     "prism constant of 30 mm forgotten at a station",
     ADJUST,
     DOUBTFUL,
-    "likeliest cause: the zero constant (prism constant) of distances at station 'S2': 3",
+    "most probable cause: the zero constant (prism constant) of distances at station 'S2': 3",
 )
 def _(p: Project) -> None:
     for row in p.rows("slope_distance", station="S2"):
@@ -247,7 +247,7 @@ def _(p: Project) -> None:
     "wrong scale of distances: atmospheric correction of another instrument",
     ADJUST,
     DOUBTFUL,
-    "likeliest cause: the scale of distances everywhere: 1000 ±",
+    "most probable cause: the scale of distances everywhere: 1000 ±",
 )
 def _(p: Project) -> None:
     for row in p.rows("slope_distance"):
@@ -260,7 +260,7 @@ MISTAKES.append(
         lambda: yard(beside={"S3": (0.03, 0.04)}),
         ADJUST,
         DOUBTFUL,
-        "likeliest cause: the centring of the instrument at 'S3' (height 1.547 m): east",
+        "most probable cause: the centring of the instrument at 'S3' (height 1.547 m): east",
     )
 )
 
@@ -269,7 +269,7 @@ MISTAKES.append(
     "tripod turned during a set of directions",
     ADJUST,
     DOUBTFUL,
-    "likeliest cause: the orientation, turned on the way, of set 'S2/1' from target",
+    "most probable cause: the orientation, turned on the way, of set 'S2/1' from target",
 )
 def _(p: Project) -> None:
     for row in p.rows("direction", station="S2")[4:]:
@@ -292,7 +292,7 @@ def _(p: Project) -> None:
     "height of the base antenna 0.1 m too large",
     ADJUST,
     DOUBTFUL,
-    "likeliest cause: the height of the antenna at 'A' (0.1 m): 10",
+    "most probable cause: the height of the antenna at 'A' (0.1 m): 10",
 )
 def _(p: Project) -> None:
     for row in p.rows("gnss_vector", station="A"):

@@ -129,7 +129,7 @@ def test_snooping_in_the_evening_finds_most_of_the_others(day: Day) -> None:
     later = {r.id for r in day.evening.rejected} - day.on_arrival
     assert abs(len(later & day.bad) - 23) <= BORDERLINE
     assert abs(len(later - day.bad) - 5) <= BORDERLINE
-    assert not day.evening.points_set_aside
+    assert not day.evening.rejected_points
     assert not day.evening.unresolved
     rejected = {v.id for v in day.inc.rejected}
     assert rejected == (day.on_arrival | later) - day.back - day.settled

@@ -125,8 +125,8 @@ def test_a_wrong_height_of_an_instrument_is_named_by_the_causes() -> None:
     assert "touch point 'S3'" in doubt and "causes() looks for an error" in doubt
     n = len(inc)
     found = inc.causes()
-    assert found is not None and found.likeliest is not None
-    first = found.likeliest
+    assert found is not None and found.most_probable is not None
+    first = found.most_probable
     assert (first.cause, first.where) == ("the height of the instrument", "at 'S3' (1.6 m)")
     assert abs(first.error[0] - 0.1) < 3.0 * first.sigma[0]
     assert len(inc) == n and len(inc.suspects) > 9, "nothing has changed"
@@ -134,8 +134,8 @@ def test_a_wrong_height_of_an_instrument_is_named_by_the_causes() -> None:
     for v in inc.suspects:
         every.add(inc.observation(v.id))
     batch = fga.snoop(every, alpha=inc.alpha).causes
-    assert batch is not None and batch.likeliest is not None
-    assert first.t2 == pytest.approx(batch.likeliest.t2, rel=1e-6)
+    assert batch is not None and batch.most_probable is not None
+    assert first.t2 == pytest.approx(batch.most_probable.t2, rel=1e-6)
     assert [c.cause for c in found.found] == [c.cause for c in batch.found]
 
 
@@ -143,7 +143,7 @@ def test_where_nothing_misfits_there_is_no_cause() -> None:
     inc = station(1.5)
     assert not inc.suspects and not inc.doubts
     found = inc.causes()
-    assert found is None or found.likeliest is None
+    assert found is None or found.most_probable is None
 
 
 def test_causes_of_nothing_and_beside_what_was_retired_are_refused() -> None:

@@ -56,7 +56,7 @@ def test_variance_components_begin_from_images(held):
 
 def test_snooping_begins_from_images_and_tests_as_from_the_truth(free):
     found, true = fga.snoop(free.network), fga.snoop(free.truth)
-    assert set(found.ids_set_aside) == set(true.ids_set_aside)
+    assert set(found.rejected_ids) == set(true.rejected_ids)
     assert found.solution.vtpv == pytest.approx(true.solution.vtpv, rel=SAME)
 
 
@@ -74,7 +74,7 @@ def test_snooping_sets_mismatches_aside_and_only_a_few_others(kind, control):
     """
     block = kind(3, control=control, mismatches=0.05)
     found = fga.snoop(block.network)
-    gone = set(found.ids_set_aside)
+    gone = set(found.rejected_ids)
     assert block.mismatched <= gone
     _, point, _, _ = block.network.images.columns()
     names = list(block.network.points)
@@ -150,7 +150,7 @@ def test_snooping_begins_from_images_where_resections_led_nowhere():
     block = aerial(3, mismatches=0.05)
     assert not fga.adjust(block.network).converged
     found = fga.snoop(block.network)
-    assert block.mismatched <= set(found.ids_set_aside)
+    assert block.mismatched <= set(found.rejected_ids)
     assert found.solution.begun
 
 

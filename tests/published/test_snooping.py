@@ -145,7 +145,7 @@ def test_most_of_what_aicon_rejected_is_found_and_nothing_else(
     found = {r.id for r in aicon.rejected}
     assert len(found & rejected) >= FOUND_BY_REFERENCE
     assert not found - rejected
-    assert not aicon.points_set_aside
+    assert not aicon.rejected_points
     assert not aicon.unresolved
 
 

@@ -238,7 +238,7 @@ def test_a_cause_is_one_sentence_in_any_units() -> None:
 
 def test_nothing_is_told_of_good_readings() -> None:
     for seed in range(5):
-        assert not searched(adjusted(*site(seed)[:2])).likelier
+        assert not searched(adjusted(*site(seed)[:2])).more_probable
 
 
 def test_every_hypothesis_has_the_numbers_of_good_readings() -> None:
@@ -265,7 +265,7 @@ def test_a_cause_of_a_size_that_nobody_makes_is_not_plausible() -> None:
         if solution.converged:
             found = fga.causes(fga.reliability(solution))
             assert not found.found[0].plausible
-            assert found.found[0] not in found.likelier
+            assert found.found[0] not in found.more_probable
             done += 1
     assert done >= 3
 
@@ -284,7 +284,7 @@ def test_the_height_of_a_target_is_named_beside_gnss_and_levelling(seed: int) ->
     found = fga.snoop(network).causes
     assert found is not None
     text = f"the height of the target at {target!r} (1.301 m)"
-    first = found.likeliest
+    first = found.most_probable
     assert text in found.undecided if first is None else f"{first.cause} {first.where}" == text
     named = [c for c in found.found if f"{c.cause} {c.where}" == text]
     assert abs(named[0].error[0] + 0.199) < 4.0 * named[0].sigma[0]

@@ -98,9 +98,9 @@ def test_no_cause_is_named_where_the_redundancy_tells_none_apart(seed: int) -> N
     solution = fga.adjust(small(seed))
     found = fga.causes(fga.reliability(solution))
     if solution.redundancy > 1:
-        assert found.likeliest is None or found.likeliest.t2 > found.single + 11
+        assert found.most_probable is None or found.most_probable.t2 > found.single + 11
         return
-    assert found.likeliest is None
+    assert found.most_probable is None
     a, _ = dense(solution)
     q = np.eye(len(a)) - a @ np.linalg.pinv(a)
     controlled = np.flatnonzero(np.diag(q) > 1e-6)
@@ -123,7 +123,7 @@ def test_a_set_with_one_reading_too_many_tells_of_no_cause_whatever_rounding_doe
         for name, length in {"A": 50.001, "B": 80.6226, "C": 54.8516}.items():
             network.add(fga.observations.HorizontalDistance(name, "P", length, sigma=0.002))
         found = fga.causes(fga.reliability(fga.adjust(network)))
-        assert found.likeliest is None
+        assert found.most_probable is None
         said.add(frozenset(t for t in found.undecided if "horizontal_distance" in t))
     assert len(said) == 1
     assert len(said.pop()) == 3

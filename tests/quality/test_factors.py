@@ -116,9 +116,9 @@ def test_snooping_sets_a_wrong_factor_aside(test: str) -> None:
     network = trilateration()
     factors = {"good": tape(network, 0.001), "wrong": tape(network, 0.05)}
     found = fga.snoop(network, extra_factors=factors, test=test)  # type: ignore[arg-type]
-    assert [f.name for f in found.factors_set_aside] == ["wrong"]
+    assert [f.name for f in found.rejected_factors] == ["wrong"]
     assert not found.rejected and not found.unresolved
-    (wrong,) = found.factors_set_aside
+    (wrong,) = found.rejected_factors
     assert wrong.test > 1.0 and wrong.final_test > 1.0 and wrong.round == 1
     assert [f.name for f in found.reliability.factors] == ["good"]
     batch = fga.adjust(network, extra_factors={"good": factors["good"]})
@@ -130,7 +130,7 @@ def test_snooping_finds_wrong_observations_beside_good_factors() -> None:
     network = trilateration(off=0.05)
     found = fga.snoop(network, extra_factors=[tape(network, 0.001)])
     assert [r.id for r in found.rejected] == ["CP1"]
-    assert not found.factors_set_aside
+    assert not found.rejected_factors
     assert found.solution.extra.n_rows == 1
 
 
@@ -141,7 +141,7 @@ def test_a_factor_that_something_needs_stays() -> None:
         i: o for i, o in network.observations.items() if "Q" not in i or i == "AQ1"
     }
     found = fga.snoop(network, extra_factors={"tape": tape(network, 0.05)})
-    assert not found.factors_set_aside and not found.rejected
+    assert not found.rejected_factors and not found.rejected
 
 
 def test_robust_estimators_take_no_factors() -> None:

@@ -39,7 +39,7 @@ def told(network: Network) -> tuple[fga.Snooping, list[str]]:
     """Return the snooping of a network, and the causes that it tells."""
     found = fga.snoop(network)
     return found, [] if found.causes is None else [
-        f"{c.cause} {c.where}" for c in found.causes.likelier
+        f"{c.cause} {c.where}" for c in found.causes.more_probable
     ]
 
 

@@ -90,7 +90,7 @@ def test_gross_errors_of_many_kinds_are_found_in_a_mixed_network(found: Snooping
     assert left == (network.clusters[0][0][0],)
     assert found.network.n_image_points <= network.n_image_points - 2
     assert not found.unresolved
-    assert not found.points_set_aside
+    assert not found.rejected_points
 
 
 def test_the_clean_solution_is_the_adjustment_of_the_clean_network(found: Snooping) -> None:
@@ -187,7 +187,7 @@ def test_a_point_of_two_rays_with_a_parallax_goes_as_a_whole_and_is_said_to():
     network, rays = images_alone()
     name = next(p for p, r in rays.items() if len(r) == 2 and p not in ("P01", "P70", "P10"))
     found = snoop(with_parallax(network, rays[name][1], 0.2))
-    (gone,) = found.points_set_aside
+    (gone,) = found.rejected_points
     assert gone.name == name
     assert set(gone.rays) == set(rays[name])
     assert abs(gone.test) > 10
@@ -207,11 +207,11 @@ def test_a_wrong_ray_of_three_goes_alone_and_the_second_takes_the_point_along():
     shift_image(wrong, rays[name][0], 0.2, 0.3)
     found = snoop(wrong)
     assert rays[name][0] in {r.id for r in found.rejected}
-    assert not found.points_set_aside
+    assert not found.rejected_points
     assert name in found.network.points
     shift_image(wrong, rays[name][1], 0.4, -0.7)
     found = snoop(wrong)
-    (gone,) = found.points_set_aside
+    (gone,) = found.rejected_points
     (alone,) = (r.id for r in found.rejected if r.id in rays[name])
     assert {alone, *gone.rays} == set(rays[name])
 
@@ -242,7 +242,7 @@ def test_a_good_point_that_went_comes_back_when_its_rays_meet_again():
         assert name in found.network.points
     assert len({r.id for r in found.rejected} - bad) <= 1
     assert bad <= {r.id for r in found.rejected} | {
-        i for p in found.points_set_aside for i in p.rays
+        i for p in found.rejected_points for i in p.rays
     }
 
 
@@ -287,7 +287,7 @@ def test_others_do_not_go_for_the_error_of_one_that_cannot():
     assert rays["P70"][0] in {u.id for u in found.unresolved}
     assert sum("would be undetermined" in u.reason for u in found.unresolved) == 1
     assert len(found.unresolved) > 5
-    assert len(found.rejected) + len(found.points_set_aside) <= 2
+    assert len(found.rejected) + len(found.rejected_points) <= 2
 
 
 def test_what_makes_the_adjustment_fail_stays_and_is_unresolved():
@@ -560,8 +560,8 @@ def test_rounds_decide_as_adjustments_anew_do(name: str, monkeypatch: pytest.Mon
     assert found.solution.weights is None
     assert found.solution.redundancy == expected.solution.redundancy
     assert found.solution.vtpv == pytest.approx(expected.solution.vtpv, rel=1e-9)
-    assert [(p.name, p.rays, p.round) for p in found.points_set_aside] == [
-        (p.name, p.rays, p.round) for p in expected.points_set_aside
+    assert [(p.name, p.rays, p.round) for p in found.rejected_points] == [
+        (p.name, p.rays, p.round) for p in expected.rejected_points
     ]
     assert [(r.id, r.round, r.component) for r in found.rejected] == [
         (r.id, r.round, r.component) for r in expected.rejected

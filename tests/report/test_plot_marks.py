@@ -73,8 +73,8 @@ def doubtful():
 def clean():
     network = spoilt()
     found = fga.snoop(network)
-    assert {*GROSS} <= set(found.ids_set_aside) and len(found.ids_set_aside) == 3
-    return found, set_aside(found.solution, found.ids_set_aside, network)
+    assert {*GROSS} <= set(found.rejected_ids) and len(found.rejected_ids) == 3
+    return found, set_aside(found.solution, found.rejected_ids, network)
 
 
 def texts(figure: Figure) -> str:
@@ -125,7 +125,7 @@ def test_figures_say_what_faces_do_not_agree_and_the_likeliest_cause(clean, tmp_
         "factorgraph_adj.report.plots.figure_files._bytes",
         lambda figure, format: drawn.append(figure) or b"",
     )
-    save_plots(solution, tmp_path, cause="likeliest cause: it")
+    save_plots(solution, tmp_path, cause="most probable cause: it")
     titles = [figure.get_suptitle() for figure in drawn]
     assert len(titles) > 4 and all(t.endswith("\nlikeliest cause: it") for t in titles)
 
@@ -218,7 +218,7 @@ def test_the_plan_crosses_the_lines_of_what_was_set_aside_and_counts_them(clean)
     (lines,) = marked(figure, "set aside", LineCollection)
     ends = {frozenset(map(tuple, np.round(s, 6).tolist())) for s in lines.get_segments()}
     state, unknowns = found.solution.state, found.solution.equations.unknowns
-    distance = next(i for i in found.ids_set_aside if i not in GROSS)
+    distance = next(i for i in found.rejected_ids if i not in GROSS)
     a, b = aside.find(distance, "").names
     expected = {frozenset(tuple(np.round(point(found, n)[:2], 6)) for n in (a, b))}
     for ray in GROSS:

@@ -614,7 +614,7 @@ def test_every_outcome_of_snooping_is_told():
     k = replace(
         k,
         readmitted=("F1/P3", k.rejected[0].id),
-        points_set_aside=(RejectedPoint("P9", ("F1/P9",), "image F1 P9 x", 7.5, 2, "no way"),),
+        rejected_points=(RejectedPoint("P9", ("F1/P9",), "image F1 P9 x", 7.5, 2, "no way"),),
         unresolved=(
             Unresolved(left.id, left.kind, "?", left.component, 5.5, 0.003, "needed by all"),
         ),
@@ -669,7 +669,7 @@ def test_all_states_of_snooping_stand_in_its_table(tmp_path):
     k = replace(
         k,
         readmitted=("F1/P3", k.rejected[0].id),
-        points_set_aside=(RejectedPoint("P9", ("F1/P9",), "image F1 P9 x", 7.5, 2, "no way"),),
+        rejected_points=(RejectedPoint("P9", ("F1/P9",), "image F1 P9 x", 7.5, 2, "no way"),),
         unresolved=(unresolved,),
     )
     report = Report(k.solution, provenance=Provenance(snooping=k, original=blundered()))

@@ -45,7 +45,7 @@ def test_what_is_set_aside_has_the_standard_deviation_that_it_had_in_the_network
     every = fga.adjust(network)
     found = fga.snoop(network)
     assert {r.id for r in found.rejected} == {"sA0", "hB1", "dC2"}
-    aside = set_aside(found.solution, found.ids_set_aside, network)
+    aside = set_aside(found.solution, found.rejected_ids, network)
     assert aside.count == 3
     for ident in ("sA0", "hB1", "dC2"):
         row = every.observations.row(ident)

@@ -275,7 +275,7 @@ def test_snooping_sets_aside_what_was_accepted_against_its_test(yard):
 
 def test_causes_of_misfits_are_told_with_suspects_among_the_readings(yard):
     answer = yard(do="causes")
-    assert (answer["likeliest"], answer["causes"]) == (None, []), "nothing misfits"
+    assert (answer["most_probable"], answer["causes"]) == (None, []), "nothing misfits"
     yard(WRONG)
     answer = yard(do="causes")
     assert answer["ok"] and yard.inc.suspects

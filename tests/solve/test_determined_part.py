@@ -127,7 +127,7 @@ def test_snooping_and_robust_estimates_take_the_determined_part():
     network.add(fga.SlopeDistance("C", "P", 58.35, sigma=0.002, id="wrong"))
     rest = fga.determined_part(network)
     found = fga.snoop(rest)
-    assert found.ids_set_aside == ("wrong",)
+    assert found.rejected_ids == ("wrong",)
     assert [x.name for x in found.solution.network.unknowns_left_out] == ["X"]
     robust = fga.robust_adjust(rest)
     assert [x.name for x in robust.solution.network.unknowns_left_out] == ["X"]

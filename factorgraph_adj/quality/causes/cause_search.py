@@ -55,7 +55,7 @@ MAX_PLACE_ELEMENTS = 30_000_000
 """Largest number of elements of the solutions by which the places are chosen: unknowns times
 components of all places of all causes."""
 MAX_CHANCE_OF_CAUSE = 0.01
-"""Largest probability with which good readings make any of the tested causes likelier."""
+"""Largest probability with which good readings make any of the tested causes more probable."""
 MIN_SHARE_OF_ONLY_CAUSE = 0.9
 """Share of the excess of vᵀPv over its redundancy that one cause explains where it is the only one:
 the rest is curvature of the model. Where it explains less, there are others besides."""
@@ -145,7 +145,7 @@ class Causes(Shown):
         return Rows(("cause", "T²", "dof"), rows, len(self.found))
 
     @property
-    def likelier(self) -> tuple[Cause, ...]:
+    def more_probable(self) -> tuple[Cause, ...]:
         """Exchanges, and causes that explain significantly more than any single observation.
 
         Those only that good readings make as likely as this, at any of the places tested, with a
@@ -156,15 +156,15 @@ class Causes(Shown):
         single += separability_tolerance(single)
         whole = self.whole.likelihood + separability_tolerance(self.whole.likelihood)
 
-        def likelier(c: Cause) -> bool:
+        def more_probable(c: Cause) -> bool:
             return c.evidence > max(least, single) and c.likelihood > whole
 
-        return tuple(c for c in self.found if not c.sizes or (likelier(c) and c.possible))
+        return tuple(c for c in self.found if not c.sizes or (more_probable(c) and c.possible))
 
     @property
-    def likeliest(self) -> Cause | None:
+    def most_probable(self) -> Cause | None:
         """The cause that explains significantly more than single readings and all other causes."""
-        first = next(iter(self.likelier), None)
+        first = next(iter(self.more_probable), None)
         return None if self.undecided else first
 
     def left(self, c: Cause) -> tuple[float, int]:
@@ -215,9 +215,9 @@ class Causes(Shown):
         and the causes, that cannot be distinguished from the observation with the largest test
         value.
         """
-        likelier = self.likelier
-        if likelier:
-            first, more = likelier[0], (*self.found, *self.below)
+        more_probable = self.more_probable
+        if more_probable:
+            first, more = more_probable[0], (*self.found, *self.below)
             rest = [c for c in more if c.sizes and c.possible and c is not first]
             same = inseparable_causes([first, *rest], first.evidence, first.likelihood)
             return () if not first.sizes or len(same) < 2 else _cause_texts(same)
@@ -230,7 +230,7 @@ class Causes(Shown):
         every = self.undecided
         if not every:
             return []
-        size = float(np.sqrt(self.likelier[0].t2 if self.likelier else self.single))
+        size = float(np.sqrt(self.more_probable[0].t2 if self.more_probable else self.single))
         return [
             f"an error of {size:.1f} times its standard deviation shows; with this redundancy "
             f"nothing tells in which of: {'; '.join(every)}"
@@ -242,10 +242,10 @@ class Causes(Shown):
         Args:
             sentence: writes a cause with its size and its test.
         """
-        first = self.likeliest
+        first = self.most_probable
         if first is None:
             return ""
-        what = "likeliest cause" if self.alone(first) else "one of several errors"
+        what = "most probable cause" if self.alone(first) else "one of several errors"
         return f"{what}: {sentence(first)}{self.consequence(first)}"
 
 

@@ -97,7 +97,7 @@ def _partners(report: Report, t: Texts, row: Row, found: Sequence[tuple[int, flo
 
 def _cause(report: Report, row: Row) -> str:
     """Return the most probable cause that an observation shares; empty where there is none."""
-    found = () if report.causes is None else report.causes.likelier
+    found = () if report.causes is None else report.causes.more_probable
     mine = next((c for c in found if row.id in c.ids), None)
     return "" if mine is None else f"{mine.cause} {mine.where}"
 
@@ -238,7 +238,7 @@ def rejected_points_sheet(report: Report, t: Texts) -> Sheet | None:
             str(p.round or _start_of_snooping(found, t)),
             f"{p.test:.2f}",
         ]
-        for p in found.points_set_aside
+        for p in found.rejected_points
     ]
     heads: list[ColumnHead] = [
         (t("col_point"), False),
@@ -307,12 +307,12 @@ def given_values_sheet(report: Report, t: Texts) -> Sheet | None:
 
 
 def causes_sheet(report: Report, t: Texts) -> Sheet | None:
-    """Return the causes that explain more than any single reading, the likeliest first."""
+    """Return the causes that explain more than any single reading, the most probable first."""
     found = report.causes
     if found is None:
         return None
     rows = []
-    for c in found.likelier:
+    for c in found.more_probable:
         sizes = []
         for name, size, error, sigma, alone in c.estimates:
             unit, symbol = unit_of_error(report, size)

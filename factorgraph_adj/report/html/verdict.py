@@ -150,7 +150,7 @@ def _snooping(report: Report, t: Texts) -> list[Light]:
     found = report.snooping
     if found is None:
         return []
-    title, n = t("light_aside"), len(found.ids_set_aside)
+    title, n = t("light_aside"), len(found.rejected_ids)
     left = len(found.unresolved)
     if left:
         text = t.number("light_unresolved", left) + " " + t.number("light_aside_some", n)
@@ -167,11 +167,11 @@ def _cause(report: Report, t: Texts) -> list[Light]:
     if found is None:
         return []
     if undecided := found.undecided_sentences:
-        link = "table-causes" if found.likelier else ""
+        link = "table-causes" if found.more_probable else ""
         return [Light("red", t("light_cause"), t("light_cause_text_none"), undecided[0], link)]
-    if (c := found.likeliest) is None:
+    if (c := found.most_probable) is None:
         return []
-    text = t.number("light_cause_text", len(found.likelier))
+    text = t.number("light_cause_text", len(found.more_probable))
     if not found.alone(c):
         text = t("light_cause_several")
     return [
@@ -209,7 +209,7 @@ def _of_network(report: Report, t: Texts) -> list[Light]:
     told = {
         *doubts_of_solution(report.solution),
         *report.above_critical,
-        *report.likelier,
+        *report.more_probable,
         *report.doubtful_check_points,
     }
     rest = [d for d in report.doubts if d not in told]

@@ -56,7 +56,7 @@ def save_plots(
         format: format of the files.
         confidence: probability of the error ellipses.
         photos: largest number of photos in the figure ``photos``.
-        cause: the likeliest cause of misfits, which is written over figures of a doubtful result.
+        cause: most probable cause of misfits, which is written over figures of a doubtful result.
 
     Returns:
         The files, in this order.

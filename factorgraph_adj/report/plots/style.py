@@ -123,7 +123,7 @@ def write_doubts(figure: Figure, doubts: Sequence[str]) -> None:
 
 
 def write_cause(figure: Figure, cause: str) -> None:
-    """Write the likeliest cause under the doubts over a figure; nothing where there are none."""
+    """Write the most probable cause under the doubts over a figure, if there are doubts."""
     before = figure.get_suptitle()
     if cause and DOUBTFUL_RESULT in before:
         width = max(len(line) for line in before.splitlines())

@@ -133,7 +133,7 @@ def test_a_principal_distance_is_not_blamed_on_control_nor_control_on_it() -> No
     network.cameras["camera"] = replace(camera, values=(1.05 * FOCAL, *camera.values[1:]))
     solution = fga.adjust(network)
     assert block_mistakes(solution, 0.001) == ()
-    first = fga.causes(fga.reliability(solution)).likeliest
+    first = fga.causes(fga.reliability(solution)).most_probable
     assert first is not None
     assert first.cause.startswith("the given c")
 
@@ -156,7 +156,7 @@ def test_snooping_sets_exchanged_image_points_alone_aside(
     by_chance = {r.id for r in fga.snoop(without(facade(1), sorted(ids))).rejected}
     assert {r.id for r in found.rejected} == ids | by_chance
     assert found.causes is not None
-    first = found.causes.likeliest
+    first = found.causes.most_probable
     assert first is not None
     assert f"{first.cause} {first.where}" == f"two image points, exchanged: {exchanged}"
 
@@ -165,5 +165,5 @@ def test_a_plain_adjustment_names_the_mistake_too() -> None:
     network = exchanged_images(facade(1))
     solution = fga.adjust(network)
     report = Report(solution, ReportOptions(), Provenance(None, network))
-    (said,) = report.likelier
+    (said,) = report.more_probable
     assert said.startswith(f"readings fit without a mistake: {IMAGES}")

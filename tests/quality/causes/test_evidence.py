@@ -99,9 +99,9 @@ def test_a_wrong_given_height_is_named_whatever_sigma0_is(metres: float, varianc
         test="pope" if variance == "a-posteriori" else "baarda",
     ).causes
     assert found is not None
-    assert found.likeliest is not None
-    assert found.likeliest.where == "of point 'A'"
-    assert abs(found.likeliest.error[0] - metres) < 4.0 * found.likeliest.sigma[0]
+    assert found.most_probable is not None
+    assert found.most_probable.where == "of point 'A'"
+    assert abs(found.most_probable.error[0] - metres) < 4.0 * found.most_probable.sigma[0]
 
 
 def test_good_heights_are_not_named_with_an_estimated_sigma0() -> None:
@@ -109,7 +109,7 @@ def test_good_heights_are_not_named_with_an_estimated_sigma0() -> None:
     named = 0
     for seed in range(40):
         solution = fga.adjust(_levelling(seed, 0.0, times=10.0), variance="a-posteriori")
-        named += bool(fga.causes(fga.reliability(solution)).likelier)
+        named += bool(fga.causes(fga.reliability(solution)).more_probable)
     assert named <= 2
 
 

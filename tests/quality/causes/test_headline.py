@@ -1,4 +1,4 @@
-"""What is headlined as the likeliest cause: what it leaves, and sizes that people make."""
+"""What is headlined as the most probable cause: what it leaves, and sizes that people make."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ def test_one_error_is_the_likeliest_cause_and_several_are_told_apart(seed: int) 
     """σ̂0 with the cause as an unknown is that of an adjustment with the height put right."""
     single = fga.adjust(spoiled(seed, {"S1": 1.05}))
     found = fga.causes(fga.reliability(single))
-    first = found.likeliest
+    first = found.most_probable
     assert first is not None
     assert found.alone(first)
     left, r = found.left(first)
     assert np.sqrt(left / r) == pytest.approx(fga.adjust(spoiled(seed, {})).sigma0, rel=0.05)
     assert most_probable_cause(Report(single)).startswith(
-        "likeliest cause: the height of the instrument"
+        "most probable cause: the height of the instrument"
     )
     several = fga.adjust(spoiled(seed, {"S1": 1.05, "S2": 0.95, "S4": 1.06}))
     text = most_probable_cause(Report(several))
@@ -57,7 +57,8 @@ def test_one_error_is_the_likeliest_cause_and_several_are_told_apart(seed: int) 
 def test_a_height_in_another_unit_is_named_with_it(factor: float, unit: str) -> None:
     """No instrument stands so high, so that an error of that size is plausible."""
     found = fga.causes(fga.reliability(fga.adjust(spoiled(2, {"S3": factor}))))
-    named = [c for c in found.likelier if "instrument at 'S3'" in c.where or "'S3' (" in c.where]
+    places = ("instrument at 'S3'", "'S3' (")
+    named = [c for c in found.more_probable if any(p in c.where for p in places)]
     assert named
     assert named[0].other_unit
     assert f"m if it was recorded in {unit}" in str(named[0])
@@ -76,6 +77,6 @@ def test_x_and_y_of_a_vector_and_of_a_position_are_found_exchanged(seed: int) ->
         out.observations[wrong.id] = replace(wrong, value=(y, x, z))
         found = fga.snoop(out).causes
         assert found is not None
-        assert found.likeliest is not None
-        assert found.likeliest.cause == "x and y, exchanged,"
-        assert found.likeliest.ids == (wrong.id,)
+        assert found.most_probable is not None
+        assert found.most_probable.cause == "x and y, exchanged,"
+        assert found.most_probable.ids == (wrong.id,)

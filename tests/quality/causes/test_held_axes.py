@@ -55,7 +55,7 @@ def test_a_board_with_another_spacing_along_one_axis_is_named(ratio: float) -> N
     assert {first.cause, second.cause} == {NAME}
     along = {c.where.split(",")[0]: c for c in (first, second)}
     assert abs(along["along y"].error[0] - ratio) < 3.5 * ratio**2
-    assert found.likeliest is None
+    assert found.most_probable is None
     assert set(found.undecided) == {f"{c.cause} {c.where}" for c in (first, second)}
 
 
@@ -87,4 +87,4 @@ def test_given_heights_in_another_unit_are_named() -> None:
 def test_a_good_board_has_no_scale_of_its_own() -> None:
     for seed in range(6):
         found = fga.causes(fga.reliability(fga.adjust(board(seed, 0.0))))
-        assert not found.likelier
+        assert not found.more_probable

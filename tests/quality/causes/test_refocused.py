@@ -42,7 +42,7 @@ def test_the_photo_from_which_the_principal_distance_is_another_is_named(seeds: 
         network, name = refocused(seed, CHANGE)
         found = fga.causes(fga.reliability(fga.adjust(network)))
         text = f"the principal distance, another one from photo {name!r} on, of camera 'C'"
-        first = found.likeliest
+        first = found.most_probable
         own = found.undecided if first is None else (f"{first.cause} {first.where}",)
         assert text in own, seed
         alone += first is not None
@@ -55,4 +55,4 @@ def test_the_photo_from_which_the_principal_distance_is_another_is_named(seeds: 
 def test_without_a_change_nothing_is_named(seeds: range) -> None:
     for seed in seeds:
         network, _ = refocused(seed, 0.0)
-        assert not fga.causes(fga.reliability(fga.adjust(network))).likelier, seed
+        assert not fga.causes(fga.reliability(fga.adjust(network))).more_probable, seed

@@ -86,7 +86,7 @@ def test_a_given_height_is_listed_with_the_line_that_it_is_identical_to(seed: in
     size = np.random.default_rng(seed).uniform(4.0, 6.0) * sigma
     found = fga.causes(fga.reliability(fga.adjust(levelling(seed, size)), alpha=alpha))
     if found.readings:
-        assert found.likeliest is None
+        assert found.most_probable is None
         assert any("'P3'" in text for text in found.undecided)
 
 
@@ -95,7 +95,7 @@ def test_of_two_redundant_lines_an_estimated_sigma_tells_nothing() -> None:
     for seed in range(8):
         solution = fga.adjust(levelling(seed, 0.1), variance="a-posteriori")
         found = fga.causes(fga.reliability(solution))
-        assert found.likeliest is None
+        assert found.most_probable is None
         assert found.readings == ()
         assert found.found == ()
 
@@ -111,7 +111,7 @@ def test_the_height_of_a_target_is_listed_with_the_zenith_angle_that_shares_it(s
         spoiled: Any = readings[i]
         readings[i] = replace(spoiled, target_height=spoiled.target_height + 0.03)
     found = causes_with(network, readings)
-    texts = found.undecided or (f"{found.likeliest}",)
+    texts = found.undecided or (f"{found.most_probable}",)
     assert any("height of the target" in text and repr(one.target) in text for text in texts)
 
 
@@ -124,7 +124,7 @@ def test_a_gross_reading_is_named_alone_where_the_others_of_its_sight_can_tell(
     for seed in (0, 1, 2):
         found, sight = gross(seed, kind, times)
         assert found.undecided == ()
-        assert found.likeliest is None
+        assert found.most_probable is None
         assert sight in found.readings[0]
 
 
@@ -184,8 +184,8 @@ def test_a_target_beside_its_mark_for_all_is_listed_with_the_instrument_there() 
             for o in readings
         ]
         found = causes_with(network, moved)
-        assert found.likeliest is None or found.likeliest.cause == TARGET
-        told = found.undecided or [f"{found.likeliest.cause} {found.likeliest.where}"]
+        assert found.most_probable is None or found.most_probable.cause == TARGET
+        told = found.undecided or [f"{found.most_probable.cause} {found.most_probable.where}"]
         assert any(t.startswith(f"{TARGET} at 'S2'") for t in told), (seed, told)
 
 

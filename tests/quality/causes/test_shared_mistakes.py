@@ -21,8 +21,8 @@ def causes_of(network: fga.Network) -> Causes:
 
 
 def named(found: Causes) -> tuple[str, ...]:
-    """Return the likeliest cause, or all errors between which nothing tells."""
-    first = found.likeliest
+    """Return the most probable cause, or all errors between which nothing tells."""
+    first = found.most_probable
     return found.undecided if first is None else (f"{first.cause} {first.where}",)
 
 
@@ -38,7 +38,7 @@ def test_a_mistake_of_all_readings_is_named_with_its_size(cause: str, seeds: ran
     for seed in seeds:
         found = causes_of(make(seed, size))
         assert text in named(found), seed
-        alone += found.likeliest is not None
+        alone += found.most_probable is not None
         mine = next(c for c in found.found if f"{c.cause} {c.where}" == text)
         assert abs(mine.error[0] - size) < 4.0 * mine.sigma[0] + 0.01 * size
     assert alone >= 9
@@ -49,19 +49,19 @@ def test_a_mistake_of_all_readings_is_named_with_its_size(cause: str, seeds: ran
 def test_without_the_mistake_nothing_is_named(cause: str, seeds: range) -> None:
     make, _, _ = MISTAKES[cause]
     for seed in seeds:
-        assert not causes_of(make(seed, 0.0)).likelier, seed
+        assert not causes_of(make(seed, 0.0)).more_probable, seed
 
 
 def test_height_differences_in_feet_are_a_scale_of_any_size() -> None:
     """Recorded 1 / 0.3048 times too large, by 228 %."""
-    first = causes_of(levelling(3, 1.0 / 0.3048 - 1.0)).likeliest
+    first = causes_of(levelling(3, 1.0 / 0.3048 - 1.0)).most_probable
     assert first is not None
     assert first.cause.startswith("the scale of levelled height differences")
     assert abs(first.error[0] - (1.0 / 0.3048 - 1.0)) < 4.0 * first.sigma[0]
 
 
 def test_refraction_with_the_wrong_sign_has_twice_its_coefficient() -> None:
-    first = causes_of(long_sights(2, -0.26)).likeliest
+    first = causes_of(long_sights(2, -0.26)).most_probable
     assert first is not None
     assert first.cause == "the curvature of the Earth or refraction"
     assert abs(first.error[0] + 0.26) < 4.0 * first.sigma[0]
@@ -103,6 +103,6 @@ def test_errors_of_readings_are_no_scale(held: int, relief: float, *, estimated:
     for seed in range(5):
         rel = fga.reliability(fga.adjust(levelled_loops(seed, held, relief)))
         found = fga.causes(rel, estimated=estimated)
-        assert not [c for c in found.likelier if "levelled height" in c.cause], seed
+        assert not [c for c in found.more_probable if "levelled height" in c.cause], seed
         if held == 1:
             assert not [c for c in found.found if "levelled height" in c.cause], seed

@@ -36,7 +36,7 @@ def test_a_wrong_position_is_not_called_a_centring_of_its_target() -> None:
         solution = fga.adjust(positioned(seed, 0.4))
         rel = fga.reliability(solution)
         found = fga.causes(rel)
-        assert not found.likelier
+        assert not found.more_probable
         first = found.found[0]
         assert first.cause.startswith("the centring of the target") and "'K2'" in first.where
         more += first.t2 > found.single + 11.0
