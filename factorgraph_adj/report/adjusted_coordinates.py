@@ -6,19 +6,20 @@ them, and so are adjusted lines between pairs of places with their relative erro
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from math import isfinite, nan, sqrt
 from typing import Any
 
 import numpy as np
 
-from ..io.csv_tables import write_columns
 from ..quality.derived_quantities import AdjustedLine
 from ..quality.error_ellipses import confidence_factor
 from ..quality.point_precision import Place, place_variable
 from ..quality.point_precision import check_points as compare
 from ..types import Array
-from ..units import ANGLE, decimal, format_angle, format_turn
+from ..units import ANGLE, decimal, format_angle
 from .adjustment_report import Report
 from .layout import (
     decimals,
@@ -30,9 +31,9 @@ from .layout import (
     short,
     table,
     title,
-    without_empty_columns,
 )
-from .observation_rows import all_digits, observation_scale
+from .observation_rows import observation_scale
+from .tables import READ, Column, Table, Unit, as_text, unit_of
 
 DECIMALS_OF_AZIMUTH = {
     "rad": 4,
@@ -337,44 +338,106 @@ def place_name(place: Place) -> str:
     return place_variable(place)[1]
 
 
+def lines_table(report: Report, lines: Sequence[AdjustedLine] | None = None) -> Table[AdjustedLine]:
+    """Return the table of adjusted lines with relative error ellipses.
+
+    Args:
+        report: the report.
+        lines: some of its lines; None: all.
+    """
+    rows = report.lines if lines is None else lines
+    plan, heights = _dimensions(report)
+    units, confidence = report.units, report.options.confidence
+    metre, small = Unit(units.length, report.metre), Unit(units.sigma_length, report.small)
+    fine_angle, decimal_unit = Unit(units.sigma_angle, report.radian), unit_of(angle_unit(report))
+    length, angle = observation_scale("m", units), observation_scale("rad", units)
+    fine = decimals((x.sigma_distance / report.small for x in rows), default=2, most=5)
+    digits = max(fine + length.further_decimals, 0)
+    sigmas = (x.sigma_azimuth / angle.size for x in rows)
+    turned = max(decimals(sigmas, default=2, most=5) + angle.further_decimals, 0)
+    in_plan = ("text", "html", "json") if plan else ("html", "json")
+    in_height = ("text", "html", "json") if heights else ("html", "json")
+    read_plan = READ if plan else ("html",)
+
+    def name(end: str) -> Callable[[AdjustedLine], str]:
+        return lambda x: place_name(getattr(x, end))
+
+    def turn(x: AdjustedLine) -> str:
+        e = x.ellipse
+        return rounded_azimuth(report, e.azimuth) if e.semi_axes[0] > 0 else ""
+
+    def axis(title: str, key: str, i: int) -> list[Column[AdjustedLine]]:
+        column = Column[AdjustedLine](
+            title=title, key=key, value=lambda x: x.ellipse.semi_axes[i], unit=small, suffix=True
+        )
+        return [replace(column, digits=fine, only=read_plan), replace(column, only=("csv",))]
+
+    distance = Column[AdjustedLine](
+        title="distance", value="distance", unit=metre, digits=digits, exact=True
+    )
+    sigma = Column[AdjustedLine](
+        title="σ", key="sigma_distance", value="sigma_distance", unit=small, digits=fine
+    )
+    rise = replace(distance, title="rise", value="rise")
+    sigma_rise = replace(sigma, key="sigma_rise", value="sigma_rise")
+    azimuth = Column[AdjustedLine](title="azimuth", value="azimuth", unit=decimal_unit, exact=True)
+    sigma_azimuth = Column[AdjustedLine](
+        title="σ", key="sigma_azimuth", value="sigma_azimuth", unit=fine_angle
+    )
+    csv = {"only": ("csv",), "suffix": True}
+    azimuth_a = Column[AdjustedLine](
+        title="azimuth_a",
+        key="ellipse_azimuth",
+        value=lambda x: x.ellipse.azimuth,
+        unit=decimal_unit,
+        **csv,  # type: ignore[arg-type]
+    )
+    major, minor = axis("a", "ellipse_major", 0), axis("b", "ellipse_minor", 1)
+    shown_azimuth = replace(
+        azimuth, unit=unit_of(units.angle, turn=True), digits=turned, only=in_plan
+    )
+    columns: list[Column[AdjustedLine]] = [
+        Column(title="from", value=name("a")),
+        Column(title="to", value=name("b")),
+        distance,
+        replace(rise, only=("csv",)),
+        Column(title="unit", value=lambda x: units.length, only=("csv",)),
+        replace(sigma, only=("text", "html", "json")),
+        replace(sigma, **csv),  # type: ignore[arg-type]
+        Column(title="ppm", value="ppm", digits=1, only=("text", "html", "csv")),
+        replace(sigma_rise, **csv),  # type: ignore[arg-type]
+        shown_azimuth,
+        replace(azimuth, **csv),  # type: ignore[arg-type]
+        replace(sigma_azimuth, only=in_plan),
+        replace(sigma_azimuth, **csv),  # type: ignore[arg-type]
+        replace(rise, only=in_height),
+        replace(sigma_rise, only=in_height),
+        Column(title="confidence", value=lambda x: confidence, only=("csv",)),
+        *major,
+        *minor,
+        replace(azimuth_a, unit=unit_of(units.angle), shown=turn, only=read_plan),
+        azimuth_a,
+        Column(title="ellipse", value=_ellipse_record, only=("json",)),
+    ]
+    return Table("lines", rows, columns)
+
+
+def _ellipse_record(line: AdjustedLine) -> dict[str, Any]:
+    """Return the relative ellipse of a line for results.json."""
+    e = line.ellipse
+    semi_axes = {"semi_axes": list(e.semi_axes), "azimuth": e.azimuth}
+    return semi_axes | {"confidence": e.confidence, "factor": e.factor}
+
+
 def lines_section(report: Report) -> list[str]:
     """Return distances, azimuths and rises with σ, and relative error ellipses."""
-    found = report.lines
-    if not found:
+    if not report.lines:
         return []
-    units = report.units
-    shown, note = report.cut(list(found), "lines", "relative.csv")
+    shown, note = report.cut(list(report.lines), "lines", "relative.csv")
     plan, heights = _dimensions(report)
-    length, angle = observation_scale("m", units), observation_scale("rad", units)
-    fine = decimals((x.sigma_distance / report.small for x in shown), default=2, most=5)
-    digits = max(fine + length.further_decimals, 0)
-    sigmas = (x.sigma_azimuth / angle.size for x in shown)
-    turned = max(decimals(sigmas, default=2, most=5) + angle.further_decimals, 0)
-    rows = []
-    for x in shown:
-        row = [place_name(x.a), place_name(x.b)]
-        row += [decimal(x.distance / report.metre, digits), _small(x.sigma_distance, report, fine)]
-        row += [f"{x.ppm:.1f}" if isfinite(x.ppm) else ""]
-        if plan:
-            there = isfinite(x.azimuth)
-            row += [format_turn(x.azimuth, units.angle, turned) if there else ""]
-            row += [short(x.sigma_azimuth / angle.size) if there else ""]
-        if heights:
-            row += [decimal(x.rise / report.metre, digits), _small(x.sigma_rise, report, fine)]
-        if plan:
-            row += [_small(a, report, fine) for a in x.ellipse.semi_axes]
-            row += [
-                rounded_azimuth(report, x.ellipse.azimuth) if x.ellipse.semi_axes[0] > 0 else ""
-            ]
-        rows.append(row)
-    small = units.sigma_length
-    header = ["from", "to", f"distance [{units.length}]", f"σ [{small}]", "ppm"]
-    header += [f"azimuth [{units.angle}]", f"σ [{units.sigma_angle}]"] if plan else []
-    header += [f"rise [{units.length}]", f"σ [{small}]"] if heights else []
-    header += [f"a [{small}]", f"b [{small}]", "azimuth a"] if plan else []
-    header, rows = without_empty_columns(header, rows)
-    out = [*title("Adjusted lines, from mark to mark"), *table(header, rows, left=2), *note]
-    return [*out, *paragraph(_words(report, plan=plan, heights=heights))]
+    words = paragraph(_words(report, plan=plan, heights=heights))
+    heading = title("Adjusted lines, from mark to mark")
+    return [*heading, *as_text(lines_table(report, shown)), *note, *words]
 
 
 def _dimensions(report: Report) -> tuple[bool, bool]:
@@ -383,10 +446,6 @@ def _dimensions(report: Report) -> tuple[bool, bool]:
     frame_is_flat = report.geographic is None
     plan = any(not (f[0] and f[1]) for f in free) or not frame_is_flat
     return plan, any(not f[2] for f in free) or not frame_is_flat
-
-
-def _small(metres: float, report: Report, places: int) -> str:
-    return f"{metres / report.small:.{places}f}" if isfinite(metres) else ""
 
 
 def _words(report: Report, *, plan: bool, heights: bool) -> str:
@@ -399,60 +458,3 @@ def _words(report: Report, *, plan: bool, heights: bool) -> str:
         level = "standard ellipses" if asked is None else f"{percent(asked)} ellipses"
         words.append(f"a, b: relative {level}, {k:.3f} × standard ellipse")
     return "; ".join(words)
-
-
-def lines_table(report: Report) -> str:
-    """Return relative.csv; empty if the options ask for no lines."""
-    found, small, angle = report.lines, report.units.sigma_length, angle_unit(report)
-    if not found:
-        return ""
-    length = report.units.length
-
-    def sizes(values: list[float]) -> list[str]:
-        return [figure(v / report.small) for v in values]
-
-    def turns(values: list[float]) -> list[str]:
-        return [all_digits(v, angle) if isfinite(v) else "" for v in values]
-
-    confidence = report.options.confidence
-    return write_columns(
-        {
-            "from": [place_name(x.a) for x in found],
-            "to": [place_name(x.b) for x in found],
-            "distance": [all_digits(x.distance, length) for x in found],
-            "rise": [all_digits(x.rise, length) for x in found],
-            "unit": [length] * len(found),
-            f"sigma_distance_{small}": sizes([x.sigma_distance for x in found]),
-            "ppm": [figure(x.ppm) for x in found],
-            f"sigma_rise_{small}": sizes([x.sigma_rise for x in found]),
-            f"azimuth_{angle}": turns([x.azimuth for x in found]),
-            f"sigma_azimuth_{report.units.sigma_angle}": [
-                figure(x.sigma_azimuth / report.radian) for x in found
-            ],
-            "confidence": ["" if confidence is None else f"{confidence:g}"] * len(found),
-            f"ellipse_major_{small}": sizes([x.ellipse.semi_axes[0] for x in found]),
-            f"ellipse_minor_{small}": sizes([x.ellipse.semi_axes[1] for x in found]),
-            f"ellipse_azimuth_{angle}": [figure(x.ellipse.azimuth / ANGLE[angle]) for x in found],
-        }
-    )
-
-
-def line_record(line: AdjustedLine) -> dict[str, Any]:
-    """Return a line for results.json, in metres and radians."""
-    e = line.ellipse
-    return {
-        "from": place_name(line.a),
-        "to": place_name(line.b),
-        "distance": line.distance,
-        "sigma_distance": line.sigma_distance,
-        "azimuth": line.azimuth,
-        "sigma_azimuth": line.sigma_azimuth,
-        "rise": line.rise,
-        "sigma_rise": line.sigma_rise,
-        "ellipse": {
-            "semi_axes": list(e.semi_axes),
-            "azimuth": e.azimuth,
-            "confidence": e.confidence,
-            "factor": e.factor,
-        },
-    }

@@ -157,8 +157,8 @@ class ObservationColumns:
         small = report.units.sigma_length
         largest = Column[Row](
             title="effect",
-            key=f"largest_effect_{small}",
-            frame_key="largest_effect",
+            key="largest_effect",
+            suffix=True,
             value=figures_by_number(rel.largest_effect),
             unit=Unit(small, report.small),
             only=("csv", "frame"),

@@ -22,7 +22,6 @@ from ..io.numbers import Units
 from ..models.variables import UNKNOWNS, VariableKind
 from ..parts.solution import PartResult, PartsSolution
 from ..quality.derived_quantities import place_of_frame
-from ..quality.variance_components import VarianceComponents
 from ..solve.solution import Solution
 from ..statistical_tests import global_test
 from ..units import MILLIMETRE, decimal
@@ -35,14 +34,16 @@ from .adjusted_coordinates import (
 )
 from .adjusted_observations import observations_csv
 from .adjustment_report import Report
+from .data_snooping import snooping_csv
 from .doubtful_results import unknowns_left_out
 from .frames_and_shapes import measured_frames, shapes_table
 from .geodetic_coordinates import geographic_columns, grid_columns, grid_photo_columns
-from .gross_errors import snooping_csv, unit_of_error
+from .gross_errors import unit_of_error, variance_components_table
 from .layout import LINE_WIDTH, figure, figures, paragraph, table, title
 from .observation_rows import ReportRows, all_digits
 from .options import Provenance, ReportOptions, Run
 from .results_json import results_text
+from .tables import as_csv
 from .text import NO_REDUNDANCY, global_test_text, render_text, run_lines
 from .unknowns import unknown_components
 
@@ -310,7 +311,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
         "results.json": results_text(report),
         "observations.csv": observations_csv(report),
         "shapes.csv": shapes_table(report) or None,
-        "relative.csv": lines_table(report) or None,
+        "relative.csv": as_csv(lines_table(report)) if report.lines else None,
         "snooping.csv": snooping_csv(report) or None,
         "unknowns_left_out.csv": _left_out_table(report)
         if report.network.unknowns_left_out
@@ -318,7 +319,8 @@ def write_tables(report: Report, folder: str | Path) -> None:
         "given_values.csv": _given_table(report) if report.given else None,
     }
     if report.components is not None:
-        files["variance_components.csv"] = _components_table(report.components)
+        found = variance_components_table(report, report.components)
+        files["variance_components.csv"] = as_csv(found)
     if not report.singular:
         files["points.csv"] = _points_table(report)
         files["unknowns.csv"] = write_table(UNKNOWN_COLUMNS, _unknowns(report))
@@ -400,24 +402,6 @@ def _given_table(report: Report) -> str:
             cells = (v.kind, v.name, component, error, sigma, symbol, w, t2, dof)
             rows.append(dict(zip(GIVEN_VALUE_COLUMNS, cells, strict=True)))
     return write_table(GIVEN_VALUE_COLUMNS, rows)
-
-
-def _components_table(found: VarianceComponents) -> str:
-    return write_columns(
-        {
-            "group": [c.name for c in found.components],
-            "scalars": [str(c.n) for c in found.components],
-            "redundancy": [figure(c.redundancy) for c in found.components],
-            "factor": [figure(c.factor) for c in found.components],
-            "sigma_factor": [figure(c.sigma) for c in found.components],
-            "freedom": [figure(c.freedom) for c in found.components],
-            "p_value": [figure(c.p_value) for c in found.components],
-            "lower_95": [figure(c.interval()[0]) for c in found.components],
-            "upper_95": [figure(c.interval()[1]) for c in found.components],
-            "state": [c.state for c in found.components],
-            "note": [c.note for c in found.components],
-        }
-    )
 
 
 def _unknowns(report: Report) -> Iterator[dict[str, str]]:

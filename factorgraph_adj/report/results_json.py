@@ -20,14 +20,14 @@ from ..quality.causes.evidence import Cause
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..statistical_tests import global_test
 from ..version import __version__
-from .adjusted_coordinates import line_record
+from .adjusted_coordinates import lines_table
 from .adjusted_observations import observation_table
 from .adjustment_report import Report
 from .doubtful_results import notes_of_network, notes_of_solution
 from .epochs_report import EpochsReport
 from .geodetic_coordinates import grid_record
 from .layout import finite_json, json_text
-from .tables import as_json_columns
+from .tables import as_json, as_json_columns
 from .unknowns import unknown_components
 
 RESULTS_FORMAT = 3
@@ -105,7 +105,7 @@ def results_record(report: Report) -> dict[str, Any]:
         **({} if report.components is None else {"variance_components": _components(report)}),
         **({} if report.significance is None else {"parameters": _parameters(report)}),
         **({} if report.singular else _unknown_values(report)),
-        **({"relative": [line_record(x) for x in report.lines]} if report.lines else {}),
+        **({"relative": as_json(lines_table(report))} if report.lines else {}),
         "observations": as_json_columns(observation_table(report)),
     }
 

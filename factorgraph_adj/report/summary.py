@@ -272,9 +272,7 @@ def _caution(report: Report, above: int) -> list[str]:
             f"this level (α0 = {percent(alpha)})"
         )
     more = "" if report.snooping is not None else "; --snoop goes on from there"
-    return paragraph(
-        f"only the first is to be trusted until it is repaired, as it makes others large{more}"
-    )
+    return paragraph(f"only the first is to be trusted until it is repaired{more}")
 
 
 def _label(row: Row) -> str:

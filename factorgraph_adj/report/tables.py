@@ -106,6 +106,8 @@ class Column(Generic[Row]):
     """Words that people read in place of the figure, such as ``held``; None for the figure."""
     exact: bool = False
     """Whether CSV has the figure with all its digits; otherwise it has nine."""
+    suffix: bool = False
+    """Whether the name in CSV ends in the unit."""
     with_unit: bool = False
     """Whether the unit stands behind each figure of the text, as rows have several."""
     below: str | None = None
@@ -118,8 +120,14 @@ class Column(Generic[Row]):
 
     @property
     def name(self) -> str:
-        """Name in CSV and JSON."""
+        """Name in JSON."""
         return self.key or self.title
+
+    @property
+    def csv_name(self) -> str:
+        """Name in CSV."""
+        unit = self.unit.name if self.suffix and isinstance(self.unit, Unit) else ""
+        return f"{self.name}_{unit}" if unit else self.name
 
     def of(self, row: Row) -> Any:
         """Return the cell of a row; a number of numpy becomes one of Python."""
@@ -355,9 +363,9 @@ def as_csv(made: Table[Any], *further: Table[Any]) -> str:
 
 def csv_columns(made: Table[Any], *further: Table[Any]) -> dict[str, list[str]]:
     """Return the columns of `as_csv`."""
-    out = {c.name: [c.written(row) for row in made.rows] for c in made.within("csv")}
+    out = {c.csv_name: [c.written(row) for row in made.rows] for c in made.within("csv")}
     for more in further:
-        columns = {c.name: c for c in more.within("csv")}
+        columns = {c.csv_name: c for c in more.within("csv")}
         for name, cells in out.items():
             c = columns.get(name)
             cells += [""] * len(more.rows) if c is None else [c.written(row) for row in more.rows]

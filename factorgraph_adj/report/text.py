@@ -23,6 +23,7 @@ from .adjusted_coordinates import (
 )
 from .adjusted_observations import adjusted_observations_section, weighted_coordinates_section
 from .adjustment_report import Report
+from .data_snooping import snooping_section
 from .doubtful_results import notes_of_network, notes_of_solution, unknowns_left_out
 from .epochs_report import render_congruence
 from .frames_and_shapes import frames_section, shapes_section
@@ -38,7 +39,6 @@ from .gross_errors import (
     exchange_hints,
     given_values_section,
     most_probable_cause,
-    snooping_section,
     variance_components_section,
 )
 from .layout import LINE_WIDTH, paragraph, short, table, title

@@ -17,8 +17,7 @@ from ..adjusted_coordinates import (
     ellipse_columns,
     held_components_of_pose,
     image_statistics_by_photo,
-    place_name,
-    rounded_azimuth,
+    lines_table,
 )
 from ..adjustment_report import Report
 from ..catalogue import Texts
@@ -26,7 +25,7 @@ from ..geodetic_coordinates import angle_digits
 from ..layout import decimals, percent, short, with_sigma
 from ..plots.point_symbols import point_status
 from ..reliability import point_redundancy
-from ..tables import NO_FIGURE, Sheet, SheetColumn
+from ..tables import NO_FIGURE, Sheet, SheetColumn, as_html
 from ..unknowns import STRONG_CORRELATION, unknown_components
 from .rendering import ColumnHead, columns_from_rows, filled_sheet
 
@@ -213,44 +212,9 @@ def photos_sheet(report: Report, t: Texts) -> Sheet | None:
 
 def lines_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return adjusted distances, azimuths and rises with relative error ellipses."""
-    units, small = report.units, report.units.sigma_length
-    rows = []
-    for x in report.lines:
-        azimuth = format_turn(x.azimuth, units.angle, 5) if isfinite(x.azimuth) else NO_FIGURE
-        a, b = x.ellipse.semi_axes
-        rows.append(
-            [
-                place_name(x.a),
-                place_name(x.b),
-                decimal(x.distance / report.metre, 5),
-                short(x.sigma_distance / report.small),
-                short(x.ppm),
-                azimuth,
-                short(x.sigma_azimuth / report.radian),
-                decimal(x.rise / report.metre, 5),
-                short(x.sigma_rise / report.small),
-                short(a / report.small),
-                short(b / report.small),
-                rounded_azimuth(report, x.ellipse.azimuth) if a > 0 else NO_FIGURE,
-            ]
-        )
-    heads: list[ColumnHead] = [
-        (t("col_from"), False),
-        (t("col_to"), False),
-        (f"{t('col_distance')} [{units.length}]", True),
-        (f"σ [{small}]", True),
-        ("ppm", True),
-        (f"{t('col_azimuth')} [{units.angle}]", units.angle != "dms"),
-        (f"σ [{units.sigma_angle}]", True),
-        (f"{t('col_rise')} [{units.length}]", True),
-        (f"σ [{small}]", True),
-        (f"a [{small}]", True),
-        (f"b [{small}]", True),
-        (f"{t('col_azimuth')} a [{units.angle}]", units.angle != "dms"),
-    ]
     level = report.options.confidence
     note = t("lines_standard") if level is None else t("points_ellipses", level=percent(level))
-    return filled_sheet("lines", t("lines_caption"), columns_from_rows(heads, rows), notes=[note])
+    return as_html(lines_table(report), t, notes=[note])
 
 
 @dataclass(frozen=True)

@@ -9,20 +9,18 @@ from math import isfinite
 import numpy as np
 
 from ...models.variables import UNKNOWNS
-from ...quality.rejections import Snooping
+from ...quality.rejections import Rejected
 from ...units import decimal
 from ..adjusted_observations import observation_table, test_symbol
 from ..adjustment_report import Report
 from ..catalogue import Texts
-from ..gross_errors import unit_of_error
+from ..data_snooping import findings, rejected_points_table, rejected_table, unresolved_table
+from ..gross_errors import MAX_IDS_OF_CAUSE, unit_of_error, variance_components_table
 from ..layout import listed, short
 from ..observation_rows import Row
 from ..reliability import MAX_INSEPARABLE_LISTED
 from ..tables import NO_FIGURE, Column, Sheet, Table, as_html
 from .rendering import ColumnHead, columns_from_rows, filled_sheet
-
-MAX_IDS_OF_CAUSE_IN_CELL = 6
-"""Largest number of observations of a cause that are named."""
 
 
 def observations_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -153,131 +151,35 @@ def variance_components_sheet(report: Report, t: Texts) -> Sheet | None:
     found = report.components
     if found is None:
         return None
-    rows = []
-    for c in found.components:
-        low, high = c.interval()
-        state = f"{c.state}; {c.note}" if c.note else str(c.state)
-        cells = [t.kind(c.name.replace("_", " ")), str(c.n), f"{c.redundancy:.2f}", short(c.factor)]
-        rows.append([*cells, short(c.sigma), f"{short(low)} … {short(high)}", state])
-    heads: list[ColumnHead] = [
-        (t("col_group"), False),
-        (t("col_scalars"), True),
-        ("Σr", True),
-        (t("col_factor"), True, t("help_factor")),
-        ("±", True),
-        (t("col_interval"), True),
-        (t("col_state"), False),
-    ]
     ended = t("ended_yes" if found.converged else "ended_no")
     note = t("components_note", n=found.iterations, ended=ended)
-    return filled_sheet(
-        "components", t("components_caption"), columns_from_rows(heads, rows), notes=[note]
-    )
-
-
-def _start_of_snooping(found: Snooping, t: Texts) -> str:
-    """Return what set observations aside before the first round."""
-    return t("robust") if found.at_the_start == "robust" else t("before")
+    return as_html(variance_components_table(report, found), t, notes=[note])
 
 
 def rejected_observations_sheet(report: Report, t: Texts) -> Sheet | None:
-    """Return the observations that were set aside, as the clean solution predicts them."""
-    found, aside = report.snooping, report.set_aside
-    if found is None or aside is None:
-        return None
-    rows = []
-    for r in found.rejected:
-        row = aside.find(r.id, r.component)
-        unit, small = row.scale.size, row.scale.small
-        final = [NO_FIGURE, NO_FIGURE, NO_FIGURE]
-        if isfinite(r.final_error):
-            error, sigma = row.sign * r.final_error / unit, r.final_sigma / unit
-            final = [short(error), short(sigma), decimal(row.sign * r.final_test, 2)]
-        close = "; ".join(f"{label} ({rho:+.2f})" for label, rho in r.inseparable)
-        cells = [
-            t.kind(row.kind_name),
-            row.what,
-            row.own_id,
-            str(r.round or _start_of_snooping(found, t)),
-        ]
-        cells += [decimal(row.sign * r.test, 2), short(row.sign * r.estimated_error / unit)]
-        rows.append([*cells, *final, small, close, row.source])
-    name = test_symbol(report)
-    heads: list[ColumnHead] = [
-        (t("col_kind"), False),
-        (t("col_observation"), False),
-        (t("col_id"), False),
-        (t("col_round"), True),
-        (name, True, t("help_test")),
-        (t("col_error"), True, t("help_error")),
-        (t("col_final_error"), True, t("help_final_error")),
-        ("σ", True),
-        (f"{t('col_final')} {name}", True),
-        (t("col_unit"), False),
-        (t("col_partners"), False, t("help_partners")),
-        (t("col_source"), False),
-    ]
-    notes = []
-    if found.readmitted:
-        notes.append(t("readmitted", names=listed(found.readmitted, 2 * MAX_IDS_OF_CAUSE_IN_CELL)))
-    return filled_sheet(
-        "rejected", t("rejected_caption"), columns_from_rows(heads, rows), notes=notes
-    )
-
-
-def rejected_points_sheet(report: Report, t: Texts) -> Sheet | None:
-    """Return the points that were set aside with all their rays."""
+    """Return the observations that were rejected, as the clean solution predicts them."""
     found = report.snooping
     if found is None:
         return None
-    rows = [
-        [
-            p.name,
-            p.label,
-            str(len(p.rays)),
-            str(p.round or _start_of_snooping(found, t)),
-            f"{p.test:.2f}",
-        ]
-        for p in found.rejected_points
-    ]
-    heads: list[ColumnHead] = [
-        (t("col_point"), False),
-        (t("col_worst_ray"), False),
-        (t("col_rays"), True),
-        (t("col_round"), True),
-        (test_symbol(report), True),
-    ]
-    return filled_sheet("points-aside", t("points_aside_caption"), columns_from_rows(heads, rows))
+    notes = []
+    if found.readmitted:
+        notes.append(t("readmitted", names=listed(found.readmitted, 2 * MAX_IDS_OF_CAUSE)))
+    every = [f for f in findings(report) if isinstance(f.found, Rejected)]
+    return as_html(rejected_table(report, every), t, notes=notes)
+
+
+def rejected_points_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return the points that were rejected with all their rays."""
+    found = report.snooping
+    return (
+        None if found is None else as_html(rejected_points_table(report, found.rejected_points), t)
+    )
 
 
 def unresolved_observations_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return the observations above the critical value that stay in the adjustment."""
     found = report.snooping
-    if found is None:
-        return None
-    rows, unit = [], report.solution.observations
-    for u in found.unresolved:
-        numbers: list[int] = report.solution.equations.find([u.id])[0].tolist()
-        number = next((i for i in numbers if unit[i].component == u.component), numbers[0])
-        row = report.rows.at([number])[0]
-        error = short(row.sign * u.estimated_error / row.scale.size)
-        cells = [t.kind(row.kind_name), row.what, row.own_id, decimal(row.sign * u.test, 2)]
-        rows.append([*cells, error, row.scale.small, u.reason, row.source])
-    heads: list[ColumnHead] = [
-        (t("col_kind"), False),
-        (t("col_observation"), False),
-        (t("col_id"), False),
-        (test_symbol(report), True, t("help_test")),
-        (t("col_error"), True, t("help_error")),
-        (t("col_unit"), False),
-        (t("col_reason"), False),
-        (t("col_source"), False),
-    ]
-    return filled_sheet(
-        "unresolved",
-        t("unresolved_caption"),
-        columns_from_rows(heads, rows, english=[t("col_reason")]),
-    )
+    return None if found is None else as_html(unresolved_table(report, found.unresolved), t)
 
 
 def given_values_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -319,9 +221,7 @@ def causes_sheet(report: Report, t: Texts) -> Sheet | None:
             shown = f"{name} {short(error / unit)} ± {short(sigma / unit)} {symbol}"
             sizes.append(shown.strip() + (" if it alone is wrong" * alone))
         cells = [f"{c.cause} {c.where}", "; ".join(sizes), f"{c.t2:.1f}", str(c.dof)]
-        rows.append(
-            [*cells, f"{c.critical:.1f}", str(len(c.ids)), listed(c.ids, MAX_IDS_OF_CAUSE_IN_CELL)]
-        )
+        rows.append([*cells, f"{c.critical:.1f}", str(len(c.ids)), listed(c.ids, MAX_IDS_OF_CAUSE)])
     heads: list[ColumnHead] = [
         (t("col_cause"), False),
         (t("col_size"), False, t("help_cause_size")),
