@@ -170,7 +170,7 @@ def rejected_points_table(report: Report, some: Sequence[RejectedPoint]) -> Tabl
         _round(report),
         Column(title=test_symbol(report), value="test", digits=2),
     ]
-    return Table("points-aside", some, columns)
+    return Table("points_aside", some, columns)
 
 
 def _identity() -> list[Column[Finding]]:

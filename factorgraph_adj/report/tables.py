@@ -344,7 +344,7 @@ def as_html(
         columns.append(SheetColumn(c.heading(t), cells, numeric, helped, c.english))
     if not columns:
         return None
-    said = caption or t(f"{made.name.replace('-', '_')}_caption")
+    said = caption or t(f"{made.name}_caption")
     return Sheet(made.name, said, columns, tuple(n for n in notes if n), order)
 
 

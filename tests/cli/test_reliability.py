@@ -68,7 +68,7 @@ def test_gross_errors_without_snooping_fail_the_global_test(wrong, here):
 def test_snooping_sets_them_aside_and_ends_with_0(wrong, tmp_path, here):
     result = here("adjust", wrong, "--full", "--snoop", "--out", tmp_path)
     assert (result.returncode, result.stderr) == (0, TWO_ASIDE)
-    assert "2 observations set aside in" in result.stdout
+    assert "2 observations rejected in" in result.stdout
     assert "global test           accepted" in result.stdout
     assert set(contents(tmp_path)) == FILES | {"snooping.csv"}
     rows = rows_of(tmp_path / "snooping.csv")
@@ -83,7 +83,7 @@ def test_snooping_sets_them_aside_and_ends_with_0(wrong, tmp_path, here):
 def test_nothing_to_set_aside_says_nothing_on_stderr(block, here):
     result = here("adjust", block, "--full", "--snoop")
     assert (result.returncode, result.stderr) == (0, "")
-    assert "nothing set aside in 1 round" in result.stdout
+    assert "nothing rejected in 1 round" in result.stdout
 
 
 @pytest.mark.slow(

@@ -554,7 +554,7 @@ def test_what_was_set_aside_stands_with_its_errors():
     k = snooped()
     assert len(k.rejected) == 2
     text = protocol(k.solution, provenance=Provenance(snooping=k, original=blundered()))
-    assert f"2 observations set aside in {k.rounds[-1].number} rounds; {k.reason[:20]}" in text
+    assert f"2 observations rejected in {k.rounds[-1].number} rounds; {k.reason[:20]}" in text
     assert "Data snooping (Baarda's w, critical |w| 3.29)" in text
     lines = [" ".join(w) for w in section(text, "Data snooping")]
     rounds = text.partition("  round ")[2].splitlines()[2 : 2 + len(k.rounds)]
@@ -589,7 +589,7 @@ def test_a_clean_network_says_in_one_line_that_nothing_was_set_aside():
     words = section(
         protocol(k.solution, provenance=Provenance(snooping=k, original=network)), "Data snooping"
     )
-    assert " ".join(words[0]).startswith("nothing set aside in 1 round; ")
+    assert " ".join(words[0]).startswith("nothing rejected in 1 round; ")
     assert len(words) <= 2
 
 
@@ -603,7 +603,7 @@ def test_what_was_set_aside_before_the_first_round_is_counted():
     assert all(r.round == 0 for r in k.rejected)
     text = protocol(k.solution, provenance=Provenance(snooping=k, original=network))
     words = section(text, "Data snooping")
-    told = f"{n} observations set aside before the first round, no others in 1 round; "
+    told = f"{n} observations rejected before the first round, no others in 1 round; "
     assert " ".join(words[0]).startswith(told)
     assert "robust" not in text.partition("Data snooping")[2]
 
@@ -623,7 +623,7 @@ def test_every_outcome_of_snooping_is_told():
     text = protocol(k.solution, provenance=Provenance(snooping=k, original=blundered()))
     assert "after a robust start" in text
     assert f"agrees with them: F1/P3, {k.rejected[0].id} (rejected again)" in text
-    after = text.partition("points set aside with all their rays")[2].splitlines()
+    after = text.partition("points rejected with all their rays")[2].splitlines()
     assert after[3].split() == ["P9", "image", "F1", "P9", "x", "1", "2", "7.50"]
     after = text.partition("UNRESOLVED: above the critical value, but they stay in")[2]
     assert after.splitlines()[3].split()[-3] == "5.50"
