@@ -15,7 +15,8 @@ from ..models.base import DegenerateError, Linearised, NoDirectionError
 from ..models.image import image
 from ..models.lens import Lens
 from ..models.variables import VariableKind
-from ..observations import Observation, Unit, observation_kind
+from ..observations import KINDS, Observation, Unit, observation_kind
+from ..observations.registry import Quantity
 from ..types import Array, Index
 from .variables import State
 
@@ -115,6 +116,17 @@ class Block:
     def curved(self) -> bool:
         """Whether partials by points depend on where these are."""
         return self.lens is not None or (not self.prior and observation_kind(self.kind).curved)
+
+    @property
+    def image(self) -> bool:
+        """Whether the observations are image coordinates of points, which a lens model computes."""
+        return self.lens is not None
+
+    @property
+    def quantity(self) -> Quantity:
+        """Quantity of the observations; given values of unknowns have another one than readings."""
+        record = KINDS.get(self.kind)
+        return "other" if record is None or self.prior else record.quantity
 
     @property
     def arguments(self) -> tuple[tuple[VariableKind, Index], ...]:

@@ -375,7 +375,7 @@ class Network(StatedUnknowns, Shown):
                 file = unknown.table.file if unknown.table else ""
                 hint = f"; rows of {file}.csv state them, or functions of Network" if file else ""
                 required(name, stated, unknown.noun, where, hint)
-                told = record.tells != "nothing"
+                told = record.in_frame != "nothing"
                 if told and stated[name].origin and stated[name].origin in o.points():
                     what = (
                         f"point {stated[name].origin!r} is the origin of {unknown.noun} {name!r}, "

@@ -70,6 +70,7 @@ POSITION = ObservationKind(
     positions.photo_position,
     ("lever_arm", "time", "velocity"),
     fixes="coordinates",
+    quantity="coordinates of a photo",
 )
 """Record of observed positions, which stands among the oldest kinds."""
 
@@ -83,6 +84,7 @@ FLIGHT_KINDS: Sequence[ObservationKind] = (
         fixes="attitude",
         choices=("about",),
         moved=attitude.turn_readings(attitude.PHOTOGRAMMETRIC),
+        quantity="attitude of a photo",
     ),
     ObservationKind(
         NavigationAttitude,
@@ -93,6 +95,7 @@ FLIGHT_KINDS: Sequence[ObservationKind] = (
         fixes="attitude",
         choices=("about",),
         moved=attitude.turn_readings(attitude.NAVIGATION),
+        quantity="attitude of a photo",
     ),
     ObservationKind(
         PhotoAngle,
@@ -111,6 +114,7 @@ FLIGHT_KINDS: Sequence[ObservationKind] = (
         (("pose", "photo"), ("pose", "photo2"), ("mount", "mount"), _METER),
         positions.photo_base,
         ("lever_arm",),
+        quantity="distance of photos",
     ),
     ObservationKind(
         AntennaVector, _PHOTO, positions.antenna_vector, ("lever_arm",), fixes="attitude"
@@ -135,7 +139,7 @@ INSTRUMENT_KINDS = (
         "rad",
         weight=DIRECTIONS,
         circular=True,
-        tells="direction",
+        in_frame="direction",
         instrument="frame",
     ),
     ObservationKind(
@@ -145,7 +149,7 @@ INSTRUMENT_KINDS = (
         ("face",),
         "rad",
         weight=INCLINATIONS,
-        tells="zenith",
+        in_frame="zenith",
         instrument="frame",
         level_reading=pi / 2,
     ),
@@ -154,7 +158,7 @@ INSTRUMENT_KINDS = (
         (*_SIGHT, ("edm", "instrument")),
         sub_frame.frame_distance,
         weight=LENGTHS,
-        tells="distance",
+        in_frame="distance",
         instrument="frame",
     ),
 )
@@ -296,6 +300,7 @@ RELATION_KINDS: Sequence[ObservationKind] = (
         shapes.coordinate_difference,
         ("horizon",),
         linear=True,
+        quantity="coordinate difference",
     ),
     ObservationKind(
         relations.ParallelAxes, _SHAPES, frame_axes.parallel_axes, unit="rad", turns=True
@@ -324,12 +329,14 @@ RIG_KINDS = (
         unit="rad",
         moved=relative_poses.turned,
         follower=Follower(1, 0, relative_poses.turned_with),
+        quantity="relative rotation",
     ),
     ObservationKind(
         RelativePosition,
         (*_PAIR, ("edm", "instrument")),
         relative_poses.relative_position,
         follower=Follower(1, 0, relative_poses.moved_with),
+        quantity="relative position",
     ),
 )
 """The kinds of this topic."""
@@ -375,12 +382,14 @@ SURFACE_HEIGHT_KINDS: Sequence[ObservationKind] = (
         (("point", "point"), *_CARRIED, ("profile", "profile")),
         positions.profile_height,
         ("time", "lever_arm"),
+        quantity="height in a profile",
     ),
     ObservationKind(
         LevelHeight,
         (("point", "point"), ("level", "level")),
         positions.level_height,
         ("slope", "along", "geoid"),
+        quantity="height above a level",
     ),
     ObservationKind(PhotoTilt, _CARRIED, directions.photo_tilt, unit="rad"),
     ObservationKind(PhotoSight, _CARRIED, directions.photo_sight, ("body", "seen"), unit="rad"),
@@ -394,6 +403,7 @@ SURFACE_HEIGHT_KINDS: Sequence[ObservationKind] = (
         circular=True,
         fixes="direction",
         instrument="station",
+        quantity="gyro azimuth",
     ),
 )
 """The records, in order."""

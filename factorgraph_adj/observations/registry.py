@@ -29,6 +29,60 @@ _NAME = re.compile(r"[a-z][a-z0-9]*")
 
 Unit: TypeAlias = Literal["m", "rad", "image", "mixed"]
 """Unit of observed values: metres, radians, image units, or a unit for each component (mixed)."""
+Quantity: TypeAlias = Literal[
+    "other",
+    "direction",
+    "azimuth",
+    "gyro azimuth",
+    "horizontal angle",
+    "zenith angle",
+    "vertical angle",
+    "slope distance",
+    "horizontal distance",
+    "height difference",
+    "vector",
+    "vector in a frame",
+    "coordinate difference",
+    "coordinates",
+    "coordinates of a photo",
+    "attitude of a photo",
+    "distance of photos",
+    "relative rotation",
+    "relative position",
+    "height above a level",
+    "height in a profile",
+]
+"""Quantity that an observation has in the axes of a network, whatever its instrument is."""
+DISTANCE_QUANTITIES: frozenset[Quantity] = frozenset(("slope distance", "horizontal distance"))
+"""Distances of two points."""
+INCLINATION_QUANTITIES: frozenset[Quantity] = frozenset(("zenith angle", "vertical angle"))
+"""Angles in the vertical plane of a sight."""
+SIGHT_QUANTITIES: frozenset[Quantity] = frozenset(
+    (
+        *DISTANCE_QUANTITIES,
+        *INCLINATION_QUANTITIES,
+        "direction",
+        "azimuth",
+        "gyro azimuth",
+        "horizontal angle",
+        "height difference",
+        "vector",
+    )
+)
+"""Quantities of a station and a target, each with a height above its point."""
+_ENDS = tuple((kind, end) for end in ("station", "target") for kind in ("point", "vertical"))
+_AFTER_ENDS: dict[str, str] = {
+    "direction": "orientation",
+    "gyro azimuth": "gyro",
+    "horizontal angle": "point",
+    "slope distance": "edm",
+    "horizontal distance": "edm",
+}
+"""Kind of the unknown that follows both ends of a sight, by its quantity."""
+TOTAL_STATION_QUANTITIES: frozenset[Quantity] = frozenset(
+    (*DISTANCE_QUANTITIES, *INCLINATION_QUANTITIES, "direction", "azimuth", "horizontal angle")
+)
+"""Quantities that a total station reads."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +128,16 @@ class ObservationKind:
     """Information about the position of the network: nothing, its direction from north,
     coordinates in the frame of the network, or a place on the Earth (astronomic latitude,
     longitude)."""
-    tells: Literal["nothing", "coordinates", "direction", "zenith", "distance"] = "nothing"
-    """What it tells of its point in its frame of its own, for approximate values and for checks."""
+    quantity: Quantity = "other"
+    """Quantity in the axes of the network. Approximate values, checks before an adjustment, and
+    causes of gross errors take observations by it; an adjustment needs it not at all."""
+    in_frame: Literal["nothing", "coordinates", "direction", "zenith", "distance"] = "nothing"
+    """Quantity of its point in a frame of its own, for approximate values and for checks."""
     by_axis: bool = False
     """Whether an observation has one row for each of its known coordinates, ``axes``."""
+    in_image_table: bool = False
+    """Whether a network holds its observations in columns, because there are many: image points,
+    whose names are photo/point, whose axes are those of the camera and whose rows are rays."""
     level_reading: float | None = None
     """Reading of a level sight, radians, of an angle whose sights are nearly level as a rule; None
     for other kinds. It tells a wrong unit."""
@@ -212,7 +272,22 @@ class ObservationKind:
             found.append(f"its unit must be m, rad, image or mixed, not {self.unit!r}")
         if self.circular and self.unit != "rad":
             found.append("it is circular, so that its unit must be rad")
+        if self.quantity in SIGHT_QUANTITIES:
+            found += self._problems_of_sight()
         return found + self._problems_of_drawing()
+
+    def _problems_of_sight(self) -> list[str]:
+        """Approximate values read unknowns of a sight by their places."""
+        found, what = [], f"its quantity is {self.quantity!r}, so that"
+        lacking = [c for c in ("instrument_height", "target_height") if c not in self.constants]
+        if lacking:
+            found.append(f"{what} {' and '.join(lacking)} must be among its constants")
+        if self.variables[: len(_ENDS)] != _ENDS:
+            found.append(f"{what} its variables must begin with {', '.join(map(str, _ENDS))}")
+        after = _AFTER_ENDS.get(self.quantity)
+        if after is not None and [k for k, _ in self.variables[len(_ENDS) :]][:1] != [after]:
+            found.append(f"{what} a variable of kind {after!r} must follow both ends")
+        return found
 
     def _problems_of_drawing(self) -> list[str]:
         found, names = [], {a for _, a in self.variables}
@@ -319,6 +394,12 @@ def register_observation(kind: ObservationKind) -> ObservationKind:
         raise InputError([Problem(what, f"kind of observation {name!r}") for what in found])
     KINDS[kind.name] = kind
     return kind
+
+
+def in_image_table(kind: str) -> bool:
+    """Return whether a network holds a kind in columns; kinds of unknowns are none."""
+    record = KINDS.get(kind)
+    return record is not None and record.in_image_table
 
 
 def observation_kind(name: str) -> ObservationKind:

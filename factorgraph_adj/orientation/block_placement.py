@@ -244,7 +244,7 @@ def _placement_rows(
         equations,
         state,
         chosen,
-        any(b.kind == "direction" for b in chosen),
+        any(b.quantity == "direction" for b in chosen),
         growth.point,
         growth.pose,
         (x[places], y[places]),

@@ -29,6 +29,7 @@ from ..graph.equations import compile_network
 from ..graph.observation_selection import without
 from ..network.network import Network
 from ..observations import KINDS
+from ..observations.registry import TOTAL_STATION_QUANTITIES
 from ..solve.solution import Solution
 from ..start.start_values import Start
 from ..statistical_tests import global_test, normal_quantile
@@ -39,7 +40,6 @@ from .causes.exchanged_targets import TargetExchange, exchanged_targets
 from .causes.mistaken_identity import MistakenIdentity
 from .causes.readings import Readings
 from .causes.separability import MAX_LINEAR_TEST_VALUE
-from .causes.shared_errors import TOTAL_STATION_KINDS
 from .rejections import Snooping
 from .reliability import Reliability
 from .robust_estimation import robust_adjust
@@ -93,7 +93,7 @@ def _ends(search: SnoopingSearch) -> dict[str, frozenset[SightEnd]]:
     }
     for block in equations.blocks:
         record = KINDS.get(block.kind)
-        if block.prior or record is None or record.tells == "nothing":
+        if block.prior or record is None or record.in_frame == "nothing":
             continue
         (_, frame), (what, place) = block.variables[:2]
         pairs = zip(block.ids, frame.tolist(), place.tolist(), strict=True)
@@ -142,7 +142,7 @@ def has_far_off_sights(solution: Solution) -> bool:
     v = np.nan_to_num(solution.equations.residuals(solution.state))
     far = 0
     for block in solution.equations.blocks:
-        if block.kind in TOTAL_STATION_KINDS:
+        if block.quantity in TOTAL_STATION_QUANTITIES:
             far += int(np.sum(np.abs(v[block.rows]) > MAX_LINEAR_TEST_VALUE))
     return far > 1
 

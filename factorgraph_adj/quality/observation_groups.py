@@ -151,7 +151,7 @@ def _by_rule(network: Network, block: Block, rule: str) -> Sequence[str]:
         frames = list(network.frames)
         number = block.arguments[block.named.index("frame")][1]
         return [f"{block.kind} in {frames[i]}" for i in number.tolist()]
-    if block.kind == "image" and rule != "kind":
+    if block.image and rule != "kind":
         photos = list(network.photos.values())
         of_photo = [f"photo {f.name}" if rule == "photo" else f"camera {f.camera}" for f in photos]
         return [of_photo[i] for i in block.variables[0][1].tolist()]

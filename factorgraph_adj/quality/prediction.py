@@ -290,7 +290,7 @@ def _stated_rows(equations: Equations) -> Index:
     """Return the rows of all observations except weighted unknowns."""
     out = [np.zeros(0, dtype=np.intp)]
     for block in equations.blocks:
-        if block.kind == "image":
+        if block.image:
             out.append(np.arange(block.rows.start, block.rows.stop))
             continue
         known = np.array([i in equations.network.observations for i in block.ids], dtype=bool)
@@ -312,7 +312,7 @@ def _new_rows(equations: Equations, solution: Solution) -> Index:
     own_photo = np.array([photo_number.get(n, -1) for n in mine.photos], dtype=np.intp)
     own_point = np.array([point_number.get(n, -1) for n in mine.points], dtype=np.intp)
     for block in equations.blocks:
-        if block.kind == "image":
+        if block.image:
             (_, photo), _, (_, point) = block.variables
             i, j = own_photo[photo], own_point[point]
             code = np.where((i < 0) | (j < 0), -1, i * len(points) + j)

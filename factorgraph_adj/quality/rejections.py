@@ -23,14 +23,13 @@ from ..errors import AdjustmentError, known
 from ..graph.equations import Equations, compile_network
 from ..network.network import Network
 from ..observations.positions import ControlPoint
-from ..observations.registry import KINDS
+from ..observations.registry import KINDS, TOTAL_STATION_QUANTITIES
 from ..result_display import Rows, Shown
 from ..solve.given_state import solution_at_given_values
 from ..solve.solution import Solution
 from ..start.start_values import Start
 from ..types import Array, Mask
 from .causes.cause_search import Causes
-from .causes.shared_errors import TOTAL_STATION_KINDS
 from .reliability import Reliability, reliability
 
 Test = Literal["baarda", "pope"]
@@ -436,7 +435,7 @@ def _points_of_rows(
     counts = np.zeros(len(table.names))
     own: dict[int, list[int]] = defaultdict(list)
     for block in equations.blocks:
-        if block.kind == "image":
+        if block.image:
             continue
         fine = controlled[block.rows].reshape(block.n, block.dimension)
         for kind, index in block.variables:
@@ -460,7 +459,7 @@ def _members(network: Network) -> tuple[dict[tuple[str, str], list[str]], dict[s
     for ident, o in network.observations.items():
         if frames := o.frames():
             readings["frame", frames[0]].append(ident)
-        elif o.kind in TOTAL_STATION_KINDS:
+        elif o.record.quantity in TOTAL_STATION_QUANTITIES:
             readings["station", o.points()[0]].append(ident)
         for point in dict.fromkeys(o.points()):
             points[point].append(ident)

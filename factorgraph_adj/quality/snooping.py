@@ -149,7 +149,7 @@ def _rays(equations: Equations, points: tuple[str, ...]) -> dict[str, tuple[str,
     number = equations.unknowns["point"].number
     out: dict[int, list[str]] = {number[p]: [] for p in points}
     for block in equations.blocks if points else ():
-        if block.kind != "image":
+        if not block.image:
             continue
         at = block.variables[2][1]
         for i in np.flatnonzero(np.isin(at, list(out))).tolist():

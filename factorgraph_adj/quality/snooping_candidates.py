@@ -321,7 +321,7 @@ class _OutlierSearch:
         gone = {int(number[r]) for r in self.rows[self.gone]} | {int(number[row])} | self.before
         normal = np.zeros((3, 3))
         for lb in solution.normal().system.blocks:
-            if lb.block.kind != "image":
+            if not lb.block.image:
                 continue
             for i in np.flatnonzero(lb.block.variables[2][1] == point).tolist():
                 if int(number[lb.block.first_row + 2 * i]) not in gone:
@@ -357,7 +357,7 @@ def _correlations(
 def _tie_point(equations: Equations, row: int, only_images: Mask) -> int | None:
     """Return the point of an image ray, if it is free and only images observe it."""
     block = next(b for b in equations.blocks if b.rows.start <= row < b.rows.stop)
-    if block.kind != "image":
+    if not block.image:
         return None
     point = int(block.variables[2][1][(row - block.first_row) // 2])
     if not equations.unknowns["point"].free[point].all():
@@ -369,7 +369,7 @@ def _only_images(equations: Equations) -> Mask:
     """Return a mask of the points that only images observe."""
     out = np.ones(len(equations.unknowns["point"].names), dtype=bool)
     for block in equations.blocks:
-        if block.kind != "image":
+        if not block.image:
             for kind, index in block.variables:
                 if kind == "point":
                     out[index] = False

@@ -365,7 +365,7 @@ class SnoopingState:
             [
                 block.first_row + 2 * np.flatnonzero(block.variables[2][1] == point)
                 for block in self.solution.equations.blocks
-                if block.kind == "image"
+                if block.image
             ]
         )
 

@@ -323,7 +323,7 @@ def image_statistics_by_photo(report: Report) -> tuple[dict[str, int], dict[str,
     counts, squares = dict.fromkeys(names, 0), dict.fromkeys(names, 0.0)
     normalised = report.solution.observations.normalised
     for block in report.solution.equations.blocks:
-        if block.kind != "image":
+        if not block.image:
             continue
         v = normalised[block.rows].reshape(block.observed.shape)
         each = (v * v).sum(axis=1).tolist()

@@ -339,7 +339,7 @@ def adjusted_observations_section(report: Report) -> list[str]:
         words += ", as is ∇, the smallest detectable error"
     if any("*" in line for line in shown):
         words += f"; *: |{name}| above its critical value {report.tests[1]:.2f}"
-    if any(b.kind == "image" for b in report.solution.equations.blocks):
+    if any(b.image for b in report.solution.equations.blocks):
         words += f"; image coordinates: {report.where('observations.csv')}"
     heading = title("Adjusted observations, station by station")
     return [*heading, *shown, *note, *paragraph(words)]
@@ -371,7 +371,7 @@ def _by_station(report: Report) -> list[int]:
 
 
 def _between_points(block: Block) -> bool:
-    return not block.prior and block.kind != "image" and not block.by_axis
+    return not block.prior and not block.image and not block.by_axis
 
 
 def decimals_by_unit(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:

@@ -190,7 +190,7 @@ class ReportRows:
 
     def scale(self, block: Block, photo: int | None = None) -> Scale:
         """Return the units of a block; image coordinates have the unit of their camera."""
-        if block.kind == "image":
+        if block.image:
             return self._scales[self.network.photos[self._photos[photo or 0]].camera]
         return observation_scale(block.unit, self.units)
 
@@ -205,7 +205,7 @@ class ReportRows:
         cameras = [self.network.cameras[f.camera] for f in self.network.photos.values()]
         down = np.array([c.y_down_in_files for c in cameras], dtype=bool)
         for block in self.equations.blocks:
-            if block.kind == "image":
+            if block.image:
                 own = _numbers(block)[down[block.variables[0][1]]]
                 out[own[:, block.components.index("y")]] = -1.0
             elif _calibrates(block):
@@ -250,7 +250,7 @@ class ReportRows:
             v = np.concatenate([p[1].ravel() for p in parts])
             sigma = np.concatenate([p[2].ravel() for p in parts])
             block, rows = parts[0][0], parts[0][3]
-            photo = int(block.variables[0][1][np.argmax(rows)]) if block.kind == "image" else None
+            photo = int(block.variables[0][1][np.argmax(rows)]) if block.image else None
             norm = v / sigma
             out.append(
                 RowGroup(
@@ -270,7 +270,7 @@ class ReportRows:
         """Return the group of each observation of a block."""
         weighted = block.kind == "control" and block.prior
         name = kind_name(block.kind, weighted=weighted)
-        if block.kind != "image" or len(self.network.cameras) == 1:
+        if not block.image or len(self.network.cameras) == 1:
             return np.full(block.n, name)
         by = "name" if len(self.network.cameras) <= MAX_CAMERAS_GROUPED_APART else "unit"
         cameras = [self.network.cameras[f.camera] for f in self.network.photos.values()]

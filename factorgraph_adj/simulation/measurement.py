@@ -139,7 +139,7 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
     values: dict[str, list[float]] = {}
     for block in equations.blocks:
         value = block.moved(errors[block.rows].reshape(block.observed.shape))
-        if block.kind == "image":
+        if block.image:
             (_, photo), _, (_, point) = block.variables
             measured.images.append(photo, point, value, block.sigma)
             continue
@@ -314,8 +314,8 @@ def _observed_truly(equations: Equations, block: Block, state: State) -> Block:
     the slope of the distortion leaves a small v, and the addition is repeated.
     """
     frame = equations.network.frame
-    c = float(state["calibration"][:, 0].max()) if block.kind == "image" else 1.0
-    for _ in range(MOST_ROUNDS if block.kind == "image" else 1):
+    c = float(state["calibration"][:, 0].max()) if block.image else 1.0
+    for _ in range(MOST_ROUNDS if block.image else 1):
         v = block.evaluate(frame, state, jacobians=False).residual
         block = replace(block, observed=block.moved(v))
         if np.abs(v).max() < NEGLIGIBLE * c:

@@ -103,13 +103,13 @@ def layers_of(
     table = unknowns["point"]
     n = len(table.names)
     reduced = np.zeros(n, dtype=bool)
-    images = [b for b in equations.blocks if b.kind == "image"]
+    images = [b for b in equations.blocks if b.image]
     if reduce_points and images:
         for block in images:
             reduced[block.variables[2][1]] = True
         reduced &= table.offset >= 0
         for place, block in enumerate(equations.blocks):
-            if block.kind == "image":
+            if block.image:
                 continue
             alone = len(block.variables) == 1
             for kind, index in block.variables:

@@ -188,7 +188,7 @@ def with_points_held_in_front(equations: Equations, state: State, moved: State) 
     passes = now & ~is_behind_camera(equations, state)
     if not passes.any():
         return moved
-    point = np.concatenate([b.variables[2][1] for b in equations.blocks if b.kind == "image"])
+    point = np.concatenate([b.variables[2][1] for b in equations.blocks if b.image])
     held = np.unique(point[passes])
     points = moved["point"].copy()
     points[held] = state["point"][held]

@@ -196,7 +196,7 @@ def _sigmas(equations: Equations, told: _SightBlock, q: Array) -> Array:
 def _observed_component(block: Block) -> str:
     """Return what a block states about places in frames."""
     record = KINDS.get(block.kind)
-    return "nothing" if record is None else record.tells
+    return "nothing" if record is None else record.in_frame
 
 
 def _in_face_one(equations: Equations, block: Block, what: str) -> Array:

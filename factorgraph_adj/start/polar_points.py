@@ -203,7 +203,7 @@ def orient_sets_by_model(equations: Equations, state: State) -> None:
     """Fill unknown orientations of a state with known points, by the model of directions."""
     missing = np.isnan(state["orientation"][:, 0])
     for block in equations.blocks:
-        if block.kind != "direction" or not missing.any():
+        if block.quantity != "direction" or not missing.any():
             continue
         group = block.variables[4][1]
         rows = np.flatnonzero(missing[group])

@@ -256,10 +256,10 @@ def read_relative_poses(equations: Equations) -> RelativePoses:
     found: dict[tuple[int, int, int], tuple[Array, Array]] = {}
     odometers = equations.unknowns["edm"].values
     for block in equations.blocks:
-        if block.kind == "relative_rotation":
+        if block.quantity == "relative rotation":
             for key, r in zip(_keys(block), exp_rotation(block.observed), strict=True):
                 found.setdefault(key, _nothing())[0][:] = r
-        elif block.kind == "relative_position":
+        elif block.quantity == "relative position":
             scale = 1.0 + odometers[block.variables[3][1], :1]
             for key, t in zip(_keys(block), block.observed / scale, strict=True):
                 found.setdefault(key, _nothing())[1][:] = t

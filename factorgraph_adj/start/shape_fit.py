@@ -90,7 +90,7 @@ def frames_of_shapes(equations: Equations) -> set[int]:
 def shape_observations(equations: Equations) -> Iterator[tuple[int, ShapeObservations]]:
     """Yield the observations on each shape, by the number of its frame."""
     for block in equations.blocks:
-        if block.prior or block.kind == "image":
+        if block.prior or block.image:
             continue
         model = observation_kind(block.kind).model
         if not isinstance(model, Shape):

@@ -6,6 +6,7 @@ target; heights above level surfaces and surfaces of pressure stand by point and
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from ..graph.equations import Equations
 from ..models.base import wrap
 from ..models.sub_frame import horizons
 from ..models.terrestrial_observations import direction_in_face_one, zenith_in_face_one
+from ..observations.registry import Quantity
 from ..types import Array, Index, Mask
 
 
@@ -45,21 +47,21 @@ def _above_profile(block: Block, profiles: Array) -> Array:
     return np.asarray(block.observed[:, 0] / (1.0 + own[:, 3]) + own[:, 1] * t + own[:, 2] * t**2)
 
 
-_SURFACE_KINDS: dict[str, tuple[str, Callable[[Block, Array], Array]]] = {
-    "level_height": ("level", _above_level),
-    "profile_height": ("profile", _above_profile),
+_HEIGHTS_ABOVE: dict[Quantity, tuple[str, Callable[[Block, Array], Array]]] = {
+    "height above a level": ("level", _above_level),
+    "height in a profile": ("profile", _above_profile),
 }
-"""Kind of the surface, and the heights above it, by the kind of observations."""
+"""Kind of the surface, and the heights above it, by the quantity of observations."""
 
 
 def read_surface_heights(equations: Equations) -> SurfaceHeights:
     """Read the heights of points above surfaces; a free height of a surface is not given."""
     none, nobody = np.zeros(0), np.zeros(0, dtype=np.intp)
     points, surfaces, above, height = [nobody], [nobody], [none], [none]
-    for name, (kind, value) in _SURFACE_KINDS.items():
+    for quantity, (kind, value) in _HEIGHTS_ABOVE.items():
         table, first = equations.unknowns[kind], sum(len(h) for h in height)
         for block in equations.blocks:
-            if block.kind == name and block.variables[0][0] == "point":
+            if block.quantity == quantity and block.variables[0][0] == "point":
                 points.append(block.variables[0][1])
                 surfaces.append(first + block.variables[-1][1])
                 above.append(value(block, table.values))
@@ -240,14 +242,14 @@ class Survey:
 
 def read_survey(equations: Equations, curvature: float) -> Survey:
     """Read the terrestrial observations into arrays; ``curvature`` is 1/R or 0, 1/metres."""
-    by_kind: dict[str, list[Block]] = {}
+    read: dict[Quantity, list[Block]] = defaultdict(list)
     for block in equations.blocks:
-        by_kind.setdefault(block.kind, []).append(block)
+        read[block.quantity].append(block)
     edm = equations.unknowns["edm"].values
     n = len(equations.network.points)
 
-    def lengths(kind: str) -> StationObservations:
-        found = by_kind.get(kind, [])
+    def lengths(quantity: Quantity) -> StationObservations:
+        found = read[quantity]
         joined = _join(found)
         if not found:
             return joined
@@ -259,8 +261,8 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
             joined.third,
         )
 
-    up = _join(by_kind.get("vertical_angle", []))
-    zenith = _join(by_kind.get("zenith_angle", []), value=zeniths_read)
+    up = _join(read["vertical angle"])
+    zenith = _join(read["zenith angle"], value=zeniths_read)
     zeniths = StationObservations(
         np.concatenate([zenith.station, up.station]),
         np.concatenate([zenith.target, up.target]),
@@ -268,34 +270,34 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
         np.concatenate([zenith.rise, up.rise]),
         np.concatenate([zenith.third, up.third]),
     )
-    slopes, levels = lengths("slope_distance"), lengths("horizontal_distance")
-    steps = _join(by_kind.get("height_difference", []))
+    slopes, levels = lengths("slope distance"), lengths("horizontal distance")
+    steps = _join(read["height difference"])
     sets = len(equations.unknowns["orientation"].names)
     directions, gyro = _with_gyros(
-        _join(by_kind.get("direction", []), 4, value=directions_read),
-        _join(by_kind.get("gyro_azimuth", []), 4),
+        _join(read["direction"], 4, value=directions_read),
+        _join(read["gyro azimuth"], 4),
         sets,
     )
     return Survey(
         n,
         directions,
         gyro,
-        _join(by_kind.get("azimuth", [])),
-        _join(by_kind.get("horizontal_angle", []), 4),
+        _join(read["azimuth"]),
+        _join(read["horizontal angle"], 4),
         zeniths,
         slopes,
         levels,
         steps,
         _with_differences(
             _both(
-                _join(by_kind.get("gnss_vector", []), value=_vector),
-                _frame_vectors(by_kind.get("frame_vector", []), equations),
+                _join(read["vector"], value=_vector),
+                _frame_vectors(read["vector in a frame"], equations),
             ),
-            by_kind.get("coordinate_difference", []),
+            read["coordinate difference"],
             equations,
         ),
-        _plan_differences(by_kind.get("coordinate_difference", []), equations),
-        frozenset(n for b in by_kind.get("frame_vector", []) for n in b.variables[0][1].tolist()),
+        _plan_differences(read["coordinate difference"], equations),
+        frozenset(n for b in read["vector in a frame"] for n in b.variables[0][1].tolist()),
         _edges(n, slopes, levels, zeniths, steps, curvature),
         read_surface_heights(equations),
     )

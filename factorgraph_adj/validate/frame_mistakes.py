@@ -106,7 +106,7 @@ def _systems(equations: Equations, given: PlaceSystem) -> dict[int, PlaceSystem]
     parts: list[tuple[Index, Index, Array, Array]] = []
     for block in equations.blocks:
         record = KINDS.get(block.kind)
-        if block.prior or record is None or record.tells != "coordinates":
+        if block.prior or record is None or record.in_frame != "coordinates":
             continue
         (_, frame), (what, place) = block.variables[:2]
         q, sigma = np.full((2, block.n, 3), np.nan)

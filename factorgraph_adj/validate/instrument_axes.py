@@ -69,7 +69,7 @@ def left_handed_frames(network: Network) -> Iterator[Finding]:
 def _places(o: Observation) -> bool:
     """Return whether an observation is of a place in a frame of its own."""
     record = KINDS.get(o.kind)
-    return record is not None and record.tells != "nothing"
+    return record is not None and record.in_frame != "nothing"
 
 
 def tilted_frames(
@@ -224,4 +224,4 @@ def _ids_of_circles(equations: Equations, frame: str, columns: Sequence[int]) ->
     """Return the ids of the readings of some circles in a frame."""
     read = {SIGHT_COMPONENTS[c] for c in columns}
     observed = equations.network.observations.items()
-    return tuple(i for i, o in observed if frame in o.frames() and KINDS[o.kind].tells in read)
+    return tuple(i for i, o in observed if frame in o.frames() and KINDS[o.kind].in_frame in read)

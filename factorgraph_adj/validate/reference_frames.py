@@ -28,6 +28,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..network.network import Network
 from ..observations.positions import ControlPoint, GnssPosition
+from ..observations.registry import DISTANCE_QUANTITIES, Quantity
 from ..types import Array, Index, Mask
 from .findings import MIN_FIT_IMPROVEMENT, Finding, computed_values, given_rows, median_size
 
@@ -36,8 +37,8 @@ MIN_FAR_EXTENT_RATIO = 20.0
 the median distance of the points."""
 MAX_NEAR_EXTENT_RATIO = 3.0
 """Largest such distance at which a place belongs to the network."""
-LENGTH_KINDS = ("slope_distance", "horizontal_distance", "gnss_vector")
-"""Kinds that determine how far points are apart."""
+LENGTH_QUANTITIES: frozenset[Quantity] = DISTANCE_QUANTITIES | {"vector"}
+"""Quantities that give the distance of two points."""
 MIN_EXTENT_M = 1000.0
 """Smallest median distance that counts, metres: small networks may have far targets."""
 MIN_FRAME_MISFIT = 0.05
@@ -130,7 +131,7 @@ def _against_lengths(equations: Equations, given: Index, inside: Array, other: A
     place[given] = np.arange(len(given))
     ends, lengths = [np.zeros((0, 2), dtype=np.intp)], [np.zeros(0)]
     for block in equations.blocks:
-        if block.kind in LENGTH_KINDS:
+        if block.quantity in LENGTH_QUANTITIES:
             ends.append(np.column_stack([place[i] for k, i in block.variables if k == "point"]))
             lengths.append(np.linalg.norm(block.observed, axis=1))
     pair, length = np.concatenate(ends), np.concatenate(lengths)
@@ -160,7 +161,7 @@ def vector_frames(equations: Equations) -> Iterator[Finding]:
     given = np.asarray(np.isfinite(points).all(axis=1))
     found: list[Finding] = []
     for block in equations.blocks:
-        if block.kind == "gnss_vector" and given.any():
+        if block.quantity == "vector" and given.any():
             found += _of_known_axes(equations, block, given)
     yield from found or _by_lengths(equations)
 

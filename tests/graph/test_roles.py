@@ -340,7 +340,7 @@ def test_what_is_one_variable_is_adjusted_as_one(kind: str) -> None:
 ALLOWED = [
     kind
     for kind in WITH_ROLES
-    if any("." in a for _, a in KINDS[kind].variables) and KINDS[kind].tells == "nothing"
+    if any("." in a for _, a in KINDS[kind].variables) and KINDS[kind].in_frame == "nothing"
 ]
 """Kinds that allow a coincidence; readings of a place do not allow the origin of their frame."""
 

@@ -10,6 +10,7 @@ import pytest
 from scipy.sparse import csc_array
 
 import factorgraph_adj as fga
+from factorgraph_adj.observations.registry import TOTAL_STATION_QUANTITIES
 from factorgraph_adj.quality.causes import mistaken_axes
 from factorgraph_adj.quality.causes.cause_search import evidence, sized_causes
 from factorgraph_adj.quality.causes.mistaken_axes import OrientedPhoto, axes_by_attitude
@@ -18,7 +19,6 @@ from factorgraph_adj.quality.causes.shared_error_tests import (
     shared_error_tests,
     whitening_matrix,
 )
-from factorgraph_adj.quality.causes.shared_errors import TOTAL_STATION_KINDS
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.simulated_blocks import simulate_geocentric_block
 from tests.benchmarks.causes import adjusted, count, detectable, searched, spoiled
@@ -279,7 +279,7 @@ def test_the_height_of_a_target_is_named_beside_gnss_and_levelling(seed: int) ->
     seen = [t for t in seen if t.startswith("P")]
     target = seen[int(rng.integers(len(seen)))]
     for ident, o in network.observations.items():
-        if o.kind in TOTAL_STATION_KINDS and o.target == target:  # type: ignore[attr-defined]
+        if o.record.quantity in TOTAL_STATION_QUANTITIES and o.target == target:  # type: ignore[attr-defined]
             network.observations[ident] = replace(o, target_height=1.301)  # type: ignore[call-arg]
     found = fga.snoop(network).causes
     assert found is not None

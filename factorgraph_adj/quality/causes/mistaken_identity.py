@@ -21,13 +21,13 @@ import numpy as np
 from ...errors import AdjustmentError, InputError
 from ...graph.equations import Equations
 from ...observations import Azimuth, ControlPoint, Direction, GnssVector, Observation
+from ...observations.registry import TOTAL_STATION_QUANTITIES
 from ...solve.solution import Solution
 from ...types import Array, Index
 from ..innovations import Innovations
 from ..prediction import predict
 from .evidence import VarianceFactor
-from .readings import TARGET_HEIGHT, Readings, most_recorded_heights
-from .shared_errors import TOTAL_STATION_KINDS
+from .readings import ONE_TARGET, TARGET_HEIGHT, Readings, most_recorded_heights
 
 MAX_RENAMED_SIGHTS = 100
 """Largest number of sights for which other targets are looked for, those that fit worst."""
@@ -138,7 +138,7 @@ class _Search:
 
     def sights(self, r: Readings) -> Iterator[MistakenIdentity]:
         """Iterate over sights to another point of the list."""
-        r = r.of_kinds(*(k for k in TOTAL_STATION_KINDS if k != "horizontal_angle"))
+        r = r.of_quantities(ONE_TARGET)
         ids = [r.equations.id(int(row)) for row in r.row]
         aside = np.array([i in self.aside for i in ids], dtype=bool)
         ends = list(zip(r.station.tolist(), r.target.tolist(), strict=True))
@@ -160,10 +160,10 @@ class _Search:
             rows = np.flatnonzero(group == number)
             # Where all readings of a kind have stayed in, either the target was the right one, or
             # they fit by chance: then all readings of the sight fit the other target.
-            if set(r.kind[rows[aside[rows]]].tolist()) == set(r.kind[rows].tolist()):
+            if set(r.quantity[rows[aside[rows]]].tolist()) == set(r.quantity[rows].tolist()):
                 rows = rows[aside[rows]]
             # A single distance or zenith angle fits another point by chance.
-            if len(rows) == 1 and r.kind[rows[0]] not in ("direction", "azimuth"):
+            if len(rows) == 1 and r.quantity[rows[0]] not in ("direction", "azimuth"):
                 continue
             own = [r.equations.id(int(row)) for row in r.row[rows]]
             part = r.only(rows)
@@ -198,7 +198,7 @@ class _Search:
         every = most_recorded_heights(
             (o.target, getattr(o, TARGET_HEIGHT))  # type: ignore[attr-defined]
             for o in self.every.values()
-            if o.kind in TOTAL_STATION_KINDS and hasattr(o, TARGET_HEIGHT)
+            if o.record.quantity in TOTAL_STATION_QUANTITIES and hasattr(o, TARGET_HEIGHT)
         )
         return {name: heights[:MAX_TRIED_HEIGHTS] for name, heights in every.items()}
 
@@ -239,7 +239,7 @@ class _Search:
         """
         own: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
         for i, o in self.every.items():
-            if o.record.tells != "nothing" and len(o.record.points) == 1 and o.points():
+            if o.record.in_frame != "nothing" and len(o.record.points) == 1 and o.points():
                 own[o.frames()[0]][o.points()[0]].append(i)
         for frame, targets in own.items():
             counts = {n: sum(i in self.aside for i in ids) for n, ids in targets.items()}
@@ -260,7 +260,7 @@ class _Search:
 
     def _named(self, frame: str, a: str, ids: Sequence[str]) -> Iterator[MistakenIdentity]:
         """Iterate over the point that a target of a frame is, if all that was measured fits it."""
-        if len(ids) < 2 and self.every[ids[0]].record.tells != "coordinates":
+        if len(ids) < 2 and self.every[ids[0]].record.in_frame != "coordinates":
             return  # a single reading fits another point by chance
         fits = []
         for b in self.clean.network.points:

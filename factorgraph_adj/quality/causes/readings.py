@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,12 +17,15 @@ from ...graph.equations import Equations
 from ...graph.variables import State
 from ...models.base import wrap
 from ...observations import observation_kind
+from ...observations.registry import TOTAL_STATION_QUANTITIES, Quantity
 from ...types import Array, Index, Mask
 
 HEIGHT_STEP_M = 0.005
 """Step of the central differences by heights of instruments and targets, metres."""
 TARGET_HEIGHT = "target_height"
 """Name of the height of the target, of models and of observations."""
+ONE_TARGET = TOTAL_STATION_QUANTITIES - {"horizontal angle"}
+"""Quantities of readings to one target with a total station."""
 
 
 _Target = TypeVar("_Target", int, str)
@@ -44,8 +47,8 @@ class Readings:
     """Number of the observation in its block."""
     component: Index
     """Number of the component in the observation."""
-    kind: Array
-    """Kind of the observation, text."""
+    quantity: Array
+    """Quantity of the observation, text, see `factorgraph_adj.observations.registry.Quantity`."""
     station: Index
     """Number of the station."""
     target: Index
@@ -55,7 +58,7 @@ class Readings:
     def of(cls, equations: Equations, state: State) -> Readings:
         """Return the readings of a network."""
         parts: list[tuple[Index, ...]] = []
-        kinds: list[str] = []
+        quantities: list[str] = []
         for here, block in enumerate(equations.blocks):
             at = station_and_target(block)
             if at is None:
@@ -72,7 +75,7 @@ class Readings:
                     block.arguments[at[1]][1][number],
                 )
             )
-            kinds += [block.kind] * (n * d)
+            quantities += [block.quantity] * (n * d)
         if not parts:
             none = np.zeros(0, dtype=np.intp)
             return cls(equations, state, none, none, none, none, np.array([], str), none, none)
@@ -80,17 +83,17 @@ class Readings:
             np.concatenate(x) for x in zip(*parts, strict=True)
         )
         return cls(
-            equations, state, row, place, number, component, np.array(kinds), station, target
+            equations, state, row, place, number, component, np.array(quantities), station, target
         )
 
     def only(self, keep: Mask | Index) -> Readings:
         """Return some of the rows, in that order."""
-        arrays = ("row", "block", "number", "component", "kind", "station", "target")
+        arrays = ("row", "block", "number", "component", "quantity", "station", "target")
         return replace(self, **{a: getattr(self, a)[keep] for a in arrays})
 
-    def of_kinds(self, *kinds: str) -> Readings:
-        """Return the rows of some kinds."""
-        return self.only(np.isin(self.kind, kinds))
+    def of_quantities(self, quantities: Collection[Quantity]) -> Readings:
+        """Return the rows of some quantities."""
+        return self.only(np.isin(self.quantity, list(quantities)))
 
     def parts(self) -> Iterator[tuple[Block, Index]]:
         """Iterate over the blocks with rows, and the places of their rows, (k,)."""

@@ -31,14 +31,14 @@ from ...graph.equations import Equations
 from ...graph.observation_selection import without
 from ...graph.variables import State
 from ...network.network import Network
+from ...observations.registry import INCLINATION_QUANTITIES
 from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 from ..innovations import Innovations
 from ..reliability import Reliability, reliability
 from .evidence import VarianceFactor
-from .readings import TARGET_HEIGHT, Readings, station_and_target, vertical_place
+from .readings import ONE_TARGET, TARGET_HEIGHT, Readings, station_and_target, vertical_place
 from .separability import MAX_LINEAR_TEST_VALUE
-from .shared_errors import INCLINATION_KINDS, TOTAL_STATION_KINDS
 
 MAX_FIT_STEPS = 12
 """Largest number of Gauss–Newton steps of a fit."""
@@ -230,11 +230,9 @@ class Sight:
 
 def sights_by_set_up(equations: Equations, solution: Solution) -> dict[SetUp, dict[int, Sight]]:
     """Return the sights of each set-up by the number of the target."""
-    r = Readings.of(equations, solution.state).of_kinds(
-        *(k for k in TOTAL_STATION_KINDS if k != "horizontal_angle")
-    )
+    r = Readings.of(equations, solution.state).of_quantities(ONE_TARGET)
     above, target_height = r.constant("instrument_height"), r.constant(TARGET_HEIGHT)
-    inclined = np.isin(r.kind, INCLINATION_KINDS)
+    inclined = np.isin(r.quantity, list(INCLINATION_QUANTITIES))
     heights: dict[int, set[float]] = defaultdict(set)
     for station, height in zip(r.station[inclined].tolist(), above[inclined].tolist(), strict=True):
         heights[station].add(height)
@@ -282,20 +280,21 @@ def sighted_places(
         for place, number in sight.readings:
             block = equations.blocks[place]
             value = float(block.observed[number, 0])
-            if block.kind == "direction":
-                index = next(i for kind, i in block.variables if kind == "orientation")
-                azimuth.append(value + float(state["orientation"][index[number], 0]))
-            elif block.kind == "azimuth":
-                azimuth.append(value)
-            elif block.kind == "slope_distance":
-                slope.append(value)
-            elif block.kind == "horizontal_distance":
-                plan.append(value)
-            elif block.kind == "zenith_angle":
-                zenith.append(value)
-            elif block.kind == "vertical_angle":
-                zenith.append(0.5 * np.pi - value)
-            if block.kind in ("zenith_angle", "vertical_angle"):
+            match block.quantity:
+                case "direction":
+                    index = next(i for kind, i in block.variables if kind == "orientation")
+                    azimuth.append(value + float(state["orientation"][index[number], 0]))
+                case "azimuth":
+                    azimuth.append(value)
+                case "slope distance":
+                    slope.append(value)
+                case "horizontal distance":
+                    plan.append(value)
+                case "zenith angle":
+                    zenith.append(value)
+                case "vertical angle":
+                    zenith.append(0.5 * np.pi - value)
+            if block.quantity in INCLINATION_QUANTITIES:
                 height.append(float(block.constants[TARGET_HEIGHT][number]))
         z = zenith[0] if zenith else 0.5 * np.pi
         across = slope[0] * np.sin(z) if slope else plan[0] if plan else np.nan

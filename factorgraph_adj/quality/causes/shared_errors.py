@@ -20,25 +20,21 @@ from scipy.sparse import coo_array, csc_array
 from ...errors import InputError
 from ...graph.equations import Equations
 from ...graph.variables import State
+from ...observations.registry import (
+    DISTANCE_QUANTITIES,
+    INCLINATION_QUANTITIES,
+    TOTAL_STATION_QUANTITIES,
+    Quantity,
+)
 from ...types import Array, Index
 from ...units import PPM
-from .readings import Readings
+from .readings import ONE_TARGET, Readings
 
 ErrorQuantity: TypeAlias = Literal[
     "length", "angle", "turn", "ppm", "ratio", "image", "number", "curvature"
 ]
 """Quantity of an error; a turn is an angle of any size, such as that between two norths."""
 
-DISTANCE_KINDS = ("slope_distance", "horizontal_distance")
-INCLINATION_KINDS = ("zenith_angle", "vertical_angle")
-TOTAL_STATION_KINDS = (
-    *DISTANCE_KINDS,
-    *INCLINATION_KINDS,
-    "direction",
-    "azimuth",
-    "horizontal_angle",
-)
-"""Kinds that are read at a total station."""
 MIN_PHOTOS_OF_FOCUS = 2
 """Smallest number of photos before and after the change: that of one is not told from its place."""
 MAX_REFOCUSING_ENTRIES = 2_000_000
@@ -111,8 +107,8 @@ def grouped_errors(
 
 def shared_error_columns(r: Readings) -> Iterator[ErrorColumns]:
     """Iterate over the causes that readings between points may have, see `ERROR_FAMILIES`."""
-    for kinds, family in ERROR_FAMILIES:
-        some = r.of_kinds(*kinds)
+    for quantities, family in ERROR_FAMILIES:
+        some = r.of_quantities(quantities)
         if len(some.row):
             yield from family(some)
 
@@ -160,7 +156,7 @@ def _heights(r: Readings) -> Iterator[ErrorColumns]:
 
 def _vertical_circle(r: Readings) -> Iterator[ErrorColumns]:
     """Zenith angles observed too large by one angle, vertical angles too small."""
-    values = np.where(r.kind == "zenith_angle", 1.0, -1.0)[:, None]
+    values = np.where(r.quantity == "zenith angle", 1.0, -1.0)[:, None]
     cause = "the index error of the vertical circle"
     yield from _at_stations_and_everywhere(r, cause, "angle", values)
 
@@ -337,20 +333,22 @@ def _levelled(r: Readings) -> Iterator[ErrorColumns]:
     yield grouped_errors(r, cause, ("ratio",), (nothing,), values, lambda _: "everywhere", rank=2)
 
 
-ERROR_FAMILIES: tuple[tuple[tuple[str, ...], Callable[[Readings], Iterator[ErrorColumns]]], ...] = (
-    (TOTAL_STATION_KINDS, _heights),
-    (INCLINATION_KINDS, _vertical_circle),
-    (DISTANCE_KINDS, _distances),
-    (TOTAL_STATION_KINDS, _centring),
-    (tuple(k for k in TOTAL_STATION_KINDS if k != "horizontal_angle"), _centring_of_targets),
-    (("direction",), _sets),
-    (INCLINATION_KINDS, _curvature),
-    (("azimuth", "gyro_azimuth"), _azimuths),
-    (("height_difference",), _levelled),
-    (("gnss_vector",), _antennas),
+ERROR_FAMILIES: tuple[
+    tuple[frozenset[Quantity], Callable[[Readings], Iterator[ErrorColumns]]], ...
+] = (
+    (TOTAL_STATION_QUANTITIES, _heights),
+    (INCLINATION_QUANTITIES, _vertical_circle),
+    (DISTANCE_QUANTITIES, _distances),
+    (TOTAL_STATION_QUANTITIES, _centring),
+    (ONE_TARGET, _centring_of_targets),
+    (frozenset({"direction"}), _sets),
+    (INCLINATION_QUANTITIES, _curvature),
+    (frozenset({"azimuth", "gyro azimuth"}), _azimuths),
+    (frozenset({"height difference"}), _levelled),
+    (frozenset({"vector"}), _antennas),
 )
-"""Kinds of readings, and the errors that they may share. A horizontal angle has two targets: the
-centring of one of them is no error of all of it."""
+"""Quantities of readings, and the errors that they may share. A horizontal angle has two targets:
+the centring of one of them is no error of all of it."""
 
 
 def refocusing_columns(equations: Equations, state: State) -> Iterator[ErrorColumns]:

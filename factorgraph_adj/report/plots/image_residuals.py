@@ -120,7 +120,7 @@ def _around(low: Array, high: Array) -> Array:
 
 def image_rows(solution: Solution) -> ImageRows:
     """Return the image points of a solution."""
-    blocks = [b for b in solution.equations.blocks if b.kind == "image"]
+    blocks = [b for b in solution.equations.blocks if b.image]
     none = np.zeros(0, dtype=np.intp)
     empty = np.zeros((0, 2))
     v = solution.observations.residuals

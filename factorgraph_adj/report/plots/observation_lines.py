@@ -347,7 +347,7 @@ def rejected_image_points(aside: RejectedObservations | None) -> dict[str, Rejec
     innovation = np.full(equations.n_rows, np.nan)
     innovation[aside.numbers] = aside.innovation
     for block, which in _parts(equations, aside.numbers):
-        if block.kind != "image":
+        if not block.image:
             continue
         photo, point = (block.variables[k][1][which] for k in (0, 2))
         v = innovation[block.rows].reshape(-1, 2)[which]

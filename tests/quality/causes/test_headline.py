@@ -10,7 +10,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import GnssPosition, GnssVector
-from factorgraph_adj.quality.causes.shared_errors import TOTAL_STATION_KINDS
+from factorgraph_adj.observations.registry import TOTAL_STATION_QUANTITIES
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.gross_errors import most_probable_cause
 from tests.benchmarks.causes import adjusted
@@ -26,7 +26,7 @@ def spoiled(seed: int, heights: dict[str, float]) -> fga.Network:
     network, readings, _ = site(seed)
     out = adjusted(network, readings)
     for ident, o in out.observations.items():
-        if o.kind in TOTAL_STATION_KINDS and o.station in heights:  # type: ignore[attr-defined]
+        if o.record.quantity in TOTAL_STATION_QUANTITIES and o.station in heights:  # type: ignore[attr-defined]
             height = o.instrument_height * heights[o.station]  # type: ignore[attr-defined]
             out.observations[ident] = replace(o, instrument_height=height)  # type: ignore[call-arg]
     return out
