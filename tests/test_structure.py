@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 import factorgraph_adj as package
+from factorgraph_adj.observations import KINDS
 from tests.support.places import ROOT
 
 PACKAGE = "factorgraph_adj"
@@ -330,3 +331,82 @@ def test_modules_of_the_package_are_its_attributes_and_other_names_are_unknown()
         _ = package.adjusted
     with pytest.raises(ImportError):
         exec("from factorgraph_adj import adjusted")
+
+
+# -- kinds of observations ------------------------------------------------------------------------
+
+READERS = ("io",)
+"""Rooms that translate kinds into words of other programs, and so have to name them."""
+QUANTITIES = {"unit", "fixes", "in_frame", "quantity"}
+"""Attributes of records whose values may be words that are names of kinds too."""
+ASKED_FOR: dict[str, tuple[str, ...]] = {
+    # An image table has rows of image points alone: what stores observations tells them apart.
+    "ImagePoint": ("ledger", "linear_system", "network", "observations"),
+    # The record says that there are axes; the class tells type checkers so.
+    "ControlPoint": ("graph",),
+}
+"""Classes of kinds that some rooms may ask for."""
+
+
+def _words(node: ast.expr) -> set[object]:
+    """Return the constants of an expression, or of the collection that it is."""
+    parts = node.elts if isinstance(node, ast.Tuple | ast.Set | ast.List) else [node]
+    return {part.value for part in parts if isinstance(part, ast.Constant)}
+
+
+def _last_name(node: ast.expr) -> str:
+    """Return the name of a variable or attribute, also of one of its items."""
+    while isinstance(node, ast.Subscript):
+        node = node.value
+    return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
+
+
+def _kinds_in_conditions(tree: ast.AST, kinds: set[str], classes: set[str]) -> Iterator[str]:
+    """Iterate over comparisons with the name of a kind, and over tests for a class of one."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            sides = [node.left, *node.comparators]
+            named = any(kinds & _words(side) for side in sides)
+            if named and not QUANTITIES & {_last_name(side) for side in sides}:
+                yield ast.unparse(node)
+        elif isinstance(node, ast.Call) and _last_name(node.func) in ("isinstance", "issubclass"):
+            yield from sorted(classes & {_last_name(n) for n in ast.walk(node.args[1])})
+        elif isinstance(node, ast.Match) and _last_name(node.subject) not in QUANTITIES:
+            for case in node.cases:
+                values = [n.value for n in ast.walk(case) if isinstance(n, ast.MatchValue)]
+                if any(kinds & _words(value) for value in values):
+                    yield ast.unparse(node.subject)
+
+
+def test_no_condition_names_a_kind_of_observation():
+    """What differs between kinds is an attribute of their records: a new kind has it too."""
+    kinds = set(KINDS)
+    classes = {record.observation.__name__ for record in KINDS.values()}
+    wrong = []
+    for name, path in MODULES.items():
+        room = name.split(".")[0]
+        if room in READERS:
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        wrong += [
+            f"{name}: {found}"
+            for found in _kinds_in_conditions(tree, kinds, classes)
+            if room not in ASKED_FOR.get(found, ())
+        ]
+    assert not wrong
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("if block.kind == 'direction': pass", ["block.kind == 'direction'"]),
+        ("if o.kind in ('azimuth', 'image'): pass", ["o.kind in ('azimuth', 'image')"]),
+        ("if isinstance(o, Direction | Azimuth): pass", ["Azimuth", "Direction"]),
+        ("match o.kind:\n    case 'image': pass", ["o.kind"]),
+        ("if block.quantity == 'direction': pass", []),
+    ],
+)
+def test_a_condition_that_names_a_kind_is_found(source, found):
+    classes = {"Direction", "Azimuth"}
+    tree = ast.parse(source)
+    assert list(_kinds_in_conditions(tree, {"direction", "azimuth", "image"}, classes)) == found

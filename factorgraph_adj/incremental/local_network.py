@@ -20,7 +20,8 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import parameter_kinds
 from ..network.network import DatumChoice, Network
-from ..observations import ControlPoint, PhotoPosition
+from ..observations.base import of_quantities
+from ..observations.registry import POSITION_QUANTITIES
 from ..observations.user_factor import OwnFactor
 from ..orientation.block_start import BlockStart
 from ..orientation.choice_of_start import block_start_from_images
@@ -115,7 +116,7 @@ def has_datum(local: Network) -> bool:
     return (
         any(p.sigma is not None or any(p.fixed) for p in local.points.values())
         or any(f.sigma_position is not None or any(f.fixed[3:]) for f in local.photos.values())
-        or any(isinstance(o, ControlPoint | PhotoPosition) for o in local.observations.values())
+        or any(of_quantities(local.observations.values(), *POSITION_QUANTITIES))
         or any(all(p.fixed) for kind in _FRAMES for p in local.of_kind(kind).values())
     )
 

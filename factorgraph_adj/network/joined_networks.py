@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ..entities import Key, Parameter, Point, parameter_name
 from ..errors import Doubt, InputError, Problem, known
 from ..frames import Frame, LocalFrame
 from ..models.variables import UNKNOWNS, parameter_kinds
-from ..observations import FrameVector, GnssVector, Observation
+from ..observations import FrameVector, Observation
 from .network import Network
 
 SAME_RADIUS = 1e-5
@@ -388,7 +388,9 @@ def vectors_in_own_datum(
     Raises:
         InputError: there is no such vector, one has heights of antennas, or the frame is there.
     """
-    every = {i: o for i, o in network.observations.items() if isinstance(o, GnssVector)}
+    every: dict[str, Any] = {
+        i: o for i, o in network.observations.items() if o.record.quantity == "vector"
+    }
     wanted = list(every) if ids is None else list(ids)
     problems = [
         Problem(f"there is no GNSS vector {i!r}; known: {known(every)}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, Field, dataclass, field, fields, replace
 from functools import cache
 from typing import Any, ClassVar, TypeAlias
@@ -18,7 +18,7 @@ from ..frames import Frame
 from ..models.variables import ENTITIES, UNKNOWNS
 from ..stochastic_model import PARTS, StandardDeviation, whitening
 from ..types import Array
-from .registry import KINDS, ObservationKind, observation_kind
+from .registry import KINDS, ObservationKind, Quantity, observation_kind
 
 Sigma: TypeAlias = "float | StandardDeviation"
 
@@ -214,6 +214,11 @@ class Observation(metaclass=ChecksArguments):
 
 _COMMON = frozenset(f.name for f in fields(Observation))
 """Names of the fields that every observation has."""
+
+
+def of_quantities(observations: Iterable[Observation], *quantities: Quantity) -> Iterator[Any]:
+    """Iterate over the observations of some quantities; their records name what they all have."""
+    return (o for o in observations if o.record.quantity in quantities)
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         linear=True,
         fixes="coordinates",
         by_axis=True,
-        quantity="coordinates",
+        quantity="GNSS coordinates",
     ),
     ObservationKind(
         ControlPoint,

@@ -253,6 +253,7 @@ MODEL_KINDS = (
         ("along", "across"),
         linear=True,
         fixes="coordinates",
+        quantity="coordinates in a strip",
     ),
 )
 """The records."""
@@ -314,6 +315,7 @@ RELATION_KINDS: Sequence[ObservationKind] = (
         ("x", "y"),
         unit="image",
         shape="line",
+        quantity="point of a line in a photo",
     ),
 )
 """The records."""

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -44,8 +44,11 @@ Quantity: TypeAlias = Literal[
     "vector in a frame",
     "coordinate difference",
     "coordinates",
+    "GNSS coordinates",
     "coordinates of a photo",
+    "coordinates in a strip",
     "attitude of a photo",
+    "point of a line in a photo",
     "distance of photos",
     "relative rotation",
     "relative position",
@@ -70,6 +73,10 @@ SIGHT_QUANTITIES: frozenset[Quantity] = frozenset(
     )
 )
 """Quantities of a station and a target, each with a height above its point."""
+CONTROL_QUANTITIES: frozenset[Quantity] = frozenset(("coordinates", "GNSS coordinates"))
+"""Coordinates of a point in the axes of the network."""
+POSITION_QUANTITIES: frozenset[Quantity] = CONTROL_QUANTITIES | {"coordinates of a photo"}
+"""Coordinates of a point or a photo in the axes of the network."""
 _ENDS = tuple((kind, end) for end in ("station", "target") for kind in ("point", "vertical"))
 _AFTER_ENDS: dict[str, str] = {
     "direction": "orientation",
@@ -79,6 +86,24 @@ _AFTER_ENDS: dict[str, str] = {
     "horizontal distance": "edm",
 }
 """Kind of the unknown that follows both ends of a sight, by its quantity."""
+_HEIGHTS = ("instrument_height", "target_height")
+_READ_BY_QUANTITY: dict[str, tuple[str, ...]] = {
+    "direction": (*_HEIGHTS, "set", "face"),
+    "zenith angle": (*_HEIGHTS, "face", "in_face_one", "index_error", "refraction"),
+    "vertical angle": (*_HEIGHTS, "refraction"),
+    "slope distance": (*_HEIGHTS, "instrument"),
+    "horizontal distance": (*_HEIGHTS, "instrument"),
+    "horizontal angle": (*_HEIGHTS, "target2"),
+    **dict.fromkeys(("azimuth", "gyro azimuth", "height difference", "vector"), _HEIGHTS),
+    **dict.fromkeys(CONTROL_QUANTITIES, ("point", "axes", "local")),
+    "coordinates of a photo": ("photo", "axes", "lever_arm"),
+    "coordinates in a strip": ("point", "axes"),
+    "attitude of a photo": ("photo", "mount", "object_R_body"),
+    "point of a line in a photo": ("photo", "line", "x", "y"),
+    "distance of photos": ("photo", "photo2"),
+    "relative position": ("photo", "photo2", "mount", "instrument"),
+}
+"""Attributes that approximate values and checks read of an observation, by its quantity."""
 TOTAL_STATION_QUANTITIES: frozenset[Quantity] = frozenset(
     (*DISTANCE_QUANTITIES, *INCLINATION_QUANTITIES, "direction", "azimuth", "horizontal angle")
 )
@@ -270,18 +295,27 @@ class ObservationKind:
             found.append(f"parts of its weight must be some of {', '.join(PARTS)}")
         if self.unit not in ("m", "rad", "image", "mixed"):
             found.append(f"its unit must be m, rad, image or mixed, not {self.unit!r}")
+        if self.quantity not in get_args(Quantity):
+            valid = known(get_args(Quantity), meant=self.quantity)
+            found.append(f"unknown quantity {self.quantity!r}; valid: {valid}")
         if self.circular and self.unit != "rad":
             found.append("it is circular, so that its unit must be rad")
         if self.quantity in SIGHT_QUANTITIES:
             found += self._problems_of_sight()
+        lacking = [
+            a
+            for a in _READ_BY_QUANTITY.get(self.quantity, ())
+            if not hasattr(self.observation, a) and a not in self.attributes
+        ]
+        if lacking:
+            found.append(
+                f"its quantity {self.quantity!r} needs the attributes {', '.join(lacking)}"
+            )
         return found + self._problems_of_drawing()
 
     def _problems_of_sight(self) -> list[str]:
         """Approximate values read unknowns of a sight by their places."""
         found, what = [], f"its quantity is {self.quantity!r}, so that"
-        lacking = [c for c in ("instrument_height", "target_height") if c not in self.constants]
-        if lacking:
-            found.append(f"{what} {' and '.join(lacking)} must be among its constants")
         if self.variables[: len(_ENDS)] != _ENDS:
             found.append(f"{what} its variables must begin with {', '.join(map(str, _ENDS))}")
         after = _AFTER_ENDS.get(self.quantity)

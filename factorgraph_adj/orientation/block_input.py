@@ -16,13 +16,12 @@ from ..graph.equations import Equations
 from ..graph.variables import DEFAULT, State
 from ..models.inverse_lens import directions
 from ..network.network import Network
-from ..observations import (
-    ControlPoint,
-    GnssVector,
-    PhotoBase,
-    PhotoPosition,
-    RelativePosition,
-    SlopeDistance,
+from ..observations.base import of_quantities
+from ..observations.registry import (
+    CONTROL_QUANTITIES,
+    DISTANCE_QUANTITIES,
+    POSITION_QUANTITIES,
+    Quantity,
 )
 from ..start.relative_positions import fill_given_attitudes
 from ..types import Array, Index, Mask
@@ -75,15 +74,16 @@ def given_places(equations: Equations) -> KnownPlaces:
     """Return what is given: coordinates of points and photos, control, positions and attitudes."""
     state, unknowns = equations.unknowns.start(), equations.unknowns
     point, pose = state["point"], state["pose"]
-    for o in equations.network.observations.values():
-        if isinstance(o, ControlPoint):
+    observations = equations.network.observations.values()
+    for o in of_quantities(observations, *POSITION_QUANTITIES):
+        if o.record.quantity in CONTROL_QUANTITIES:
             row = unknowns["point"].number[o.point]
             horizontal = set(o.axes) <= set("enu")
             if horizontal and len(o.axes) < 3:
                 continue  # no component of the frame alone
             for axis, value in zip("xyz" if horizontal else o.axes, o.value, strict=True):
                 point[row, "xyz".index(axis)] = value
-        elif isinstance(o, PhotoPosition):
+        else:
             row = unknowns["pose"].number[o.photo]
             for axis, value in zip(o.axes, o.value, strict=True):
                 i = 9 + "xyz".index(axis)
@@ -99,18 +99,24 @@ def known_lengths(equations: Equations) -> Iterator[KnownLength]:
     """
     unknowns = equations.unknowns
     mounts = unknowns["mount"]
-    for o in equations.network.observations.values():
-        if isinstance(o, SlopeDistance) and o.value > 0:
+    read: frozenset[Quantity] = DISTANCE_QUANTITIES | {
+        "vector",
+        "distance of photos",
+        "relative position",
+    }
+    for o in of_quantities(equations.network.observations.values(), *read):
+        quantity = o.record.quantity
+        if quantity in DISTANCE_QUANTITIES and o.value > 0:
             number = unknowns["point"].number
             yield KnownLength("point", (number[o.station], number[o.target]), float(o.value))
-        elif isinstance(o, GnssVector):
+        elif quantity == "vector":
             number, size = unknowns["point"].number, float(np.linalg.norm(o.value))
             if size > 0:
                 yield KnownLength("point", (number[o.station], number[o.target]), size)
-        elif isinstance(o, PhotoBase) and o.value > 0:
+        elif quantity == "distance of photos" and o.value > 0:
             number = unknowns["pose"].number
             yield KnownLength("pose", (number[o.photo], number[o.photo2]), float(o.value))
-        elif isinstance(o, RelativePosition) and o.instrument is None:
+        elif quantity == "relative position" and o.instrument is None:
             vector = np.array(o.value, dtype=float)
             if o.mount is not None:
                 vector = vector + mounts.values[mounts.number[o.mount or DEFAULT], 9:12]

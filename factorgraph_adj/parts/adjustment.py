@@ -15,6 +15,7 @@ import numpy as np
 from ..adjustment import VARIANCE_SCALES
 from ..blas_threads import with_one_thread
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem, SingularError, known
+from ..observations.registry import in_image_table
 from ..solve.gauss_newton import IterationEnd, Progress
 from ..solve.gauss_newton_steps import Damping
 from ..solve.minimum import MAX_REWEIGHTINGS
@@ -225,7 +226,8 @@ def _repeated(workers: Workers, keys: Keys) -> tuple[tuple[str, str], ...]:
     ]
     problems = []
     for job in workers.jobs:
-        images = [label for name, kind, label in named if (name, kind) == (job.part.name, "image")]
+        own = [(kind, label) for name, kind, label in named if name == job.part.name]
+        images = [label for kind, label in own if in_image_table(kind)]
         if images:
             what = f"other parts measure the same points in the same photos: {known(images)}"
             problems.append(Problem(f"{what}; give them in one part", f"part {job.part.name!r}"))

@@ -21,6 +21,7 @@ from ..blas_threads import with_one_thread
 from ..errors import InputError, Problem, known
 from ..graph.observation_selection import without
 from ..network.network import Network
+from ..observations.registry import in_image_table
 from ..quality.error_effects import whitened_unit_error
 from ..result_display import Rows, Shown
 from ..solve.low_rank_update import Update
@@ -190,7 +191,7 @@ class _SpareSearch:
         rows: dict[str, list[int]] = {}
         for i, o in enumerate(solution.observations):
             # Weighted unknowns are excluded, because they are not measured.
-            own = o.kind == "image" or o.id in design.network.observations
+            own = in_image_table(o.kind) or o.id in design.network.observations
             if on[i] and i not in clustered and own:
                 rows.setdefault(o.id, []).append(i)
         self.rows = {k: np.array(v, dtype=np.intp) for k, v in rows.items()}

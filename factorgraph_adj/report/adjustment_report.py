@@ -14,6 +14,7 @@ from ..graph.variables import calibration_name
 from ..io.numbers import Units
 from ..models.variables import VariableKind
 from ..network.network import Network
+from ..observations.registry import in_image_table
 from ..quality.causes.cause_search import Causes
 from ..quality.causes.shared_error_tests import GivenValue
 from ..quality.derived_quantities import (
@@ -341,7 +342,7 @@ class Report:
         It is NaN where the cameras have different axes and the original network is not there, so
         that nobody knows of which camera the observation was.
         """
-        if found.kind != "image" or found.component != "y":
+        if not in_image_table(found.kind) or found.component != "y":
             return 1.0
         down = {c.y_down_in_files for c in self.network.cameras.values()}
         if len(down) == 1:

@@ -18,6 +18,7 @@ from ..io.numbers import Units, parse_quantity, write_quantity
 from ..models.base import within
 from ..observations import KINDS, observation_kind
 from ..observations import Unit as ObservationUnit
+from ..observations.registry import in_image_table
 from ..types import Array, Index
 from ..units import ANGLE, LENGTH
 from .tables import Unit, unit_of
@@ -122,12 +123,12 @@ class Row:
             return (
                 self.id if self.id.endswith(f" {self.component}") else self.with_component(self.id)
             )
-        return self.with_component(("/" if self.kind == "image" else " ").join(self.names))
+        return self.with_component(("/" if in_image_table(self.kind) else " ").join(self.names))
 
     @property
     def own_id(self) -> str:
         """Id; empty where `what` identifies the row without it."""
-        return self.id if self.names and self.kind != "image" else ""
+        return self.id if self.names and not in_image_table(self.kind) else ""
 
     @property
     def circular(self) -> bool:
@@ -268,8 +269,7 @@ class ReportRows:
 
     def _labels(self, block: Block) -> Array:
         """Return the group of each observation of a block."""
-        weighted = block.kind == "control" and block.prior
-        name = kind_name(block.kind, weighted=weighted)
+        name = kind_name(block.kind, weighted=block.prior)
         if not block.image or len(self.network.cameras) == 1:
             return np.full(block.n, name)
         by = "name" if len(self.network.cameras) <= MAX_CAMERAS_GROUPED_APART else "unit"
@@ -428,7 +428,8 @@ def without_trailing_zeros(text: str, unit: str) -> str:
 
 def kind_name(kind: str, *, weighted: bool = False) -> str:
     """Return the printed name of a kind; control by a weighted point has its own name."""
-    if kind == "control" and weighted:
+    record = KINDS.get(kind)
+    if weighted and record is not None and record.by_axis:
         return "weighted coordinates"
     return kind.replace("_", " ")
 

@@ -18,6 +18,7 @@ from ..incremental.arrival import Arrival, Waiting
 from ..io.numbers import Units, write_quantity
 from ..ledger.verdicts import Gain, Verdict
 from ..observations import ImagePoint, observation_kind
+from ..observations.registry import in_image_table
 from ..quality.causes.cause_search import Causes
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.reliability import Reliability
@@ -148,7 +149,7 @@ class Answers:
 
     def _scale(self, v: Verdict | Rejected | Unresolved) -> Scale:
         """Return the units of an observation."""
-        if v.kind == "image":
+        if in_image_table(v.kind):
             network = self.adjustment.described
             scales = {image_scale(c) for c in network.cameras.values()}
             if len(scales) > 1:  # looking up an image point takes longer than its verdict

@@ -19,6 +19,7 @@ from ..io.observation_records import record_label
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import AnyObservation
+from ..observations.registry import in_image_table
 
 MAX_LINE_BYTES = 1 << 26
 """Largest length of a line: 64 MB, bytes."""
@@ -236,7 +237,11 @@ def observation_of_record(fields: Mapping[str, Any], context: RecordContext) -> 
     """
     refuse_unwritable_names(fields)
     photo = fields.get("photo")
-    if fields.get("kind") == "image" and photo is not None and str(photo) not in context.images:
+    if (
+        in_image_table(str(fields.get("kind")))
+        and photo is not None
+        and str(photo) not in context.images
+    ):
         what = f"unknown photo {shown_value(photo)}; known: {known(context.images, meant=photo)}"
         raise InputError(Problem(what, record_label(fields)))
     return observation_of(fields, context=context)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from ..graph.equations import compile_rows
 from ..graph.observation_selection import without
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
-from ..observations import KINDS, ControlPoint, Observation, SlopeDistance
+from ..observations import KINDS, ControlPoint, Observation
+from ..observations.registry import DISTANCE_QUANTITIES
 from ..types import Array
 from .given_values import undetermined_points
 from .measurement import Seed, measure
@@ -203,8 +205,9 @@ def read(plan: Network, true: Network, errors: Errors, *, seed: Seed) -> Network
     network = measure(true, seed=seed, noise=errors.noise)
     for ident, o in plan.observations.items():
         drawn = network.observations[ident]
-        if isinstance(o, SlopeDistance) and isinstance(drawn, SlopeDistance):
-            network.observations[ident] = replace(drawn, instrument=o.instrument)
+        if o.record.quantity in DISTANCE_QUANTITIES:
+            assumed: dict[str, Any] = {"instrument": getattr(o, "instrument", None)}
+            network.observations[ident] = replace(drawn, **assumed)
     network.parameters = {
         kind: _assumed(given, true.of_kind(kind), network.of_kind(kind))
         if UNKNOWNS[kind].additional
@@ -286,7 +289,7 @@ def add_gross_errors(network: Network, errors: Errors, *, seed: Seed) -> dict[Re
 def _shifted(network: Network, o: Observation, component: str, size: float) -> Observation:
     """Return an observation with an error in one component."""
     axes = o.component_names()
-    if isinstance(o, ControlPoint) and o.local:
+    if getattr(o, "local", False):
         value = np.zeros(len(axes))  # the reading of this kind is its displacement
     else:
         value = np.atleast_1d(np.array(getattr(o, "value"), dtype=float))  # noqa: B009

@@ -38,7 +38,8 @@ from ..frames import Frame, LocalFrame, TopocentricFrame
 from ..io.project_writer import toml_value
 from ..io.text_files import parse_toml, read_text
 from ..network.network import Network
-from ..observations import ControlPoint
+from ..observations.base import of_quantities
+from ..observations.registry import CONTROL_QUANTITIES
 from .disturbances import Errors, add_gross_errors, drop, read, readings_of, true_plan
 from .generate import (
     flight_observations,
@@ -329,9 +330,8 @@ def _plan(spec: Spec) -> Network:
     if found:
         raise InputError(found)
     known_axes: dict[str, set[str]] = {}
-    for o in plan.observations.values():
-        if isinstance(o, ControlPoint):
-            known_axes.setdefault(o.point, set()).update(o.axes)
+    for o in of_quantities(plan.observations.values(), *CONTROL_QUANTITIES):
+        known_axes.setdefault(o.point, set()).update(o.axes)
     plan.points = {
         name: _with_check(p, known_axes.get(name, set())) for name, p in plan.points.items()
     }

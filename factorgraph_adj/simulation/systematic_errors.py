@@ -8,6 +8,7 @@ the photo and are added to the image coordinates.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -15,7 +16,8 @@ from scipy.interpolate import PchipInterpolator
 from ..entities import REFRACTION_OF_THE_NETWORK, Parameter
 from ..errors import Problem, unknown_name
 from ..network.network import Network
-from ..observations import SlopeDistance, VerticalAngle
+from ..observations.base import of_quantities
+from ..observations.registry import DISTANCE_QUANTITIES, INCLINATION_QUANTITIES
 from ..types import Array
 from ..units import MILLIMETRE, PPM
 from .generate.scene import MICROMETRE
@@ -191,11 +193,10 @@ class Refraction(Systematic):
 
     def _without_readings(self, plan: Network) -> str:
         """Return a message if the plan has no zenith and no vertical angles."""
-        for o in plan.observations.values():
-            if isinstance(o, VerticalAngle):
-                group = REFRACTION_OF_THE_NETWORK if o.refraction is None else o.refraction
-                if group == self.group:
-                    return ""
+        for o in of_quantities(plan.observations.values(), *INCLINATION_QUANTITIES):
+            group = REFRACTION_OF_THE_NETWORK if o.refraction is None else o.refraction
+            if group == self.group:
+                return ""
         return "the network has no zenith and no vertical angles of this group"
 
     def make_true(self, true: Network) -> None:
@@ -231,8 +232,8 @@ class TapeCalibration(Systematic):
 
     def _without_readings(self, plan: Network) -> str:
         """Return a message if the plan has no distances."""
-        for o in plan.observations.values():
-            if isinstance(o, SlopeDistance) and self.distance_meter in ("", o.instrument):
+        for o in of_quantities(plan.observations.values(), *DISTANCE_QUANTITIES):
+            if self.distance_meter in ("", o.instrument):
                 return ""
         whose = f"distance meter {self.distance_meter!r}" if self.distance_meter else "the network"
         return f"{whose} has no distances"
@@ -241,10 +242,14 @@ class TapeCalibration(Systematic):
         """Set scale and zero constant."""
         if not self.distance_meter:
             for ident, o in true.observations.items():
-                if isinstance(o, SlopeDistance) and o.instrument is None:
+                if (
+                    o.record.quantity in DISTANCE_QUANTITIES
+                    and getattr(o, "instrument", "") is None
+                ):
                     if TRUE_SCALE not in true.distance_meters:
                         true.set_distance_meter(TRUE_SCALE)
-                    true.observations[ident] = replace(o, instrument=TRUE_SCALE)
+                    changed: dict[str, Any] = {"instrument": TRUE_SCALE}
+                    true.observations[ident] = replace(o, **changed)
         for name, there in true.distance_meters.items():
             if self.distance_meter in ("", name):
                 scale, zero = there.values

@@ -10,6 +10,7 @@ from ..errors import DatumError, SingularError
 from ..errors import known as known_names
 from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
+from ..observations.registry import in_image_table
 from ..types import Array, Index
 from .datum_defects import MAX_UNNOTICED, Defect, extent_of, find_defects, generators, in_part
 from .elimination_layers import layers_of
@@ -402,10 +403,9 @@ def _support(system: LinearisedEquations, kind: str, number: int, diagonal: Arra
                     counts[lb.block.kind] = counts.get(lb.block.kind, 0) + n
     if not counts:
         return "no observation"
-    words = {"image": "image ray" if kind == "point" else "image point"}
-    return ", ".join(
-        f"{n} {words.get(k, k.replace('_', ' '))}{'s' * (n > 1)}" for k, n in counts.items()
-    )
+    image = "image ray" if kind == "point" else "image point"
+    words = [(n, image if in_image_table(k) else k.replace("_", " ")) for k, n in counts.items()]
+    return ", ".join(f"{n} {word}{'s' * (n > 1)}" for n, word in words)
 
 
 def undetermined_variables(

@@ -25,6 +25,7 @@ from ..models.lens import Lens
 from ..models.sub_frame import horizons, in_frame
 from ..models.variables import ROTATION, UNKNOWNS
 from ..network.network import Network
+from ..observations.base import of_quantities
 from ..observations.kind_records import METROLOGY_KINDS
 from ..observations.relations import ImageLine
 from ..types import Array, Index
@@ -274,9 +275,8 @@ def frames_of_image_lines(equations: Equations) -> set[int]:
 def _lines(network: Network) -> dict[str, dict[str, list[ImageLine]]]:
     """Return the measured points by line and photo."""
     found: dict[str, dict[str, list[ImageLine]]] = {}
-    for o in network.observations.values():
-        if isinstance(o, ImageLine):
-            found.setdefault(o.line, {}).setdefault(o.photo, []).append(o)
+    for o in of_quantities(network.observations.values(), "point of a line in a photo"):
+        found.setdefault(o.line, {}).setdefault(o.photo, []).append(o)
     return found
 
 

@@ -199,14 +199,14 @@ def _observed_component(block: Block) -> str:
     return "nothing" if record is None else record.in_frame
 
 
-def _in_face_one(equations: Equations, block: Block, what: str) -> Array:
+def _in_face_one(equations: Equations, block: Block, quantity: str) -> Array:
     """Return readings as in face 1, those of distance meters with known constants corrected."""
     value = block.observed[:, 0]
-    if what == "distance":
+    if quantity == "distance":
         kind, number = block.variables[-1]
         scale, zero = equations.unknowns[kind].values[number].T
         return np.asarray((value - zero) / (1.0 + scale))
-    return directions_read(block) if what == "direction" else zeniths_read(block)
+    return directions_read(block) if quantity == "direction" else zeniths_read(block)
 
 
 def place_frames(progress: SearchState, seen: FramePlaces) -> bool:

@@ -18,7 +18,8 @@ from ..models.image import ALONG_X, ALONG_Y, EXCHANGED, OTHER
 from ..models.inverse_lens import directions
 from ..models.lens import Lens
 from ..network.network import Network
-from ..observations import ControlPoint
+from ..observations.base import of_quantities
+from ..observations.registry import CONTROL_QUANTITIES
 from ..types import Array, Index, Mask
 from .image_rays import nearest_to_rays
 
@@ -187,7 +188,8 @@ def _median_miss(pose: Array, ray: Array, group: Index, n: int) -> float:
 
 def known_points(network: Network) -> Mask:
     """Return the control and check points, and those with held or weighted coordinates."""
-    control = {o.point for o in network.observations.values() if isinstance(o, ControlPoint)}
+    positions = of_quantities(network.observations.values(), *CONTROL_QUANTITIES)
+    control = {o.point for o in positions}
     return np.array(
         [
             name in control or any(p.fixed) or p.sigma is not None or p.check is not None
@@ -201,8 +203,8 @@ def _all_in_one_place(network: Network, names: list[str]) -> str | None:
     """Return a message if known points, three or more, all have the same coordinates."""
     control = {
         o.point: o.value
-        for o in network.observations.values()
-        if isinstance(o, ControlPoint) and len(o.value) == 3
+        for o in of_quantities(network.observations.values(), *CONTROL_QUANTITIES)
+        if len(o.value) == 3
     }
     at = []
     for name in names:

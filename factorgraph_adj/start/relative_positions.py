@@ -31,7 +31,8 @@ from ..graph.variables import DEFAULT
 from ..models.relative_poses import bases, relative_rotations
 from ..models.variables import ROTATION, UNKNOWNS
 from ..network.network import Network
-from ..observations import ControlPoint, PhotoAttitude, PhotoPosition, StripCoordinate
+from ..observations.base import of_quantities
+from ..observations.registry import POSITION_QUANTITIES
 from ..rotation import TURN_ABOUT_X, exp_rotation, log_rotation
 from ..rotation import TURN_ABOUT_X as TURN
 from ..types import Array, Index, Mask
@@ -134,14 +135,13 @@ def fill_given_coordinates(equations: Equations, progress: SearchState) -> None:
     """Fill coordinates from control points, GNSS positions, photo positions, and then strips."""
     network, unknowns = equations.network, equations.unknowns
     horizon = progress.horizon
-    for o in network.observations.values():
-        if isinstance(o, PhotoPosition):
+    for o in of_quantities(network.observations.values(), *POSITION_QUANTITIES):
+        if o.record.photos:
             at = progress.pose[unknowns["pose"].number[o.photo], 9:]
             # The lever arm is short relative to the distance to the object.
             for axis, value in zip(o.axes, o.value, strict=True):
                 i = "xyz".index(axis)
                 at[i] = value if np.isnan(at[i]) else at[i]
-        if not isinstance(o, ControlPoint):
             continue
         row = np.array([unknowns["point"].number[o.point]])
         xyz = np.full((1, 3), np.nan)
@@ -156,13 +156,12 @@ def fill_given_coordinates(equations: Equations, progress: SearchState) -> None:
             known = horizon.to_plan(xyz)
         progress.set_plan(row, known[:, :2])
         progress.set_height(row, known[:, 2])
-    for o in network.observations.values():
-        if isinstance(o, StripCoordinate):
-            xyz = np.full((1, 3), np.nan)
-            xyz[0, ["xyz".index(a) for a in o.axes]] = o.value
-            row, known = np.array([unknowns["point"].number[o.point]]), horizon.to_plan(xyz)
-            progress.set_plan(row, known[:, :2])
-            progress.set_height(row, known[:, 2])
+    for o in of_quantities(network.observations.values(), "coordinates in a strip"):
+        xyz = np.full((1, 3), np.nan)
+        xyz[0, ["xyz".index(a) for a in o.axes]] = o.value
+        row, known = np.array([unknowns["point"].number[o.point]]), horizon.to_plan(xyz)
+        progress.set_plan(row, known[:, :2])
+        progress.set_height(row, known[:, 2])
     fill_given_attitudes(equations, progress.pose)
 
 
@@ -177,22 +176,20 @@ def fill_given_attitudes(equations: Equations, poses: Array) -> None:
     """
     network, unknowns = equations.network, equations.unknowns
     mounts = unknowns["mount"]
-    for o in network.observations.values():
-        if isinstance(o, PhotoAttitude):
-            pose = poses[unknowns["pose"].number[o.photo]]
-            if np.isnan(pose[:9]).any() and not np.isnan(pose[9:]).any():
-                boresight = mounts.values[mounts.number[o.mount or DEFAULT], :9].reshape(3, 3)
-                body = o.object_R_body(network.frame, pose[9:])
-                pose[:9] = (body @ boresight.T @ TURN_ABOUT_X).ravel()
+    for o in of_quantities(network.observations.values(), "attitude of a photo"):
+        pose = poses[unknowns["pose"].number[o.photo]]
+        if np.isnan(pose[:9]).any() and not np.isnan(pose[9:]).any():
+            boresight = mounts.values[mounts.number[o.mount or DEFAULT], :9].reshape(3, 3)
+            body = o.object_R_body(network.frame, pose[9:])
+            pose[:9] = (body @ boresight.T @ TURN_ABOUT_X).ravel()
 
 
 def given_positions(network: Network) -> Array:
     """Return all positions (n, 3) that observations of points and photos give."""
     found = [
         o.value
-        for o in network.observations.values()
-        if (isinstance(o, PhotoPosition) and o.axes == "xyz")
-        or (isinstance(o, ControlPoint) and (o.axes == "xyz" or set(o.axes) <= set("enu")))
+        for o in of_quantities(network.observations.values(), *POSITION_QUANTITIES)
+        if o.axes == "xyz" or set(o.axes) <= set("enu")
     ]
     found += [f.position for f in network.photos.values() if f.position is not None]
     return np.array(found, dtype=float).reshape(-1, 3)

@@ -51,7 +51,8 @@ from ..graph.observation_selection import without
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
-from ..observations import Correlated, FrameCoordinate, PhotoPosition
+from ..observations import Correlated, FrameCoordinate
+from ..observations.base import of_quantities
 from ..result_display import Rows, Shown
 from ..rotation import log_rotation, skew, world_R_camera
 from ..solve.solution import Solution
@@ -418,8 +419,8 @@ def _without_rays(
         for n, c in network.cameras.items()
         if n in cameras
     }
-    for o in out.observations.values():
-        if isinstance(o, PhotoPosition) and np.any(o.lever_arm):
+    for o in of_quantities(out.observations.values(), "coordinates of a photo"):
+        if np.any(o.lever_arm):
             what = "a lever arm needs the attitude of its photo, which models do not give"
             raise InputError(Problem(what, o.label()))
     seen = {p for m in models for p in m.points}

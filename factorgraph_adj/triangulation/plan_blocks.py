@@ -37,7 +37,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias, TypeVar, get_args
+from typing import Literal, TypeAlias, TypeVar, cast, get_args
 
 import numpy as np
 
@@ -47,6 +47,8 @@ from ..graph.equations import compile_network
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
 from ..observations import ControlPoint, Direction, FrameCoordinate
+from ..observations.base import of_quantities
+from ..observations.registry import CONTROL_QUANTITIES
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..start.approximate_values import approximate
@@ -222,15 +224,16 @@ def _cut(
     rows: dict[str, list[int]] = {}
     out.observations = {}
     for ident, o in network.observations.items():
-        if not isinstance(o, FrameCoordinate):
+        if o.record.in_frame != "coordinates":
             what = "a block in plan and height has coordinates in frames and held points alone"
             raise InputError(Problem(what, o.label()))
-        wanted = axes(o)
-        keep = [i for i, a in enumerate(o.axes) if a in wanted]
+        measured = cast(FrameCoordinate, o)
+        wanted = axes(measured)
+        keep = [i for i, a in enumerate(measured.axes) if a in wanted]
         rows[ident] = keep
         if not keep:
             continue
-        out.observations[ident] = _at_axes(o, keep)
+        out.observations[ident] = _at_axes(measured, keep)
     return rows
 
 
@@ -307,8 +310,8 @@ def radial_observations(
             raise InputError(Problem("it has no approximate pose", f"photo {name!r}"))
         out.add_point(plan_station(name), (float(pose[9]), float(pose[10]), 0.0), fixed="z")
     _add_directions(network, out, state["pose"], centre, least_radius)
-    for o in network.observations.values():
-        if isinstance(o, ControlPoint) and (axes := "".join(a for a in o.axes if a in "xy")):
+    for o in of_quantities(network.observations.values(), *CONTROL_QUANTITIES):
+        if axes := "".join(a for a in o.axes if a in "xy"):
             out.add(_in_plan(o, axes))
     seen = {p for o in out.observations.values() for p in o.points()}
     for name in [n for n in out.points if n not in seen]:
@@ -330,7 +333,8 @@ def _add_directions(
     distance = np.array([network.cameras[f.camera].values[0] for f in network.photos.values()])
     angle, radius, across = radial_directions(p, rotation, centre)
     far = radius >= least_radius
-    observed = {o.point for o in network.observations.values() if isinstance(o, ControlPoint)}
+    control = of_quantities(network.observations.values(), *CONTROL_QUANTITIES)
+    observed = {o.point for o in control}
     held = np.array(
         [
             all(p.fixed[:2]) or p.sigma is not None or n in observed

@@ -21,7 +21,9 @@ from ..errors import InputError, Problem
 from ..graph.observation_selection import without
 from ..models.similarity import Similarity, extent_ratio, fit_similarity
 from ..network.network import Network
-from ..observations import ControlPoint, StripCoordinate
+from ..observations import StripCoordinate
+from ..observations.base import of_quantities
+from ..observations.registry import CONTROL_QUANTITIES
 from ..result_display import Rows, Shown
 from ..types import Array
 from .independent_models import RelativeModel, start_values
@@ -154,8 +156,8 @@ def join_models(models: Sequence[RelativeModel], *, name: str = "strip") -> Stri
 def control_coordinates(network: Network) -> dict[str, Array]:
     """Return the coordinates (3,) of points that are held, weighted or observed in all axes."""
     found = {n: np.array(p.coordinates) for n, p in network.points.items() if _is_control(p)}
-    for o in network.observations.values():
-        if isinstance(o, ControlPoint) and o.axes == "xyz":
+    for o in of_quantities(network.observations.values(), *CONTROL_QUANTITIES):
+        if o.axes == "xyz":
             found[o.point] = np.array(o.value, dtype=float)
     return found
 

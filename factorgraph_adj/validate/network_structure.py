@@ -28,6 +28,7 @@ from ..observations import KINDS
 from ..solve.datum_defects import connected_parts
 from ..start.image_axes import problems_of_marks
 from ..types import Array, Index, Mask
+from ..observations.registry import in_image_table
 
 Sources: TypeAlias = Mapping[tuple[str, str], str]
 """File and line by noun (point, photo) and name."""
@@ -101,8 +102,9 @@ def point_problems(equations: Equations, at: Sources) -> Iterator[Problem]:
 
 
 def _counted(counts: dict[str, int]) -> str:
-    words = {"image": "image ray"}
-    each = [(n, words.get(k, k).replace("_", " ")) for k, n in counts.items()]
+    each = [
+        (n, "image ray" if in_image_table(k) else k.replace("_", " ")) for k, n in counts.items()
+    ]
     return "only " + ", ".join(f"{n} {word}{'s' * (n > 1)}" for n, word in each)
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from ..frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..network.network import Network
-from ..observations.positions import ControlPoint, GnssPosition
+from ..observations.base import of_quantities
 from ..observations.registry import DISTANCE_QUANTITIES, Quantity
 from ..types import Array, Index, Mask
 from .findings import MIN_FIT_IMPROVEMENT, Finding, computed_values, given_rows, median_size
@@ -314,15 +315,15 @@ def mixed_heights(network: Network) -> Iterator[Finding]:
 
     Control points are those that are held, and those with observed coordinates of another origin.
     """
-    weighted = {
-        o.point
-        for o in network.observations.values()
-        if isinstance(o, ControlPoint) and not isinstance(o, GnssPosition)
-    }
+    control = of_quantities(network.observations.values(), "coordinates")
+    weighted = {o.point for o in control}
     ids, observed, given = [], [], []
-    for ident, o in network.observations.items():
-        if not isinstance(o, GnssPosition) or o.axes != "xyz":
-            continue
+    satellite: dict[str, Any] = {
+        i: o
+        for i, o in network.observations.items()
+        if o.record.quantity == "GNSS coordinates" and o.component_names() == ("x", "y", "z")
+    }
+    for ident, o in satellite.items():
         point = network.points[o.point]
         if all(point.fixed) or point.sigma is not None or o.point in weighted:
             ids.append(ident)

@@ -17,19 +17,15 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import combinations, pairwise
 from math import isfinite, pi, sqrt
+from typing import Any
 
 import numpy as np
 
 from ..frames import MEAN_EARTH_RADIUS
 from ..network.network import Network
-from ..observations import (
-    HeightDifference,
-    HorizontalDistance,
-    Observation,
-    SlopeDistance,
-    VerticalAngle,
-    ZenithAngle,
-)
+from ..observations import Observation, Sight
+from ..observations.base import of_quantities
+from ..observations.registry import DISTANCE_QUANTITIES, INCLINATION_QUANTITIES
 from ..observations.variances import Along
 from ..statistical_tests import TOLERANCE_IN_SIGMAS, poisson_upper_probability
 from ..stochastic_model import StandardDeviation
@@ -179,11 +175,11 @@ def decimal_resolution(readings: Array) -> float:
 
 def _distances(network: Network) -> Iterator[Finding]:
     """The same distance with the same heights, and horizontal distances forth and back."""
-    same: dict[tuple[object, ...], list[SlopeDistance]] = defaultdict(list)
-    for o in network.observations.values():
-        if isinstance(o, HorizontalDistance):
+    same: dict[tuple[object, ...], list[Sight]] = defaultdict(list)
+    for o in of_quantities(network.observations.values(), *DISTANCE_QUANTITIES):
+        if o.record.quantity == "horizontal distance":
             same["horizontal", *sorted((o.station, o.target))].append(o)
-        elif isinstance(o, SlopeDistance):
+        else:
             ends = sorted(((o.station, o.instrument_height), (o.target, o.target_height)))
             same["slope", *ends].append(o)
     for group in same.values():
@@ -202,17 +198,17 @@ def _distances(network: Network) -> Iterator[Finding]:
                 )
 
 
-def _elevations(network: Network) -> Iterator[tuple[VerticalAngle, float, float]]:
+def _elevations(network: Network) -> Iterator[tuple[Sight, float, float]]:
     """Iterate over vertical angles: a reading, the elevation in radians, and its σ as a part of σ.
 
     An index error that is unknown cancels in the mean of both faces of a sight, and explains any
     difference of readings in one face; so does a deflection of the vertical.
     """
-    faces: dict[tuple[object, ...], list[ZenithAngle]] = defaultdict(list)
-    for o in network.observations.values():
-        if not isinstance(o, VerticalAngle) or o.station in network.verticals:
+    faces: dict[tuple[object, ...], list[Any]] = defaultdict(list)
+    for o in of_quantities(network.observations.values(), *INCLINATION_QUANTITIES):
+        if o.station in network.verticals:
             continue
-        if not isinstance(o, ZenithAngle):
+        if o.record.quantity == "vertical angle":
             yield o, float(o.value), 1.0
         elif o.index_error is None:
             yield o, np.pi / 2 - o.in_face_one, 1.0
@@ -230,9 +226,8 @@ def _elevations(network: Network) -> Iterator[tuple[VerticalAngle, float, float]
 def _heights(network: Network) -> Iterator[Finding]:
     """Height differences and horizontal distances from zenith angles forth and back."""
     lengths: dict[tuple[str, str, float, float], float] = {}
-    for o in network.observations.values():
-        if isinstance(o, SlopeDistance) and not isinstance(o, HorizontalDistance):
-            lengths[o.station, o.target, o.instrument_height, o.target_height] = o.value
+    for o in of_quantities(network.observations.values(), "slope distance"):
+        lengths[o.station, o.target, o.instrument_height, o.target_height] = o.value
     rises: dict[tuple[str, str], list[tuple[Observation, float, float, float]]] = defaultdict(list)
     for o, up, part in _elevations(network):
         s = lengths.get((o.station, o.target, o.instrument_height, o.target_height))
@@ -394,9 +389,9 @@ def copied_returns(network: Network) -> list[str]:
 
     More lines than chance makes were computed, or copied, and count twice.
     """
-    lines: dict[tuple[str, str], list[HeightDifference]] = defaultdict(list)
-    for o in network.observations.values():
-        if isinstance(o, HeightDifference) and o.instrument_height == o.target_height == 0.0:
+    lines: dict[tuple[str, str], list[Sight]] = defaultdict(list)
+    for o in of_quantities(network.observations.values(), "height difference"):
+        if o.instrument_height == o.target_height == 0.0:
             lines[o.station, o.target].append(o)
     pairs = [
         (forth, back)

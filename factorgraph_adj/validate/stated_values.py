@@ -28,7 +28,9 @@ from ..graph.variables import State
 from ..models.unknown import UnknownKind
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
-from ..observations import Direction, HorizontalDistance, Observation, SlopeDistance, VerticalAngle
+from ..observations import Observation
+from ..observations.base import of_quantities
+from ..observations.registry import INCLINATION_QUANTITIES, Quantity
 from ..statistical_tests import SIGMA_PER_MEDIAN_DEVIATION, TOLERANCE_IN_SIGMAS
 from ..types import Array, Index
 from ..units import significant
@@ -203,16 +205,15 @@ def _set_ups(
     """
     setups: dict[tuple[str, str], list[Observation]] = defaultdict(list)
     sets: dict[str, set[str]] = defaultdict(set)
-    for o in network.observations.values():
-        if isinstance(o, Direction):
-            sets[o.station].add(o.set)
-            if o.instrument_height != 0.0:
-                setups[o.station, o.set].append(o)
-    for o in network.observations.values():
-        if isinstance(o, SlopeDistance | VerticalAngle) and not isinstance(o, HorizontalDistance):
-            mine = sets[o.station]
-            if len(mine) <= 1:
-                setups[o.station, next(iter(mine), "")].append(o)
+    for o in of_quantities(network.observations.values(), "direction"):
+        sets[o.station].add(o.set)
+        if o.instrument_height != 0.0:
+            setups[o.station, o.set].append(o)
+    inclined: frozenset[Quantity] = INCLINATION_QUANTITIES | {"slope distance"}
+    for o in of_quantities(network.observations.values(), *inclined):
+        mine = sets[o.station]
+        if len(mine) <= 1:
+            setups[o.station, next(iter(mine), "")].append(o)
     return setups, sets
 
 

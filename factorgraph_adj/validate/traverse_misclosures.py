@@ -21,20 +21,16 @@ from collections import defaultdict, deque
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from ..frames import LocalFrame
 from ..models.base import wrap
 from ..network.network import Network
-from ..observations import (
-    Direction,
-    HorizontalAngle,
-    HorizontalDistance,
-    SlopeDistance,
-    VerticalAngle,
-    ZenithAngle,
-)
+from ..observations import Sight
+from ..observations.base import of_quantities
+from ..observations.registry import DISTANCE_QUANTITIES, INCLINATION_QUANTITIES
 from ..statistical_tests import TOLERANCE_IN_SIGMAS
 from ..types import Array
 from ..units import ANGLE
@@ -87,11 +83,8 @@ class TraverseReadings:
             for name, p in network.points.items()
             if p.fixed[0] and p.fixed[1]
         }
-        occupied = {
-            o.station
-            for o in network.observations.values()
-            if isinstance(o, Direction | HorizontalAngle)
-        }
+        horizontal = of_quantities(network.observations.values(), "direction", "horizontal angle")
+        occupied = {o.station for o in horizontal}
         legs = _legs(network, frame, occupied.union(held))
         return cls(held, legs, _angles(network, legs, held))
 
@@ -130,12 +123,11 @@ def _legs(
     """Return the horizontal distances between some points, by both ends."""
     up = {
         (o.station, o.target, o.instrument_height, o.target_height): o
-        for o in network.observations.values()
-        if isinstance(o, VerticalAngle)
+        for o in of_quantities(network.observations.values(), *INCLINATION_QUANTITIES)
     }
     found: dict[tuple[str, str], list[MeanReading]] = defaultdict(list)
-    for o in network.observations.values():
-        if isinstance(o, SlopeDistance) and o.station in between and o.target in between:
+    for o in of_quantities(network.observations.values(), *DISTANCE_QUANTITIES):
+        if o.station in between and o.target in between:
             key = (o.station, o.target, o.instrument_height, o.target_height)
             reading = _horizontal(network, frame, o, up.get(key))
             if reading is not None:
@@ -148,7 +140,7 @@ def _legs(
 
 
 def _horizontal(
-    network: Network, frame: LocalFrame, o: SlopeDistance, inclined: VerticalAngle | None
+    network: Network, frame: LocalFrame, o: Any, inclined: Sight | None
 ) -> MeanReading | None:
     """Return a distance in the horizon; none: its meter has unknowns, or its slope is not known.
 
@@ -165,10 +157,10 @@ def _horizontal(
     scale, zero = (0.0, 0.0) if meter is None else meter.values
     length = (o.value - zero) / (1.0 + scale)
     sigma = reading_sigma(o, length)
-    if isinstance(o, HorizontalDistance):
+    if o.record.quantity == "horizontal distance":
         return MeanReading(length, sigma**2)
     if inclined is not None:
-        zenith = isinstance(inclined, ZenithAngle)
+        zenith = inclined.record.quantity == "zenith angle"
         slope = np.pi / 2 - inclined.value if zenith else inclined.value
         rise = length * float(np.sin(slope))
         doubt = np.hypot(reading_sigma(inclined, length), _tilt(network, frame, o.station))
@@ -196,14 +188,14 @@ def _angles(
 ) -> dict[str, dict[tuple[str, str], MeanReading]]:
     """Return the angles between targets that are legs, or held points."""
     found: dict[tuple[str, str, str], list[MeanReading]] = defaultdict(list)
-    sets: dict[tuple[str, str], list[Direction]] = defaultdict(list)
-    for o in network.observations.values():
-        if isinstance(o, HorizontalAngle):
+    sets: dict[tuple[str, str], list[Sight]] = defaultdict(list)
+    for o in of_quantities(network.observations.values(), "direction", "horizontal angle"):
+        if o.record.quantity == "horizontal angle":
             near = min(_length(legs, held, o.station, t) for t in (o.target, o.target2))
             variance = reading_sigma(o, near) ** 2
             found[o.station, o.target, o.target2].append(MeanReading(o.value, variance))
             found[o.station, o.target2, o.target].append(MeanReading(-o.value, variance))
-        elif isinstance(o, Direction) and (o.target in legs.get(o.station, {}) or o.target in held):
+        elif o.target in legs.get(o.station, {}) or o.target in held:
             sets[o.station, o.set].append(o)
     for (station, _), readings in sets.items():
         variance_of = [

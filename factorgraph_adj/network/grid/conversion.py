@@ -15,7 +15,7 @@ from ...errors import InputError, Problem, known
 from ...frames import Frame, LocalFrame
 from ...models.variables import UNKNOWNS
 from ...observations import Observation
-from ...observations.positions import GnssVector, PhotoPosition
+from ...observations.base import of_quantities
 from ...types import Array
 from ..network import Network
 from .observations import Context, converted, own_place
@@ -179,11 +179,8 @@ def _check(network: Network, options: GridOptions) -> None:
 
 def _photo_positions(network: Network) -> Array:
     """Return positions of the photos in the grid, (n, 3): their own, or observed ones."""
-    seen = {
-        o.photo: o.value
-        for o in network.observations.values()
-        if isinstance(o, PhotoPosition) and o.axes == "xyz"
-    }
+    positions = of_quantities(network.observations.values(), "coordinates of a photo")
+    seen = {o.photo: o.value for o in positions if o.axes == "xyz"}
     nan = (np.nan,) * 3
     rows = [p.position or seen.get(n, nan) for n, p in network.photos.items()]
     return np.array(rows, dtype=float).reshape(-1, 3)
@@ -352,9 +349,7 @@ def _in_other_axes(network: Network, move: GridMove, points: Moved) -> Iterator[
     """
     if move.options.vectors != "grid":
         return
-    for o in network.observations.values():
-        if not isinstance(o, GnssVector):
-            continue
+    for o in of_quantities(network.observations.values(), "vector"):
         i, j = (network.point_number[n] for n in (o.station, o.target))
         if not (points.there(i) and points.there(j)):
             continue

@@ -25,7 +25,7 @@ from ...observations.airborne_observations import (
     PhotoSight,
 )
 from ...observations.offsets import HydrostaticReading
-from ...observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
+from ...observations.positions import ControlPoint, GnssVector, PhotoPosition
 from ...observations.relations import CoordinateDifference, PointDirection
 from ...observations.surface_heights import LevelHeight, ProfileHeight
 from ...observations.terrestrial_observations import (
@@ -141,7 +141,7 @@ def _of_axes(o: Any) -> Array:
 
 @converted.register
 def _(o: ControlPoint, c: Context, place: Moved, row: int) -> Converted:
-    cls = GnssPosition if isinstance(o, GnssPosition) else ControlPoint
+    cls = type(o)
     number = c.point_number[o.point]
     own = place.there(row)
     axes = np.eye(3)

@@ -20,8 +20,8 @@ import numpy as np
 
 from ...errors import AdjustmentError, InputError
 from ...graph.equations import Equations
-from ...observations import Azimuth, ControlPoint, Direction, GnssVector, Observation
-from ...observations.registry import TOTAL_STATION_QUANTITIES
+from ...observations import Observation
+from ...observations.registry import CONTROL_QUANTITIES, TOTAL_STATION_QUANTITIES
 from ...solve.solution import Solution
 from ...types import Array, Index
 from ..innovations import Innovations
@@ -204,28 +204,30 @@ class _Search:
 
     def vectors(self) -> Iterator[MistakenIdentity]:
         """Iterate over GNSS vectors with start and end, or x and y, exchanged, and positions."""
+        o: Any
         for i, o in self.aside.items():
             ways: dict[str, tuple[float, ...]]
-            if isinstance(o, GnssVector):
+            if o.record.quantity == "vector":
                 x, y, z = o.value
                 where = f"of vector {o.station!r} – {o.target!r}"
                 ways = {"start and end, exchanged,": (-x, -y, -z), "x and y, exchanged,": (y, x, z)}
-            elif isinstance(o, ControlPoint) and o.axes[:2] in ("xy", "en"):
+            elif o.record.quantity in CONTROL_QUANTITIES and o.axes[:2] in ("xy", "en"):
                 x, y, *rest = o.value
                 where = f"of the position of {o.point!r}"
                 ways = {"x and y, exchanged,": (y, x, *rest)}
             else:
                 continue
             for cause, value in ways.items():
-                other = replace(o, value=value)  # type: ignore[arg-type]
+                other = replace(o, value=value)
                 if found := self._match(cause, where, [i], [other]):
                     yield found
                     break
 
     def faces(self) -> Iterator[MistakenIdentity]:
         """Iterate over horizontal readings in the other face."""
+        o: Any
         for i, o in self.aside.items():
-            if isinstance(o, Direction | Azimuth):
+            if o.record.quantity in ("direction", "azimuth"):
                 other = replace(o, value=(o.value + np.pi) % (2 * np.pi))
                 where = f"of the sight {o.station!r} – {o.target!r}"
                 if found := self._match("the face of the circle", where, [i], [other]):

@@ -75,7 +75,7 @@ def test_the_curvature_of_the_earth_changes_readings_in_both_faces_and_vertical_
     (found,) = (h for h in every if h.where == ("everywhere",))
     for sign, name in ((1, "H0"), (-1, "H3"), (-1, "H4")):
         station = equations.unknowns["point"].number[name]
-        at = np.isin(readings.kind, ("zenith_angle", "vertical_angle"))
+        at = np.isin(readings.quantity, ("zenith angle", "vertical angle"))
         r = readings.only(at & (readings.station == station))
         d = r.state["point"][r.target] - r.state["point"][r.station]
         expected = sign * np.hypot(d[:, 0], d[:, 1]) / (2 * equations.network.frame.radius)
