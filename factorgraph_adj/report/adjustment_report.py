@@ -339,8 +339,7 @@ class Report:
     def sign_in_report(self, found: Rejected | Unresolved) -> float:
         """Return the factor from figures of data snooping to those shown, as `Row.sign`.
 
-        It is NaN where the cameras have different axes and the original network is not there, so
-        that nobody knows of which camera the observation was.
+        It is NaN where cameras have different axes and the original network is not there.
         """
         if not in_image_table(found.kind) or found.component != "y":
             return 1.0
