@@ -25,10 +25,10 @@ from ..models.shapes import Shape
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import KINDS
+from ..observations.registry import in_image_table
 from ..solve.datum_defects import connected_parts
 from ..start.image_axes import problems_of_marks
 from ..types import Array, Index, Mask
-from ..observations.registry import in_image_table
 
 Sources: TypeAlias = Mapping[tuple[str, str], str]
 """File and line by noun (point, photo) and name."""
