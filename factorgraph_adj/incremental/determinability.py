@@ -58,7 +58,7 @@ from .local_network import (
 
 ABSURD = "some value is absurdly large"
 RUNS_AWAY = "its observations hardly determine it: their adjustment runs away"
-NOWHERE = "has no datum yet: nothing that it hangs together with is known, held or weighted"
+NOWHERE = "has no datum yet: nothing that it is connected with is known, held or weighted"
 
 
 @dataclass(frozen=True)

@@ -80,13 +80,13 @@ def minimum_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
     why = system.doubt.partition("\n")[0].rstrip(":")
     begin = f"there is no minimum of everything in the graph: {why}"
     if not system.converged:
-        return (f"{begin}. Everything stands where it began",)
+        return (f"{begin}. Everything is at its start values",)
     there = np.union1d(system.rows, ledger.find(system.joined))
     since = np.setdiff1d(ledger.having("accepted"), there)
     if not len(since):
-        return (f"{begin}. Everything stands where the last minimum was",)
+        return (f"{begin}. Everything is at the last minimum",)
     ids = ledger.ids_of(since)
-    told = f"{begin}. Everything stands where the last minimum was, without {_listed(ids)}"
+    told = f"{begin}. Everything is at the last minimum, without {_listed(ids)}"
     tests = list(innovation_tests(ledger, system, since[:MAX_OBSERVATIONS_TESTED], rules.alpha))
     beyond = sorted((t for t in tests if t.ratio > 1.0), key=lambda t: -t.ratio)
     if beyond:

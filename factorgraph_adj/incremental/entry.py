@@ -49,7 +49,9 @@ MAX_JUDGEMENTS = 5
 MAX_UNKNOWNS_ADJUSTED_FIRST = 1500
 """Largest number of unknowns of a network with which arrivals that look disturbed are adjusted
 before a search for what stands out among them, which takes as long there."""
-CONTRADICT = "its observations contradict each other, and nothing tells yet which of them is wrong"
+CONTRADICT = (
+    "its observations contradict each other, and it is not known yet which of them is wrong"
+)
 PARALLEL = "its rays are parallel by now: there is no minimum at a finite distance"
 DISAGREE = "what enters together does not agree"
 NO_SOLUTION = "no solution is reached with it: is it near to where its kind has no answer?"

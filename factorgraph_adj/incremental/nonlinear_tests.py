@@ -186,14 +186,14 @@ def contradicted_reading(ledger: Ledger, system: FrontSystem, row: int, rules: O
             continue
         dof = max(fits.redundancy - neither.redundancy, 1)
         if fits.vtpv - neither.vtpv <= critical_t2(rules.alpha, dof):
-            return f"fits without {ident!r}, which alone tells the side of {side.point!r}"
+            return f"fits without {ident!r}, which alone determines the side of {side.point!r}"
     return ""
 
 
 def side_doubts(ledger: Ledger) -> tuple[str, ...]:
     """Return sentences on the points of which one reading alone tells the side."""
     return tuple(
-        f"{ident!r} alone tells the side of point {side.point!r}: without it, "
+        f"{ident!r} alone determines the side of point {side.point!r}: without it, "
         f"{', '.join(f'{x:.4f}' for x in side.other)} fits as well, {side.moved:.3g} m away"
         for ident, side in ledger.sides.items()
         if side.alone and ledger.status(ident) == "accepted"

@@ -53,7 +53,7 @@ class Side:
     def __str__(self) -> str:
         """Say so."""
         moves = f"moves {self.point!r} by {self.moved:.3g} m to its other side"
-        return moves + "; no other reading tells the side" * self.alone
+        return moves + "; no other reading determines the side" * self.alone
 
 
 @dataclass(frozen=True, eq=False)

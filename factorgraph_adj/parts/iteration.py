@@ -313,9 +313,7 @@ def iterate_parts(
                 f"vᵀPv hardly decreases any more, yet unknowns still move (by up to {bound:.2g} σ)"
             )
             return point, IterationEnd(point.iterations, False, reason, vtpv)
-    reason = (
-        f"not at rest after {point.iterations} iterations: the last step was {point.last:.2g} σ"
-    )
+    reason = f"stopped after {point.iterations} iterations: the last step was {point.last:.2g} σ"
     return point, IterationEnd(point.iterations, False, reason, vtpv)
 
 
@@ -378,5 +376,5 @@ def _end_without_step(
         return point, IterationEnd.at_rest(stop, point.iterations, left, vtpv)
     if stop.rest.state is not None:
         return _end_at_smallest_step(point, stop, known)
-    reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
+    reason = "no step decreases vᵀPv any more, yet the solution has not converged"
     return point, IterationEnd(point.iterations, False, reason, vtpv)

@@ -166,7 +166,7 @@ def _free_network_in_datum(solution: Solution, names: tuple[str, ...]) -> Soluti
         there,
         network=network,
         converged=carried.at_rest,
-        reason="not at rest on the inner constraints" if lost else solution.reason,
+        reason="not converged on the inner constraints" if lost else solution.reason,
         within=max(solution.within, carried.left) if carried.at_rest else np.inf,
         vtpv=there.normal().system.vtpv,
         datum=carried.datum,

@@ -180,7 +180,7 @@ def robust_adjust(
         if progress is not None:
             progress(iteration, s, change)
         if not starting and change < tolerance:
-            reason = f"at rest: no weight changes by more than {tolerance:g} of the full one"
+            reason = f"no weight changes by more than {tolerance:g} of the full one"
             return Robust(solution, estimator, last, t, s, iteration, True, reason)
         if starting and change < START_WEIGHT_TOLERANCE:
             starting, s = False, np.inf
@@ -192,7 +192,7 @@ def robust_adjust(
             tolerance=INTERMEDIATE_TOLERANCE,
             max_iterations=iterations_each,
         )
-    reason = f"weights not at rest after {max_iterations} adjustments: they change by {change:.2g}"
+    reason = f"stopped after {max_iterations} adjustments: weights still change by {change:.2g}"
     return Robust(solution, estimator, gamma, t, s, max_iterations, False, reason)
 
 

@@ -234,7 +234,7 @@ def estimate_variance_components(
         at_rest = not changed and proposal.bound < tolerance
         if whole:
             if solution.converged and at_rest:
-                reason = f"at rest: no component moves by more than {tolerance:.0e} of its own σ"
+                reason = f"no component moves by more than {tolerance:.0e} of its own σ"
                 if not search.estimated.any():
                     reason = "no group has residuals that its precision can be estimated from"
                 break
@@ -243,7 +243,7 @@ def estimate_variance_components(
                 break
             if iterations == max_iterations:
                 reason = (
-                    f"not at rest after {iterations} adjustments: the last change of a component "
+                    f"stopped after {iterations} adjustments: the last change of a component "
                     f"was up to {proposal.bound:.2g} of its σ"
                 )
                 break

@@ -77,8 +77,8 @@ Answers to observations, ``add``, ``accept``, ``remove``, ``replace`` and ``rewe
   the component would have in the graph; ``gains``: σ of points ``before_x_mm`` …,
   ``after_x_mm`` …. A waiting observation has ``lacks`` instead; ``cause`` tells that an
   observation was discarded, set aside by snooping, or came back, and after which command;
-  ``doubt`` tells that an accepted observation alone tells the side of a point, or that one that
-  failed fits without such an observation;
+  ``doubt`` says that an accepted observation alone determines the side of a point, or that one
+  that failed fits without such an observation;
 - ``entered``: verdicts of observations that waited or were left out, and have entered now;
 - ``points``: affected free points, ``name``, ``x``, ``y``, ``z``, ``sigma_x_mm`` …;
   ``points_lost``: points that are no longer determined; ``waits_again``: ids of observations

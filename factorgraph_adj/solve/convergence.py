@@ -101,10 +101,10 @@ def convergence_reason(left: float, tolerance: float, resolution: float = 0.0) -
         resolution: bound of a movement by one unit in the last digit of every value.
     """
     if left < tolerance:
-        return f"at rest: no unknown is further than {tolerance:.0e} of its σ from the minimum"
+        return f"no unknown is further than {tolerance:.0e} of its σ from the minimum"
     rounded = left < resolution
-    why = "the coordinates have no more digits" if rounded else "vᵀPv cannot tell any more"
-    return f"at rest: {why}; no unknown is further than {left:.2g} of its σ from the minimum"
+    why = "the coordinates have no more digits" if rounded else "vᵀPv is at its resolution"
+    return f"{why}; no unknown is further than {left:.2g} of its σ from the minimum"
 
 
 def iteration_limit_reason(iterations: int, bounds: Sequence[float], tolerance: float) -> str:
@@ -116,7 +116,7 @@ def iteration_limit_reason(iterations: int, bounds: Sequence[float], tolerance: 
         tolerance: the bound that was asked for.
     """
     last = bounds[-1] if len(bounds) else np.inf
-    reason = f"not at rest after {iterations} iterations: the last step was {last:.2g} σ"
+    reason = f"stopped after {iterations} iterations: the last step was {last:.2g} σ"
     n = STOPPING.recent
     if len(bounds) <= n:
         return reason

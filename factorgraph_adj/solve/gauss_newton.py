@@ -418,7 +418,7 @@ def _no_way_on(
     if stop.rest.state is not None:  # an earlier state was at rest, as near as vᵀPv can tell
         return _at_smallest_step(run, stop, iteration)
     why = describe_lost_determinacy(run, normal)
-    reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
+    reason = "no step decreases vᵀPv any more, yet the solution has not converged"
     return IterationEnd(iteration, False, f"{reason}; {why}" if why else reason, vtpv)
 
 

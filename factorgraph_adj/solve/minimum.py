@@ -52,7 +52,7 @@ MIN_WEIGHT_FACTOR = 0.5
 """Smallest factor on the weight of an observation that takes part in the judgement."""
 MEDIAN_OF_CHI2 = 0.4549364
 """Median of the χ² distribution with one degree of freedom."""
-NOT_ON_INNER_CONSTRAINTS = "not at rest on the inner constraints of the free network"
+NOT_ON_INNER_CONSTRAINTS = "not converged on the inner constraints of the free network"
 """Reason that a solution gives when a free network at its minimum misses its inner constraints."""
 DEFAULT_TOLERANCE = 1e-5
 """Bound on the last step of every unknown relative to its own σ, if nothing else is asked for."""
@@ -333,7 +333,7 @@ def _minimise(
     else:
         change = np.max(np.abs(weighed.sigmas() / before.sigmas() - 1.0), initial=0.0)
         reason = (
-            f"weights that depend on lengths are not at rest after {MAX_REWEIGHTINGS} adjustments: "
+            f"weights that depend on lengths change after {MAX_REWEIGHTINGS} adjustments: "
             f"standard deviations still change by up to {100 * change:.2g} %"
         )
         ended = replace(ended, converged=False, reason=reason, left=np.inf)

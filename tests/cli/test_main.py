@@ -75,7 +75,7 @@ def test_an_adjustment_that_does_not_converge_ends_with_1(block, here):
     assert result.returncode == 1
     assert result.stdout.startswith("doubtful result; σ̂0 ")
     assert len(result.stdout.splitlines()) == 1
-    assert result.stderr.startswith("not converged: not at rest after 1 iterations: the last step")
+    assert result.stderr.startswith("not converged: stopped after 1 iterations: the last step")
 
 
 def test_bad_input_ends_with_2_a_list_and_no_output(tmp_path, here):

@@ -182,7 +182,7 @@ def test_variance_components_that_do_not_come_to_rest_end_with_1(block, monkeypa
     )
     result = here("adjust", block, "--variance-components", "--quiet")
     assert result.returncode == 1
-    assert "variance components not converged: not at rest after 1 adjustments" in result.stderr
+    assert "variance components not converged: stopped after 1 adjustments" in result.stderr
 
 
 def test_ellipses_stand_in_protocol_and_tables(block, tmp_path, here):

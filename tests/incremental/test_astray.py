@@ -194,7 +194,7 @@ def test_a_beginning_without_a_minimum_has_a_finite_sum_and_says_so() -> None:
     network.add(FAR)
     inc = IncrementalAdjustment(network)
     (doubt,) = inc.doubts
-    assert "no minimum" in doubt and doubt.endswith("Everything stands where it began")
+    assert "no minimum" in doubt and doubt.endswith("Everything is at its start values")
     assert inc.vtpv == pytest.approx((1e9 / 1e-4) ** 2, rel=1e-6)
     inc.remove("wild")
     assert not inc.doubts and inc.solution().converged

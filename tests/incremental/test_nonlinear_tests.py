@@ -206,9 +206,11 @@ def test_a_reading_that_alone_tells_the_side_is_accepted_with_a_doubt():
     inc = right_side()
     (v,) = inc.add(WRONG).verdicts
     assert v.verdict == "accepted"
-    assert v.doubt == "moves 'P' by 24 m to its other side; no other reading tells the side"
+    assert v.doubt == "moves 'P' by 24 m to its other side; no other reading determines the side"
     (doubt,) = inc.doubts
-    assert doubt.startswith("'wrong' alone tells the side of point 'P': without it, 45.0000, 40.0")
+    assert doubt.startswith(
+        "'wrong' alone determines the side of point 'P': without it, 45.0000, 40.0"
+    )
     assert doubt in repr(inc)
     assert doubt in inc.solution().second_places
 
@@ -222,7 +224,7 @@ def test_a_suspect_names_the_reading_that_alone_tells_the_side(what, tmp_path):
     inc.add(WRONG)
     (v,) = inc.add(replace(TELLING[what], id="right")).verdicts
     assert v.verdict == "suspect"
-    assert v.doubt == "fits without 'wrong', which alone tells the side of 'P'"
+    assert v.doubt == "fits without 'wrong', which alone determines the side of 'P'"
     del inc
     again = fga.IncrementalAdjustment.resume(tmp_path / "day.jsonl")
     assert [s.doubt for s in again.suspects] == [v.doubt]

@@ -551,7 +551,7 @@ def test_what_comes_to_no_minimum_in_a_section_waits(monkeypatch):
     def creeping(draft: Draft, *arguments, **options):
         assert draft.section is not None, "the whole is adjusted"
         adjusted(draft, *arguments, **options)
-        return NoMinimum("not at rest after 200 iterations")
+        return NoMinimum("stopped after 200 iterations")
 
     with monkeypatch.context() as patch:
         patch.setattr(Draft, "adjusted", creeping)

@@ -207,7 +207,7 @@ def test_an_estimation_that_does_not_come_to_rest_says_so():
     network, _ = trilateration(1, share=0.2)
     found = robust_adjust(network, max_iterations=2)
     assert not found.converged
-    assert "not at rest after 2 adjustments" in found.reason
+    assert "stopped after 2 adjustments" in found.reason
     steps: list[tuple[int, float, float]] = []
     robust_adjust(network, progress=lambda *step: steps.append(step))
     assert [s[0] for s in steps] == list(range(1, len(steps) + 1))

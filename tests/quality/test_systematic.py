@@ -497,7 +497,7 @@ def test_a_solution_with_singular_normal_equations_has_no_tests(
 
     monkeypatch.setattr(NormalEquations, "factorise", singular)
     with pytest.raises(
-        AdjustmentError, match=r"singular at the solution \(a pivot vanished; at rest"
+        AdjustmentError, match=r"singular at the solution \(a pivot vanished; no unknown"
     ):
         significance(replace(mixed))
 

@@ -630,7 +630,7 @@ def test_an_unknown_component_is_refused_by_name() -> None:
 def test_an_iteration_that_is_cut_short_says_so() -> None:
     found = estimate_variance_components(industry_block(1), groups=measured_kinds, max_iterations=2)
     assert not found.converged
-    assert "not at rest after 2 adjustments" in found.reason
+    assert "stopped after 2 adjustments" in found.reason
     np.testing.assert_allclose(
         found.solution.observations.sigmas,
         adjust(industry_block(1)).observations.sigmas * found.factors,

@@ -242,7 +242,7 @@ def test_a_free_network_says_what_it_leaves_free():
 
 def test_an_adjustment_that_stops_early_says_so():
     s = adjust(small_block(), max_iterations=1)
-    assert "1, NOT CONVERGED: not at rest after 1 iterations" in protocol(s)
+    assert "1, NOT CONVERGED: stopped after 1 iterations" in protocol(s)
 
 
 def test_a_solution_without_a_covariance_is_reported_without_precision(tmp_path, monkeypatch):

@@ -139,7 +139,7 @@ def test_the_reason_says_how_steps_shrink_and_how_many_more_are_needed() -> None
     assert "hardly shrank" in iteration_limit_reason(30, [0.3] * 30, 1e-5)
     assert "hardly shrank" in iteration_limit_reason(30, [0.3 * 1.01**k for k in range(30)], 1e-5)
     few = iteration_limit_reason(3, [1.0, 0.5, 0.25], 1e-5)
-    assert few == "not at rest after 3 iterations: the last step was 0.25 σ"
+    assert few == "stopped after 3 iterations: the last step was 0.25 σ"
 
 
 @LONG

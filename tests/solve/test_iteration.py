@@ -297,14 +297,13 @@ def test_an_undamped_step_is_near_enough_by_either_criterion() -> None:
 
 def test_reasons_say_which_criterion_it_was() -> None:
     assert convergence_reason(1e-6, 1e-5) == (
-        "at rest: no unknown is further than 1e-05 of its σ from the minimum"
+        "no unknown is further than 1e-05 of its σ from the minimum"
     )
     assert convergence_reason(2e-4, 1e-5) == (
-        "at rest: vᵀPv cannot tell any more; no unknown is further than 0.0002 of its σ from the "
-        "minimum"
+        "vᵀPv is at its resolution; no unknown is further than 0.0002 of its σ from the minimum"
     )
     assert convergence_reason(2e-4, 1e-5, 1e-3) == (
-        "at rest: the coordinates have no more digits; no unknown is further than 0.0002 of its σ "
+        "the coordinates have no more digits; no unknown is further than 0.0002 of its σ "
         "from the minimum"
     )
 
@@ -459,7 +458,7 @@ def test_an_iteration_that_may_take_no_steps_has_gone_nowhere() -> None:
     ended = iterate(run, tolerance=1e-5, max_iterations=0)
     assert (ended.iterations, ended.converged) == (0, False)
     assert ended.vtpv == run.vtpv(before) < np.inf
-    assert ended.reason == "not at rest after 0 iterations: the last step was inf σ"
+    assert ended.reason == "stopped after 0 iterations: the last step was inf σ"
     assert run.state is before
 
 
@@ -481,7 +480,7 @@ def test_the_reason_counts_the_iterations_of_all_weights() -> None:
     network = small_block()
     run = begun(network)
     ended = iterate(run, tolerance=1e-30, max_iterations=1, earlier=7)
-    assert "not at rest after 8 iterations" in ended.reason
+    assert "stopped after 8 iterations" in ended.reason
 
 
 # -- one evaluation for each state -----------------------------------------------------------------

@@ -235,5 +235,5 @@ def test_where_there_are_no_covariances_the_end_of_the_iteration_is_reported():
     solution = fga.adjust(day(3).network)
     assert not solution.converged
     for asked in (solution.point_table, lambda: solution.covariance("P1")):
-        with pytest.raises(fga.AdjustmentError, match=r"at the solution .* not at rest"):
+        with pytest.raises(fga.AdjustmentError, match=r"at the solution .* has not converged"):
             asked()
