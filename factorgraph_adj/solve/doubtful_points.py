@@ -14,6 +14,7 @@ fits, and each point is where the other one is. Only given approximate coordinat
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +65,11 @@ class VaguePoint:
 
     def __str__(self) -> str:
         """Say so."""
+        if not math.isfinite(self.sigma):
+            return (
+                f"point {self.name!r} may be anywhere: its observations leave a direction "
+                f"undetermined even with all else held, its farthest sight is {self.sight:.3g} m"
+            )
         return (
             f"point {self.name!r} may be anywhere: its standard deviation is {self.sigma:.3g} m "
             f"even with all else held, its farthest sight {self.sight:.3g} m"

@@ -346,7 +346,9 @@ def test_two_wrong_rays_that_meet_are_in_as_in_the_batch(wrong: tuple[float, flo
     )
     if inc.waiting and wrong == (0.0, -40.0):
         assert {w.id for w in inc.waiting} == {f"{others[0]}/{point}", f"{last}/{point}"}
-        assert all("rays are parallel by now" in w.lacks for w in inc.waiting)
+        # Rounding decides whether the point alone or the whole network is found singular.
+        reasons = ("rays are parallel by now", "leave a direction undetermined")
+        assert all(any(r in w.lacks for r in reasons) for w in inc.waiting)
     else:
         assert not inc.waiting
     assert_as_batch(inc)
