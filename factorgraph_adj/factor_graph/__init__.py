@@ -1,1 +1,1 @@
-"""The factor graph of a network for GTSAM, with its optimisers, and iSAM2 on it."""
+"""Networks in GTSAM: the factor graph, tests of factors, and iSAM2 with linear rows."""

@@ -1,4 +1,4 @@
-"""Tests of factors at the estimate of a factor graph, with joint covariances of their variables."""
+"""Tests of factors against all others, from the joint covariances of their variables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A network in GTSAM's iSAM2: its factors arrive, are tested by the update itself, and leave.
+"""`Isam`: a network in GTSAM's iSAM2, with factors that enter, are tested and leave.
 
 This is for those who come from GTSAM and want its own objects beside the network.
 `IncrementalAdjustment` decides what waits, what is suspect and what comes back; here nothing is

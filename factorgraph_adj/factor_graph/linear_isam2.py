@@ -1,4 +1,4 @@
-"""Observations in iSAM2 as linear factors, linearised again where the omitted terms count.
+"""Linear factors in iSAM2: entry, removal, undoing, relinearisation and covariances.
 
 iSAM2 eliminates, this library linearises (`linear_rows`): rows enter as linear containers. Where a
 variable gets a new point of linearisation, all rows that touch it are replaced in the same update,
@@ -22,7 +22,7 @@ from ..solve.gauss_newton_steps import Extrapolation
 from ..types import NO_ROWS, Array, Index
 from .factor_tests import JointCovariance
 from .linear_rows import TINY, Arriving, LinearRows, Mark
-from .row_groups import Grown
+from .row_arrays import Grown
 
 MAX_TURNS = 10
 """Largest number of times that rows are evaluated anew after an arrival."""

@@ -1,4 +1,4 @@
-"""Observations as linear rows: v(θ) + A(θ) δ, at points of linearisation that can be moved.
+"""Linear rows v(θ) + A(θ) δ of observations: what they miss, and their diagonal of N.
 
 Rows of one sort are evaluated at once, whenever they have arrived. An unknown is the movement δ of
 a variable from its point of linearisation θ, with x = θ ⊞ δ. What the linear rows miss is measured
@@ -24,7 +24,7 @@ from ..graph.variables import State
 from ..models.variables import VariableKind
 from ..types import NO_ROWS, Array, Index, Mask
 from .linearisation_points import LinearisationPoints
-from .row_groups import Grown, Rows, Sort, WholeBlockError, sort_of
+from .row_arrays import Grown, Rows, Sort, WholeBlockError, sort_of
 
 SIGMA_CHANGE_SHARE = 0.5
 """What the change of a standard deviation, relative to itself, counts in a gap."""

@@ -1,4 +1,4 @@
-"""Points of linearisation of variables: their columns, and the movements δ from them.
+"""Points of linearisation of variables: keys, columns, movements δ and bounds of their σ.
 
 An unknown is the movement δ of a variable from its point of linearisation θ, with x = θ ⊞ δ.
 """
@@ -15,7 +15,7 @@ from ..graph.variables import State, Unknowns, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index
 from .factor_tests import JointCovariance
-from .row_groups import Grown
+from .row_arrays import Grown
 
 MAX_SAME_PLACE_DISTANCE = 1e-2
 """Difference of two places, in conditional standard deviations, up to which they are one."""

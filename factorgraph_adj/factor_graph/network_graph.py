@@ -1,4 +1,4 @@
-"""A network as a factor graph of GTSAM, with inner constraints where its datum is free."""
+"""A network as a factor graph of GTSAM: noise models, held components, inner constraints."""
 
 from __future__ import annotations
 

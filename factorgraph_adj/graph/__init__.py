@@ -1,1 +1,1 @@
-"""From a network to variables, blocks of observations, and a GTSAM factor graph."""
+"""A network as unknowns, blocks of observations and weights; its keys and factors in GTSAM."""

@@ -1,4 +1,4 @@
-"""Observations and weighted unknowns of a network as blocks of arrays, kind by kind."""
+"""Construction of blocks from a network: observations, control and weighted unknowns."""
 
 from __future__ import annotations
 

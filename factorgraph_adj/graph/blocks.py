@@ -1,4 +1,4 @@
-"""Observations of one kind as arrays: values, weights and the variables that they touch."""
+"""Blocks: observations of one kind as arrays of values, weights and variables; evaluation."""
 
 from __future__ import annotations
 

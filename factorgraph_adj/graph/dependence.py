@@ -1,4 +1,4 @@
-"""On which variables an observation depends, and which of their components are free."""
+"""Variables on which an observation depends, and the number of their free components."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The observation equations of a network: unknowns, blocks of observations, clusters."""
+"""The observation equations of a network: compilation, unknowns, blocks, clusters, weights."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The only module that makes CustomFactors: observations as factors of GTSAM.
+"""CustomFactors of GTSAM: observations and held components, with checked partials.
 
 GTSAM does not check the output of a callback: a Jacobian that is unset, not two-dimensional or of
 a wrong number of rows ends the process, and a NaN stops an optimiser without a message. Therefore

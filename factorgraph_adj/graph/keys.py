@@ -1,4 +1,4 @@
-"""The unknowns of a network in GTSAM: keys, values and tangents.
+"""Keys of unknowns in GTSAM, their values in gtsam.Values, and tangents of both libraries.
 
 A key is ``gtsam.symbol(char, number)``: the character tells the kind, the number counts the
 variables of that kind in the order in which the network got them. Completely held variables are

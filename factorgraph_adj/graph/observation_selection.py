@@ -1,4 +1,4 @@
-"""Networks without some of their observations, for data snooping, planning and comparisons."""
+"""Networks without some of their observations, unknowns, points or photos."""
 
 from __future__ import annotations
 

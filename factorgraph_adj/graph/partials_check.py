@@ -1,4 +1,4 @@
-"""Partials of a user's factors, compared with central differences at the start values."""
+"""Check of the Jacobians of users' factors by central differences at the start values."""
 
 from __future__ import annotations
 

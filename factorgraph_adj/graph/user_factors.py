@@ -1,4 +1,4 @@
-"""Factors of users: made by functions of named unknowns, linearised in the network's columns.
+"""Users' factors: made for named unknowns, linearised in columns, and as observations.
 
 A key counts the unknowns of one network. Where a network grows, a function that asks for keys by
 names says what its factor depends on.

@@ -1,4 +1,4 @@
-"""The unknowns of a network as arrays, and their places in the vector of unknowns.
+"""The unknowns as arrays: columns, start values, steps, component names, calibration scales.
 
 Every variable that has a free component owns consecutive columns. A held component keeps its
 column, whose partials and step are zero. Completely held variables own no columns and are

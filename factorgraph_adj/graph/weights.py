@@ -1,4 +1,4 @@
-"""Weights of observations: parts that depend on lengths, and covariances across observations."""
+"""Weights of observations: σ that depend on lengths, covariances of vectors, and clusters."""
 
 from __future__ import annotations
 

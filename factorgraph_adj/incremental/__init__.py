@@ -1,1 +1,1 @@
-"""Adjustment of observations as they arrive: a batch solution, and what joined or left since."""
+"""Adjustment of observations as they arrive: tests, waiting, readmission, retirement, queries."""

@@ -1,4 +1,4 @@
-"""Observations one by one: tested before they count, absorbed, taken out again."""
+"""`IncrementalAdjustment`, which users call: its commands, written to the journal."""
 
 from __future__ import annotations
 

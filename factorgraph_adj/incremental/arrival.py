@@ -1,4 +1,4 @@
-"""The result of an incoming observation, or of a change of the observations."""
+"""The result of a command: verdicts, points, and what waiting observations lack."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands of an incremental adjustment, removal among them.
+"""Commands on a state: add, remove, replace, reweight, accept, discard, reject and settle.
 
 Each is a function of a state, and returns another state and what it came to. After a removal, what
 the removed observations alone determined waits again.

@@ -1,4 +1,4 @@
-"""Determinability: which waiting observations and unknowns are determined now, and start values.
+"""Determinability of waiting observations and unknowns, start values, and reasons to wait.
 
 A waiting variable enters with all observations that join it to what enters or is known. Counts
 come first, then approximate values, then the rank: with known variables held, the partials by

@@ -1,4 +1,4 @@
-"""Why a result may be wrong: sentences on what has been accepted.
+"""Doubts about a result: no minimum, suspects that share an unknown, photos of many suspects.
 
 Without a minimum everything stands where the last one was, and what came since is not in it. The
 solution has ``converged`` false then; here it is said what contradicts that place most.

@@ -1,4 +1,4 @@
-"""Entry of observations: into the linear system, or with new unknowns into a new one.
+"""Entry of observations into the linear system, judged before and after it is adjusted.
 
 They are judged on linear forms before anything moves, as a gross error bends everything that it
 touches; then everything is adjusted, and they are judged once more. What is left without a test

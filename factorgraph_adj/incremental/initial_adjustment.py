@@ -1,4 +1,4 @@
-"""The first adjustment of an incremental state, and its converged state."""
+"""The initial state from a network's own observations, and the convergence of any state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Local networks: what arrives beside what is known, which is held.
+"""Local networks of arrivals: limits, datum, steps, gross errors and orientation of photos.
 
 Photos may arrive without poses. Resection from known points and what observes a pose come first, as
 approximate values. Photos for which these do not suffice are oriented from image points, against

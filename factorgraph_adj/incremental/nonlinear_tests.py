@@ -1,4 +1,4 @@
-"""Nonlinear tests: re-adjustments where linear forms are not valid, and second minima.
+"""Tests by readjustment, points of which one reading determines the side, smaller minima.
 
 Some readings alone determine on which of two sides a point is. Where a point fits as well at its
 mirror image, one reading that fits on the other side only moves it there. If it is wrong, so is the

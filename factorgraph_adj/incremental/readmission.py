@@ -1,4 +1,4 @@
-"""Readmission of rejected and waiting observations that fit by now.
+"""Readmission of suspects and rejected observations that fit by now.
 
 An observation that was left out fits where T² of its innovation, computed from everything that is
 in − observed, is below its critical value: first alone, then together with the others that come

@@ -1,4 +1,4 @@
-"""The state after a journal: its recorded estimates, compared with what is adjusted.
+"""Resumption from a journal: estimates in its lines, and their comparison with an adjustment.
 
 The adjustment begins at the estimates that the lines have. It must reach the vᵀPv of the last line;
 a larger one belongs to another minimum, as where a later observation has moved everything, so that

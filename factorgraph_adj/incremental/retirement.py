@@ -1,4 +1,4 @@
-"""Unknowns that nothing new will touch are retired, and taken back.
+"""Retirement of unknowns: linear rows in their place, their archive, and their return.
 
 A retired unknown leaves with all observations that touch it, whatever became of them. What its
 observations in the graph say of the unknowns that remain stands from then on as linear rows

@@ -1,4 +1,4 @@
-"""The retirement window: unknowns without new observations for a time retire."""
+"""The retirement window: which unknowns are due, by the last photos or seconds that are kept."""
 
 from __future__ import annotations
 

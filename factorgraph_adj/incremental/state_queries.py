@@ -1,4 +1,4 @@
-"""Queries of a state: estimates, precision, waiting and rejected observations, counts."""
+"""Queries of a state: estimates, precision, waiting and left-out observations, doubts, solution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The worklist: observations enter, are tested, wait or are rejected until nothing changes.
+"""The incremental state, and the worklist by which observations enter, wait or fail tests.
 
 A worklist holds tasks: observations to be looked at. Each round takes a task, finds what of it,
 and of what waits with it, is determined (`determinability`), puts that in, and tests it. Where no

@@ -1,1 +1,1 @@
-"""What has arrived, what became of it, and the journal of that."""
+"""The ledger of arriving observations and their outcomes, its journal lines, checked input."""

@@ -1,4 +1,4 @@
-"""What is given to an incremental adjustment and its commands, each checked for its sort.
+"""Checked input of an incremental adjustment: options, observations, factors, names, times.
 
 Options, observations, names and times.
 """

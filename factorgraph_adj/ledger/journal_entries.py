@@ -1,4 +1,4 @@
-"""The lines of a journal: what they contain, and how they are read back.
+"""Lines of a journal: their fields, the change of a ledger, its replay, packed numbers.
 
 The first line has the options and the network at the start as the files of a project. Every other
 line is one change that counts: what was asked (``do``), the ``time`` of an arrival, new points,

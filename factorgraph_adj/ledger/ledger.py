@@ -1,4 +1,4 @@
-"""The ledger: every observation that has arrived, what became of it, and why.
+"""The ledger as an immutable value: arrived observations, their outcomes, and the causes.
 
 A ledger is a value: every change returns another one, and notes the change with its cause. What is
 noted becomes a line of the journal.

@@ -1,4 +1,4 @@
-"""Retired unknowns: their last estimates in an archive, and their names where they are named.
+"""The archive of retired unknowns: last estimates, observations, and messages about them.
 
 It has the last estimate and covariance of every retired unknown, by name, and what was observed of
 them, as a line of the journal that takes them in again. It goes when the adjustment goes: the

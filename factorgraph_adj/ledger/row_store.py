@@ -1,4 +1,4 @@
-"""All that has arrived, by rows: a row is an observation, a correlated group or an image point.
+"""Rows of arrived units and image points in shared columns, with outcomes, ids and names.
 
 A unit is what arrives together or not at all: an observation, or a correlated group. Image points
 stand in arrays, so that millions of them need no objects. An image point of a correlated group

@@ -1,4 +1,4 @@
-"""What became of an arriving observation, and why; the formulas are in `quality.group_tests`."""
+"""Verdict on an arriving observation: outcome, cause, test values, gain and side of points."""
 
 from __future__ import annotations
 

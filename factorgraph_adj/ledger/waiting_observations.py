@@ -1,4 +1,4 @@
-"""Observations that wait to enter the graph: what they lack, and the network of them.
+"""Waiting observations: what they lack, parts that hang together, excerpts as networks.
 
 Candidates are counted in arrays. An excerpt is the part of a network that some observations touch,
 as a network of its own: the models, the search for approximate values and the adjustment of small

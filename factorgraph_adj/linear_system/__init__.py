@@ -1,1 +1,1 @@
-"""The network as linear equations that grow: in iSAM2, and in fronts."""
+"""Linear equations of an adjusted network that rows join and leave, in iSAM2 or in fronts."""

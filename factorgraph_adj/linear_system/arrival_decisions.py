@@ -1,4 +1,4 @@
-"""Which of the arriving observations stay, by the policy, and what their verdicts say."""
+"""Which arriving units stay by the policy, their verdicts, and the interface of joint tests."""
 
 from __future__ import annotations
 

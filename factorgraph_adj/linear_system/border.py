@@ -1,4 +1,4 @@
-"""New unknowns beside a base: what has become known since it was made.
+"""New unknowns that border a base: their values, and the check of their rows' linear forms.
 
 They border the low-rank update, see `factorgraph_adj.solve.low_rank_update`: nothing is known of
 them but what the rows say that touch them. Each stands at the value where these rows were

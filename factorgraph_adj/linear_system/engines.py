@@ -1,4 +1,4 @@
-"""Changes of a linear system in either engine: rows enter and leave, and it is adjusted again.
+"""Changes of a linear system in iSAM2 or fronts: rows join or leave, convergence, choice.
 
 Functions of a system, which stays as it is; they return another one, or none where only a new batch
 adjustment can do it.

@@ -1,4 +1,4 @@
-"""Cofactors of a base with rows that joined or left it, all of them in one datum.
+"""Cofactors of a base after a low-rank update; those of a free network are in one datum.
 
 A free network is solved in a minimal datum, and so are the columns G = Q Bᵀ of its update. With the
 basis B_0 of the motions that its datum leaves open, and B_D, the same at the datum points alone,

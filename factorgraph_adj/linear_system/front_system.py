@@ -1,4 +1,4 @@
-"""The linear system: an adjusted network, and the rows that joined or left it since.
+"""The linear system in fronts: an adjusted network or section, and rows that joined or left it.
 
 The base is a batch solution at a minimum. Beside it stands one low-rank update
 (`factorgraph_adj.solve.low_rank_update`) with the rows of arrivals between known variables and of

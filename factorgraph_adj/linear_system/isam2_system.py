@@ -1,4 +1,4 @@
-"""The network in iSAM2: what arrives costs what it touches.
+"""The linear system in iSAM2: networks that suit it, rows that enter or leave, joint tests.
 
 A system in a tree answers what an arrival asks. Whatever else is asked takes the network's fronts,
 see `front_system`: they are adjusted from where everything is, once, when something first asks for

@@ -1,4 +1,4 @@
-"""Units that are tested together, beside a base or in it.
+"""Joint tests of units as rows beside a base, or as rows in an adjusted network.
 
 `RowsBesideBase` has incoming units beside a base, between known variables or with new ones;
 `RowsInBase` has units inside an adjusted network, or in one that is linearised before it moves.

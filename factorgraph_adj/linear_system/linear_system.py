@@ -1,4 +1,4 @@
-"""A network as linear equations at its minimum: linear forms, and what every engine answers.
+"""The interface of linear systems in either engine, and the linear forms of observations.
 
 `isam2_system.ISAM2System` has them in iSAM2, `front_system.FrontSystem` in fronts. What happens to
 observations above knows neither; `engines` has what changes a system: rows enter and leave. A

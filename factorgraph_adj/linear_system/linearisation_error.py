@@ -1,4 +1,4 @@
-"""What linear forms miss: when a base has to be made again.
+"""Errors of linear forms: when a state moves by the missed gradient or needs a new base.
 
 A look (`factorgraph_adj.solve.linear_base`) says what the linear forms of a base miss of the
 gradient, and by how much variances have changed; between two looks both are predicted. Where the

@@ -1,4 +1,4 @@
-"""Observations that are left out, each predicted from everything that is in.
+"""Tests of left-out observations by their innovations, predicted from all that is accepted.
 
 With the whitened innovation d of an observation or a correlated group (computed from where
 everything is by now − observed), its whitened partials A and the joint covariance Q of what it

@@ -1,4 +1,4 @@
-"""A new base: batch adjustment of all accepted observations from the current values."""
+"""Batch adjustment to a new base, the network of what is known, and its present solution."""
 
 from __future__ import annotations
 

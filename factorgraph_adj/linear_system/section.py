@@ -1,4 +1,4 @@
-"""A section of a large network: what arrivals touch, adjusted anew beside the rest.
+"""What a section of a large network knows of the rest, and how the rest follows its movement.
 
 A photo that arrives in a block of thousands touches some hundred points. With all observations of
 these points it is a small network of its own; what everything else says of its cameras stands in

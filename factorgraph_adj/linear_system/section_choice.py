@@ -1,4 +1,4 @@
-"""What of a large network is adjusted when something arrives: a section of it, or the whole."""
+"""Choice between the whole and a section of a large network, and the making of the section."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A new base, made in stages beside arrivals, before there is no room beside the old one.
+"""Stages of a new base, one with each arrival, before the room for rows beside it is full.
 
 Every arrival with which rows beside the base have become many adds one stage: the network as it
 stands is compiled, then put in order for its elimination and moved by the first step, then

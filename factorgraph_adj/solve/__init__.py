@@ -1,1 +1,1 @@
-"""Linear systems of whole networks and their solution."""
+"""Adjustment of whole networks: iteration, datum, elimination, minima and the solution."""

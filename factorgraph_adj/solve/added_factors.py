@@ -1,4 +1,4 @@
-"""Factors added to the observations: those of a user, and what a solved network knows.
+"""Users' factors at a state, and priors: what a solved network knows of some of its unknowns.
 
 A user's factors are linearised at a state; a `Prior` states what a solved network knows of some of
 its unknowns, without the observations of some points.

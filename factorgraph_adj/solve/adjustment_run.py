@@ -1,4 +1,4 @@
-"""An adjustment under way: its equations, state and datum, and what it does not determine.
+"""A running adjustment: equations, state, datum; errors for what is undetermined or overflows.
 
 An adjustment searches for datum defects where it begins, and for undetermined unknowns after a poor
 pivot and where it ends without a minimum.

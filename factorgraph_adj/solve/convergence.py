@@ -1,4 +1,4 @@
-"""Convergence: when a step is taken, and when an iteration ends with or without success.
+"""Convergence: acceptance of steps, rate, rounding, and the reasons with which an iteration ends.
 
 Two criteria without units decide. Near the minimum, the bound of a step is the distance of every
 unknown from the minimum relative to its own σ. The sum vᵀPv shows whether a step descends, unless

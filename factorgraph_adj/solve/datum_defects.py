@@ -1,4 +1,4 @@
-"""Datum defects of a network, and the inner constraints of a free network.
+"""Datum defects of connected parts, the minimal datum, and the S-transformation of cofactors.
 
 A similarity transformation of the object moves every variable in a known way (`generators`). The
 combinations g of its seven motions that no observation notices, A g = 0, are the datum defects.

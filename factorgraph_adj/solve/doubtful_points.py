@@ -1,4 +1,4 @@
-"""Points whose place is doubtful: vague, at infinity or at a camera, or exchanged.
+"""Doubtful points: vague, at infinity or at a camera, of narrow rays, or with exchanged names.
 
 Vague points. Three standard deviations that reach the farthest station, or photo, reach infinity
 too. Partials at the place where such a point is assumed say nothing about any other; adjustments

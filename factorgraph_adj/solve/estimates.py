@@ -1,4 +1,4 @@
-"""Estimates of a solution: unknowns with their precision, tables, residuals."""
+"""Estimates with their precision; tables of points, photos, unknowns and observations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The factorised normal equations of a whole network: solutions and covariances."""
+"""The factorised normal equations of a network: pivots, solutions and covariances."""
 
 from __future__ import annotations
 

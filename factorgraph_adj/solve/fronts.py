@@ -1,4 +1,4 @@
-"""Sparse matrices of equal blocks: factor, solution and selected inverse by dense fronts.
+"""Symmetric matrices of equal blocks in dense fronts: factor, solution, selected inverse.
 
 Each front of `factorgraph_adj.solve.nested_dissection` is a dense matrix in LAPACK: with the
 columns that it eliminates (o) and the columns that remain (b, the later nodes and the border of

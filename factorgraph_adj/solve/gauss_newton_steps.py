@@ -1,4 +1,4 @@
-"""Steps of an iteration: Gauss-Newton step, damping, and extrapolation of several steps.
+"""A Gauss-Newton step, the rule of its damping λ, and the extrapolation of several steps.
 
 Steps are tried without damping, λ = 0. Where a step fails, λ D with D = diag(N) makes the next
 step shorter and turns it towards the steepest descent (Levenberg 1944, Marquardt 1963). λ follows

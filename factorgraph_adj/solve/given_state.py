@@ -1,4 +1,4 @@
-"""Solutions at given states: values found in another way, and a step with other weights."""
+"""Solutions at given states: values found in another way, or a step with other weights."""
 
 from __future__ import annotations
 

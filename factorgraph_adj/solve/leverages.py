@@ -1,4 +1,4 @@
-"""Leverage of each observation on its own adjusted value: the hat matrix A Q Aᵀ.
+"""Leverages: the hat matrices A Q Aᵀ of all observations, and their parts by object points.
 
 With whitened rows A of an observation, its hat matrix H = A Q Aᵀ needs only the joint covariance
 of the observation's own variables. The selected inverse gives the covariances of the tree; the

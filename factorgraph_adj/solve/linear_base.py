@@ -1,4 +1,4 @@
-"""The solved base of later rows: its cofactors, and the validity of its linear forms.
+"""Cofactors of a solved base in reduced coordinates, and the validity of its linear forms.
 
 Cofactors. A point that only cameras see follows the other unknowns, x_p = C x + L⁻ᵀ e, where e is
 independent of them and of all other points and has the covariance I (`ReducedPoints.carried`). The

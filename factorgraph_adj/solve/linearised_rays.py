@@ -1,4 +1,4 @@
-"""Linearised image coordinates of a block, and the 3 × 3 factors of their object points.
+"""Linearised image coordinates: partials, their products by photo, 3 × 3 factors of points.
 
 Image coordinates are linearised in chunks. The sums JᵀJ of the rays to each object point are
 factorised for all points at once; their arrays have one contiguous row for each component: x y z of

@@ -1,4 +1,4 @@
-"""Low-rank updates: the change of a solved system by a few rows.
+"""Low-rank update of a solved system by rows that join, leave or constrain, and their tests.
 
 N is the normal matrix of the system and Q = N⁻¹. The whitened rows B (k, n) have signs s: rows join
 (+1), leave (−1), or are constraints without error (0), of infinite weight. With S = diag(s),
@@ -51,8 +51,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..types import Array, Index, Mask
-from .cofactors import GrowingMatrix
 from .gauss_newton_steps import Factorised
+from .growing_matrix import GrowingMatrix
 
 
 @dataclass(frozen=True)

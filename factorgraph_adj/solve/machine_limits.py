@@ -1,4 +1,4 @@
-"""What the machine carries: the digits of double precision, and memory.
+"""Limits of the machine: σ and weight ratios in double precision, memory of an adjustment.
 
 Coordinates have about 16 digits. A reading with a smaller standard deviation than the last digit of
 the coordinates that it joins cannot be adjusted: its computed value is rounding. In the normal

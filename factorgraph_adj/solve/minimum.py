@@ -1,4 +1,4 @@
-"""The minimum of vᵀPv from start values: iterations, weights, datum, solution."""
+"""Adjustment to the minimum of vᵀPv: iterations, weights by lengths, second places, datum."""
 
 from __future__ import annotations
 

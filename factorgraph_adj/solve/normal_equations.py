@@ -1,4 +1,4 @@
-"""Normal equations of one linearisation: factorisations, and a check of covariances.
+"""Normal equations at one state: solver, minimal datum, check of covariances by probes.
 
 N is factorised with any addition to its diagonal. A few random probes check the covariances of a
 factorisation: with white noise Z of the whitened observations, X = Q Aᵀ Z are estimates whose

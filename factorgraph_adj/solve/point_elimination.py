@@ -1,4 +1,4 @@
-"""Elimination of the points of the first layer, vectorised over all of them.
+"""Elimination of the points of the first layer, their solution and their covariances.
 
 With H = Σ JₚᵀJₚ of a point, H = L Lᵀ, and W = L⁻¹ JₚᵀJ_c of each of its rays, the reduced
 normal matrix of the cameras is S = Σ J_cᵀJ_c − Σ WᵀW, the second sum over pairs of photos

@@ -1,4 +1,4 @@
-"""Leverages of the observations of points of the first layer: rays, sights and coordinates.
+"""Leverages of the rays, sights and coordinates of points of the first layer.
 
 With U = L⁻¹Jₚᵀ of an observation's point, and M = W Σ of the point (`ReducedPoints.joint`),
 

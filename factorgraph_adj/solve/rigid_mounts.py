@@ -1,4 +1,4 @@
-"""Rigid mounts: the diagonal of N without their stiffness, and steps that keep them.
+"""Rigid mounts: diagonal of N without their stiffness, and steps with rig members placed again.
 
 A rigid mount is an observation with a standard deviation of 1 µm and 10⁻⁸ rad; nothing else places
 its photo or its carrier better than to centimetres.

@@ -1,4 +1,4 @@
-"""Shapes that are fitted again where an adjustment ended in a minimum of a bad fit.
+"""Shapes that fit badly after convergence: fitted again to their points, or turned round.
 
 A shape that is placed from its first few points may be another one than all of its points make: a
 cylinder through five points is not unique, and later points leave it in a minimum of its own. The

@@ -1,4 +1,4 @@
-"""The result of an adjustment: estimates, covariances, residuals."""
+"""The solution of an adjustment: values, cofactors, redundancy, tables and summary."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of the unknowns that the observations do not determine, and the reasons."""
+"""Null space of the equations, and errors that name undetermined unknowns with the reasons."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..observations.registry import in_image_table
 from ..types import Array, Index
+from .coherent_part import largest_coherent_part
 from .datum_defects import MAX_UNNOTICED, Defect, extent_of, find_defects, generators, in_part
 from .elimination_layers import layers_of
 from .factorisation import EliminationPlan, Factorisation, PreparedElimination
 from .linearised_equations import LinearisedEquations
 from .normal_equations import NormalEquations
-from .null_space import largest_coherent_part
 from .rigid_mounts import diagonal_without_stiffness
 
 MAX_NULL_RATIO = 1e-7

@@ -1,4 +1,4 @@
-"""Motions of the datum: how unknowns at stations move, and what observations notice of it.
+"""Datum motions of unknowns at stations, and rows that change with them but determine nothing.
 
 Some rows change with a motion of the whole network and nevertheless determine nothing of it:
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from factorgraph_adj.solve.cofactors import INITIAL_COLUMNS, GrowingMatrix
+from factorgraph_adj.solve.growing_matrix import INITIAL_COLUMNS, GrowingMatrix
 
 
 def test_columns_are_added_to_a_value_that_stays_what_it_was():

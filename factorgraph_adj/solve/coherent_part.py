@@ -1,4 +1,4 @@
-"""The null space of the observation equations, and the part that moves as a whole in it.
+"""The largest part of a free network that the null vectors of its equations move as a whole.
 
 Null vectors of the observations move the largest part of a free network that hangs together as a
 whole: shifted, turned and scaled. With the motions G of

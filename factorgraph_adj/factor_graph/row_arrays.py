@@ -1,4 +1,4 @@
-"""Observations of one sort in arrays that grow: evaluated together, whenever they have arrived."""
+"""Rows of one sort in arrays that grow: their observations, evaluation and linear forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cofactor matrices Q = N⁻¹ in several representations, and matrices that gain columns."""
+"""A matrix that gains columns, as an immutable value: G = Q Bᵀ of a low-rank update."""
 
 from __future__ import annotations
 
