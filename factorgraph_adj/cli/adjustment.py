@@ -1,4 +1,4 @@
-"""The commands ``adjust`` and ``plot``, for a network as a whole and in parts."""
+"""The commands ``adjust``, of a network as a whole or in parts, and ``plot``; exit codes."""
 
 from __future__ import annotations
 

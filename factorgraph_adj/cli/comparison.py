@@ -1,4 +1,4 @@
-"""The command ``compare``: adjust two epochs, and report what moved."""
+"""The command ``compare``: two epochs adjusted, common motions, and files of what moved."""
 
 from __future__ import annotations
 

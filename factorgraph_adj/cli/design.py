@@ -1,4 +1,4 @@
-"""The commands ``plan`` and ``propose``: designs before the measurement."""
+"""The commands ``plan`` and ``propose``: designs before the measurement, results as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The input of a command: a file of any format, and the grid of its coordinates."""
+"""Options that read the input of a command: its format, its grid; settings typed as KEY=VALUE."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that several commands share: adjustment, tests, exports, lines."""
+"""Options that commands share: adjustment, left-out unknowns, tests, report, exports, lines."""
 
 from __future__ import annotations
 

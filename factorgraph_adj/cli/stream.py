@@ -1,4 +1,4 @@
-"""The command ``factorgraph-adj stream``: the protocol of `service.stream` in a pipe.
+"""The command ``stream``: the protocol of `service.stream` in a pipe, resumption, signals.
 
 Every input line gives one output line, which is flushed. The command ends with exit code 0 at the
 end of input, on ``{"do": "stop"}``, on SIGTERM and when the reader of the answers closes the pipe;

@@ -1,4 +1,4 @@
-"""An experiment: a trial, its factors with their levels, and the seed of every repetition."""
+"""An experiment: a trial, its factors with their levels and cells, seeds of its repetitions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Summaries of an experiment: mean, standard deviation and their confidence intervals by cell."""
+"""Summaries of an experiment by cell: mean, deviation, confidence intervals, failures."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Results in the formats of other programs."""
+"""Results in the formats of other programs: maps, drawings, point clouds, labelled arrays."""

@@ -1,4 +1,4 @@
-"""Solutions for other programs: formats by suffix, results.json, arrays of xarray.
+"""Formats of solutions by suffix: their table and writing; arrays of xarray, frames of pandas.
 
 A new format needs one function that writes a solution, and one line in `EXPORT_FORMATS`. A
 solution can be written in every format of a network as well, with adjusted values for given ones.

@@ -1,4 +1,4 @@
-"""GeoJSON (RFC 7946) and KML 2.2 (OGC 07-147r2): layers in WGS 84 for web maps.
+"""GeoJSON (RFC 7946), cut at 180°, and KML 2.2 (OGC 07-147r2): layers in WGS 84 for web maps.
 
 GeoJSON shapes that cross the meridian of 180° are cut there, as RFC 7946 (3.1.9) asks for.
 """

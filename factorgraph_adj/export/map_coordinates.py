@@ -1,4 +1,4 @@
-"""Map coordinates: what the numbers of an exported file mean, and how places get there.
+"""Map coordinates of an exported file: grid, WGS 84 or local; conversion of places to them.
 
 A network has its places in the axes of its frame. A file for other programs has them
 

@@ -1,4 +1,4 @@
-"""An adjustment, or two epochs, as layers of a map: shapes with their data."""
+"""Layers of a map of an adjustment or of two epochs: placed shapes, exaggeration, plain columns."""
 
 from __future__ import annotations
 

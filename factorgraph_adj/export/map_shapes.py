@@ -1,4 +1,4 @@
-"""Points, ellipses, photos, footprints and observations as shapes with columns of data.
+"""Points, ellipses, photos, footprints, observations as shapes in the frame of the network.
 
 A footprint is where the edge of the sensor meets the ground. Observations are lines and places,
 each with its residual and its test value.

@@ -1,1 +1,1 @@
-"""Readers and writers, one module for each format."""
+"""Readers and writers of formats, projects, tables, journals; transactions of files."""

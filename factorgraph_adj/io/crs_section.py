@@ -1,4 +1,4 @@
-"""Section [crs] of a project: reference system, and axes of coordinates in its tables."""
+"""Section [crs] of a project, read and written: reference system, geoid, axes of its tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CSV tables with line numbers; rows whose methods collect all problems of their fields."""
+"""CSV tables with line numbers, read and written; fields of any row, with all their problems."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write all files or none: after an error or an interruption the old files are in place.
+"""A transaction of files: all are written, or none after an error or an interruption.
 
 Several outputs of one run are one transaction (`one_transaction`): no file is moved into place
 before all files are computed and written to folders beside their targets. Signals that would end

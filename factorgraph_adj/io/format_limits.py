@@ -1,4 +1,4 @@
-"""Limits of formats: contents of a network that writers refuse or must convert.
+"""Limits of formats: refusals of writers; their calibrations, points in the grid and scalar σ.
 
 `Refusals` collects everything that a format cannot express. `GridPoints` and `scalar_sigmas` give
 coordinates in the grid and standard deviations as single numbers, which formats of survey programs

@@ -1,4 +1,4 @@
-"""Options of the functions that read and write formats: their keyword-only arguments.
+"""Options of the functions that read and write formats: names, groups, types, refusals.
 
 An argument whose default is a dataclass, such as ``accuracies: Accuracies = USUAL``, is a group of
 options: each field of the dataclass is an option of its own too.

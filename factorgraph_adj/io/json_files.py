@@ -1,4 +1,4 @@
-"""JSON as nodes that know their place: a problem of a value names its file and line.
+"""JSON as nodes that read their values: a problem of a value names its file and line.
 
 Python's fast reader reads the text and keeps no places. For a problem the text is scanned again
 along the path to the value, which gives its line.

@@ -1,4 +1,4 @@
-"""Records as plain JSON: entries of a journal and requests of a stream.
+"""JSON records of points, photos, cameras, unknowns, observations and networks, there and back.
 
 The fields are the columns of the CSV tables and the keys of [[camera]], see
 `factorgraph_adj.io.observation_records`, `factorgraph_adj.io.unknowns_tables` and

@@ -1,4 +1,4 @@
-"""Numbers in files: read and written in any unit without losing a bit.
+"""Numbers and units of files: read and written in any unit, and in dms, without losing a bit.
 
 A cell is read as the float64 nearest to the exact decimal product text × unit. A value is written
 with as many digits as are needed to read the same float64 back. 0.5 mm is therefore the same

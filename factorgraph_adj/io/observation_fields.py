@@ -1,4 +1,4 @@
-"""Fields of observations in files: columns and keys of each kind, and their defaults.
+"""Fields of observations in files, from the records of kinds: columns, σ, defaults, image axes.
 
 The names follow from the records of the kinds, see `factorgraph_adj.observations.registry`; a new
 kind needs no change in this module. A project states defaults for fields that records omit: units,

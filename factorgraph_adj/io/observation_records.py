@@ -1,4 +1,4 @@
-"""Records of observations: one row of a table, one dict of text, one `Observation`.
+"""One observation as a row of a table or a dict of text, there and back; its values and σ.
 
 The fields are the columns of ``observations.csv`` and ``images.csv``, and the keys of JSON
 Lines. A record fills the fields of its kind:

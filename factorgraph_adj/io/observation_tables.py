@@ -1,4 +1,4 @@
-"""Tables of observations: images.csv, observations.csv, covariances.csv."""
+"""Reader of images.csv, observations.csv, covariances.csv with joint Σ, and doubts.csv."""
 
 from __future__ import annotations
 

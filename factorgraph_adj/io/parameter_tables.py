@@ -1,4 +1,4 @@
-"""Tables of unknowns that are parameters: their columns, and how rows are read and written.
+"""Tables of parameters, derived from the record of each kind: columns, reading, writing of rows.
 
 The tables follow from the record of the kind, see `factorgraph_adj.models.variables`: ``keys``
 name the unknown; each component has a column for its value and a column for its standard

@@ -1,4 +1,4 @@
-"""Writer of projects: reading a written project gives the same network to the bit."""
+"""Writer of projects, TOML and CSV tables: a project read again is the same network to the bit."""
 
 from __future__ import annotations
 

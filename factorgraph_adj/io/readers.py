@@ -1,4 +1,4 @@
-"""Readers of files by suffix and content: the table of the formats that can be read.
+"""Table of the formats that can be read, by suffix and content; reading of any file.
 
 A new format needs one module of `io.survey`, `io.gnss` or `io.photogrammetry` with a function that
 reads a file and its ``READER``.

@@ -1,4 +1,4 @@
-"""Table of readings in two faces, readings.csv, as in the field book."""
+"""Reader of readings.csv, the table of readings in two faces, reduced to observations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A solution in one file: everything that its figures are computed from, without pickle.
+"""A solution in one file (.npz), saved and loaded: network, state and σ, factorised again.
 
 The file is a NumPy archive (.npz): ``header`` is JSON with the version of the format, the project
 files of the network and how the iteration ended; the other entries are arrays. Loading linearises

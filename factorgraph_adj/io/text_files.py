@@ -1,4 +1,4 @@
-"""Text files that people write, UTF-8 and TOML: problems name the line.
+"""Text files: encodings, first bytes, and TOML whose problems name the line of their key.
 
 Python's reader of TOML keeps no places. A problem of a TOML file names its table, and its text
 names the key concerned; `TomlPlaces` finds the line from both.

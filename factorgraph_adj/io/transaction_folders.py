@@ -1,4 +1,4 @@
-"""Folders ``.writing-…`` of a transaction: new files, links to old files, and their list.
+"""Folders ``.writing-…`` of a transaction: new and old files, restoration, recovery, signals.
 
 Every folder in which a transaction (`factorgraph_adj.io.file_transaction`) replaces files has
 one during the transaction. The first of them has a mark while files are moved. Whoever finds the

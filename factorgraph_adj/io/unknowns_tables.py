@@ -1,4 +1,4 @@
-"""Tables of the unknowns of a project: points, photos and parameters."""
+"""Tables points.csv and photos.csv: their columns; reader of them and of parameters' tables."""
 
 from __future__ import annotations
 

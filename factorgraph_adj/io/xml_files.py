@@ -1,4 +1,4 @@
-"""XML as a tree of elements with line numbers; numbers, names and problems of elements."""
+"""XML as a tree of elements with line numbers, read within bounds of memory; search by path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""XML files as sources: fields that are texts of elements and attributes."""
+"""XML files as sources: fields of elements and attributes; names that are unknown are refused."""
 
 from __future__ import annotations
 

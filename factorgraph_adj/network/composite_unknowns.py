@@ -1,4 +1,4 @@
-"""Unknowns of several parts: rigs of photos, shapes with their sizes, attributes by kind."""
+"""Photos on carriers of a rig, shapes with their sizes, attributes of a network by kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Construction of points, cameras, photos and image points from checked arguments."""
+"""Construction of points, cameras, photos, frames and image points from checked arguments."""
 
 from __future__ import annotations
 

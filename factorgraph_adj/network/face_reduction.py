@@ -1,4 +1,4 @@
-"""Readings in two faces of a total station: means, index and collimation errors.
+"""Reduction of readings in two faces: means, index and collimation errors, their σ, doubts.
 
 With horizontal readings d₁, d₂ and zenith readings z₁, z₂ of a target in faces 1 and 2,
 

@@ -1,4 +1,4 @@
-"""The network: points, cameras, photos, other unknowns and observations.
+"""The network: points, cameras, photos and observations, added, checked and copied; its display.
 
 A `Network` is a description without a solution; an adjustment leaves the network unchanged.
 Each call that adds something checks the names, so that the error is raised where it was made.

@@ -1,4 +1,4 @@
-"""The unknowns that a network states besides points, photos and cameras."""
+"""Unknowns that a network states by kind: orientations, refraction, frames, mounts, profiles."""
 
 from __future__ import annotations
 

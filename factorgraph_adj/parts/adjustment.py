@@ -1,4 +1,4 @@
-"""The adjustment of a network in parts (Helmert blocks)."""
+"""The adjustment of a network in parts: its phases, resumption of a killed run, its progress."""
 
 from __future__ import annotations
 

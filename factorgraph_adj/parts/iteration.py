@@ -1,4 +1,4 @@
-"""The iteration of a network in parts: the steps of one network, each found part by part.
+"""The iteration of a network in parts: normal equations summed in the root, damped steps, end.
 
 The root adds the normal equations of all parts, reduced to their junctions, and solves them.
 """

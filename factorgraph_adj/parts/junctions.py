@@ -1,4 +1,4 @@
-"""The junctions of a network in parts, and the messages between the root and the parts.
+"""Junctions of a network in parts: agreement of the parts, places in the root, messages.
 
 Junctions are the unknowns that several parts have. All messages can be pickled.
 """

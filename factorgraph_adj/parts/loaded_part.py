@@ -1,4 +1,4 @@
-"""A part in the process that adjusts it: its equations, its junctions, its states."""
+"""A part in the process that adjusts it: its network, equations, junctions, states, elimination."""
 
 from __future__ import annotations
 

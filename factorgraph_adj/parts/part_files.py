@@ -1,4 +1,4 @@
-"""Parts of a network and their run as files: stored parts, states, results, progress.
+"""Parts of a network and their run as files: stored parts, set-ups, states, results, progress.
 
 A killed run resumes from its folder. Every file is written beside its place and then moved into it,
 so that a killed process leaves either the old file or the new one. All of them are arrays and JSON,

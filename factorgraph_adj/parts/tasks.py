@@ -1,4 +1,4 @@
-"""What the process of a part does: each function is one task, which any process can do again.
+"""Tasks of the process of a part: survey, steps, ambiguous places, results; parts kept in memory.
 
 A task reads what it needs from the folder of the run, so that a task whose process died is done
 by another one. A process keeps the parts that it has read as long as its memory allows.

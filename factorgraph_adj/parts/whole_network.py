@@ -1,4 +1,4 @@
-"""A network in memory, adjusted as a whole or cut into parts for workers.
+"""A network in memory: adjusted as a whole or in parts; cut by nested dissection or by regions.
 
 Nested dissection separates the parts by few stations and photos, so that the junctions are few;
 regions of the user may take its place. Every observation goes to one part, and every part has what

@@ -1,4 +1,4 @@
-"""Where the tasks of the parts are done: in this process, or by the workers of a Dask cluster."""
+"""Execution of the tasks of the parts: in this process, or by the workers of a Dask cluster."""
 
 from __future__ import annotations
 

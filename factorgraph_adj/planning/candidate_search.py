@@ -1,4 +1,4 @@
-"""Choice among candidates by their gain per cost, from updated covariances.
+"""Search for the cheapest candidates: gain per cost, from covariances updated by their rows.
 
 Q are the cofactors of those unknowns that the rows touch. `Update` of
 `factorgraph_adj.solve.low_rank_update` gives the changes by the rows. With the loss Q − Q' of

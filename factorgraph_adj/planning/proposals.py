@@ -1,4 +1,4 @@
-"""The cheapest additions that make a design meet its targets.
+"""Proposals: the cheapest additions that make a design meet its targets, each choice planned.
 
 The search is greedy by gain per cost. The gain of a candidate is the decrease of the lack of the
 targets (the sum over all items of |ln(figure/limit)|); `factorgraph_adj.planning.candidate_search`

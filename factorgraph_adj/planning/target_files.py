@@ -1,4 +1,4 @@
-"""Targets and candidates in a TOML file and its table of observations.
+"""Reader of targets and candidates from a TOML file and its table of observations.
 
     [[target]]
     kind = "semi_axis"                  # and at_most or at_least, points, observations …

@@ -1,4 +1,4 @@
-"""Targets of a network, the items that fail them, and patterns of their names.
+"""Targets of a network: kinds, limits, patterns of names, items that fail them, their lack.
 
 Every target has figures, one for each of its items (points, or scalar observations), and a limit.
 The lack of an item is |ln(figure/limit)| if it fails its target, so that figures of different kinds

@@ -1,1 +1,1 @@
-"""The stream protocol: requests as JSON lines, answers as JSON lines."""
+"""The stream protocol: commands and observations as JSON lines, answers as JSON lines."""

@@ -1,4 +1,4 @@
-"""Reader of the stream's lines: JSON objects, and the lists in them.
+"""Lines of the stream as read: JSON objects, ids, new cameras and unknowns, observations.
 
 The `FieldRow` of a line collects all problems, so that one answer lists them together.
 """

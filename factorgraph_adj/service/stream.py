@@ -1,4 +1,4 @@
-"""The protocol of ``factorgraph-adj stream``: one JSON object in, one out, line by line.
+"""The protocol of ``factorgraph-adj stream``: commands and observations line by line, answered.
 
 Every line, also an empty one, gets exactly one answer; answers keep the order of the lines. A
 faulty line changes nothing, and the stream continues.

@@ -1,4 +1,4 @@
-"""Errors in the measurement of a plan: systematic errors, gross errors, drop-outs."""
+"""Readings of a plan with noise and given systematic errors; gross errors, lost observations."""
 
 from __future__ import annotations
 

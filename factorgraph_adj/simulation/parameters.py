@@ -1,4 +1,4 @@
-"""Parameters of a spec: frozen dataclasses whose fields define type and range.
+"""Parameters of a spec: frozen dataclasses with types and ranges, read, checked and varied.
 
 One definition of a field serves three purposes: a table of a TOML file becomes a dataclass, a
 dataclass made in Python is checked, and a nested parameter of a spec is changed by its path,

@@ -1,4 +1,4 @@
-"""The spec of a simulation: all parameters of a simulated network, in TOML files.
+"""The spec of a simulation, its design and its measurement; all parameters in TOML files.
 
 Example:
     >>> from factorgraph_adj.simulation.generate.photo_blocks import Aerial

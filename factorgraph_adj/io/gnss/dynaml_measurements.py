@@ -1,4 +1,4 @@
-"""Measurements of DynaML as observations."""
+"""Measurements of DynaML as read: sights, sets of directions, GNSS clusters with covariances."""
 
 from __future__ import annotations
 

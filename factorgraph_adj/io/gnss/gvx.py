@@ -1,4 +1,4 @@
-"""Reader and writer of GVX 1.0, the GNSS Vector Exchange Format of the NGS.
+"""Reader and writer of GVX 1.0, the GNSS Vector Exchange Format of the NGS: vectors and marks.
 
 Format of the National Geodetic Survey: D. Gillins, I. Sellars, GNSS Vector Exchange File Format
 (GVX), Narrative Description of GVX Data Types and Elements, version 1.0 (2021).

@@ -1,4 +1,4 @@
-"""Reader and writer of SINEX: station coordinates with their full covariance.
+"""Reader and writer of SINEX: station coordinates at an epoch, covariance without constraints.
 
 A SINEX file is a solution. Its stations become points, and their coordinates observed positions
 (`GnssPosition`) with one joint covariance, so that other observations can be added to them. Where

@@ -1,4 +1,4 @@
-"""Blocks of a SINEX file: estimated and a-priori parameters with their matrices.
+"""Blocks of a SINEX file as read: estimated and a-priori parameters with their matrices.
 
 Format: IERS, SINEX — Solution (Software/technique) INdependent EXchange Format, version 2.02 (2006)
 and 2.10.

@@ -1,4 +1,4 @@
-"""Readers of Bundler (.out) and Bundle Adjustment in the Large (BAL): one camera model.
+"""Readers of Bundler (.out) and Bundle Adjustment in the Large (BAL) as free networks.
 
 P = R X + t,  p = −P/P_z,  (x, y) = f (1 + k1 |p|² + k2 |p|⁴) p
 

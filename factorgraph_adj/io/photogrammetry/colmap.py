@@ -1,4 +1,4 @@
-"""Read a sparse model of COLMAP as a network."""
+"""Reader of COLMAP: a sparse model with its rigs and reference tables as a network."""
 
 from __future__ import annotations
 

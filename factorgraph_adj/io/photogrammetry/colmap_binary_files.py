@@ -1,4 +1,4 @@
-"""Binary files of COLMAP: cameras.bin, images.bin, points3D.bin, rigs.bin, frames.bin.
+"""Binary files of COLMAP, read and written: cameras, images, points3D, rigs, frames (.bin).
 
 Numbers are little-endian. A file begins with the number of its rows, 8 bytes; a count that the
 rest of the file cannot hold is refused before anything is read.

@@ -1,4 +1,4 @@
-"""The camera models of COLMAP as lens models, there and back.
+"""Camera models of COLMAP by name and number, and their parameters as lens models and back.
 
 COLMAP counts pixels from the upper left corner of the image, so that the centre of the first pixel
 is (0.5, 0.5), with y down. Networks have y up: y0 = −cy. Two focal lengths are f_y = c and

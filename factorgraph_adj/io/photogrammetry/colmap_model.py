@@ -1,4 +1,4 @@
-"""A sparse model of COLMAP as it stands in its files, and what may be wrong with it."""
+"""A sparse model of COLMAP: records of cameras, images, poses, points and rigs; checks of them."""
 
 from __future__ import annotations
 

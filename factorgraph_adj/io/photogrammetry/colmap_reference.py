@@ -1,4 +1,4 @@
-"""Reference of a COLMAP model: control points with marks, positions of photos, scales.
+"""Reference tables of COLMAP: control points, marks, prior positions; keypoint scales, similarity.
 
 A model of structure from motion has no reference system. Tables give it one: control points with
 their measured image coordinates, and positions of photos (GNSS). Start values follow from the rays

@@ -1,4 +1,4 @@
-"""Text files of COLMAP: cameras.txt, images.txt, points3D.txt, rigs.txt, frames.txt.
+"""Text files of COLMAP, read and written: cameras, images, points3D, rigs, frames (.txt).
 
 Lines that start with # are comments. An image has two lines, of which the second is empty where
 nothing was measured; its name is the rest of its line and may contain blanks.

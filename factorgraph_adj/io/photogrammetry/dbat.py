@@ -1,4 +1,4 @@
-"""Reader of scripts of the Damped Bundle Adjustment Toolbox (DBAT): an XML file and text tables.
+"""Reader of scripts of DBAT: control, prior positions, photos and marks of tables, datum.
 
 Columns of the tables are named by the script. Pixels count from the upper left corner, y down.
 """

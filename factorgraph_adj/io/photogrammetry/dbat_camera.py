@@ -1,4 +1,4 @@
-"""Cameras of the Damped Bundle Adjustment Toolbox (DBAT), and what its scripts do to them.
+"""Cameras of DBAT: lens models by number, and what a script sets and estimates of them.
 
 Image coordinates are millimetres of a sensor whose pixels are square and as high as its height
 divided by the number of lines, x right and y up from the upper left corner. Lens models by

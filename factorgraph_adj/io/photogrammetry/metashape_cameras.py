@@ -1,4 +1,4 @@
-"""Cameras and calibrations of a Metashape chunk as photos, cameras and lens models.
+"""Cameras of a Metashape chunk as photos, its sensors as cameras; calibrations there and back.
 
 Metashape and PhotoScan distort the ideal coordinates (x, y) of a ray, y down, r² = x² + y²:
 

@@ -1,4 +1,4 @@
-"""Files of Metashape and PhotoScan: the chunk, its frame, its tie points (ZIP, PLY).
+"""Files of Metashape and PhotoScan: ZIP archives, the chunk and its frame, tie points (PLY).
 
 Three layouts exist. A ``.psz`` is a ZIP archive with one ``doc.xml`` and the tie points as PLY
 files beside it. A ``.psx`` is a small XML file that points to ``NAME.files/project.zip``, whose

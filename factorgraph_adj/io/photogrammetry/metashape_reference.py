@@ -1,4 +1,4 @@
-"""Reference system, transformation and accuracies of a Metashape chunk.
+"""Reference of a Metashape chunk: system, transformation, accuracies, what is switched off.
 
 `ChunkReference` converts coordinates of a chunk to those of a network.
 """

@@ -1,4 +1,4 @@
-"""Writer of Metashape: cameras, poses and markers as an .xml that File > Import reads."""
+"""Writer of Metashape: sensors, poses, markers, scale bars as .xml that File > Import reads."""
 
 from __future__ import annotations
 

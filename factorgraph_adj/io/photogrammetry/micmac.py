@@ -1,4 +1,4 @@
-"""Reader of MicMac: a folder of orientations, its calibrations, and ground control measurements.
+"""Reader of MicMac: a folder of orientations with calibrations, ground control, measurements.
 
 A folder ``Ori-NAME`` has ``Orientation-IMAGE.xml`` for each image and ``AutoCal….xml`` for each
 camera. The distortion corrects measured pixels (convention DistM2C), y down, about a centre C:

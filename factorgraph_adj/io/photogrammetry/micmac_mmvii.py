@@ -1,4 +1,4 @@
-"""Orientations, ground control and image measurements of MMVII, the second MicMac.
+"""Photos of MMVII, the second MicMac: orientations, calibrations, ground control, measurements.
 
 A folder has ``Ori-PerspCentral-IMAGE.xml`` for each image and the calibrations that they name.
 Older files begin with ``<MMVII_Serialization>``; newer ones have it as ``<Type>`` beside

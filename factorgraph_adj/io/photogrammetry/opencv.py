@@ -1,4 +1,4 @@
-"""Calibrations of OpenCV: reader and writer of the files of its calibration programs.
+"""Calibrations of OpenCV: reader with views of the board, and writer; flags, coefficients.
 
 OpenCV counts pixels from the centre of the first one, y down; here the upper left corner of the
 image is the origin, so that half a pixel is added. Its distortion coefficients are

@@ -1,4 +1,4 @@
-"""Files of OpenCV's FileStorage: YAML or XML, as values with their lines.
+"""Files of OpenCV's FileStorage as read: YAML or XML, values and matrices with their lines.
 
 YAML is read by PyYAML (the extra ``opencv``), XML by the parser of the package.
 """

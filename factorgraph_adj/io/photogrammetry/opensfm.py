@@ -1,4 +1,4 @@
-"""Reader of OpenSfM and ODM: reconstruction.json, tracks.csv, ground control and reference."""
+"""Reader of OpenSfM and ODM: reconstruction.json, tracks.csv, frame, control and check points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cameras and ground control of OpenSfM and ODM.
+"""Cameras of OpenSfM and ODM, and their lists of ground control, as read: .txt and .json.
 
 OpenSfM divides image coordinates by the larger side of the image; their origin is the middle of
 the image, y points down. With (x, y) of a ray, r² = x² + y²:

@@ -1,4 +1,4 @@
-"""Reader of the Open Photogrammetry Format (OPF) of Pix4D and others.
+"""Reader of OPF of Pix4D and others: cameras, positions, control, constraints, tie points.
 
 The frame of the network is the processing system of the project: the coordinates of its base
 system, scaled, swapped where the base system is left-handed, and shifted. A projected base system

@@ -1,4 +1,4 @@
-"""Files of an Open Photogrammetry Format project: items, resources, tie point clouds.
+"""Files of an OPF project as read: items, JSON resources, tie point clouds in glTF.
 
 Tie points are a glTF point cloud with matches in photos. Coordinates are single-precision
 numbers; the matrix of a node turns them into the axes of glTF, whose y points up: (x, y, z) of the

@@ -1,4 +1,4 @@
-"""Writer of the Open Photogrammetry Format (OPF)."""
+"""Writer of the Open Photogrammetry Format (OPF): cameras, poses, control, marks, constraints."""
 
 from __future__ import annotations
 

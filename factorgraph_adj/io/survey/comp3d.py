@@ -1,4 +1,4 @@
-"""Reader of projects of Comp3D (IGN): points, observations and the files that these name.
+"""Reader of projects of Comp3D (IGN), local or in a grid: observations of lines, deflections.
 
 Format: IGN France, Comp3D 5, user documentation (OBS file, COR file, project configuration).
 """

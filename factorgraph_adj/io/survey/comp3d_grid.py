@@ -1,4 +1,4 @@
-"""Coordinates of Comp3D: stereographic plane and heights, grids on the ellipsoid.
+"""Origin and grid of a Comp3D project: stereographic plane, heights, convergence, its frame.
 
 X and Y of a local project are a double stereographic projection of GRS80 at its centre (``sterea``
 of PROJ), the third coordinate is the height. What the values that Comp3D prints show:

@@ -1,4 +1,4 @@
-"""Field book of total stations and levels, and the accuracies of its readings.
+"""Field book of total stations and levels as a network: set-ups, rounds, sights, accuracies.
 
 Readers of field books fill it with what they read: points, set-ups, sights and levelled height
 differences; a network is made from it. A target that is read again in the same face of a set-up

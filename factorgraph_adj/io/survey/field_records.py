@@ -1,4 +1,4 @@
-"""Records of fields: what a line of a survey file holds, as a table.
+"""Records of lines of survey files as tables: their fields, the units, and fixed widths.
 
 A format whose lines have fields in an order, in columns, or by keys is a table of its records. Each
 field has a name for the reader, a name in messages and a kind, a function that reads it:

@@ -1,4 +1,4 @@
-"""Elements of a ``.gkf`` file of GNU Gama: vocabulary, points, weights, problems.
+"""Elements of a ``.gkf`` file of GNU Gama: vocabulary, points, weights and covariances.
 
 Points have coordinates, held components and datum components. Weights of observations are
 ``stdev``, defaults, or ``<cov-mat>``.

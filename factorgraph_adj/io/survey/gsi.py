@@ -1,4 +1,4 @@
-"""Reader of field books of Leica instruments: GSI-8 and GSI-16.
+"""Reader of field books of Leica, GSI-8 and GSI-16: total stations and levelled lines.
 
 A word has a word index of two digits, four characters of information (the last one names the unit),
 a sign and 8 digits, or 16 in blocks that begin with ``*``; a blank follows. A block is a line, or

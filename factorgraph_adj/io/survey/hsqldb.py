@@ -1,4 +1,4 @@
-"""Tables of an HSQLDB database: its script, and the file of its cached tables.
+"""Reader of tables of an HSQLDB database: its script, and the file of its cached tables.
 
 A database ``name`` is up to three files. ``name.script`` has the tables as CREATE statements and
 the rows of memory tables as INSERT statements. ``name.data`` has the rows of cached tables; the

@@ -1,4 +1,4 @@
-"""Reader and writer of JAG3D: projects, flat files of groups of points and observations."""
+"""Reader of JAG3D, its projects or flat files; writer of flat files of points and observations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flat files of JAG3D: one group of points or observations in each file.
+"""Flat files of JAG3D as read: kinds, forms of lines, units; one group in each file.
 
 A line that begins with # is a comment. Coordinates are y (east), x (north), z; [ ] may be absent:
 

@@ -1,4 +1,4 @@
-"""Data of JAG3D, groups of points and observations, and their conversion to a network.
+"""Data of JAG3D: rows, groups, types, reductions; points, deflections and σ of a network.
 
 JAG3D's x points north, its y east, its z up. Files have y first, so that y, x, z are the x, y, z
 of a frame with axes east, north. A group of observations has one standard deviation of three

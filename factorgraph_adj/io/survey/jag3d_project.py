@@ -1,4 +1,4 @@
-"""Project of JAG3D: the tables of its database, as groups.
+"""Project of JAG3D as read: its database as groups, and point pairs of its two epochs.
 
 Source: JAG3D 2026, jag3d/sql/SQLDatabase.java (tables) and
 adjustment/network/sql/SQLAdjustmentManager.java (which rows take part in an adjustment).

@@ -1,4 +1,4 @@
-"""Reader of inputs of LGC2, the adjustment program of CERN.
+"""Reader of inputs of LGC2, the adjustment program of CERN: blocks become observations.
 
 Format: CERN, LGC2 user guide; what its documents leave open was found from its tests:
 

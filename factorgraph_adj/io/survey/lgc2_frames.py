@@ -1,4 +1,4 @@
-"""Frames and points of LGC2 as those of a network."""
+"""Frames, points, bodies and mounts of LGC2 as those of a network; rotations of its frames."""
 
 from __future__ import annotations
 

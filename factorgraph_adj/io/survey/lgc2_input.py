@@ -1,4 +1,4 @@
-"""Input of LGC2: frames, points, instruments, blocks of observations, Earth model.
+"""Input of LGC2 as read: frames, points, instruments, blocks of observations; Earth model.
 
 The Earth is a plane, a sphere, or an ellipsoid with the paraboloid of 1985 as geoid. X and Y are
 those of the cartesian system of CERN; the third coordinate of points outside of frames is a height

@@ -1,4 +1,4 @@
-"""Reader of tables of any program by a mapping of their columns."""
+"""Reader of text tables of any program by a column map: points, readings, observations."""
 
 from __future__ import annotations
 

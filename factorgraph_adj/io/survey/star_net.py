@@ -1,4 +1,4 @@
-"""Reader of data files of STAR*NET.
+"""Reader of data files of STAR*NET: data lines, sets and side shots as observations.
 
 Format: STAR*NET V6, Reference Manual, chapter 5, "Preparing Input Data"; MicroSurvey, help desk,
 article 1120, "STAR*NET data types".

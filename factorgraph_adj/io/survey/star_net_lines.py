@@ -1,4 +1,4 @@
-"""Lines of STAR*NET data: their words, values and standard errors in the present conventions."""
+"""Lines of STAR*NET data: values and standard errors in force, and the inline options."""
 
 from __future__ import annotations
 

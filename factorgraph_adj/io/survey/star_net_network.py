@@ -1,4 +1,4 @@
-"""Network of a STAR*NET project, local or in a grid."""
+"""Network of a STAR*NET project, local or in a grid, and coordinates of the points of the grid."""
 
 from __future__ import annotations
 

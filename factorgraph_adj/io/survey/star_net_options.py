@@ -1,4 +1,4 @@
-"""Settings of a STAR*NET project, which its data files do not have.
+"""Settings of a STAR*NET project that its data files lack: units, orders, standard errors.
 
 STAR*NET keeps units, orders and default standard errors in the project file (.prj, .snproj), and
 data files in the conventions that it states. The reader demands each setting that a line uses.

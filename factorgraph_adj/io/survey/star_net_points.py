@@ -1,4 +1,4 @@
-"""Points of STAR*NET data, and what adds to them: traverses, side shots, GPS vectors.
+"""Points of STAR*NET data, side shots, traverses, and GPS vectors with their weights.
 
 A side shot bears on no other point. Every SS line therefore makes a point of its own, with as many
 observations as coordinates: it has no redundancy, so that an adjustment gives it exactly the place

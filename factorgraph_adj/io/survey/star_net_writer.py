@@ -1,4 +1,4 @@
-"""Writer of data files of STAR*NET."""
+"""Writer of data files of STAR*NET, with a standard error in every line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A network in grid coordinates as a network in a geocentric or topocentric frame."""
+"""A network in grid coordinates as a network in a geocentric or topocentric frame: `from_grid`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Observations of a grid in a frame on the Earth.
+"""Observations of a grid in a frame on the Earth: conversion class by class, refusals.
 
 What was measured between points stays: slope distances, directions, angles, image coordinates.
 What counts from the axes or the heights of the grid is converted by a function for its class. A

@@ -1,4 +1,4 @@
-"""From the axes of a grid to a frame on the Earth: places, rotations and partials."""
+"""Axes of a grid and of a frame on the Earth: options, places, rotations, partials."""
 
 from __future__ import annotations
 

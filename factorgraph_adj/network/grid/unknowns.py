@@ -1,4 +1,4 @@
-"""Points, photos and other unknowns of a grid in a frame on the Earth.
+"""Points, photos and other unknowns of a grid in a frame; known values become observations.
 
 A component of the grid is no component of the frame. Points that are held in all three stay held.
 A weighted position is an observation along east, north and up with the covariance K Σ Kᵀ,

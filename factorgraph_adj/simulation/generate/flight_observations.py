@@ -1,4 +1,4 @@
-"""GNSS positions, INS attitudes, heights from pressures of air and water, for earlier photos."""
+"""GNSS positions, INS attitudes and statoscope readings of photos; lakes with points as shores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points on shapes, and laser trackers or scanners around an object."""
+"""Points on shapes; laser trackers, scanners and their targets around an object."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated blocks of photos: vertical ones in strips, convergent ones around an object."""
+"""Blocks of photos: vertical ones in strips and cross strips, convergent ones around an object."""
 
 from __future__ import annotations
 

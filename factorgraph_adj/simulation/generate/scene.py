@@ -1,4 +1,4 @@
-"""The scene of a simulated network: base of its parts, patterns of points, cameras and photos."""
+"""The scene of a simulated network: base of its parts, points, cameras, photos; patterns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Terrestrial observations between points of earlier parts, and their instruments."""
+"""Instruments, and terrestrial observations of one kind between points of earlier parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Terrestrial networks: traverse, triangulation grid, levelling loops, monitoring."""
+"""Terrestrial networks: traverse, triangulation grid, levelling loops, monitoring of an object."""
 
 from __future__ import annotations
 
