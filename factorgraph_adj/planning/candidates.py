@@ -34,7 +34,7 @@ def as_planned(network: Network) -> Network:
 
     Raises:
         InputError: points, photos and other unknowns without the values that a plan needs, as
-            `factorgraph_adj.simulation.given_values.with_given_values`.
+            `factorgraph_adj.simulation.planned_values.with_given_values`.
     """
     read = measure(network, seed=0, noise=False)
     return _with_names(network, read)

@@ -51,7 +51,7 @@ from ..io.project import Project
 from ..io.text_files import parse_toml, read_text
 from ..models.variables import VariableKind, unknown_kind
 from ..observations import AnyObservation, Correlated
-from ..simulation.given_values import with_defaults, without_values
+from ..simulation.planned_values import with_defaults, without_values
 from ..units import LENGTH
 from .candidates import Candidate, dependent, identified, with_candidates
 from .targets import TARGETS, DetectableError, RedundancyNumber, Target, check_targets

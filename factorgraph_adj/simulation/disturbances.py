@@ -17,9 +17,9 @@ from ..network.network import Network
 from ..observations import KINDS, ControlPoint, Observation
 from ..observations.registry import DISTANCE_QUANTITIES
 from ..types import Array
-from .given_values import undetermined_points
 from .measurement import Seed, measure
 from .parameters import Parameters, number, path_of
+from .planned_values import undetermined_points
 from .systematic_errors import InImages, Systematic
 
 GROSS, DROPPED = 1000, 1001

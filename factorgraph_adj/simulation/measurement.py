@@ -23,7 +23,7 @@ from ..network.network import Network
 from ..observations import BUILT_IN, KINDS
 from ..rotation import exp_rotation
 from ..types import Array, Mask
-from .given_values import with_given_values
+from .planned_values import with_given_values
 
 Seed = int
 """Seed of a simulation: the same seed gives the same errors on every machine."""
@@ -115,7 +115,7 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
 
     Args:
         plan: a network with true values everywhere; those that may be missing are those of
-            `factorgraph_adj.simulation.given_values`.
+            `factorgraph_adj.simulation.planned_values`.
         seed: seed of the errors.
         noise: whether readings have random errors; otherwise all readings are true values.
 

@@ -20,8 +20,8 @@ from factorgraph_adj.observations import (
     SlopeDistance,
 )
 from factorgraph_adj.rotation import exp_rotation
-from factorgraph_adj.simulation.given_values import with_given_values
 from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.simulation.planned_values import with_given_values
 from factorgraph_adj.units import CC
 
 ROTATION = {"rx": -0.15, "ry": 0.3, "rz": -2.1}

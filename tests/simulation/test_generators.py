@@ -61,9 +61,9 @@ from factorgraph_adj.simulation.generate.terrestrial_networks import (
     Traverse,
     TriangulationGrid,
 )
-from factorgraph_adj.simulation.given_values import undetermined_points
 from factorgraph_adj.simulation.measurement import SimulatedNetwork
 from factorgraph_adj.simulation.parameters import kinds_of
+from factorgraph_adj.simulation.planned_values import undetermined_points
 from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, simulate
 from factorgraph_adj.simulation.systematic_errors import (
     AffineFilm,

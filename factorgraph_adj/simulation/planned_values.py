@@ -1,4 +1,4 @@
-"""Values that a plan takes where its network gives none, and points that it cannot determine.
+"""Values that a plan takes where none are given, or asks for; points that it cannot determine.
 
 Shapes follow from the points on them. A component whose value is of no consequence, or has a
 natural choice, takes `Component.planned`: orientations of sets and constants of gyrotheodolites are
