@@ -66,7 +66,7 @@ if _TYPE_CHECKING:
     from .models.lens import BrownLens
     from .models.lens_registry import register_lens
     from .models.unknown import UnknownKind
-    from .models.variables import register_unknown
+    from .models.unknown_registry import register_unknown
     from .network.face_readings import FaceReading
     from .network.face_reduction import reduce_faces
     from .network.grid.conversion import from_grid
@@ -74,7 +74,6 @@ if _TYPE_CHECKING:
     from .network.network import Network
     from .observations.airborne_observations import (
         AntennaVector,
-        GyroAzimuth,
         NavigationAttitude,
         PhotoAngle,
         PhotoAttitude,
@@ -138,6 +137,7 @@ if _TYPE_CHECKING:
         AstronomicLongitude,
         Azimuth,
         Direction,
+        GyroAzimuth,
         HeightDifference,
         HorizontalAngle,
         HorizontalDistance,
@@ -284,14 +284,14 @@ _NAMES = {
     "models.lens": "BrownLens",
     "models.lens_registry": "register_lens",
     "models.unknown": "UnknownKind",
-    "models.variables": "register_unknown",
+    "models.unknown_registry": "register_unknown",
     "network.face_readings": "FaceReading",
     "network.face_reduction": "reduce_faces",
     "network.grid.conversion": "from_grid",
     "network.joined_networks": "join vectors_in_own_datum",
     "network.network": "Network",
     "observations.airborne_observations": (
-        "AntennaVector GyroAzimuth NavigationAttitude PhotoAngle PhotoAttitude PhotoBase "
+        "AntennaVector NavigationAttitude PhotoAngle PhotoAttitude PhotoBase "
         "PhotoRange PhotoSight PhotoTilt"
     ),
     "observations.base": "Observation",
@@ -317,7 +317,7 @@ _NAMES = {
     ),
     "observations.surface_heights": "LevelHeight ProfileHeight",
     "observations.terrestrial_observations": (
-        "AstronomicLatitude AstronomicLongitude Azimuth Direction HeightDifference "
+        "AstronomicLatitude AstronomicLongitude Azimuth Direction GyroAzimuth HeightDifference "
         "HorizontalAngle HorizontalDistance SlopeDistance VerticalAngle ZenithAngle"
     ),
     "orientation.block_orientation": "orient",

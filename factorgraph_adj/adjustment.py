@@ -11,7 +11,7 @@ from .entities import parameter_name
 from .errors import ApproximationError, DatumError, InputError, UnknownLeftOut, known
 from .graph.equations import compile_network
 from .graph.observation_selection import without
-from .models.variables import UNKNOWNS
+from .models.unknown_registry import UNKNOWNS
 from .network.network import DatumChoice, Network
 from .orientation.choice_of_start import choose_start, with_doubtful_image_points
 from .solve.added_factors import AddedFactors, ExtraFactors

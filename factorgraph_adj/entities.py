@@ -14,7 +14,7 @@ import numpy as np
 from .constructors import ChecksArguments
 from .errors import InputError, Problem, similar
 from .models.lens import Lens
-from .models.variables import UnknownKind
+from .models.unknown_registry import UnknownKind
 from .types import Array, Index, Mask
 
 REFRACTION_OF_THE_NETWORK = ""

@@ -57,7 +57,7 @@ def pytest_collection_finish() -> None:
 def registered_kinds_stay() -> Iterator[None]:
     """Tests that register a kind take it back: other tests may name all that are valid."""
     from factorgraph_adj.models.lens_registry import LENSES
-    from factorgraph_adj.models.variables import UNKNOWNS
+    from factorgraph_adj.models.unknown_registry import UNKNOWNS
     from factorgraph_adj.observations.registry import KINDS
 
     before = list(KINDS), list(UNKNOWNS), list(LENSES)

@@ -39,7 +39,7 @@ from factorgraph_adj.export.formats import EXPORT_FORMATS
 from factorgraph_adj.io.readers import READERS
 from factorgraph_adj.io.writers import WRITERS
 from factorgraph_adj.models.lens_registry import LENSES
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.observations import KINDS
 from factorgraph_adj.report import plots
 from tests.support.places import ROOT

@@ -14,7 +14,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.models.variables import UnknownTable, unknown_kind
+from factorgraph_adj.models.unknown_registry import UnknownTable, unknown_kind
 from factorgraph_adj.solve.datum_defects import generators
 from tests.networks import extension
 from tests.networks.extension import (

@@ -12,7 +12,7 @@ from typing import get_args
 
 from ..adjustment import adjust
 from ..epochs.block_motion import BlockMotion, MotionModel, block_motion
-from ..epochs.comparison import Congruence
+from ..epochs.comparison_result import Congruence
 from ..epochs.congruence import congruence
 from ..epochs.congruence_tests import LocalisationMethod
 from ..errors import InputError, Problem, known

@@ -30,7 +30,7 @@ from ..quality.reliability import reliability
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array
-from .comparison import Congruence
+from .comparison_result import Congruence
 from .differences import ONE_EPOCH_ALONE
 
 ADJUSTMENTS_IN_WORDS = {1: ("the common adjustment",), 2: ("the first epoch", "the second epoch")}

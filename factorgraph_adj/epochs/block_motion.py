@@ -24,7 +24,7 @@ import numpy as np
 from ..blas_threads import with_one_thread
 from ..errors import DatumError, InputError, Problem, known
 from ..types import Array
-from .comparison import Congruence
+from .comparison_result import Congruence
 from .congruence_tests import HypothesisTest
 
 MotionModel: TypeAlias = Literal["rigid", "similarity", "affine"]

@@ -27,7 +27,7 @@ from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_MODEL, POWER_OF_TEST, fisher_quantile
 from ..types import Array, Index
 from .alternative_explanations import alternative_explanations, not_comparable
-from .comparison import Congruence, Displacement, VarianceRatioTest, reference_scale_change
+from .comparison_result import Congruence, Displacement, VarianceRatioTest, reference_scale_change
 from .congruence_tests import (
     LocalisationMethod,
     LocalisationStep,

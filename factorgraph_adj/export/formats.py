@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..columns import require_pandas
-from ..epochs.comparison import Congruence
+from ..epochs.comparison_result import Congruence
 from ..errors import InputError, Problem, known
 from ..io.file_transaction import write_files
 from ..io.format_options import fitting_options, options_of, refuse_unknown_options

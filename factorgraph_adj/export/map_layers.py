@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from ..epochs.comparison import Congruence
+from ..epochs.comparison_result import Congruence
 from ..errors import InputError
 from ..report.adjustment_report import Report
 from ..report.epochs_report import EpochsReport

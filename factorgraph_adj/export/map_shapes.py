@@ -17,7 +17,7 @@ from ..frames import Frame
 from ..graph.blocks import Block
 from ..graph.variables import calibration_name
 from ..models.inverse_lens import directions
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..quality.error_ellipses import ErrorEllipse, error_ellipses
 from ..report.adjusted_coordinates import image_statistics_by_photo
 from ..report.adjustment_report import Report

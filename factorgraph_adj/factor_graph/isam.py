@@ -25,7 +25,7 @@ from ..graph.observation_selection import without
 from ..graph.partials_check import refuse_wrong_partials
 from ..graph.user_factors import MakesFactor, made
 from ..graph.variables import State, Unknowns
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.additions import UnknownsGiven, add_entities, unknowns_by_kind
 from ..network.network import DatumChoice, Network
 from ..observations import AnyObservation

@@ -21,7 +21,7 @@ from ..errors import InputError
 from ..frames import Frame
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..types import NO_ROWS, Array, Index, Mask
 from .linearisation_points import LinearisationPoints
 from .row_arrays import Grown, Rows, Sort, WholeBlockError, sort_of

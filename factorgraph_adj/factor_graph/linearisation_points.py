@@ -12,7 +12,7 @@ import numpy as np
 
 from ..graph.dependence import Variable
 from ..graph.variables import State, Unknowns, Variables
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..types import Array, Index
 from .factor_tests import JointCovariance
 from .row_arrays import Grown

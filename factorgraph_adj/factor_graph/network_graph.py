@@ -18,7 +18,7 @@ from ..graph.factors import Part, held_factor, observation_factor
 from ..graph.keys import KeyMap, insert, to_gtsam, values_of
 from ..graph.variables import State, Unknowns
 from ..graph.weights import Cluster
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.network import DatumChoice, Network
 from ..orientation.choice_of_start import choose_start
 from ..solve.datum_defects import FreeDatum, find_defects

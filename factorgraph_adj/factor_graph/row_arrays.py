@@ -15,7 +15,7 @@ from ..frames import Frame
 from ..graph.blocks import Block
 from ..graph.variables import State
 from ..graph.weights import of_parts, sigma_at
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import Observation
 from ..types import Array, Index, Mask

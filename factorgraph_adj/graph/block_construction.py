@@ -12,10 +12,10 @@ import numpy as np
 
 from ..entities import parameter_key, parameter_name
 from ..frames import Frame
-from ..models import positions
+from ..models import attitude, positions
 from ..models.base import Linearised
 from ..models.lens import Lens
-from ..models.variables import ENTITIES, UNKNOWNS, UnknownKind, VariableKind
+from ..models.unknown_registry import ENTITIES, UNKNOWNS, UnknownKind, VariableKind
 from ..network.network import Network
 from ..observations import KINDS, ControlPoint, Observation, ObservationKind, Unit, observation_kind
 from ..observations.user_factor import OwnFactor
@@ -413,7 +413,7 @@ def _weighted_rotations(
         names,
         kind.names(3),
         [f"weighted {n}" for n in names].__getitem__,
-        model=partial(positions.attitude, size=kind.size),
+        model=partial(attitude.attitude, size=kind.size),
         constants={"reference": table.values[rows, :9].reshape(-1, 3, 3)},
         prior=True,
         fixes="attitude",
@@ -433,7 +433,7 @@ def _weighted_tilts(network: Network, kind: UnknownKind, table: Variables, rows:
         names,
         kind.names(2),
         [f"weighted {n}" for n in names].__getitem__,
-        model=partial(positions.tilt, size=kind.size),
+        model=partial(attitude.tilt, size=kind.size),
         # The turn about z may not be known yet.
         constants={"upright": _upright(exp_rotation(np.nan_to_num(np.array(given)))[:, 2])},
         prior=True,

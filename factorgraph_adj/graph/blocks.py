@@ -14,7 +14,7 @@ from ..frames import Frame
 from ..models.base import DegenerateError, Linearised, NoDirectionError
 from ..models.image import image
 from ..models.lens import Lens
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..observations import KINDS, Observation, Unit, observation_kind
 from ..observations.registry import Quantity
 from ..types import Array, Index

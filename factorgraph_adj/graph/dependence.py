@@ -12,7 +12,7 @@ import numpy as np
 from ..entities import FREE_ORIENTATION, Parameter, parameter_name
 from ..errors import Problem
 from ..frames import LocalFrame
-from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
+from ..models.unknown_registry import ENTITIES, UNKNOWNS, VariableKind
 from ..network.additions import UnknownsGiven
 from ..network.network import Network
 from ..observations import KINDS, Observation, observation_kind

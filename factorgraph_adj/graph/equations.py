@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..models.base import Linearised
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.network import Network
 from ..types import Array, Index
 from .block_construction import by_kind, control_blocks, own_blocks, plain_blocks, weighted_blocks

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..frames import Frame
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..rotation import right_jacobian_inverse
 from ..types import Array, Index, Mask
 from .blocks import Block

@@ -21,7 +21,7 @@ import gtsam
 import numpy as np
 
 from ..errors import AdjustmentError, InputError, Problem, similar, unknown_name
-from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
+from ..models.unknown_registry import ENTITIES, UNKNOWNS, VariableKind
 from ..rotation import log_rotation, right_jacobian_inverse
 from ..types import Array
 from .equations import Equations

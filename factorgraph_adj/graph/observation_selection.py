@@ -10,7 +10,7 @@ import numpy as np
 
 from ..entities import ImageTable, Key, Parameter, parameter_name
 from ..errors import InputError, Problem, known
-from ..models.variables import VariableKind, parameter_kinds
+from ..models.unknown_registry import VariableKind, parameter_kinds
 from ..network.network import Network
 from ..observations import Observation
 from ..types import Array, Mask

@@ -16,7 +16,7 @@ import numpy as np
 from ..entities import Key, parameter_name
 from ..errors import InputError, Problem
 from ..models.base import DegenerateError, Linearised
-from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
+from ..models.unknown_registry import ENTITIES, UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations.user_factor import OwnFactor
 from ..types import Array, Index

@@ -23,7 +23,7 @@ import numpy as np
 from ..entities import Camera, Key, Parameter, parameter_name
 from ..errors import AdjustmentError
 from ..models.base import DegenerateError
-from ..models.variables import ROTATION, UNKNOWNS, UnknownKind, VariableKind
+from ..models.unknown_registry import ROTATION, UNKNOWNS, UnknownKind, VariableKind
 from ..network.network import Network
 from ..types import Array, Index, Mask
 

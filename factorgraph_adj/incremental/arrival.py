@@ -11,7 +11,7 @@ from ..ledger.row_store import OUTCOME_CODE
 from ..ledger.verdicts import Verdict
 from ..ledger.waiting_observations import Candidates, known_in
 from ..linear_system.arrival_decisions import untested
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..types import Index
 from .worklist import IncrementalState, Verdicts
 

@@ -25,7 +25,7 @@ from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_network, compile_rows
 from ..graph.variables import State
 from ..ledger.waiting_observations import Candidates, NothingKnown, excerpt
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..orientation.block_start import BlockStart
 from ..orientation.choice_of_start import choose_start

@@ -25,7 +25,7 @@ from ..ledger.row_store import NO_PHOTO
 from ..ledger.waiting_observations import Candidates, NothingKnown, known_in
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.predictions import UNANSWERED, innovation_tests, joined
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..quality.group_tests import LeaveOneOutTests
 from ..types import Index
 from .worklist import IncrementalState

@@ -17,7 +17,7 @@ from ..ledger.waiting_observations import Candidates, NothingKnown
 from ..linear_system import engines
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.rebase import EFFORT, Draft, NoMinimum, known_network
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.network import Network
 from ..solve.doubtful_points import points_with_narrow_rays
 from ..solve.minimum import adjust_from_start

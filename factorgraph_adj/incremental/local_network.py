@@ -18,7 +18,7 @@ from scipy import sparse
 from ..errors import AdjustmentError, ApproximationError, Problem
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.variables import parameter_kinds
+from ..models.unknown_registry import parameter_kinds
 from ..network.network import DatumChoice, Network
 from ..observations.base import of_quantities
 from ..observations.registry import POSITION_QUANTITIES

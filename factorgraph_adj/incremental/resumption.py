@@ -30,7 +30,7 @@ from ..ledger.waiting_observations import Candidates, NothingKnown
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.linear_system import LinearSystem
 from ..linear_system.rebase import NoMinimum
-from ..models.variables import ROTATION, UNKNOWNS
+from ..models.unknown_registry import ROTATION, UNKNOWNS
 from ..network.network import Network
 from ..types import NO_ROWS, Array, Index
 from .initial_adjustment import adjusted_once, at_its_start, initial_state, settled

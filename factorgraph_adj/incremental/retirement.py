@@ -29,7 +29,7 @@ from ..ledger.row_store import REMOVED
 from ..ledger.waiting_observations import Candidates, NothingKnown
 from ..linear_system import engines
 from ..linear_system.rebase import EFFORT, Draft, NoMinimum, known_network
-from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network
 from ..solve.added_factors import Prior, UnknownGroup
 from ..solve.marginalisation import (

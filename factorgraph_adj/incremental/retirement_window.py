@@ -10,7 +10,7 @@ from ..graph.dependence import Variable
 from ..ledger.command_input import Options, ticks
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import REMOVED
-from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network
 from ..types import Array
 

@@ -19,7 +19,7 @@ from ..ledger.retired_unknowns import LastEstimate, Retired
 from ..ledger.verdicts import Verdict
 from ..linear_system import engines
 from ..linear_system.rebase import known_network, solution_of
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import Observation
 from ..quality.causes.cause_search import Causes

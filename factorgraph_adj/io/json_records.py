@@ -27,7 +27,7 @@ from ..entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from ..errors import InputError, Problem, known, system_reason
 from ..frames import Frame
 from ..models.lens import NoDistortion
-from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network
 from ..observations import KINDS, AnyObservation, Correlated, Observation
 from ..types import Array

@@ -13,7 +13,7 @@ from functools import cache, lru_cache
 from itertools import product
 
 from ..errors import known, similar
-from ..models.variables import Quantity
+from ..models.unknown_registry import Quantity
 from ..observations import KINDS, Observation, observation_kind
 from ..units import ANGLE, LENGTH
 from .numbers import Units

@@ -20,7 +20,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import InputError, Problem, known
-from ..models.variables import Quantity
+from ..models.unknown_registry import Quantity
 from ..observations import KINDS, ImagePoint, Observation
 from ..observations.registry import IN_MEMORY
 from ..stochastic_model import COMBINATIONS, Combine, StandardDeviation

@@ -1,6 +1,6 @@
 """Tables of parameters, derived from the record of each kind: columns, reading, writing of rows.
 
-The tables follow from the record of the kind, see `factorgraph_adj.models.variables`: ``keys``
+The tables follow from the record of the kind (`factorgraph_adj.models.unknown_registry`): ``keys``
 name the unknown; each component has a column for its value and a column for its standard
 deviation; ``fixed`` or ``free`` names the held or the free components. The name of a column ends
 in its unit, such as ``zero_mm``; a column without a unit is in the unit of the project.
@@ -15,7 +15,7 @@ import numpy as np
 
 from ..entities import FREE_ORIENTATION, Key, Parameter
 from ..errors import InputError
-from ..models.variables import Component, UnknownKind, UnknownTable
+from ..models.unknown_registry import Component, UnknownKind, UnknownTable
 from ..network.network import Network
 from ..units import ANGLE, LENGTH, decimal_angle
 from . import numbers

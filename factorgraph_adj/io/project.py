@@ -21,7 +21,7 @@ from ..files import astray
 from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ..models.lens import Lens
 from ..models.lens_registry import LENSES
-from ..models.variables import parameter_kinds
+from ..models.unknown_registry import parameter_kinds
 from ..network.network import Network
 from ..observations import KINDS
 from ..stochastic_model import COMBINATIONS

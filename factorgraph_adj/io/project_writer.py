@@ -15,7 +15,7 @@ from ..control_characters import problems_of_names
 from ..entities import Camera, Photo, Point, parameter_key
 from ..errors import InputError, Problem
 from ..frames import Frame, GeocentricFrame, LocalFrame
-from ..models.variables import UnknownKind, parameter_kinds
+from ..models.unknown_registry import UnknownKind, parameter_kinds
 from ..network.network import Network
 from ..rotation import TURN_ABOUT_X, omega_phi_kappa, world_R_camera
 from ..types import Array

@@ -12,7 +12,7 @@ import numpy as np
 from ..entities import Key, Photo
 from ..errors import InputError, Problem, known
 from ..frames import LocalFrame, TopocentricFrame
-from ..models.variables import UnknownKind
+from ..models.unknown_registry import UnknownKind
 from ..network.composite_unknowns import RIGID, member_of_rig
 from ..network.network import Network
 from ..types import Array

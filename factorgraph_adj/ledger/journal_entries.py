@@ -43,7 +43,7 @@ from ..io.json_records import (
     unknown_fields,
     unknown_of,
 )
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.network import Network
 from ..observations import Correlated, Observation
 from ..observations.image import identity, number_beyond

@@ -22,7 +22,7 @@ from ..errors import MOST_COMPARED, InputError, Problem, similar
 from ..garbage_collection import without_collections
 from ..graph.dependence import Variable, components, stated_late
 from ..graph.observation_selection import without
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.additions import NO_UNKNOWNS, UnknownsGiven, add_entities
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation

@@ -19,7 +19,7 @@ import numpy as np
 from ..entities import FREE_ORIENTATION, Key, Photo, Point, parameter_name
 from ..errors import Problem, known
 from ..graph.dependence import Variable
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import Observation
 from ..solve.added_factors import Prior

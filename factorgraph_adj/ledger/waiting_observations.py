@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from ..entities import FREE_ORIENTATION, Camera, Parameter, parameter_name
 from ..graph.dependence import Variable
 from ..graph.variables import calibration_name, camera_of_calibration
-from ..models.variables import ENTITIES, UNKNOWNS, VariableKind, parameter_kinds
+from ..models.unknown_registry import ENTITIES, UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import DatumChoice, Network
 from ..solve.added_factors import Prior
 from ..types import NO_ROWS, Array, Index, Mask

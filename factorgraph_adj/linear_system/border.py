@@ -17,7 +17,7 @@ import numpy as np
 
 from ..graph.dependence import Variable
 from ..graph.variables import State, Unknowns
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..types import NO_ROWS, Array, Index
 from .linear_system import LinearForms
 

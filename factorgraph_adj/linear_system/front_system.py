@@ -20,7 +20,7 @@ from ..graph.equations import compile_rows
 from ..graph.variables import State, Unknowns
 from ..ledger.ledger import Ledger
 from ..ledger.waiting_observations import excerpt
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..solve.adjustment_run import ShapeMisfit
 from ..solve.doubtful_points import VaguePoint, vague_points
 from ..solve.linear_base import LinearisationDrift, ReducedCofactors, ReducedFunctions

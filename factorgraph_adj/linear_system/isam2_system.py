@@ -26,7 +26,7 @@ from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import Unit
 from ..ledger.waiting_observations import excerpt
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..quality.group_tests import LeaveOneOutTests
 from ..solve.adjustment_run import ShapeMisfit
 from ..solve.given_state import solution_at_given_values

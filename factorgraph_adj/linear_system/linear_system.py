@@ -19,7 +19,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
 from ..ledger.row_store import Unit
 from ..ledger.waiting_observations import Known
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..observations import ImagePoint
 from ..solve.adjustment_run import ShapeMisfit
 from ..solve.feasible_states import state_off_lines

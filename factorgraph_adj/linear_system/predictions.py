@@ -30,7 +30,7 @@ from ..graph.equations import compile_rows
 from ..graph.variables import State, Unknowns
 from ..ledger.ledger import Ledger
 from ..ledger.waiting_observations import excerpt
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..quality.group_tests import LeaveOneOutTests, critical_t2
 from ..solve.feasible_states import state_off_lines
 from ..types import NO_ROWS, Array, Index

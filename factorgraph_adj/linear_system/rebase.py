@@ -16,7 +16,7 @@ from ..graph.observation_selection import filtered
 from ..graph.variables import MaskState, State, Unknowns
 from ..ledger.command_input import Options
 from ..ledger.ledger import Ledger
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
 from ..orientation.choice_of_start import choose_start
 from ..solve.added_factors import NO_ADDED_FACTORS, AddedFactors, Prior

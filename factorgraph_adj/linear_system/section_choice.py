@@ -9,7 +9,7 @@ from ..graph.equations import Equations, compile_network
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import NO_PHOTO
 from ..ledger.waiting_observations import Candidates, NothingKnown, excerpt
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..solve.added_factors import marginal_prior
 from ..types import Array, Index
 from .front_system import FrontSystem

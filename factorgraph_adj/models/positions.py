@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..frames import Frame, LocalFrame
-from ..rotation import TURN_ABOUT_X, log_rotation, right_jacobian_inverse, skew
+from ..rotation import TURN_ABOUT_X, skew
 from ..types import Array
 from .base import Linearised, require
 from .line_of_sight import up_by_angles
@@ -98,48 +98,6 @@ def photo_coordinate(frame: Frame, pose: Array, *, observed: Array, axis: Array)
     """
     v = np.sum(axis * split_pose(pose)[1], axis=1, keepdims=True) - observed
     return Linearised(v, (np.concatenate([np.zeros_like(axis), axis], axis=1)[:, None, :],))
-
-
-def attitude(
-    frame: Frame, value: Array, *, observed: Array, reference: Array, size: int = 6
-) -> Linearised:
-    """Compute Log(R_refᵀ R) − observed, radians about the turned axes, (n, 3).
-
-    Args:
-        frame: not used.
-        value: stored values that begin with a rotation R, such as poses, (n, 9 + …).
-        observed: (n, 3), zero for an attitude that is known as R_ref.
-        reference: R_ref, for photos world_R_camera, (n, 3, 3).
-        size: number of components of the tangent.
-    """
-    rotation, _ = split_pose(value)
-    w = log_rotation(np.swapaxes(reference, 1, 2) @ rotation)
-    jacobian = np.zeros((len(w), 3, size))
-    jacobian[:, :, :3] = right_jacobian_inverse(w)
-    return Linearised(w - observed, (jacobian,))
-
-
-def tilt(frame: Frame, value: Array, *, observed: Array, upright: Array, size: int) -> Linearised:
-    """Compute (t_y, −t_x) − observed, radians about the x and y axes of R, (n, 2); t = U Rᵀ u.
-
-    u is the z axis of the object or of the horizon, and g = Rᵀ u is how it is seen from the axes of
-    R. U turns the given g into (0, 0, 1): the tilts are those of a compensator, about the axes of
-    R. They are zero where g is as given, and no turn about u changes them.
-
-    Args:
-        frame: not used.
-        value: stored values that begin with a rotation R, (n, 9 + …).
-        observed: (n, 2).
-        upright: U, the shortest turn from the given g to (0, 0, 1), (n, 3, 3).
-        size: number of components of the tangent.
-    """
-    rotation = value[:, :9].reshape(-1, 3, 3)
-    g = rotation[:, 2]
-    t = np.einsum("nij,nj->ni", upright, g)
-    jacobian = np.zeros((len(g), 2, size))
-    turned = upright @ skew(g)
-    jacobian[:, 0, :3], jacobian[:, 1, :3] = turned[:, 1], -turned[:, 0]
-    return Linearised(np.stack([t[:, 1], -t[:, 0]], axis=1) - observed, (jacobian,))
 
 
 def component(

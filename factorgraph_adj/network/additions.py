@@ -11,7 +11,7 @@ import numpy as np
 from ..control_characters import refuse_control_characters
 from ..entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from ..errors import InputError, Problem, known
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from .network import Network
 from .stated_unknowns import required
 

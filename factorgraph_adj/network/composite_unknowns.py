@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from ..entities import Parameter
 from ..errors import InputError, Problem, known, unknown_name
 from ..models.shapes import SHAPES
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..observations.relative_poses import RelativePosition, RelativeRotation
 
 RIGID = (1e-8, 1e-6)

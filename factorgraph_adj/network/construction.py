@@ -10,7 +10,7 @@ import numpy as np
 from ..entities import ORIGINS, Camera, Origin, Parameter, Photo, Point, parameter, sigmas, triple
 from ..errors import InputError, Problem, known, similar, unknown_name
 from ..models.lens import Lens
-from ..models.variables import UNKNOWNS, UnknownKind
+from ..models.unknown_registry import UNKNOWNS, UnknownKind
 from ..rotation import nearest_rotation, world_R_camera
 from ..types import Array
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..errors import Doubt, InputError, Problem
 from ..models.base import wrap
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..observations import Direction, Observation, SlopeDistance, ZenithAngle
 from ..result_display import Rows, Shown
 from ..statistical_tests import TOLERANCE_IN_SIGMAS

@@ -11,7 +11,7 @@ import numpy as np
 from ..entities import Key, Parameter, Point, parameter_name
 from ..errors import Doubt, InputError, Problem, known
 from ..frames import Frame, LocalFrame
-from ..models.variables import UNKNOWNS, parameter_kinds
+from ..models.unknown_registry import UNKNOWNS, parameter_kinds
 from ..observations import FrameVector, Observation
 from .network import Network
 

@@ -18,7 +18,7 @@ from ..entities import FREE_ORIENTATION, Camera, ImageTable, Origin, Parameter, 
 from ..errors import Doubt, InputError, LeftOut, Problem, UnknownLeftOut, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
-from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..result_display import Rows, Shown
 from ..types import Array, Mask

@@ -11,7 +11,7 @@ from ..control_characters import refuse_control_characters
 from ..entities import REFRACTION_OF_THE_NETWORK, Key, Parameter, Point, parameter, parameter_name
 from ..errors import InputError, Problem, unknown_name
 from ..models.deformation import HIGHEST
-from ..models.variables import VariableKind, unknown_kind
+from ..models.unknown_registry import VariableKind, unknown_kind
 from .composite_unknowns import OfKind, StatedShapes
 from .construction import checked_frame, free_components, refuse_wrong_parts
 
@@ -52,7 +52,7 @@ class StatedUnknowns(StatedShapes):
         """State an unknown of any kind; its components are free unless held or weighted.
 
         Args:
-            kind: name of the kind, see `factorgraph_adj.models.variables.UNKNOWNS`.
+            kind: name of the kind, see `factorgraph_adj.models.unknown_registry.UNKNOWNS`.
             key: name of the unknown, or several names such as station and set.
             values: values of the components, SI; None: the start values of the kind.
             fixed: whether all components are held, or the names of the held components.

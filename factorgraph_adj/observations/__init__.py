@@ -13,7 +13,6 @@ from ..entities import Camera, Parameter, Photo, Point
 from ..stochastic_model import StandardDeviation
 from .airborne_observations import (
     AntennaVector,
-    GyroAzimuth,
     NavigationAttitude,
     PhotoAngle,
     PhotoAttitude,
@@ -78,6 +77,7 @@ from .terrestrial_observations import (
     AstronomicLongitude,
     Azimuth,
     Direction,
+    GyroAzimuth,
     HeightDifference,
     HorizontalAngle,
     HorizontalDistance,

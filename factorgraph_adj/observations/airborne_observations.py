@@ -14,7 +14,7 @@ import numpy as np
 from ..frames import Frame
 from ..models.attitude import FORWARD_RIGHT_DOWN, from_omega_phi_kappa, from_roll_pitch_heading
 from ..types import Array
-from .base import AxesObservation, Observation, Sight, Sigma, VectorObservation
+from .base import AxesObservation, Observation, VectorObservation
 
 ABOUT = ("body", "angles")
 """What standard deviations, covariances and residuals of an attitude may belong to."""
@@ -293,15 +293,3 @@ class PhotoSight(AxesObservation):
             vector: Sequence[float] = getattr(self, name)
             if np.shape(vector) != (3,) or abs(float(np.linalg.norm(vector)) - 1.0) > UNIT:
                 self._fail(f"{name} must be a unit vector of three numbers, not {vector}")
-
-
-@dataclass(frozen=True)
-class GyroAzimuth(Sight):
-    """Azimuth read with a gyrotheodolite, radians: α − E, with the constant E of the instrument."""
-
-    kind: ClassVar[str] = "gyro_azimuth"
-    _: KW_ONLY
-    sigma: Sigma
-    """Standard deviation, radians, or its parts."""
-    gyro: str | None = None
-    """Gyrotheodolite, see `Network.set_gyro`; None: E is 0."""

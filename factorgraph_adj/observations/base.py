@@ -15,7 +15,7 @@ from ..control_characters import has_control_characters, why_refused
 from ..entities import Key, parameter_key, parameter_name
 from ..errors import InputError, Problem
 from ..frames import Frame
-from ..models.variables import ENTITIES, UNKNOWNS
+from ..models.unknown_registry import ENTITIES, UNKNOWNS
 from ..stochastic_model import PARTS, StandardDeviation, whitening
 from ..types import Array
 from .registry import KINDS, ObservationKind, Quantity, observation_kind

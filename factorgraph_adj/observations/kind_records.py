@@ -24,7 +24,6 @@ from ..models.shapes import SHAPES
 from . import relations, shape_points
 from .airborne_observations import (
     AntennaVector,
-    GyroAzimuth,
     NavigationAttitude,
     PhotoAngle,
     PhotoAttitude,
@@ -58,6 +57,7 @@ from .registry import Follower, ObservationKind
 from .relative_poses import RelativePosition, RelativeRotation
 from .shape_points import _OnShape
 from .surface_heights import LevelHeight, ProfileHeight
+from .terrestrial_observations import GyroAzimuth
 from .variances import DIRECTIONS, INCLINATIONS, LENGTHS
 
 _PHOTO = (("pose", "photo"), ("mount", "mount"))

@@ -20,7 +20,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..models.base import Linearised
 from ..models.shape_outlines import Outline
-from ..models.variables import ENTITIES, UNKNOWNS
+from ..models.unknown_registry import ENTITIES, UNKNOWNS
 from ..stochastic_model import PARTS
 from ..types import Array
 from .variances import Weight

@@ -133,6 +133,18 @@ class Azimuth(Sight):
 
 
 @dataclass(frozen=True)
+class GyroAzimuth(Sight):
+    """Azimuth read with a gyrotheodolite, radians: α − E, with the constant E of the instrument."""
+
+    kind: ClassVar[str] = "gyro_azimuth"
+    _: KW_ONLY
+    sigma: Sigma
+    """Standard deviation, radians, or its parts."""
+    gyro: str | None = None
+    """Gyrotheodolite, see `Network.set_gyro`; None: E is 0."""
+
+
+@dataclass(frozen=True)
 class HorizontalAngle(Observation):
     """Horizontal angle at ``station`` from ``target`` clockwise to ``target2``, radians."""
 

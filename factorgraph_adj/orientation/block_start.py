@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import known
 from ..graph.observation_selection import filtered
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.network import Network
 from ..result_display import Rows, Shown
 from ..rotation import nearest_rotation

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..solve.nested_dissection import BlockPattern, Front, dissect_parts
 from ..solve.reduced_system import EliminationRemainder, NodePlaces, joined_node_pairs
 from ..types import Array, Index, Keys, Mask

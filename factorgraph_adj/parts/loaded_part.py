@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import AdjustmentError, ApproximationError, InputError
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import DEFAULT, State, Unknowns, calibration_name, camera_of_calibration
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..orientation.choice_of_start import choose_start
 from ..solve.elimination_layers import layers_of

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError, Problem, UnknownLeftOut, known
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..result_display import Rows, Shown
 from ..solve.adjustment_run import RunRecord
 from ..solve.estimates import Estimate, estimate

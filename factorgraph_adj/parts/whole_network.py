@@ -21,7 +21,7 @@ from ..graph.equations import Equations, compile_network
 from ..graph.image_blocks import ImageIds
 from ..graph.observation_selection import only
 from ..graph.variables import Unknowns, Variables
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.network import DatumChoice, Network
 from ..orientation.choice_of_start import choose_start
 from ..solve.added_factors import ExtraFactors

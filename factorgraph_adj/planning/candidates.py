@@ -16,7 +16,7 @@ from ..entities import Camera, ImageTable, Key, Parameter, Photo, Point, paramet
 from ..errors import InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import calibration_name
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.additions import add_entities
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation

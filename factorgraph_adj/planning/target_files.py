@@ -49,7 +49,7 @@ from ..io.observation_fields import NAME_FIELDS, ImageAxes
 from ..io.observation_records import record_with_reading
 from ..io.project import Project
 from ..io.text_files import parse_toml, read_text
-from ..models.variables import VariableKind, unknown_kind
+from ..models.unknown_registry import VariableKind, unknown_kind
 from ..observations import AnyObservation, Correlated
 from ..simulation.planned_values import with_defaults, without_values
 from ..units import LENGTH

@@ -35,7 +35,7 @@ from ..graph.blocks import Block
 from ..models.base import within
 from ..models.shapes import SHAPES, Shape
 from ..models.sub_frame import InFrame, from_frame, horizons, in_frame, split_frame
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.network import Network
 from ..observations import observation_kind
 from ..solve.estimates import Estimate

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..graph.blocks import Block
 from ..graph.equations import Equations
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..solve.gauss_newton_steps import Factorised
 from ..solve.leverages import Leverages
 from ..solve.solution import Solution

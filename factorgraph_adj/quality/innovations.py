@@ -18,7 +18,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..graph.weights import weigh
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..solve.low_rank_update import covariance_whitener
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask

@@ -33,7 +33,7 @@ from scipy.sparse import csr_array
 
 from ..errors import InputError, Problem, known
 from ..graph.blocks import Block
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..network.network import Network
 from ..observations import observation_kind
 from ..solve.estimates import ObservationRecord

@@ -12,7 +12,7 @@ from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..entities import parameter_name
 from ..errors import InputError, known
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution

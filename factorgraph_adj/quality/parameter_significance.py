@@ -18,7 +18,7 @@ from scipy.sparse import block_diag
 
 from ..blas_threads import with_one_thread
 from ..errors import AdjustmentError, InputError, SingularError, known
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_MODEL, normal_quantile, student_quantile

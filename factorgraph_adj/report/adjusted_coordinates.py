@@ -21,17 +21,7 @@ from ..quality.point_precision import check_points as compare
 from ..types import Array
 from ..units import ANGLE, decimal, format_angle
 from .adjustment_report import Report
-from .layout import (
-    decimals,
-    exponent,
-    figure,
-    paragraph,
-    percent,
-    rms,
-    short,
-    table,
-    title,
-)
+from .layout import decimals, exponent, figure, paragraph, percent, rms, short, table, title
 from .observation_rows import observation_scale
 from .tables import READ, Column, Table, Unit, as_text, unit_of
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import AdjustmentError, InputError, SingularError
 from ..graph.variables import calibration_name
 from ..io.numbers import Units
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.network import Network
 from ..observations.registry import in_image_table
 from ..quality.causes.cause_search import Causes

@@ -11,13 +11,7 @@ from ..quality.rejections import Rejected, RejectedPoint, Snooping, Unresolved
 from ..units import significant
 from .adjusted_observations import test_symbol
 from .adjustment_report import Report
-from .layout import (
-    listed,
-    paragraph,
-    table,
-    title,
-    unbroken,
-)
+from .layout import listed, paragraph, table, title, unbroken
 from .observation_rows import Row, identity_columns
 from .reliability import MAX_INSEPARABLE_LISTED
 from .tables import NO_FIGURE, READ, Column, Table, Unit, as_csv, as_text

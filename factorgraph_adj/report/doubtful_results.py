@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import UnknownLeftOut
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..network.network import Network
 from ..quality.point_precision import CheckPoints
 from ..quality.rejections import GroupLoss, Snooping

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..epochs.alternative_explanations import identical_readings_note as identical
 from ..epochs.block_motion import BlockMotion
-from ..epochs.comparison import Congruence, Displacement
+from ..epochs.comparison_result import Congruence, Displacement
 from ..epochs.congruence_tests import HypothesisTest
 from ..io.csv_tables import write_all_columns
 from ..io.numbers import Units

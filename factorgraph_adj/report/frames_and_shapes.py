@@ -13,7 +13,7 @@ import numpy as np
 from ..entities import Parameter
 from ..io.csv_tables import write_columns
 from ..models.sub_frame import split_frame
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..observations import observation_kind
 from ..quality.derived_quantities import (
     PLACE_COMPONENTS,

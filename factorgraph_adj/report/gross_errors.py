@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isfinite
 
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..quality.causes.cause_search import EXCHANGES_NOTE
 from ..quality.causes.evidence import Cause, VarianceFactor
 from ..quality.causes.shared_error_tests import GivenValue
@@ -14,15 +14,7 @@ from ..quality.variance_components import VarianceComponent, VarianceComponents
 from ..units import decimal
 from .adjustment_report import Report
 from .doubtful_results import doubts_of_provenance
-from .layout import (
-    NO_BREAK,
-    listed,
-    paragraph,
-    percent,
-    short,
-    table,
-    title,
-)
+from .layout import NO_BREAK, listed, paragraph, percent, short, table, title
 from .observation_rows import kind_name
 from .tables import NO_FIGURE, READ, Column, Table, as_text
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..graph.variables import camera_of_calibration
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..network.network import Network
 from ..quality.causes.cause_search import Causes
 from ..quality.causes.evidence import Cause

@@ -19,7 +19,7 @@ from ..graph.variables import camera_of_calibration
 from ..io.csv_tables import write_columns, write_table
 from ..io.file_transaction import write_files
 from ..io.numbers import Units
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..parts.solution import PartResult, PartsSolution
 from ..quality.derived_quantities import place_of_frame
 from ..solve.solution import Solution

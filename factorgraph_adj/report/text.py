@@ -6,7 +6,7 @@ from dataclasses import asdict
 from math import isfinite
 
 from ..control_characters import escaped
-from ..epochs.comparison import Congruence
+from ..epochs.comparison_result import Congruence
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..quality.rejections import Snooping
 from ..solve.solution import Solution

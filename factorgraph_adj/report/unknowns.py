@@ -9,7 +9,7 @@ from typing import Literal
 
 from ..entities import Camera, Parameter, parameter_name
 from ..graph.variables import camera_of_calibration
-from ..models.variables import UNKNOWNS, Quantity, VariableKind, parameter_kinds
+from ..models.unknown_registry import UNKNOWNS, Quantity, VariableKind, parameter_kinds
 from ..quality.parameter_significance import TestedParameter
 from ..units import ANGLE, decimal, decimal_angle, format_turn
 from .adjustment_report import Report

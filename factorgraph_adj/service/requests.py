@@ -16,7 +16,7 @@ from ..io.csv_tables import FieldRow
 from ..io.json_records import camera_of, observation_of
 from ..io.observation_fields import ImageAxes, RecordContext
 from ..io.observation_records import record_label
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import AnyObservation
 from ..observations.registry import in_image_table

@@ -12,7 +12,7 @@ from ..entities import ImageTable, Parameter
 from ..errors import Problem, known, unknown_name
 from ..graph.equations import compile_rows
 from ..graph.observation_selection import without
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..network.network import Network
 from ..observations import KINDS, ControlPoint, Observation
 from ..observations.registry import DISTANCE_QUANTITIES

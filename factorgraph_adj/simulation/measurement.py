@@ -18,7 +18,7 @@ from ..entities import Camera, ImageTable, Parameter, Photo, parameter_name
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
-from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network
 from ..observations import BUILT_IN, KINDS
 from ..rotation import exp_rotation

@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 from ..entities import Parameter, parameter_name
 from ..errors import AdjustmentError, InputError, Problem
 from ..graph.equations import Equations, compile_network, compile_rows
-from ..models.variables import UNKNOWNS, UnknownKind
+from ..models.unknown_registry import UNKNOWNS, UnknownKind
 from ..network.network import Network
 from ..orientation.choice_of_start import choose_start, has_photos_without_pose
 from ..solve.estimates import network_with_values

@@ -42,7 +42,7 @@ from ..graph.keys import KeyMap
 from ..graph.partials_check import refuse_wrong_partials
 from ..graph.user_factors import MakesFactor, linearise_extra, made, name_of
 from ..graph.variables import State, Unknowns
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..rotation import right_jacobian_inverse
 from ..types import Array, Index

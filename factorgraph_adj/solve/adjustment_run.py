@@ -15,7 +15,7 @@ from ..errors import DatumError, InputError, Problem, SingularError, known
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.base import Linearised
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..types import Array, Mask
 from .added_factors import NO_ADDED_FACTORS, AddedFactors
 from .datum_defects import Defect, FreeDatum, find_defects, minimal_datum

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..errors import SingularError
 from ..graph.variables import Unknowns
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..types import Array, Index
 from .elimination_layers import Layers, rows_outside_first_layer
 from .fronts import BlockMatrix, upper_solve, upper_transposed_solve

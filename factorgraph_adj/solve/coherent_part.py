@@ -18,7 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..graph.variables import State
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..types import Array, Index
 from .datum_defects import generators
 from .linearised_equations import LinearisedEquations

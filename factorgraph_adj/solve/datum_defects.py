@@ -28,7 +28,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.datum_motions import Motions
 from ..models.positions import heights
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..types import Array, Index, Mask
 from .linearised_equations import LinearisedEquations
 from .rigid_mounts import eased_ties

@@ -23,7 +23,7 @@ import numpy as np
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import Unknowns
-from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
+from ..models.unknown_registry import ENTITIES, UNKNOWNS, VariableKind
 from ..types import Index, Mask
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from ..errors import InputError, unknown_name
 from ..frames import Frame
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
-from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network
 from ..rotation import omega_phi_kappa
 from ..types import Array

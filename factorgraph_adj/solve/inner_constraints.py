@@ -17,7 +17,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
 from ..models.similarity import fit_similarity
 from ..models.sub_frame import split_frame
-from ..models.variables import ROTATION, UNKNOWNS, VariableKind
+from ..models.unknown_registry import ROTATION, UNKNOWNS, VariableKind
 from ..rotation import exp_rotation, log_rotation
 from ..types import Array, Index, Mask
 from .convergence import STOPPING

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..types import Array, Index, Mask
 from .bayes_tree import SelectedInverse, TreeFactors
 from .datum_defects import FreeDatum, minimal_datum

@@ -18,7 +18,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns, Variables
 from ..models.base import Linearised
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..types import Array, Index
 from .linearised_rays import LinearRays
 

@@ -16,7 +16,7 @@ import numpy as np
 from ..graph.blocks import Block
 from ..graph.image_blocks import ImageChunks, RayPartials
 from ..graph.variables import State
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..types import Array, Index
 
 SYMMETRIC_ELEMENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))

@@ -20,7 +20,7 @@ from scipy.sparse import csr_array
 
 from ..graph.equations import Equations
 from ..graph.variables import State, Variables
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..types import Array, Index, Mask
 from .elimination_layers import Layers, first_point
 from .fronts import BlockMatrix

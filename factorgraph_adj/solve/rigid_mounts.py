@@ -23,7 +23,7 @@ import numpy as np
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.variables import VariableKind
+from ..models.unknown_registry import VariableKind
 from ..observations.registry import KINDS, Follower
 from ..types import Array, Index, Mask
 

@@ -20,7 +20,7 @@ import numpy as np
 from ..errors import AdjustmentError, InputError
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..start.shape_fit import ShapeFit, frames_of_shapes, shape_observations
 from ..types import Array, Index
 from .adjustment_run import AdjustmentRun, ShapeMisfit

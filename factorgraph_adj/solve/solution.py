@@ -16,7 +16,7 @@ from ..columns import Columns
 from ..errors import InputError, SingularError, unknown_name
 from ..graph.equations import Equations
 from ..graph.variables import State, camera_of_calibration
-from ..models.variables import VariableKind, unknown_kind
+from ..models.unknown_registry import VariableKind, unknown_kind
 from ..network.network import Network
 from ..result_display import Rows, Shown
 from ..statistical_tests import global_test

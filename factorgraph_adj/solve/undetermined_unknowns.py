@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import DatumError, SingularError
 from ..errors import known as known_names
 from ..graph.variables import State, Unknowns
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..observations.registry import in_image_table
 from ..types import Array, Index
 from .coherent_part import largest_coherent_part

@@ -18,7 +18,7 @@ from ..entities import parameter_name
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.datum_motions import Motions
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..observations import KINDS
 from ..types import Array, Index, Mask
 from .linearised_equations import LinearisedEquations

@@ -23,7 +23,7 @@ from ..graph.variables import State
 from ..models.inverse_lens import directions
 from ..models.lens import Lens
 from ..models.sub_frame import horizons, in_frame
-from ..models.variables import ROTATION, UNKNOWNS
+from ..models.unknown_registry import ROTATION, UNKNOWNS
 from ..network.network import Network
 from ..observations.base import of_quantities
 from ..observations.kind_records import METROLOGY_KINDS

@@ -19,7 +19,7 @@ from ..errors import ApproximationError, Problem
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.variables import Quantity, parameter_kinds
+from ..models.unknown_registry import Quantity, parameter_kinds
 from ..network.network import DatumChoice
 from ..observations import AstronomicLatitude, AstronomicLongitude
 from ..types import Array, Mask

@@ -17,7 +17,7 @@ import numpy as np
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.sub_frame import from_frame, horizons, place_of_sight, split_frame
-from ..models.variables import ROTATION, UNKNOWNS
+from ..models.unknown_registry import ROTATION, UNKNOWNS
 from ..observations import KINDS
 from ..rotation import exp_rotation, nearest_rotation
 from ..stochastic_model import StandardDeviation

@@ -29,7 +29,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import DEFAULT
 from ..models.relative_poses import bases, relative_rotations
-from ..models.variables import ROTATION, UNKNOWNS
+from ..models.unknown_registry import ROTATION, UNKNOWNS
 from ..network.network import Network
 from ..observations.base import of_quantities
 from ..observations.registry import POSITION_QUANTITIES

@@ -19,7 +19,7 @@ from ..graph.variables import State
 from ..models.base import DegenerateError
 from ..models.shapes import SHAPES, Shape
 from ..models.sub_frame import horizons
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..observations import observation_kind
 from ..rotation import exp_rotation, skew
 from ..types import Array, Index

@@ -49,7 +49,7 @@ from ..errors import InputError, Problem, unknown_name
 from ..graph.equations import compile_network
 from ..graph.observation_selection import without
 from ..graph.variables import State
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..network.network import Network
 from ..observations import Correlated, FrameCoordinate
 from ..observations.base import of_quantities

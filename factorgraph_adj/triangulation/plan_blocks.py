@@ -44,7 +44,7 @@ import numpy as np
 from ..adjustment import adjust
 from ..errors import InputError, Problem, known
 from ..graph.equations import compile_network
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..network.network import Network
 from ..observations import ControlPoint, Direction, FrameCoordinate
 from ..observations.base import of_quantities

@@ -37,8 +37,8 @@ from .common_places import (
     similarity_without_gross_errors,
     with_exchanges_undone,
 )
+from .contradicting_groups import MIN_SCALE_DIFFERENCE, factor_meaning
 from .findings import Finding
-from .given_coordinates import MIN_SCALE_DIFFERENCE, factor_meaning
 from .instrument_axes import left_handed_frames, tilted_frames, wrong_circle_units
 from .loop_misclosures import MAX_LISTED_MISCLOSURES, MAX_OBSERVATIONS_OF_LOOP, closed_loops
 

@@ -22,7 +22,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns, Variables, calibration_name
 from ..models.shapes import Shape
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import KINDS
 from ..observations.registry import in_image_table

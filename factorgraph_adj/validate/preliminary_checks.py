@@ -6,10 +6,10 @@ from ..blas_threads import with_one_thread
 from ..errors import InputError
 from ..graph.equations import compile_rows
 from ..network.network import Network
+from .contradicting_groups import group_contradictions, points_behind_cameras, traverse_scale
 from .contradicting_readings import contradicting_readings
 from .findings import Finding
 from .frame_mistakes import misfitting_frames
-from .given_coordinates import group_contradictions, points_behind_cameras, traverse_scale
 from .loop_misclosures import lines_between_given, open_loops
 from .repeated_readings import differing_repetitions
 from .stated_values import contradicting_surfaces, differing_heights, exchanged_heights

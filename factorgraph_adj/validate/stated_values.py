@@ -26,7 +26,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.unknown import UnknownKind
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..network.network import Network
 from ..observations import Observation
 from ..observations.base import of_quantities

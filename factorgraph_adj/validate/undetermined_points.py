@@ -22,7 +22,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.base import wrap
-from ..models.variables import UNKNOWNS
+from ..models.unknown_registry import UNKNOWNS
 from ..observations import KINDS
 from ..statistical_tests import TOLERANCE_IN_SIGMAS
 from ..types import Array, Mask

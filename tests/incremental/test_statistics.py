@@ -20,7 +20,7 @@ import factorgraph_adj as fga
 from factorgraph_adj import IncrementalAdjustment, Network, Solution
 from factorgraph_adj.ledger.verdicts import Verdict
 from factorgraph_adj.models.lens import NoDistortion
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.observations import (
     AnyObservation,
     ControlPoint,

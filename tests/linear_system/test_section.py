@@ -18,7 +18,7 @@ from factorgraph_adj.linear_system import linearisation_error, section_choice
 from factorgraph_adj.linear_system.front_system import FrontSystem
 from factorgraph_adj.linear_system.rebase import Draft, NoMinimum, with_doubt
 from factorgraph_adj.linear_system.section import Attempts
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.observations import (
     ControlPoint,
     Direction,

@@ -11,7 +11,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import Lens
 from factorgraph_adj.models.lens_registry import LENSES, register_lens
-from factorgraph_adj.models.variables import Component, register_unknown
+from factorgraph_adj.models.unknown_registry import Component, register_unknown
 from tests.networks.extension import (
     SIMILARITY,
     registered,

@@ -13,7 +13,7 @@ from factorgraph_adj.models.relative_poses import (
     turned,
     turned_with,
 )
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.rotation import TURN_ABOUT_X as TURN
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array

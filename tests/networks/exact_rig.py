@@ -12,7 +12,7 @@ import numpy as np
 
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.graph.variables import State
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import TURN_ABOUT_X as TURN
 from factorgraph_adj.rotation import skew

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.observations import ControlPoint, Direction, SlopeDistance
 from factorgraph_adj.types import Array
 

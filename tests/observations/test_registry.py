@@ -12,7 +12,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.models.base import Linearised
 from factorgraph_adj.models.shape_outlines import LINE, SPHERE
-from factorgraph_adj.models.variables import unknown_kind
+from factorgraph_adj.models.unknown_registry import unknown_kind
 from factorgraph_adj.observations import (
     KINDS,
     Observation,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.models.variables import UNKNOWNS, VariableKind
+from factorgraph_adj.models.unknown_registry import UNKNOWNS, VariableKind
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import FrameCoordinate, HeightDifference, SlopeDistance
 from factorgraph_adj.parts import loaded_part

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
 from tests.loaders.borea import read_borea

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.quality.derived_quantities import place_of_frame
 from factorgraph_adj.report.result_files import write_solution
 from factorgraph_adj.rotation import exp_rotation

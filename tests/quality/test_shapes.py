@@ -8,7 +8,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.shapes import SHAPES
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.quality.derived_quantities import AdjustedShape, adjusted_shapes
 from tests.networks.on_shapes import MM, edges, measured, on_shape, simulated
 

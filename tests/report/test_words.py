@@ -92,7 +92,7 @@ def test_drifts_are_per_unit_of_time() -> None:
 
 def test_components_that_a_power_of_time_multiplies_say_so() -> None:
     for kind in ("drift", "attitude_drift", "profile"):
-        for component in fga.models.variables.UNKNOWNS[kind].components:
+        for component in fga.models.unknown_registry.UNKNOWNS[kind].components:
             _, _, power = component.name.partition("_")
             assert component.power == len(power), component.name
 

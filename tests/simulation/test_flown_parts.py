@@ -16,7 +16,7 @@ from scipy import stats
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.models.positions import heights
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.observations import PhotoPosition, ProfileHeight
 from factorgraph_adj.simulation.disturbances import DropOut, Errors
 from factorgraph_adj.simulation.generate.control import Control

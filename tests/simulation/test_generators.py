@@ -18,7 +18,7 @@ from examples.published_blocks.spec_parts import (
     IspBlock,
 )
 from factorgraph_adj.frames import LocalFrame, TopocentricFrame
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.observations import KINDS, ControlPoint, Direction, HeightDifference
 from factorgraph_adj.simulation.disturbances import (
     DROPPED,

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from factorgraph_adj.adjustment import adjust
-from factorgraph_adj.models.variables import VariableKind
+from factorgraph_adj.models.unknown_registry import VariableKind
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     ControlPoint,

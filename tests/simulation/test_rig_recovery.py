@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj import Network, adjust
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.simulation.measurement import measure
 from tests.networks import aerial_rig, rigs
 from tests.networks.odometry import odometry

@@ -10,7 +10,7 @@ import pytest
 
 from factorgraph_adj import DatumError, InputError, Network, adjust, reliability
 from factorgraph_adj.models.lens import NoDistortion
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.network.composite_unknowns import RIGID
 from factorgraph_adj.observations import PhotoPosition, RelativePosition, RelativeRotation
 from factorgraph_adj.rotation import exp_rotation

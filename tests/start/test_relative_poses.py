@@ -10,7 +10,7 @@ import pytest
 from factorgraph_adj import ApproximationError, LocalFrame, Network, adjust
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import NoDistortion
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.observations import ImagePoint, RelativePosition, RelativeRotation
 from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.simulation.measurement import measure

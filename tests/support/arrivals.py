@@ -13,7 +13,7 @@ from factorgraph_adj.errors import AdjustmentError
 from factorgraph_adj.graph.dependence import variables_of
 from factorgraph_adj.ledger.command_input import Engine
 from factorgraph_adj.models.base import wrap
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint
 from factorgraph_adj.quality.reliability import Reliability
 from factorgraph_adj.types import Array, Mask

@@ -11,7 +11,7 @@ import numpy as np
 from factorgraph_adj.factor_graph.network_graph import Graph
 from factorgraph_adj.graph.keys import state_of
 from factorgraph_adj.graph.variables import Unknowns
-from factorgraph_adj.models.variables import UNKNOWNS, VariableKind
+from factorgraph_adj.models.unknown_registry import UNKNOWNS, VariableKind
 from factorgraph_adj.solve.solution import Solution
 
 OPTIMISERS: dict[str, Callable[[Graph], Any]] = {

@@ -12,7 +12,7 @@ from scipy.sparse import block_diag, csr_array
 
 from factorgraph_adj.graph.equations import Equations
 from factorgraph_adj.graph.variables import State
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.observations import ControlPoint
 from factorgraph_adj.rotation import TURN_ABOUT_X as TURN
 from factorgraph_adj.rotation import exp_rotation, right_jacobian_inverse

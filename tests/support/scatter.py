@@ -20,7 +20,7 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.models.shapes import SHAPES
-from factorgraph_adj.models.variables import VariableKind
+from factorgraph_adj.models.unknown_registry import VariableKind
 from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
 from factorgraph_adj.simulation.measurement import look_at, measure
 from factorgraph_adj.types import Array, Mask

@@ -13,7 +13,7 @@ import numpy as np
 from ...entities import Parameter, Point
 from ...errors import InputError, Problem, known
 from ...frames import LocalFrame
-from ...models.variables import UNKNOWNS
+from ...models.unknown_registry import UNKNOWNS
 from ...network.network import Network
 from ...observations import (
     CoordinateDifference,

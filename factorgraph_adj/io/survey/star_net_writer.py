@@ -13,7 +13,7 @@ import numpy as np
 from ...entities import Point
 from ...errors import InputError, Problem
 from ...frames import LocalFrame, TopocentricFrame
-from ...models.variables import UNKNOWNS
+from ...models.unknown_registry import UNKNOWNS
 from ...network.network import Network
 from ...observations import (
     Azimuth,

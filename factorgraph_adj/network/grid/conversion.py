@@ -13,7 +13,7 @@ from ...crs.reference_system import ReferenceSystem, reference_system
 from ...entities import Photo
 from ...errors import InputError, Problem, known
 from ...frames import Frame, LocalFrame
-from ...models.variables import UNKNOWNS
+from ...models.unknown_registry import UNKNOWNS
 from ...observations import Observation
 from ...observations.base import of_quantities
 from ...types import Array

@@ -18,7 +18,6 @@ import numpy as np
 from ...errors import InputError, Problem
 from ...observations import Observation
 from ...observations.airborne_observations import (
-    GyroAzimuth,
     NavigationAttitude,
     PhotoAngle,
     PhotoAttitude,
@@ -32,6 +31,7 @@ from ...observations.terrestrial_observations import (
     AstronomicLatitude,
     AstronomicLongitude,
     Azimuth,
+    GyroAzimuth,
     HeightDifference,
     HorizontalDistance,
 )

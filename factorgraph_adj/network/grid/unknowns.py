@@ -19,7 +19,7 @@ import numpy as np
 
 from ...entities import Key, Parameter, Photo, Point, parameter_name
 from ...errors import InputError, Problem
-from ...models.variables import UNKNOWNS, UnknownKind
+from ...models.unknown_registry import UNKNOWNS, UnknownKind
 from ...observations import Observation
 from ...observations.positions import ControlPoint, PhotoPosition
 from ...observations.surface_heights import LevelHeight, ProfileHeight

@@ -16,7 +16,7 @@ from scipy.sparse import csc_array, hstack
 
 from ...blas_threads import with_one_thread
 from ...graph.equations import Equations
-from ...models.variables import UNKNOWNS
+from ...models.unknown_registry import UNKNOWNS
 from ...result_display import FIRST, Rows, Shown
 from ...solve.solution import Solution
 from ...statistical_tests import chi2_quantile

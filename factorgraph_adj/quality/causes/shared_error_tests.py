@@ -27,7 +27,7 @@ from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 
 from ...graph.equations import Equations
 from ...graph.variables import DEFAULT, Unknowns
-from ...models.variables import ENTITIES, UNKNOWNS, VariableKind
+from ...models.unknown_registry import ENTITIES, UNKNOWNS, VariableKind
 from ...solve.linearised_equations import LinearisedEquations
 from ...solve.solution import Solution
 from ...types import NO_ROWS, Array, Index, Mask

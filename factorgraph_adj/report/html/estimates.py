@@ -9,7 +9,7 @@ from math import isfinite
 import numpy as np
 
 from ...graph.variables import camera_of_calibration
-from ...models.variables import UNKNOWNS
+from ...models.unknown_registry import UNKNOWNS
 from ...quality.point_precision import check_points as compare
 from ...units import ANGLE, decimal, decimal_angle, format_angle, format_turn
 from ..adjusted_coordinates import (

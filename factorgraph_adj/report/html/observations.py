@@ -8,7 +8,7 @@ from math import isfinite
 
 import numpy as np
 
-from ...models.variables import UNKNOWNS
+from ...models.unknown_registry import UNKNOWNS
 from ...quality.rejections import Rejected
 from ...units import decimal
 from ..adjusted_observations import observation_table, test_symbol

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from ...epochs.block_motion import BlockMotion
-from ...epochs.comparison import Congruence
+from ...epochs.comparison_result import Congruence
 from ...errors import InputError
 from ...io.file_transaction import write_files
 from ...solve.solution import Solution

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...epochs.block_motion import BlockMotion
-from ...epochs.comparison import Congruence
+from ...epochs.comparison_result import Congruence
 from ...errors import InputError
 from ...quality.error_ellipses import confidence_factor
 from ...types import Array, Mask

@@ -17,7 +17,7 @@ from ...graph.blocks import Block
 from ...models.frame_axes import Axis, axis_of
 from ...models.shape_outlines import Outline, Seen
 from ...models.sub_frame import split_frame
-from ...models.variables import VariableKind
+from ...models.unknown_registry import VariableKind
 from ...observations.registry import KINDS, ObservationKind
 from ...solve.solution import Solution
 from ...types import Array, Index

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...graph.blocks import Block
 from ...graph.equations import Equations
-from ...models.variables import VariableKind
+from ...models.unknown_registry import VariableKind
 from ...quality.reliability import Reliability
 from ...solve.solution import Solution
 from ...types import Array, Index

@@ -16,7 +16,7 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import TopocentricFrame
 from factorgraph_adj.graph.equations import compile_rows
 from factorgraph_adj.models.lens import NormalisedLens
-from factorgraph_adj.validate.given_coordinates import points_behind_cameras
+from factorgraph_adj.validate.contradicting_groups import points_behind_cameras
 from factorgraph_adj.validate.network_structure import check
 from tests.networks import photo_files
 

@@ -8,7 +8,7 @@ from string import Formatter
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.observations import KINDS as OBSERVED
 from factorgraph_adj.report import catalogue
 from factorgraph_adj.report.adjustment_report import Report
