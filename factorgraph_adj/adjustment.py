@@ -1,4 +1,4 @@
-"""The adjustment of a network in memory, of all of it or of the part that is determined."""
+"""`adjust` a network in memory, all or its determined part; the memory that this needs."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""Threads of the BLAS libraries of numpy and scipy, by threadpoolctl.
+"""One BLAS thread during computations, and one computation at a time in objects with a lock.
 
-They start as many threads as there are processors. The matrices here are small: with two threads
-an adjustment takes twice the CPU time that it takes with one, and more wall time. Every public
-computation therefore runs with one thread, and leaves the process as it was. The number of threads
-also changes the last digits of sums, which then are the same on every machine.
+The BLAS libraries of numpy and scipy start as many threads as there are processors. The matrices
+here are small: with two threads an adjustment takes twice the CPU time that it takes with one, and
+more wall time. Every public computation therefore runs with one thread, by threadpoolctl, and
+leaves the process as it was. The number of threads also changes the last digits of sums, which then
+are the same on every machine.
 
 Objects that several threads may use have methods of which one runs at a time.
 """

@@ -1,4 +1,4 @@
-"""Constructors of what users state: arguments that are missing or unknown are errors of input."""
+"""Constructors that say which arguments are missing, unknown or too many."""
 
 from __future__ import annotations
 

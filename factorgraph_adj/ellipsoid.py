@@ -1,4 +1,4 @@
-"""Ellipsoids of revolution: geodetic and geocentric coordinates."""
+"""Ellipsoids of revolution by name; geodetic and geocentric coordinates, radii of curvature."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points, cameras, photos and parameters: their classes, and the checks of parameters.
+"""Classes of points, cameras, photos, parameters, image tables; checked values of parameters.
 
 A `Network` holds these entities by name and checks the names by which they refer to others.
 """

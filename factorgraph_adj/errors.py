@@ -1,4 +1,4 @@
-"""Exceptions: what is wrong, where, why, and what would be valid."""
+"""Exceptions, problems and doubts, what was left out; texts on valid and similar names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Safe reading of files: paths, links, sizes; inputs that outputs must not replace.
+"""Safe reading: paths, links, sizes, packed files; inputs that outputs must not replace.
 
 Files may come from anybody. A file of a few kilobytes must not fill the memory, and a message
 about it must not show lines of another file of the machine.

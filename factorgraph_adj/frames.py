@@ -1,4 +1,4 @@
-"""Frames of the object: where east, north and up point at a station.
+"""Local, geocentric and topocentric frames of the object; east, north and up at stations.
 
 Every station has an astronomic frame (e, n, u), the rows of a rotation that depends on
 the position X of the station and on its deflections (ξ, η) from the normal of the frame:

@@ -1,4 +1,4 @@
-"""Rotations of photos: ω, φ, κ and the two conventions of camera axes.
+"""Rotations: ω, φ, κ, the conventions of camera axes, Exp and Log, the nearest rotation.
 
 A pose in the graph is ``gtsam.Pose3`` = world_T_camera in the axes of GTSAM and OpenCV
 (x right, y down, z forward), so that GTSAM's own factors and other programs' poses fit in.

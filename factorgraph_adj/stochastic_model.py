@@ -1,4 +1,4 @@
-"""Standard deviations of observations from the statements of makers and surveyors."""
+"""Standard deviations of several parts, as makers and surveyors state them; whitening."""
 
 from __future__ import annotations
 

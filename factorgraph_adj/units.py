@@ -1,4 +1,4 @@
-"""Units at the boundary: everything inside is metres, radians and image units."""
+"""Units of files and reports: angles and lengths to radians and metres, and numbers as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Geoids: undulations N = h − H and deflections of the vertical at places.
+"""Undulations and deflections of the vertical: from grids (PROJ, NTv2), tables, a constant.
 
 A geoid is a grid (GTX or GeoTIFF through PROJ, NTv2 with deflections), a table of points, or a
 stated constant. Interpolation is bilinear in the grids that PROJ reads, and bicubic in NTv2.

@@ -1,4 +1,4 @@
-"""Terrestrial reference frames of GNSS: ITRF of several years, GDA94, GDA2020.
+"""Transformations of GNSS frames at an epoch: ITRF of several years, GDA94, GDA2020.
 
 From ITRF2014 to another frame at the epoch t, with t₀ of the parameters and τ = t − t₀:
 

@@ -1,4 +1,4 @@
-"""The steps from grid coordinates to geodetic coordinates of a datum, and back.
+"""Steps from grid coordinates to geodetic ones, and back; seven parameters; numbers of zones.
 
 The datum is that of a frame. One of the steps may be a similarity of seven parameters between two
 geocentric systems.

@@ -1,4 +1,4 @@
-"""What else than displacements may explain the differences of two epochs.
+"""Explanations besides displacements: mistakes, names, equal readings, scale, held points.
 
 - A mistake in one epoch, which its readings alone reveal: a wrong height of an instrument or
   another prism constant bends the points of its epoch. The tests are those of any adjustment.

@@ -1,4 +1,4 @@
-"""Points that moved together: a rigid block, and the strain of a body.
+"""Common motion of points: a rigid block, a similarity, or the strain of a body, with its test.
 
 The displacements d_i of points at x_i are explained by few parameters p, d = B p + v, weighted with
 their joint cofactors Q:

@@ -1,4 +1,4 @@
-"""Results of the comparison of two epochs: displacements, tests, and a common scale.
+"""Result of a comparison of two epochs: displacements, ratio of variances, common scale.
 
 A common scale s of the reference points of two free epochs is found with
 

@@ -1,4 +1,4 @@
-"""The congruence of two epochs: which points kept their places, and how others moved.
+"""The comparison of two epochs in four steps: `congruence`; the tests: `congruence_tests`.
 
 The two epochs are compared in four steps (Pelzer 1971; Niemeier, Ausgleichungsrechnung, 2008):
 

@@ -1,4 +1,4 @@
-"""Congruence tests of points that may have moved, and the search for those that did.
+"""Congruence tests, and the search for points that moved: backward, combinations, robust.
 
 For differences d with cofactors Q and open motions G the weight
 

@@ -1,4 +1,4 @@
-"""Points of two epochs and the differences of their coordinates, with cofactors.
+"""Differences between two epochs, with cofactors; which points are reference, object, held.
 
 d = x₂ − x₁ and Q_d = Q₁ + Q₂; where both epochs stand in one adjustment, with the first and the
 second place of a point as two points, Q_d = Q₁₁ + Q₂₂ − Q₁₂ − Q₂₁. The motions G that the
@@ -131,7 +131,7 @@ def differences_within(solution: Solution, pairs: Mapping[str, str]) -> Differen
         pairs: names of the second places by names of the first.
 
     Raises:
-        InputError: as `between`.
+        InputError: as `differences_between`.
     """
     one, two = _places(solution, tuple(pairs)), _places(solution, tuple(pairs.values()))
     axes, free = _axes((one, two), pairs)

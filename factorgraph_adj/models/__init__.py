@@ -1,1 +1,1 @@
-"""Observation models: the single definition of each formula, in numpy only."""
+"""Models of observations, lenses, shapes and unknowns: one definition of each formula, in numpy."""

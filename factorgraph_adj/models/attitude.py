@@ -1,4 +1,4 @@
-"""Attitudes of photos and carriers, inclinometers, directions in instruments (FRAMES F8, F13).
+"""Attitudes (ω, φ, κ; roll, pitch, heading), tilts, inclinometers, unit vectors (FRAMES F8, F13).
 
     object_R_body = R B
 
@@ -20,6 +20,8 @@ stands on the left of the observed rotation in the horizon: Eᵀ Exp(ψ) E R_obs
 
 g is the vertical at the instrument, r the line from its station to a target, in the axes of an
 instrument that is mounted (B) on a body whose frame has R and E, see `directions`.
+
+`attitude` and `tilt` are the models of given rotations of photos and frames that have weights.
 """
 
 from __future__ import annotations

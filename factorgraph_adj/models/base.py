@@ -1,4 +1,4 @@
-"""The result of every model, and the error for degenerate geometry."""
+"""`Linearised`, the result of every model; errors of degenerate geometry; wrapped angles."""
 
 from __future__ import annotations
 

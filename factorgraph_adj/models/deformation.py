@@ -1,4 +1,4 @@
-"""Deformations of film, lens, plotter and strips of models: polynomials (FRAMES F2.3, F6).
+"""Deformations of models by film, lens and plotter; polynomials of strips (FRAMES F2.3, F6).
 
     q' = q + Σ_a p_a t_a(q / b)
 

@@ -1,4 +1,4 @@
-"""Directions in the object: verticals, lines between points, the zenith and bodies at infinity.
+"""Verticals and directions in frames and instruments; tilts, and sights to bodies at infinity.
 
     g = Rᵀ E d
 

@@ -1,4 +1,4 @@
-"""Axes of frames and their zero places, and relations of two frames by them.
+"""Axes and zero places of frames: parallel axes, angle of two axes, distance from a plane.
 
 The axis of a frame is d = Eᵀ R e₃, the normal of a plane, the axis of a cylinder; its zero place
 q = 0 is Z = O + Eᵀ e^ℓ R c, the centre of a sphere, the apex of a cone, a point of an axis.

@@ -1,10 +1,10 @@
-"""Image coordinates by the collinearity equations (eq. 1), their axes, straight lines in images.
+"""Collinearity equations (eq. 1): image coordinates, depths, image axes, lines in images.
 
 With the pose world_T_camera in the axes of GTSAM (x right, y down, z forward),
 p = Rᵀ (X − X₀), the tangents of the ray are t_x = p_x/p_z and t_y = −p_y/p_z. They equal
 −q1/q3 and −q2/q3 in photogrammetric axes. A lens model takes tangents or the ray itself.
 
-All of these mirror the image. Each undoes itself, so that the same function makes the mistake and
+Axes other than those stated (`OTHER`) mirror the image. Each undoes itself, so that the same function makes the mistake and
 puts it right.
 
 The plane through the projection centre X₀ and a line with direction d through Z has in the axes of

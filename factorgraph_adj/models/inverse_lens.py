@@ -1,4 +1,4 @@
-"""From image coordinates to rays: the inverse of the lens models."""
+"""Rays of image coordinates, with their partials: the inverse of every lens model."""
 
 from __future__ import annotations
 

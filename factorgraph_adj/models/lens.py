@@ -1,4 +1,4 @@
-"""Lens models: image coordinates as functions of rays and calibration parameters.
+"""Lens models of tangents and their base: pinhole, Brown, normalised, balanced, affine, harmonic.
 
 A ray has tangents (t_x, t_y) = (−q1/q3, −q2/q3) in photogrammetric camera axes (eq. 1).
 Every model gives the residual v = computed − observed of image coordinates (x, y), x right,

@@ -1,7 +1,4 @@
-"""Lens models in normalised coordinates.
-
-Affinity, rational distortion, and Brown's model about a centre of its own.
-"""
+"""Further lens models: affine, Fraser's and rational in normalised coordinates; centred Brown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Offsets read on a scale, and stretched wires with sag, read by sensors (FRAMES F13).
+"""Offsets read on a scale, readings of water levels, stretched wires with sag (FRAMES F13).
 
 Each function takes the variables it touches as arrays (n, …), the observed values (n, 1) and
 constants, and returns v = computed − observed, metres, with partials in the order of the variables.

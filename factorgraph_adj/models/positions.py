@@ -1,11 +1,11 @@
-"""Positions of points and antennas, GNSS vectors, heights, and weighted variables.
+"""Positions of points and antennas, ranges, GNSS vectors, heights, weighted components.
 
 Heights above the reference surface, and above surfaces of equal pressure and of water (FRAMES F9):
 
     profile:  (1 + s) (h − a − b t − c t²)          water:  h − (w + slope · along + geoid)
 
 h is the height of a point, or of an instrument that a camera carries at X₀ + R a, in the frame of
-the network, see `height`.
+the network, see `heights`.
 
 Antennas on the carrier of a camera: their positions, ranges to them, vectors between them:
 

@@ -1,4 +1,4 @@
-"""Lens models of rays: fisheye lenses and panoramas, whose images reach 90° to the axis and beyond.
+"""Lens models of rays to 90° and beyond: fisheye, field of view, division, unified, panorama.
 
 With the ray p in the axes of the camera (x right, y down, z ahead), ρ = √(p_x² + p_y²) and
 R = |p|, a model gives dimensionless image coordinates D(p) with x right and y up, and then

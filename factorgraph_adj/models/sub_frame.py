@@ -1,4 +1,4 @@
-"""Places in a frame of their own, and sights from an instrument in such a frame.
+"""Places and vectors in a frame of their own, and sights (direction, zenith angle, distance).
 
     q = e^{−ℓ} Rᵀ E (X − O) − c          X = O + Eᵀ e^ℓ R (q + c)
 

@@ -1,4 +1,4 @@
-"""Terrestrial observations as functions of the line of sight.
+"""Terrestrial observation equations: distances, angles, azimuths, levelling, astronomic Φ, Λ.
 
 The page docs/reference/observation_equations.md has the formulas.
 

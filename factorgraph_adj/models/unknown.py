@@ -1,4 +1,4 @@
-"""Records of kinds of unknowns: components, tables, stored form and tangent.
+"""Record of a kind of unknowns: components, table, stored form, tangent; all: `unknown_registry`.
 
 A stored value is a vector of its components. Where ``rotates`` is true the first three components
 are a rotation R, stored as nine matrix elements in rows; the tangent of R is R ← R Exp(ω), and the

@@ -1,4 +1,4 @@
-"""Kinds of unknowns: one record holds everything that the package knows about a kind.
+"""The kinds of unknowns by name, built-in ones and others; `register_unknown` adds a kind.
 
 The fields of `UnknownKind` are the components and their units, stored form and tangent, the change
 in a motion of the whole object, the key in the graph, the place in the elimination, the table in a

@@ -1,7 +1,4 @@
-"""Observations from aircraft.
-
-Attitudes, angles, antennas, directions to the zenith and to bodies at infinity.
-"""
+"""Observations of photos and carriers: attitudes, ranges, antennas, tilts, bodies at infinity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base classes of observations, and the checks that all kinds share."""
+"""Base classes of observations: vectors, axes, sights, conditions; checks that all kinds share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records of image points, distances, angles, heights and GNSS, and the register of all."""
+"""Registration of all built-in kinds; records of terrestrial, GNSS, image and frame kinds."""
 
 from __future__ import annotations
 

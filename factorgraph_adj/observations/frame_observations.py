@@ -1,4 +1,4 @@
-"""Observations in their own frames: models, strips, scanners, trackers, bodies with instruments."""
+"""Observations in own frames: models, strips, scanners, trackers, wires, inclinometers."""
 
 from __future__ import annotations
 

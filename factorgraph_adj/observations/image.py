@@ -1,4 +1,4 @@
-"""Image coordinates of points, and the ids of observations."""
+"""Image coordinates of points; the ids of all observations, and numbers in them."""
 
 from __future__ import annotations
 

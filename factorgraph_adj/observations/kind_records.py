@@ -1,4 +1,4 @@
-"""Records of kinds beside `built_in_kinds`: flight, instruments, metrology, relations, shapes."""
+"""Records of flight, instruments, metrology, strips, relations, rigs, shapes, surface heights."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Observed coordinates: GNSS vectors, known points, positions of photos."""
+"""Observed coordinates of points and photos, GNSS vectors; formulas: `models.positions`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kinds of observations: one record holds everything that the package knows about a kind.
+"""`ObservationKind`, the record of a kind, and its registration; quantities that kinds observe.
 
 A kind consists of a frozen dataclass (the observed values), a model function (the computed values)
 and the record `ObservationKind` that joins the two. `register_observation` adds a kind. The batch

@@ -1,4 +1,4 @@
-"""Relations of points and of shapes: conditions with a standard deviation.
+"""Relations of points and of shapes, which may be conditions; points on lines in images.
 
 Their observed values are zero as a rule; points and shapes come from other observations.
 """

@@ -1,4 +1,4 @@
-"""Points on shapes: planes, lines, circles, cylinders, spheres, cones, tori, paraboloids.
+"""Observations that points lie on shapes, planes to paraboloids; the distances: `models.shapes`.
 
 Each is an observation of the distance of a point from the shape, zero as a rule, with the tolerance
 of its form as standard deviation. `Network.add_shape` states the shape.

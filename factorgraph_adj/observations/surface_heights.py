@@ -1,4 +1,4 @@
-"""Heights above surfaces of equal pressure and above water."""
+"""Observed heights above surfaces of pressure and of water; formulas: `models.positions`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Observations with total stations, tapes and levels, and astronomic observations."""
+"""Observations with total stations, tapes, levels and gyrotheodolites, and astronomic ones."""
 
 from __future__ import annotations
 

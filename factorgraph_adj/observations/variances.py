@@ -1,4 +1,4 @@
-"""Variance of an observation from the parts of its standard deviation, for each kind.
+"""Variances from the parts of standard deviations, by kind and geometry of the observation.
 
 `factorgraph_adj.stochastic_model.StandardDeviation` has the formulas. The record of each kind
 holds the `Weight` of the kind, or None.

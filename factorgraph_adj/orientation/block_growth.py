@@ -1,4 +1,4 @@
-"""Growth of parts of a block: resection, intersection and adjustment in turns.
+"""Growth of parts of a block from pairs: resection, intersection and adjustment in turns.
 
 A part grows from a pair of photos; a start is judged after a few turns by how many image points
 agree. The adjustments on the way are bundle adjustments of the library: the part is a free network,

@@ -1,4 +1,4 @@
-"""Start of an adjustment from image points alone: oriented parts, and photos outside of them.
+"""Result of an orientation; photos by their known places; why others were not oriented.
 
 A photo with too few image points for a resection still has a pose if its projection centre or its
 attitude is known: two rays to points of the block give the rest. One ray leaves the rotation about

@@ -1,4 +1,4 @@
-"""A part of a block with poses and points found so far, and pairs of photos to start it.
+"""Poses and points of a part so far, and the image points that agree; pairs that may begin one.
 
 Image points agree with the part if they miss by less than a multiple of the spread of all misses. A
 start pair has many common points that fit one relative pose, overlap, and parallax.

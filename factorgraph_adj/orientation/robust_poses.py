@@ -1,4 +1,4 @@
-"""Relative and absolute poses from rays with mismatches: five or three points, and RANSAC.
+"""Poses by PoseLib from rays with mismatches: of a pair, of a photo; the principal distance.
 
 The minimal solvers and the sampling are those of PoseLib (extra ``images``). The samples are drawn
 from a fixed seed. A first pass with a wide limit finds the spread of the rays that fit; a second

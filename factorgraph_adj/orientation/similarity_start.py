@@ -1,4 +1,4 @@
-"""The similarity start: a misfitting block of poses and tie points is moved as a whole.
+"""Misfit and cost of a start, and starts with the block moved by the similarity that fits.
 
 Programs of structure from motion deliver poses and points that agree with each other, in axes and
 with a scale of their own. The rays of known points are intersected in these axes, and the block is

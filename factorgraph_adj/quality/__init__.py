@@ -1,1 +1,1 @@
-"""Results and their quality."""
+"""Quality of results: precision, reliability, gross errors, variance components, the datum."""

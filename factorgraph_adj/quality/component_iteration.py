@@ -1,4 +1,4 @@
-"""Iteration for variance components: its steps, and the groups that it leaves out.
+"""Iteration for variance components: steps of Helmert and Newton, and groups left out.
 
 Near the greatest likelihood a step solves Newton's equations by conjugate gradients, for a matrix
 that is known by its products (Hestenes & Stiefel 1952).

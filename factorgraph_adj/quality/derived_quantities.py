@@ -1,4 +1,4 @@
-"""Quantities derived from adjusted unknowns: lines, places of frames, shapes.
+"""Adjusted lines between places, places of frames, shapes with axes and sizes; precision of all.
 
 An adjusted line between two places has a distance, an azimuth, a rise and a relative error ellipse.
 

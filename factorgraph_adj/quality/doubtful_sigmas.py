@@ -1,4 +1,4 @@
-"""Standard deviations that may be stated in a wrong unit, by residuals of groups.
+"""Groups whose standard deviations may have a wrong unit, by the factor from their residuals.
 
 The residuals of a group of observations of one kind say by which factor f its standard deviation
 would fit: f² = vᵀPv / r with its redundancy r. A group whose σ is stated 1000 times too large fits

@@ -1,4 +1,4 @@
-"""Effects of an error of one observation on residuals, unknowns and other observations.
+"""Effects of an error of one observation on residuals and unknowns; diagonals with P and Q_vv.
 
 With W Σ Wᵀ = I and P = WᵀW the solver works on Ã = W A and ṽ = W v, observation by observation or
 cluster by cluster. For the rows of an observation or a cluster, Q_vv P = W⁻¹ M W and

@@ -1,4 +1,4 @@
-"""Error ellipses and ellipsoids, absolute and relative, of points and projection centres.
+"""Confidence ellipses, ellipsoids and height intervals, of places and of their differences.
 
 The covariance Σ of a place, or of the difference of two places, is rotated into the local horizon
 (east, north, up, `Frame.basis` without deflections); relative figures lie in the horizon of the

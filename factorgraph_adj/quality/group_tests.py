@@ -1,4 +1,4 @@
-"""Tests of groups of rows as a whole, each against everything else: T² = vᵀ M⁻¹ v.
+"""T² tests and reliability of correlated groups and users' factors; leave-one-out tests.
 
 Correlated groups (GNSS vectors, control with covariance, clusters): for an error ∇ of all d
 components of a group at once, with E choosing its rows, M = Eᵀ P Q_vv P E and u = Eᵀ P v (Baarda

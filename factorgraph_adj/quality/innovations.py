@@ -1,4 +1,4 @@
-"""Observations outside a solution, linearised at the solution.
+"""Innovations: residuals and partials, at a solution, of observations outside of it.
 
 The values of the solution are copied to the equations of the observations by the names of the
 unknowns; partial derivatives refer to the unknowns of the solution. If a part l₁ of a correlated

@@ -1,4 +1,4 @@
-"""Readings that are far off, and the exchanged names and other causes behind them.
+"""Readings that mislead data snooping: other starts of it, exchanged names, likely causes.
 
 A reading that belongs to another point, or was read in the other face, bends the adjustment of
 everything so far that the largest test values are those of good readings, and data snooping rejects
@@ -11,7 +11,7 @@ approximate values, may be wrong; the right names are found by a fit to the rest
 
 An adjustment alone, without data snooping, is examined in the same order: exchanged names where
 sights are far off, mistakes that bend a block where rows of a block are; then every cause that has
-a size is tested, see `causes.search`.
+a size is tested, see `causes.cause_search`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Groups of observations, and the information of their residuals on their variances.
+"""Groups of observations: square sums, redundancies, information on their variances.
 
 Groups are those of a kind, camera, photo or instrument, or are defined by the user.
 

@@ -1,4 +1,4 @@
-"""Correlations of parameters with exterior orientations and object points."""
+"""Strongest correlation of each parameter with the pose of a photo, or with an object point."""
 
 from __future__ import annotations
 

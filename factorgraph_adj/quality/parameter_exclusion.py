@@ -1,4 +1,4 @@
-"""Backward exclusion of additional parameters until all remaining ones are needed."""
+"""Backward exclusion of additional parameters that are insignificant, or that others explain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Significance and correlations of calibration, distance-meter and refraction parameters.
+"""Significance tests of calibration and instrument parameters; correlations of two of them.
 
 Each parameter of interior orientation, lens distortion, distance meters and refraction is tested
 against its value without a systematic error, and strong correlations with other unknowns are

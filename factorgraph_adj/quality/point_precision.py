@@ -1,4 +1,4 @@
-"""Precision of points and projection centres, of their differences, and check points.
+"""Covariances of places and of differences, precision of distances, and check points.
 
 Check points compare adjusted coordinates with known ones that the adjustment did not use.
 """

@@ -1,4 +1,4 @@
-"""Prediction of observations outside a solution, and tests of their fit.
+"""Predicted observations outside a solution, tests of their fit; intersection of a new point.
 
 For an observation l with covariance Σ, computed from the solution as f(x̂) with partials A,
 

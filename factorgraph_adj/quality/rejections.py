@@ -1,4 +1,4 @@
-"""Results of data snooping: rejected observations, and the losses of whole groups.
+"""Results of data snooping, and what instruments, points and the datum have lost by it.
 
 Gross errors are few. Where data snooping rejects a large part of what one instrument read, its
 readings have a mistake in common, or they are right and others are not. Where it rejects most of

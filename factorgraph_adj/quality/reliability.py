@@ -1,4 +1,4 @@
-"""Reliability: the control of each observation, and the effect of undetected errors.
+"""Reliability of each observation: redundancy, w and τ, smallest errors, effects; stiff ties.
 
 With P the weight matrix, Q the cofactors of the unknowns and Q_vv = P⁻¹ − A Q Aᵀ those of the
 residuals v = computed − observed (Baarda 1968; El-Hakim 1986, eqs. 3 to 8):

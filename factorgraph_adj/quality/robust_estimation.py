@@ -1,4 +1,4 @@
-"""Robust estimation: M-estimators by iterative reweighting.
+"""Robust estimation by iterative reweighting: Huber, Danish, IGG III and Tukey.
 
 Each observation gets a factor γ ≤ 1 on its weight, which depends on its misfit. The network is
 adjusted with these equivalent weights, and the two steps are repeated until the weights converge.

@@ -1,4 +1,4 @@
-"""Data snooping: gross errors are found and rejected, and the network is adjusted again.
+"""Data snooping of a network: `snoop`, and the start of its search; rounds: `snooping_search`.
 
 A round tests every observation (Baarda's w, or Pope's τ if σ0 is unknown), and rejects the worst
 observations by the rule of `snooping_candidates`. After a round without a new gross error, the

@@ -1,4 +1,4 @@
-"""Rounds of data snooping: rejection, readmission and the final figures.
+"""Rounds of data snooping: rejection and readmission of observations, points, users' factors.
 
 A round takes observations out of the present solution (`SnoopingState`). Before anything is put
 back, at the end, and for members of clusters, the network without the observations is adjusted

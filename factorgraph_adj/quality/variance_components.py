@@ -1,4 +1,4 @@
-"""Variance components: the weights of groups of observations, from the residuals of the groups.
+"""Estimated variance components of groups, and the adjustment with their weights.
 
 Group g has the covariance f_g² Σ_g with known Σ_g and one unknown factor f_g. At the estimates,
 the weighted square sum of the residuals of each group equals its expectation,

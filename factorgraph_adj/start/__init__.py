@@ -1,1 +1,1 @@
-"""Start values of adjustments: approximate values, and photos from image points alone."""
+"""Start values of adjustments: approximate values of all unknowns, step by step."""

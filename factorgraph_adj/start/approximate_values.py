@@ -1,4 +1,4 @@
-"""The search for approximate values: steps are repeated until none finds a value.
+"""The search for approximate values: its steps in order; unknowns with one component.
 
 Given values are kept. The most certain step that finds a value comes first: orientations, polar
 points and heights, then frames and photos, then weaker intersections; a free network starts

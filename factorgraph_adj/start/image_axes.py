@@ -1,4 +1,4 @@
-"""Image coordinates along other axes than stated, which the poses of photos reveal.
+"""Wrong marks of known points, by given poses: image axes other than stated, all in one place.
 
 The poses of a reconstruction show whether the marks of known points count along the stated axes:
 the rays of a point meet then, wherever the reconstruction lies. Rows that are counted from the

@@ -1,4 +1,4 @@
-"""Image rays: directions of measured points, points where rays meet, and single rays.
+"""Image rays; points where rays meet, where one ray and a height lead, and far away.
 
 Two rays or more of photos of known pose intersect in space. A single ray determines a point
 together with a height, a plan coordinate or a length (monoplotting). The depth of a point with

@@ -1,4 +1,4 @@
-"""Relative blocks: parts of a network in plan with a start of their own, and their joins.
+"""Growth in plan by relative blocks, their joins, and the choice between two positions.
 
 A block starts with a station with directions and distances, with a distance, or (if nothing gives a
 scale) with a line of arbitrary length. The block grows by the same steps as the network, and a

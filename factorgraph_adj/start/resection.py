@@ -1,4 +1,4 @@
-"""Resection in space: photos from image rays, and instruments from sights to known points.
+"""Resection of photos and of instruments in frames; points by intersection of instruments.
 
 Three points each give candidate poses (Grunert's quartic, as in Haralick et al. 1994, eqs. 8–10),
 without a special case for points in a plane. The best candidate has the smallest misses of all

@@ -1,4 +1,4 @@
-"""Values found so far in the search for approximate values, in plan and height.
+"""Values found so far in the search, in plan and height, and the horizon to which they refer.
 
 Approximate values are computed separately in plan (east, north) and height, because many
 observations determine only one of them. In a local frame they are X, Y, Z in another order; in

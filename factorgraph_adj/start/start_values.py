@@ -1,4 +1,4 @@
-"""Start values of an adjustment, by kind and name of the unknowns.
+"""`Start`: values from which an adjustment begins, by kind and name; from a solution or given.
 
 A start holds the values from which the iteration begins, the values x₀ to which the inner
 constraints of a free network refer, and sentences on how both were found.

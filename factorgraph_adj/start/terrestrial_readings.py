@@ -1,4 +1,4 @@
-"""Terrestrial observations as arrays, for the search for approximate values.
+"""Terrestrial readings and heights above surfaces as arrays; medians of lengths and angles.
 
 Directions, angles, distances, zenith angles, height differences and vectors stand by station and
 target; heights above level surfaces and surfaces of pressure stand by point and surface.

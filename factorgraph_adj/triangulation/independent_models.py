@@ -1,4 +1,4 @@
-"""A block of photos as independent models: relative orientations, then frames.
+"""Relative orientation of photos to a model, and a block of photos as independent models.
 
 The unit of two or more photos is a bundle without control: the first photo is held, and the largest
 component of the longest base (FRAMES F17.3). Its model has the photogrammetric axes of the first

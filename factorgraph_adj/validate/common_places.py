@@ -1,4 +1,4 @@
-"""Common places of two systems of coordinates, their similarity, and gross errors.
+"""Common places of two systems: similarity, gross and exchanged places, the system to blame.
 
 A system is what was measured in one frame, or the given coordinates of the network. With common
 places a_i, b_i (n, d), d = 3 or, where heights are missing, 2,

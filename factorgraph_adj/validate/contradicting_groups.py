@@ -1,4 +1,4 @@
-"""Mistakes of whole groups against given coordinates: signs, axes, photos, scale.
+"""Groups that contradict given coordinates: signs, axes, photos, points behind cameras, scale.
 
 Where both ends of readings have given coordinates, rough ones too, computed values show gross
 mistakes of whole groups. A mistake is reported where another reading of a whole group fits the

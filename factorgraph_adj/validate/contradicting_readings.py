@@ -1,4 +1,4 @@
-"""Single readings that contradict the given coordinates of all their points.
+"""Single readings that contradict given coordinates of all their points, and likely reasons.
 
 With all points held, or weighted, a distance, an angle, a height difference or a vector is known:
 v = computed − observed has the covariance

@@ -1,4 +1,4 @@
-"""Findings of preliminary checks, and the comparison of readings with given values.
+"""Findings, and what checks share: readings computed from given values, and likely slips.
 
 Readings whose points and photos all have given coordinates are computed from them. What a reading
 may be instead of what it seems to be: another unit, the other sign, exchanged components. What a

@@ -1,4 +1,4 @@
-"""Places in frames of their own: handedness, origins, gross errors and loops of frames.
+"""Frames of their own that do not fit: mirrored, far origins, scales, gross places, open loops.
 
 Pairs of frames with common places, and frames with the given coordinates, are compared by a
 similarity, see `common_places`; no adjustment is needed. (Bouloucos, pre-adjustment detection of

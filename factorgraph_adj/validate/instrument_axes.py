@@ -1,4 +1,4 @@
-"""Axes and circles of instruments in frames of their own.
+"""Frames whose network is left-handed, that are not level, or whose circles have a wrong unit.
 
 The axes of a frame may be left-handed, so that no rotation leads to those of the network; a frame
 that is stated to be level may be tilted. Angles in a wrong unit bend the places of a frame, so that

@@ -1,4 +1,4 @@
-"""Misclosures of levelled loops and of loops of GNSS vectors.
+"""Misclosures of loops and of lines between given points, levelled or by GNSS, with reasons.
 
 The loops are those of a tree of shortest ways: each observation that is not in the tree closes one
 with the ways of its ends. Their misclosures w have the standard deviation √(Σσ²) of their sums.

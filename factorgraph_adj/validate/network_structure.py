@@ -1,4 +1,4 @@
-"""Structure of a network: counts of observations, connected parts, datum, given values.
+"""Check of a network: counts by point, photo, frame, shape; datum of each part; given geometry.
 
 The checks need no solution and report all problems at once. A network that passes can still fail
 in the adjustment, because of its rank or of poor start values.

@@ -1,4 +1,4 @@
-"""All preliminary checks of the readings of a network, before any adjustment."""
+"""All checks of readings before an adjustment, one after the other: `preliminary`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coordinates and GNSS vectors of another reference frame than that of the network.
+"""Exchanged latitude and longitude; GNSS vectors, zones and heights of another reference frame.
 
 Latitude and longitude exchanged: the place lies elsewhere on the Earth. It is reported where points
 are far from the others, or do not fit the lengths that were observed, and would not be with their

@@ -1,4 +1,4 @@
-"""Repeated readings: those that must agree, and copies that agree in all digits.
+"""Repeated readings that differ, duplicates, and copies that agree in all digits.
 
 Readings of the same quantity, forth, back or again, must agree within their standard deviations.
 

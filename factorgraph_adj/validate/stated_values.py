@@ -1,4 +1,4 @@
-"""Stated heights and lengths: set-ups, surfaces of water and pressure, levelled lines.
+"""Stated values that contradict: lengths of levelled lines, heights of set-ups and surfaces.
 
 Heights of instruments and targets may differ, or be missing, within a set-up.
 

@@ -1,4 +1,4 @@
-"""Misclosures of traverses: of their angles, and of their coordinates.
+"""Misclosures of traverses, of angles and coordinates, and the reading that explains one.
 
 A traverse runs along legs whose distance is measured, between held points or round back to where it
 began; at each station between, the angle from one leg to the next is measured. From the azimuth α

@@ -1,1 +1,1 @@
-"""Causes of misfits: errors of one or a few columns, tested like observations."""
+"""Causes of misfits that surveyors know: shared errors, exchanges, wrong axes, bent blocks."""

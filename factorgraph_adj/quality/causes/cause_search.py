@@ -1,4 +1,4 @@
-"""Search for the causes of misfits that surveyors know, the most probable first.
+"""All causes of misfits in an adjustment, the most probable first, and what one of them leaves.
 
 Two searches make one list. Errors of some size (heights, constants, centring, turned directions,
 given values that are held) are columns, tested in the adjustment of everything

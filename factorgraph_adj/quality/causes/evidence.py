@@ -1,4 +1,4 @@
-"""A cause of misfits: its place, its size, its test, and how much it explains.
+"""A cause of misfits: size, unit, test and evidence, and whether people make such an error.
 
 An error with q components makes vᵀPv smaller by T². Without an error
 

@@ -1,4 +1,4 @@
-"""Exchanged images: two image points of a photo with each other's names, or two photos.
+"""Image points of a photo with each other's names, and two photos with each other's images.
 
 An image point whose name is that of another lies where the other is computed, and the other where
 it is. So each of the image points that do not fit is computed under the names of the others in its

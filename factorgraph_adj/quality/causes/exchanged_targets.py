@@ -1,4 +1,4 @@
-"""Targets with each other's names at one set-up, found by fits to the rest of the network.
+"""Targets of a set-up that are exchanged, or are another point; the fits: `renamed_sights`.
 
 Exchanged names bend the places of both points, and where these come from the readings alone also
 the approximate values. So nothing is taken from an adjustment of them: the points of all readings

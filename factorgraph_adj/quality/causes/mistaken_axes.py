@@ -1,4 +1,4 @@
-"""Photos, and whole blocks, whose image coordinates fit with other axes.
+"""Photos, and all photos of a camera or block, whose image coordinates fit with other axes.
 
 With x and y exchanged, or one of them the wrong way, an image is a mirror image, and no exterior
 orientation makes it fit. So most rays of the photo are rejected. Its points are known from the

@@ -1,4 +1,4 @@
-"""Rejected readings that fit the clean solution as something else.
+"""Rejected readings that fit as another target, with other ends, in the other face or axes.
 
 Readings that are far off bend an adjustment so that its linear model says nothing of them. In the
 solution without them each is computed again as if its target were another point, its ends were

@@ -1,4 +1,4 @@
-"""Readings from a station to a target in one table, with what each depends on."""
+"""Table of readings from stations to targets, with partials by all that they depend on."""
 
 from __future__ import annotations
 

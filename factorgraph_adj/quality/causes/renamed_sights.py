@@ -1,4 +1,4 @@
-"""Sights of set-ups under other names, fitted to the core of a network.
+"""Fit of sights under other names to the core: the network without points that misfit.
 
 The core is what is left of a network without the points of readings that do not fit. These points
 (the suspects) leave the network, and what is left is adjusted. Stations, and points that place the

@@ -1,4 +1,4 @@
-"""Separability of errors: how sure it is which of two errors has happened.
+"""Separability: which of two errors, or causes, or whole observations may have happened.
 
 An error that is tested by T² = uᵀS⁻¹u leaves vᵀPv smaller by T². Of two errors with one component
 each, the test values w₁, w₂ have a correlation ρ, and if the first is the true one, T₁² exceeds T₂²

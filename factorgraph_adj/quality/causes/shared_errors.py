@@ -1,4 +1,4 @@
-"""Errors that readings share: heights, constants, centring, levelling, refocusing.
+"""Columns of shared errors: heights, constants, centring, turned sets, staffs, refocusing.
 
 Each error is a column of partials for each place where it may have happened. `ERROR_FAMILIES` has
 those of readings between points: a new error is one more row, with the kinds of readings that may
