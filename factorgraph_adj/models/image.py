@@ -4,8 +4,8 @@ With the pose world_T_camera in the axes of GTSAM (x right, y down, z forward),
 p = Rᵀ (X − X₀), the tangents of the ray are t_x = p_x/p_z and t_y = −p_y/p_z. They equal
 −q1/q3 and −q2/q3 in photogrammetric axes. A lens model takes tangents or the ray itself.
 
-Axes other than those stated (`OTHER`) mirror the image. Each undoes itself, so that the same function makes the mistake and
-puts it right.
+Axes other than those stated (`OTHER`) mirror the image. Each undoes itself, so that the same
+function makes the mistake and puts it right.
 
 The plane through the projection centre X₀ and a line with direction d through Z has in the axes of
 the camera the normal n = Rᵀ (d × (Z − X₀)). A measured point has the ideal tangents t, from which
