@@ -8,22 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
-from math import isfinite, nan, sqrt
+from math import nan, sqrt
 from typing import Any
 
 import numpy as np
 
 from ..quality.derived_quantities import AdjustedLine
-from ..quality.error_ellipses import confidence_factor
+from ..quality.error_ellipses import ErrorEllipse, confidence_factor
 from ..quality.point_precision import Place, place_variable
-from ..quality.point_precision import check_points as compare
-from ..types import Array
 from ..units import ANGLE, decimal, format_angle
 from .adjustment_report import Report
-from .layout import decimals, exponent, figure, paragraph, percent, rms, short, table, title
+from .layout import decimals, exponent, figure, paragraph, percent, short, table, title
 from .observation_rows import observation_scale
-from .tables import READ, Column, Table, Unit, as_text, unit_of
+from .tables import READ, Column, Rendering, Table, Unit, as_text, unit_of
 
 DECIMALS_OF_AZIMUTH = {
     "rad": 4,
@@ -71,40 +68,47 @@ def rounded_azimuth(report: Report, angle: float) -> str:
     return decimal(value, max(digits, 0))
 
 
-def ellipse_columns(report: Report, places: int) -> tuple[list[str], dict[str, list[str]], str]:
-    """Return header, cells by point and a note that explains the confidence figures of points.
-
-    The figures are ellipses if plan coordinates are unknown, intervals if only heights are.
+def ellipse_columns(
+    report: Report,
+    ellipse: Callable[[Any], ErrorEllipse],
+    digits: int,
+    readable: tuple[Rendering, ...],
+) -> list[Column[Any]]:
+    """Return the columns of error ellipses: semi-axes, and the azimuth of the larger one.
 
     Args:
-        report: a report with a confidence.
-        places: decimals of lengths.
+        report: the report.
+        ellipse: the ellipse of a row.
+        digits: decimals of the semi-axes.
+        readable: renderings for people that have them.
     """
-    if report.options.confidence is None:
-        return [], {}, ""
-    unit, level = report.units.sigma_length, percent(report.options.confidence)
-    given = report.network.points
-    names = [n for n in given if report.free("point", n)]
-    write = partial(_length, report=report, places=places)
-    if all(given[n].fixed[0] and given[n].fixed[1] for n in names):
-        widths = height_half_widths(report)
-        note = f"  ± z: {level} interval, {region_factor(report, 1):.3f} σ"
-        return [f"± z [{unit}]"], {n: [write(widths[n])] for n in names}, note
-    cells = {}
-    for name in names:
-        e = report.ellipses[name]
-        azimuth = rounded_azimuth(report, e.azimuth) if e.semi_axes[0] > 0 else ""
-        cells[name] = [*(write(a) for a in e.semi_axes), azimuth]
-    header = [f"a [{unit}]", f"b [{unit}]", f"azimuth a [{report.units.angle}]"]
-    k = region_factor(report, 2)
-    note = f"  a, b: {level} error ellipses in the horizon, {k:.3f} × standard ellipse"
-    if any(0 < report.ellipses[n].factor < k - 1e-9 for n in names):
-        note += f"; {region_factor(report, 1):.3f} × where an axis is held"
-    return header, cells, note
 
+    def turn(row: Any) -> str:
+        e = ellipse(row)
+        return rounded_azimuth(report, e.azimuth) if e.semi_axes[0] > 0 else ""
 
-def _length(metres: float, *, report: Report, places: int) -> str:
-    return f"{metres / report.small:.{places}f}"
+    azimuth = Column[Any](
+        title="azimuth_a",
+        key="ellipse_azimuth",
+        value=lambda row: ellipse(row).azimuth,
+        unit=unit_of(angle_unit(report)),
+        suffix=True,
+        only=("csv",),
+    )
+    semi_axes = [
+        Column[Any](
+            title=name,
+            key=key,
+            value=lambda row, i=i: ellipse(row).semi_axes[i],  # type: ignore[misc]
+            unit=Unit(report.units.sigma_length, report.small),
+            digits=digits,
+            suffix=True,
+            only=(*readable, "csv"),
+        )
+        for i, (name, key) in enumerate((("a", "ellipse_major"), ("b", "ellipse_minor")))
+    ]
+    shown = replace(azimuth, unit=unit_of(report.units.angle), shown=turn, only=readable)
+    return [*semi_axes, shown, azimuth]
 
 
 def centre_ellipsoids_section(report: Report) -> list[str]:
@@ -140,22 +144,6 @@ def centre_ellipsoids_section(report: Report) -> list[str]:
 # -- columns of tables ----------------------------------------------------------------------------
 
 
-def point_ellipse_columns(report: Report) -> dict[str, list[str]]:
-    """Return the columns of points.csv; empty without a confidence."""
-    if report.options.confidence is None:
-        return {}
-    small, angle = report.units.sigma_length, angle_unit(report)
-    ellipses, widths = report.ellipses, height_half_widths(report)
-    names = list(report.network.points)
-    return {
-        "confidence": [f"{report.options.confidence:g}"] * len(names),
-        f"ellipse_major_{small}": [figure(ellipses[n].semi_axes[0] / report.small) for n in names],
-        f"ellipse_minor_{small}": [figure(ellipses[n].semi_axes[1] / report.small) for n in names],
-        f"ellipse_azimuth_{angle}": [figure(ellipses[n].azimuth / ANGLE[angle]) for n in names],
-        f"height_half_width_{small}": [figure(widths[n] / report.small) for n in names],
-    }
-
-
 def photo_ellipsoid_columns(report: Report) -> dict[str, list[str]]:
     """Return the columns of photos.csv; empty without a confidence."""
     if report.options.confidence is None:
@@ -183,85 +171,13 @@ NOT_AT_A_MINIMUM = (
 """What is said of the precision of a result that is none."""
 
 
-def points_section(report: Report) -> list[str]:
-    """Return adjusted coordinates with their standard deviations, RMS and weakest point."""
-    given = {n: p for n, p in report.network.points.items() if not p.side_shot}
-    names = [n for n in given if report.free("point", n)]
-    if not names:
-        return []
-    sigmas = {n: [s / report.small for s in report.sigmas[n]] for n in names}
-    places, _ = decimals_of_points(report)
-    axes = [i for i in range(3) if not all(given[n].fixed[i] for n in names)]
-    out = [*title("Adjusted coordinates"), *_coordinates(report, list(given), axes)]
-    if not report.solution.converged:
-        out.append(f"  {NOT_AT_A_MINIMUM}")
-    if len(names) > 1:
-        free = {i: [sigmas[n][i] for n in names if not given[n].fixed[i]] for i in axes}
-        mean = ", ".join(f"σ{'xyz'[i]} {rms(each):.{places}f}" for i, each in free.items())
-        worst = max(names, key=lambda n: sum(s * s for s in sigmas[n]))
-        out.append(
-            f"  root mean square {mean} {report.units.sigma_length}; weakest point {worst}: "
-            f"{sqrt(sum(s * s for s in sigmas[worst])):.{places}f} {report.units.sigma_length}"
-        )
-    return out
-
-
-def side_shots_section(report: Report) -> list[str]:
-    """Return the side shots: points that follow from the adjusted ones, and bear on none."""
-    given = report.network.points
-    names = [n for n, p in given.items() if p.side_shot and report.free("point", n)]
-    if not names:
-        return []
-    axes = [i for i in range(3) if not all(given[n].fixed[i] for n in names)]
-    heading = title("Side shots: computed from the adjusted points; nothing checks them")
-    return [*heading, *_coordinates(report, names, axes)]
-
-
-def _coordinates(report: Report, names: list[str], axes: list[int]) -> list[str]:
-    """Return the table of the coordinates of some points, with their standard deviations."""
-    solution, units, given = report.solution, report.units, report.network.points
-    places, digits = decimals_of_points(report)
-    shown, note = report.cut(names, "points", "points.csv")
-    figures, cells, meaning = ellipse_columns(report, places)
-    rows = []
-    for name in shown:
-        xyz, fixed = solution.point(name).tolist(), given[name].fixed
-        place = [decimal(xyz[i] / report.metre, digits) for i in axes]
-        sigmas = [s / report.small for s in report.sigmas[name]]
-        sigma = ["held" if fixed[i] else f"{sigmas[i]:.{places}f}" for i in axes]
-        rows.append([name, *place, *sigma, *cells.get(name, [""] * len(figures))])
-    header = ["point", *(f"{'xyz'[i]} [{units.length}]" for i in axes)]
-    header += [f"σ{'xyz'[i]} [{units.sigma_length}]" for i in axes]
-    return [*table([*header, *figures], rows), *note, *([meaning] if meaning else [])]
-
-
 def decimals_of_points(report: Report) -> tuple[int, int]:
     """Return the decimals of σ of points, and those of coordinates, which show as much."""
-    names = (n for n in report.network.points if report.free("point", n))
+    free = [n for n in report.network.points if report.free("point", n)]
+    names = [] if report.singular else free
     sigmas = (s / report.small for n in names for s in report.sigmas[n])
     places = decimals(sigmas, default=2, most=5)
     return places, min(max(places + exponent(report.metre / report.small * 1.0001), 0), 9)
-
-
-def check_points_section(report: Report) -> list[str]:
-    """Return the differences at check points, whose coordinates are known, and their RMS."""
-    found = compare(report.solution)
-    if not found.names:
-        return []
-    differences = (found.differences / report.small).tolist()
-    known = [abs(v) for three in differences for v in three if isfinite(v)]
-    places = decimals(known, default=2, most=5)
-
-    def row(name: str, values: Array | list[float]) -> list[str]:
-        return [name, *(decimal(v, places) if isfinite(v) else "" for v in values)]
-
-    rows = [row(name, d) for name, d in zip(found.names, differences, strict=True)]
-    shown, note = report.cut(rows, "check points", "points.csv")
-    total = row("RMS", found.rms / report.small)
-    expected = row("RMS σ", found.rms_sigma / report.small)
-    header = ["check point", *(f"d{a} [{report.units.sigma_length}]" for a in "xyz")]
-    heading = title("Check points: adjusted − known coordinates, which took no part")
-    return [*heading, *table(header, [*shown, total, expected]), *note]
 
 
 def photos_section(report: Report) -> list[str]:
@@ -347,20 +263,9 @@ def lines_table(report: Report, lines: Sequence[AdjustedLine] | None = None) -> 
     turned = max(decimals(sigmas, default=2, most=5) + angle.further_decimals, 0)
     in_plan = ("text", "html", "json") if plan else ("html", "json")
     in_height = ("text", "html", "json") if heights else ("html", "json")
-    read_plan = READ if plan else ("html",)
 
     def name(end: str) -> Callable[[AdjustedLine], str]:
         return lambda x: place_name(getattr(x, end))
-
-    def turn(x: AdjustedLine) -> str:
-        e = x.ellipse
-        return rounded_azimuth(report, e.azimuth) if e.semi_axes[0] > 0 else ""
-
-    def axis(title: str, key: str, i: int) -> list[Column[AdjustedLine]]:
-        column = Column[AdjustedLine](
-            title=title, key=key, value=lambda x: x.ellipse.semi_axes[i], unit=small, suffix=True
-        )
-        return [replace(column, digits=fine, only=read_plan), replace(column, only=("csv",))]
 
     distance = Column[AdjustedLine](
         title="distance", value="distance", unit=metre, digits=digits, exact=True
@@ -375,14 +280,6 @@ def lines_table(report: Report, lines: Sequence[AdjustedLine] | None = None) -> 
         title="σ", key="sigma_azimuth", value="sigma_azimuth", unit=fine_angle
     )
     csv = {"only": ("csv",), "suffix": True}
-    azimuth_a = Column[AdjustedLine](
-        title="azimuth_a",
-        key="ellipse_azimuth",
-        value=lambda x: x.ellipse.azimuth,
-        unit=decimal_unit,
-        **csv,  # type: ignore[arg-type]
-    )
-    major, minor = axis("a", "ellipse_major", 0), axis("b", "ellipse_minor", 1)
     shown_azimuth = replace(
         azimuth, unit=unit_of(units.angle, turn=True), digits=turned, only=in_plan
     )
@@ -403,10 +300,7 @@ def lines_table(report: Report, lines: Sequence[AdjustedLine] | None = None) -> 
         replace(rise, only=in_height),
         replace(sigma_rise, only=in_height),
         Column(title="confidence", value=lambda x: confidence, only=("csv",)),
-        *major,
-        *minor,
-        replace(azimuth_a, unit=unit_of(units.angle), shown=turn, only=read_plan),
-        azimuth_a,
+        *ellipse_columns(report, lambda x: x.ellipse, fine, READ if plan else ("html",)),
         Column(title="ellipse", value=_ellipse_record, only=("json",)),
     ]
     return Table("lines", rows, columns)

@@ -6,16 +6,17 @@ Both are sections of the text report and columns of points.csv and photos.csv.
 from __future__ import annotations
 
 from math import log10, pi
+from typing import Any
 
 import numpy as np
 
 from ..frames import MEAN_EARTH_RADIUS, LocalFrame
-from ..types import Array
-from ..units import ANGLE, decimal, format_angle
+from ..units import ANGLE, decimal, decimal_angle, format_angle
 from .adjusted_coordinates import decimals_of_points
 from .adjustment_report import Report
 from .layout import exponent, figures, paragraph, table, title
 from .observation_rows import without_trailing_zeros
+from .tables import DATA, Column, Unit, figures_by_number, unit_of
 
 EAST_NORTH_UP = ("east", "north", "up")
 ANGLE_DIGIT_TOLERANCE = 0.1
@@ -74,34 +75,52 @@ def angle_digits(unit: str, digits: int, metre: float) -> int:
     return max(int(-(-(digits + log10(one) - ANGLE_DIGIT_TOLERANCE) // 1)), 0)
 
 
-def geographic_columns(report: Report) -> dict[str, list[str]]:
-    """Return the columns of points.csv; none in a local frame."""
+def geographic_columns(report: Report, digits: int) -> list[Column[Any]]:
+    """Return the columns of points; none in a local frame.
+
+    Args:
+        report: the report.
+        digits: decimals of lengths where people read them.
+    """
     found = report.geographic
     if found is None:
-        return {}
-    unit, small = report.units.geographic, report.units.sigma_length
-    length, metre = report.units.length, report.metre
-    fine, digits = (
-        angle_digits(unit, RESOLVED_DECIMALS, 1.0),
-        max(RESOLVED_DECIMALS + exponent(metre), 0),
-    )
-
-    def angles(values: Array) -> list[str]:
-        return [without_trailing_zeros(format_angle(v, unit, fine), unit) for v in values.tolist()]
-
-    out = {
-        "latitude": angles(found.latitude),
-        "longitude": angles(found.longitude),
-        "geographic_unit": [unit] * len(found.height),
-        "height": [
-            without_trailing_zeros(decimal(v / metre, digits), length)
-            for v in found.height.tolist()
-        ],
+        return []
+    units, unit = report.units, unit_of(report.units.geographic)
+    angle = {
+        "unit": unit,
+        "digits": angle_digits(unit.name, digits, report.metre),
+        "resolved": angle_digits(unit.name, RESOLVED_DECIMALS, 1.0),
+        "only": ("html", *DATA),
     }
-    return out | {
-        f"sigma_{a}_{small}": figures(found.sigma[:, i] / report.small)
+    height = {
+        "unit": Unit(units.length, report.metre),
+        "digits": digits,
+        "resolved": _resolved(report),
+        "only": ("html", *DATA),
+    }
+    columns: list[Column[Any]] = [
+        Column(title="latitude", value=figures_by_number(found.latitude), **angle),  # type: ignore[arg-type]
+        Column(title="longitude", value=figures_by_number(found.longitude), **angle),  # type: ignore[arg-type]
+        Column(title="geographic_unit", value=lambda row: unit.name, only=("csv",)),
+        Column(title="height", value=figures_by_number(found.height), **height),  # type: ignore[arg-type]
+        Column(title="sigma_east_north_up", value=figures_by_number(found.sigma), only=("json",)),
+    ]
+    return columns + [
+        Column(
+            title=f"σ{a[0].upper()}",
+            key=f"sigma_{a}",
+            value=figures_by_number(found.sigma[:, i]),
+            unit=Unit(units.sigma_length, report.small),
+            suffix=True,
+            only=("html", "csv", "frame"),
+        )
         for i, a in enumerate(EAST_NORTH_UP)
-    }
+    ]
+
+
+def _resolved(report: Report) -> int:
+    """Return the decimals that computed lengths have in tables, see `RESOLVED_DECIMALS`."""
+    return max(RESOLVED_DECIMALS + exponent(report.metre), 0)
 
 
 GRID_COLUMNS = ("easting", "northing", "grid_height")
@@ -188,34 +207,46 @@ def _signed(value: float, unit: str, fine: float = RESOLUTION_IN_TEXT_RAD) -> st
     return format_angle(wrapped, unit, max(int(-np.floor(np.log10(fine / one))), 0))
 
 
-def grid_columns(report: Report) -> dict[str, list[str]]:
-    """Return the columns of points.csv; none without grid coordinates."""
+def grid_columns(report: Report) -> list[Column[Any]]:
+    """Return the columns of points; none without grid coordinates."""
     found = report.grid
     if found is None or isinstance(report.network.frame, LocalFrame):
-        return {}
-    p, length, angle = found.places, report.units.length, report.units.angle
-    digits, small = max(RESOLVED_DECIMALS + exponent(report.metre), 0), report.units.sigma_length
-    out = {
-        a: [
-            without_trailing_zeros(decimal(v / report.metre, digits), length)
-            for v in p.coordinates[:, i].tolist()
-        ]
-        for i, a in enumerate(GRID_COLUMNS)
-    }
-    out |= {
-        f"sigma_{a}_{small}": figures(p.sigma[:, i] / report.small)
-        for i, a in enumerate(GRID_COLUMNS)
-    }
-    out["undulation"] = [
-        without_trailing_zeros(decimal(v / report.metre, digits), length) for v in p.undulation
+        return []
+    p, length = found.places, Unit(report.units.length, report.metre)
+    rounded = {"unit": length, "resolved": _resolved(report), "only": ("csv",)}
+    columns: list[Column[Any]] = [
+        Column(title="grid", value=figures_by_number(p.coordinates), only=("json",)),
+        Column(title="sigma_grid", value=figures_by_number(p.sigma), only=("json",)),
     ]
-    out[f"convergence_{angle if angle != 'dms' else 'deg'}"] = figures(
-        p.convergence / ANGLE["deg" if angle == "dms" else angle]
-    )
-    return out | {
-        "scale": [f"{v:.10f}" for v in p.scale.tolist()],
-        "combined_factor": [f"{v:.10f}" for v in p.combined.tolist()],
-    }
+    for i, a in enumerate(GRID_COLUMNS):
+        value = figures_by_number(p.coordinates[:, i])
+        columns.append(Column(title=a, value=value, **rounded))  # type: ignore[arg-type]
+    for i, a in enumerate(GRID_COLUMNS):
+        columns.append(
+            Column(
+                title=f"sigma_{a}",
+                value=figures_by_number(p.sigma[:, i]),
+                unit=Unit(report.units.sigma_length, report.small),
+                suffix=True,
+                only=("csv",),
+            )
+        )
+    undulation = figures_by_number(p.undulation)
+    columns += [
+        Column(title="undulation", value=undulation, **rounded),  # type: ignore[arg-type]
+        Column(
+            title="convergence",
+            value=figures_by_number(p.convergence),
+            unit=unit_of(decimal_angle(report.units.angle)),
+            suffix=True,
+            only=("csv", "json"),
+        ),
+    ]
+    for key, factors in (("scale", p.scale), ("combined_factor", p.combined)):
+        columns.append(Column(title=key, value=figures_by_number(factors), only=("json",)))
+        texts = [f"{v:.10f}" for v in factors.tolist()]
+        columns.append(Column(title=key, value=lambda row, t=texts: t[row.number], only=("csv",)))  # type: ignore[misc]
+    return columns
 
 
 def grid_photo_columns(report: Report) -> dict[str, list[str]]:
@@ -225,7 +256,7 @@ def grid_photo_columns(report: Report) -> dict[str, list[str]]:
         return {}
     p, length, angle = found.places, report.units.length, report.units.angle
     small, small_angle = report.units.sigma_length, report.units.sigma_angle
-    digits = max(RESOLVED_DECIMALS + exponent(report.metre), 0)
+    digits = _resolved(report)
     out = {
         a: [
             without_trailing_zeros(decimal(v / report.metre, digits), length)
@@ -245,19 +276,4 @@ def grid_photo_columns(report: Report) -> dict[str, list[str]]:
     return out | {
         f"sigma_{a}_grid_{small_angle}": figures(found.sigma_angles[:, i] / report.radian)
         for i, a in enumerate(about)
-    }
-
-
-def grid_record(report: Report, number: int) -> dict[str, object]:
-    """Return the fields of a point in results.json, metres and radians; none without a grid."""
-    found = report.grid
-    if found is None or isinstance(report.network.frame, LocalFrame):
-        return {}
-    p = found.places
-    return {
-        "grid": p.coordinates[number].tolist(),
-        "sigma_grid": p.sigma[number].tolist(),
-        "convergence": float(p.convergence[number]),
-        "scale": float(p.scale[number]),
-        "combined_factor": float(p.combined[number]),
     }

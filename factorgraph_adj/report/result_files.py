@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import isfinite, nan
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -30,14 +30,14 @@ from .adjusted_coordinates import (
     image_statistics_by_photo,
     lines_table,
     photo_ellipsoid_columns,
-    point_ellipse_columns,
 )
 from .adjusted_observations import observations_csv
+from .adjusted_points import points_table
 from .adjustment_report import Report
 from .data_snooping import snooping_csv
 from .doubtful_results import unknowns_left_out
 from .frames_and_shapes import measured_frames, shapes_table
-from .geodetic_coordinates import geographic_columns, grid_columns, grid_photo_columns
+from .geodetic_coordinates import grid_photo_columns
 from .gross_errors import unit_of_error, variance_components_table
 from .layout import LINE_WIDTH, figure, figures, paragraph, table, title
 from .observation_rows import ReportRows, all_digits
@@ -272,7 +272,6 @@ RESULT_FILES = (
     *("variance_components.csv", "given_values.csv"),
 )
 """Files of a solution; those that it has no content for are removed."""
-COVARIANCE_PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
 def write_solution(
@@ -322,7 +321,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
         found = variance_components_table(report, report.components)
         files["variance_components.csv"] = as_csv(found)
     if not report.singular:
-        files["points.csv"] = _points_table(report)
+        files["points.csv"] = as_csv(points_table(report))
         files["unknowns.csv"] = write_table(UNKNOWN_COLUMNS, _unknowns(report))
         if report.network.photos:
             files["photos.csv"] = _photos_table(report)
@@ -336,34 +335,6 @@ def _left_out_table(report: Report) -> str:
     gone = report.network.unknowns_left_out
     columns = {name: [getattr(x, name) for x in gone] for name in ("kind", "name", "why")}
     return write_columns(columns | {"observations": [" ".join(x.ids) for x in gone]})
-
-
-def _points_table(report: Report) -> str:
-    solution, length, small = report.solution, report.units.length, report.units.sigma_length
-    given = report.network.points
-    found = solution.state["point"]
-    columns = {"name": list(given)}
-    columns |= {
-        a: [all_digits(v, length) for v in found[:, i].tolist()] for i, a in enumerate("xyz")
-    }
-    columns["unit"] = [length] * len(given)
-    variances = np.maximum(np.einsum("nii->ni", solution.point_covariances), 0.0)
-    for i, a in enumerate("xyz"):
-        columns[f"sigma_{a}_{small}"] = figures(np.sqrt(variances[:, i]) / report.small)
-    for pair in COVARIANCE_PAIRS:
-        i, j = ("xyz".index(a) for a in pair)
-        covariance = solution.point_covariances[:, i, j] / report.small**2
-        columns[f"covariance_{pair}_{small}2"] = figures(covariance)
-    columns |= geographic_columns(report)
-    columns |= grid_columns(report)
-    columns |= point_ellipse_columns(report)
-    if any(p.side_shot for p in given.values()):
-        columns["side_shot"] = ["yes" if p.side_shot else "" for p in given.values()]
-    none = (nan, nan, nan)
-    check = np.array([p.check or none for p in given.values()], dtype=float).reshape(-1, 3)
-    for i, a in enumerate("xyz"):
-        columns[f"check_d{a}_{small}"] = figures((found[:, i] - check[:, i]) / report.small)
-    return write_columns(columns)
 
 
 def _photos_table(report: Report) -> str:

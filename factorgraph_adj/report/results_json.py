@@ -22,20 +22,18 @@ from ..statistical_tests import global_test
 from ..version import __version__
 from .adjusted_coordinates import lines_table
 from .adjusted_observations import observation_table
+from .adjusted_points import COVARIANCE_PAIRS, points_table
 from .adjustment_report import Report
 from .doubtful_results import notes_of_network, notes_of_solution
 from .epochs_report import EpochsReport
-from .geodetic_coordinates import grid_record
 from .layout import finite_json, json_text
-from .tables import as_json, as_json_columns
+from .tables import as_json, as_json_by_name, as_json_columns
 from .unknowns import unknown_components
 
 RESULTS_FORMAT = 3
 """Version of results.json; it grows with every change that a reader could stumble over."""
 RESULTS_SCHEMA = "https://github.com/factorgraph-adj/factorgraph_adj/results-3.schema.json"
 """Name of the schema of the format."""
-COVARIANCE_ORDER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-"""Rows and columns of the covariance of a point in the order xx, xy, xz, yy, yz, zz."""
 EPOCHS_FORMAT = 1
 """Version of the file; it grows with every change that a reader could stumble over."""
 EPOCHS_SCHEMA = "https://github.com/factorgraph-adj/factorgraph_adj/epochs-1.schema.json"
@@ -259,20 +257,7 @@ def _parameters(report: Report) -> dict[str, Any]:
 def _unknown_values(report: Report) -> dict[str, Any]:
     s, network = report.solution, report.network
     return {
-        "points": {
-            name: {
-                "xyz": xyz,
-                "sigma": list(report.sigmas[name]),
-                "covariance": [float(s.point_covariances[i, j, k]) for j, k in COVARIANCE_ORDER],
-                **_geographic(report, i),
-                **_ellipse(report, name),
-                **grid_record(report, i),
-                **({"side_shot": True} if network.points[name].side_shot else {}),
-            }
-            for i, (name, xyz) in enumerate(
-                zip(network.points, s.state["point"].tolist(), strict=True)
-            )
-        },
+        "points": as_json_by_name(points_table(report)),
         "photos": {name: _pose(report, name) for name in network.photos},
         "calibrations": {name: _calibration(report, name) for name in report.calibrations},
         "orientations": [
@@ -289,32 +274,6 @@ def _unknown_values(report: Report) -> dict[str, Any]:
             }
             for u in unknown_components(report)
         ],
-    }
-
-
-def _geographic(report: Report, number: int) -> dict[str, Any]:
-    found = report.geographic
-    if found is None:
-        return {}
-    return {
-        "latitude": float(found.latitude[number]),
-        "longitude": float(found.longitude[number]),
-        "height": float(found.height[number]),
-        "sigma_east_north_up": found.sigma[number].tolist(),
-    }
-
-
-def _ellipse(report: Report, name: str) -> dict[str, Any]:
-    """Return the error ellipse of a point where the options ask for it."""
-    e = report.ellipses.get(name)
-    if e is None:
-        return {}
-    return {
-        "ellipse": {
-            "confidence": e.confidence,
-            "semi_axes": list(e.semi_axes),
-            "azimuth": e.azimuth,
-        }
     }
 
 
@@ -431,7 +390,7 @@ def _displacements(report: EpochsReport) -> list[dict[str, Any]]:
             "state": state,
             "place": x.place.tolist(),
             "vector": x.vector.tolist(),
-            "covariance": [float(x.covariance[i, j]) for i, j in COVARIANCE_ORDER],
+            "covariance": [float(x.covariance[i, j]) for i, j in COVARIANCE_PAIRS.values()],
             "length": x.length,
             "test": record_of_test(x.test),
             "moved": x.moved,

@@ -18,8 +18,8 @@ import numpy as np
 
 from ..columns import Columns
 from ..io.csv_tables import write_columns
-from ..io.numbers import write_quantity
-from ..types import Array, Mask
+from ..io.numbers import parse_quantity, write_quantity
+from ..types import Array, Index, Mask
 from ..units import ANGLE, LENGTH, decimal, format_angle, format_turn
 from .catalogue import Texts
 from .layout import figure, short, table
@@ -104,6 +104,8 @@ class Column(Generic[Row]):
     """Renderings that have the column."""
     shown: Callable[[Row], str | None] | None = None
     """Words that people read in place of the figure, such as ``held``; None for the figure."""
+    resolved: int | None = None
+    """Decimals of the figure in CSV, without zeros at its end; None: as `exact` says."""
     exact: bool = False
     """Whether CSV has the figure with all its digits; otherwise it has nine."""
     suffix: bool = False
@@ -158,6 +160,9 @@ class Column(Generic[Row]):
         if not isfinite(value):
             return ""
         unit = self._unit(row)
+        if self.resolved is not None:
+            value = parse_quantity(unit.shown(value, self.resolved), unit.name)
+            return unit.exact(value)
         return unit.exact(value) if self.exact else figure(value / unit.size)
 
     def heading(self, t: Texts) -> str:
@@ -175,7 +180,7 @@ def _plain(value: Any) -> str:
     return str(value)
 
 
-def figures_by_number(values: Array | Mask) -> Callable[[Any], Any]:
+def figures_by_number(values: Array | Mask | Index) -> Callable[[Any], Any]:
     """Return the function that gives each row its figure, by the number of the row."""
     every = values.tolist()
     return lambda row: every[row.number]
@@ -340,7 +345,8 @@ def as_html(
             names = {v: t.kind(v) for v in set(cells)}
             cells = [names[v] for v in cells]
         helped = t(f"help_{c.help}") if c.help else ""
-        numeric = _is_figure(c, made.rows)
+        # Degrees-minutes-seconds are no numbers to a script that sorts.
+        numeric = _is_figure(c, made.rows) and (callable(c.unit) or c.unit.name != "dms")
         columns.append(SheetColumn(c.heading(t), cells, numeric, helped, c.english))
     if not columns:
         return None
@@ -376,6 +382,15 @@ def as_json(made: Table[Row]) -> list[dict[str, Any]]:
     """Return the rows of a table as objects, with figures in the units of the solution."""
     columns = made.within("json")
     return [{c.name: c.of(row) for c in columns} for row in made.rows]
+
+
+def as_json_by_name(made: Table[Row]) -> dict[str, dict[str, Any]]:
+    """Return the rows as objects by their first cell, without the members that are None."""
+    first, *others = made.within("json")
+    return {
+        first.of(row): {c.name: v for c in others if (v := c.of(row)) is not None}
+        for row in made.rows
+    }
 
 
 def as_json_columns(made: Table[Row]) -> dict[str, list[Any]]:

@@ -211,28 +211,6 @@ class AdjustedNetwork(EstimatedNetworkWithPhotos, Protocol):
         ...
 
 
-def point_table(solution: AdjustedNetwork) -> Columns:
-    """Return ``name``, ``x y z``, ``sigma_x …``, and whether each component is ``held_x …``.
-
-    A frame with an ellipsoid adds ``latitude longitude height``, ``sigma_east …``.
-    """
-    table = solution.equations.unknowns["point"]
-    out: dict[str, np.ndarray[Any, Any]] = {"name": np.array(table.names, dtype=object)}
-    values = solution.state["point"]
-    sigma = np.sqrt(np.maximum(np.einsum("nii->ni", solution.point_covariances), 0.0))
-    for i, axis in enumerate("xyz"):
-        out[axis] = values[:, i].copy()
-    for i, axis in enumerate("xyz"):
-        out[f"sigma_{axis}"] = sigma[:, i]
-    found = geodetic_coordinates(solution.network.frame, values, solution.point_covariances)
-    if found is not None:
-        out |= {"latitude": found.latitude, "longitude": found.longitude, "height": found.height}
-        out |= {f"sigma_{a}": found.sigma[:, i] for i, a in enumerate(("east", "north", "up"))}
-    for i, axis in enumerate("xyz"):
-        out[f"held_{axis}"] = ~table.free[:, i]
-    return Columns("points", out)
-
-
 def photo_table(solution: AdjustedNetwork) -> Columns:
     """Return ``name``, ``camera``, ``x y z``, ``omega phi kappa``, and σ.
 

@@ -228,7 +228,10 @@ class Solution(Shown):
         In a geocentric or topocentric frame also ``latitude`` and ``longitude`` (radians, north
         and east positive), ``height`` above the ellipsoid, ``sigma_east sigma_north sigma_up``.
         """
-        return estimates.point_table(self)
+        # The table of points, and all reports, stand above this module.
+        reports = import_module("factorgraph_adj.report.adjusted_points")
+        found: Columns = reports.point_frame(self)
+        return found
 
     def photo_table(self) -> Columns:
         """Return the adjusted photos as columns: centres, angles and σ; metres, radians."""

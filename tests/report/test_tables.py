@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.report import adjusted_points
 from factorgraph_adj.report.adjusted_observations import ObservationColumns, observations_csv
+from factorgraph_adj.report.adjusted_points import AdjustedPoint, points_table
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.report.html.page import adjustment_html
@@ -21,11 +24,13 @@ from factorgraph_adj.report.tables import (
     as_frame,
     as_html,
     as_json,
+    as_json_by_name,
     as_json_columns,
     as_text,
     unit_of,
 )
 from factorgraph_adj.report.text import protocol
+from tests.networks.exchanged_day import day
 from tests.networks.trilateration import trilateration
 from tests.support.pages import data_of
 
@@ -73,6 +78,56 @@ def test_a_figure_of_quality_that_is_added_appears_in_every_rendering(
     assert "<th>inner_reliability</th>" in rel._repr_html_()
 
 
+def test_a_figure_of_points_that_is_added_appears_in_every_rendering(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The column is the mean standard deviation of a coordinate, the Helmert point error / √3."""
+    before = adjusted_points.point_columns
+
+    def with_mean_error(report: Report, rows: Sequence[AdjustedPoint]) -> list[Column]:
+        mean = np.sqrt(np.trace(report.solution.point_covariances, axis1=1, axis2=2) / 3)
+        value = lambda row: mean[row.number]  # noqa: E731
+        added = Column(title="σP", key="mean_error", value=value, unit=MM, digits=4)
+        return [*before(report, rows), added]
+
+    monkeypatch.setattr(adjusted_points, "point_columns", with_mean_error)
+    solution = fga.adjust(trilateration(1, points=6)[0])
+    report = Report(solution)
+    sigmas = [solution.standard_deviations(n) for n in solution.network.points]
+    expected = np.sqrt(np.mean(np.square(sigmas), axis=1))
+    read = [f"{v / 1e-3:.4f}" for v in expected]
+
+    text = protocol(solution)
+    listing = text[text.index("Adjusted coordinates") :].splitlines()[2:]
+    assert listing[0].split()[-2:] == ["σP", "[mm]"]
+    assert [line.split()[-1] for line in listing[2 : 2 + len(read)]] == read
+
+    page = adjustment_html(report)
+    assert ">σP [mm]</th>" in page
+    assert read in data_of(page, "sheet-points")["columns"]
+
+    header, *rows = as_csv(points_table(report)).splitlines()
+    at = header.split(",").index("mean_error")
+    assert [float(r.split(",")[at]) for r in rows] == pytest.approx(expected / 1e-3)
+
+    written = json.loads(results_text(report))["points"]
+    assert [p["mean_error"] for p in written.values()] == pytest.approx(expected)
+
+    table = solution.point_table()
+    assert table["mean_error"] == pytest.approx(expected)
+    assert "<th>mean_error</th>" in table._repr_html_()
+
+
+def test_a_page_of_a_solution_without_a_covariance_has_coordinates_alone() -> None:
+    solution = fga.adjust(day(3).network)
+    page = adjustment_html(Report(solution))
+    assert Report(solution).singular
+    assert ">x [m]</th>" in page
+    assert ">σx [mm]</th>" not in page
+    names = data_of(page, "sheet-points")["columns"][0]
+    assert names == list(solution.network.points)
+
+
 def points() -> Table[dict[str, object]]:
     """Two points, one of which is held."""
     return Table(
@@ -94,6 +149,30 @@ def points() -> Table[dict[str, object]]:
             Column(title="reason", value=lambda row: None),
         ],
     )
+
+
+def test_objects_by_name_lack_what_does_not_exist() -> None:
+    assert as_json_by_name(points())["A"] == {"x": 1.5, "sigma_x_mm": 0.0, "number": 3}
+
+
+def test_resolved_figures_of_csv_have_no_zeros_at_their_end() -> None:
+    values = [0.25, 1 / 3, np.pi]
+    for unit, cells in (
+        (unit_of("mm"), ["250", "333.33333", "3141.59265"]),
+        (unit_of("dms"), ["14-19-26.20156", "19-05-54.93542", "180-00-0"]),
+    ):
+        made = Column[float](title="x", value=lambda row: row, unit=unit, resolved=5)
+        assert [made.written(v) for v in values] == cells
+
+
+def test_degrees_minutes_seconds_are_no_numbers_on_a_page() -> None:
+    for unit, numeric in (("dms", False), ("deg", True)):
+        made = as_html(
+            Table("points", [0.1], [Column(title="x", value=lambda row: row, unit=unit_of(unit))]),
+            Texts("en"),
+        )
+        assert made is not None
+        assert made.columns[0].numeric is numeric
 
 
 def test_text_has_units_in_headings_and_no_empty_column() -> None:

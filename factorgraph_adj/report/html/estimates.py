@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 
 import numpy as np
@@ -13,19 +13,17 @@ from ...models.unknown_registry import UNKNOWNS
 from ...quality.point_precision import check_points as compare
 from ...units import ANGLE, decimal, decimal_angle, format_angle, format_turn
 from ..adjusted_coordinates import (
-    decimals_of_points,
-    ellipse_columns,
     held_components_of_pose,
     image_statistics_by_photo,
     lines_table,
 )
+from ..adjusted_points import AdjustedPoint, CheckedPoint, check_points_table, points_table
 from ..adjustment_report import Report
 from ..catalogue import Texts
-from ..geodetic_coordinates import angle_digits
-from ..layout import decimals, percent, short, with_sigma
+from ..layout import percent, short, with_sigma
 from ..plots.point_symbols import point_status
 from ..reliability import point_redundancy
-from ..tables import NO_FIGURE, Sheet, SheetColumn, as_html
+from ..tables import NO_FIGURE, Column, Sheet, as_html, figures_by_number
 from ..unknowns import STRONG_CORRELATION, unknown_components
 from .rendering import ColumnHead, columns_from_rows, filled_sheet
 
@@ -63,76 +61,29 @@ def largest_tests(report: Report) -> np.ndarray:
 
 def points_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return adjusted coordinates with standard deviations, ellipses and redundancy."""
-    network, units, given = report.network, report.units, report.network.points
-    places, digits = decimals_of_points(report)
-    x = report.solution.state["point"] / report.metre
-    columns = [
-        SheetColumn(t("col_point"), list(given)),
-        SheetColumn(t("col_state"), [t(f"state_{k}") for k in point_states(report)]),
-    ]
-    for i, a in enumerate("xyz"):
-        values = [decimal(v, digits) for v in x[:, i].tolist()]
-        columns.append(SheetColumn(f"{a} [{units.length}]", values, True))
-    if not report.singular:
-        sigmas = np.array([report.sigmas[n] for n in given]).reshape(-1, 3) / report.small
-        for i, a in enumerate("xyz"):
-            held = [p.fixed[i] for p in given.values()]
-            cells = [
-                t("held") if h else f"{s:.{places}f}"
-                for h, s in zip(held, sigmas[:, i].tolist(), strict=True)
-            ]
-            columns.append(SheetColumn(f"σ{a} [{units.sigma_length}]", cells, True))
-        header, cells_of, _ = ellipse_columns(report, places)
-        for i, head in enumerate(header):
-            values = [cells_of[n][i] if n in cells_of else "" for n in given]
-            title = head.replace("azimuth", t("col_azimuth"))
-            columns.append(SheetColumn(title, values, True, t("help_ellipse")))
-        columns += _geographic(report, t, digits)
-    if report.reliability is not None:
-        counts = point_redundancy(report.reliability)
-        mean = counts.redundancy / np.maximum(counts.rows, 1)
-        columns += [
-            SheetColumn(t("col_scalars"), [str(n) for n in counts.rows.tolist()], True),
-            SheetColumn(
-                t("col_mean_r"),
-                [
-                    f"{max(v, 0.0):.2f}" if n else NO_FIGURE
-                    for v, n in zip(mean.tolist(), counts.rows.tolist(), strict=True)
-                ],
-                True,
-                t("help_r"),
-            ),
-            SheetColumn(
-                f"max |{'τ' if report.pope else 'w'}|",
-                [f"{v:.2f}" if isfinite(v) else NO_FIGURE for v in largest_tests(report).tolist()],
-                True,
-                t("help_test"),
-            ),
-        ]
+    made, states = points_table(report), [t(f"state_{k}") for k in point_states(report)]
+    state = Column[AdjustedPoint](title="state", value=lambda row: states[row.number])
+    columns = [made.columns[0], state, *made.columns[1:], *_redundancy(report)]
     notes = [t("points_reference")] if report.solution.datum is not None else []
     if report.options.confidence is not None:
         notes.append(t("points_ellipses", level=percent(report.options.confidence)))
-    if not network.points:
-        return None
-    return filled_sheet("points", t("points_caption"), columns, notes=notes)
+    return as_html(replace(made, columns=columns), t, notes=notes)
 
 
-def _geographic(report: Report, t: Texts, digits: int) -> list[SheetColumn]:
-    found = report.geographic
-    if found is None:
+def _redundancy(report: Report) -> list[Column[AdjustedPoint]]:
+    """Return how well the observations of each point are controlled."""
+    if report.reliability is None:
         return []
-    unit, small = report.units.geographic, report.units.sigma_length
-    fine = angle_digits(unit, digits, report.metre)
-    out = []
-    for key, values in (("col_latitude", found.latitude), ("col_longitude", found.longitude)):
-        cells = [format_angle(v, unit, fine) for v in values.tolist()]
-        out.append(SheetColumn(f"{t(key)} [{unit}]", cells, unit != "dms"))
-    heights = [decimal(v / report.metre, digits) for v in found.height.tolist()]
-    out.append(SheetColumn(f"{t('col_height')} [{report.units.length}]", heights, True))
-    for i, a in enumerate("ENU"):
-        sigmas = [short(v) for v in (found.sigma[:, i] / report.small).tolist()]
-        out.append(SheetColumn(f"σ{a} [{small}]", sigmas, True))
-    return out
+    counts = point_redundancy(report.reliability)
+    mean = np.where(counts.rows > 0, counts.redundancy / np.maximum(counts.rows, 1), np.nan)
+    largest = figures_by_number(largest_tests(report))
+    mean_r = figures_by_number(np.maximum(mean, 0.0))
+    name = f"max |{'τ' if report.pope else 'w'}|"
+    return [
+        Column(title="scalars", value=figures_by_number(counts.rows)),
+        Column(title="mean_r", value=mean_r, digits=2, help="r"),
+        Column(title=name, value=largest, digits=2, help="test"),
+    ]
 
 
 def check_points_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -140,39 +91,21 @@ def check_points_sheet(report: Report, t: Texts) -> Sheet | None:
     if report.singular:
         return None
     found = compare(report.solution)
-    if not found.names:
-        return None
-    unit = report.units.sigma_length
-    d = found.differences / report.small
-    places = decimals(np.abs(d[np.isfinite(d)]).tolist(), default=2, most=5)
-
-    def cell(value: float) -> str:
-        return decimal(value, places) if isfinite(value) else NO_FIGURE
-
-    columns = [SheetColumn(t("col_point"), list(found.names))]
-    for i, a in enumerate("xyz"):
-        columns.append(SheetColumn(f"d{a} [{unit}]", [cell(v) for v in d[:, i].tolist()], True))
-    for name, values in (
-        (f"√(dx²+dy²) [{unit}]", np.hypot(d[:, 0], d[:, 1])),
-        (f"√(dx²+dy²+dz²) [{unit}]", np.sqrt(np.sum(d**2, axis=1))),
-    ):
-        columns.append(SheetColumn(name, [cell(v) for v in values.tolist()], True))
-    for i, a in enumerate("xyz"):
-        ratio = found.normalised[:, i].tolist()
-        cells = [decimal(v, 2) if isfinite(v) else NO_FIGURE for v in ratio]
-        columns.append(SheetColumn(f"d{a}/σ", cells, True, t("help_check_ratio")))
+    made = check_points_table(report, found)
+    differences = [c for c in made.columns if c.key.startswith("check_d")]
 
     def three(values: np.ndarray) -> str:
-        return ", ".join(cell(v) for v in (values / report.small).tolist())
+        row = CheckedPoint("", values.tolist())
+        return ", ".join(c.read(row, missing=NO_FIGURE) for c in differences)
 
     note = t(
         "check_note",
-        unit=unit,
+        unit=report.units.sigma_length,
         mean=three(found.mean),
         rms=three(found.rms),
         expected=three(found.rms_sigma),
     )
-    return filled_sheet("check", t("check_caption"), columns, notes=[note])
+    return as_html(made, t, notes=[note])
 
 
 def photos_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -212,6 +145,8 @@ def photos_sheet(report: Report, t: Texts) -> Sheet | None:
 
 def lines_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return adjusted distances, azimuths and rises with relative error ellipses."""
+    if not report.lines:
+        return None
     level = report.options.confidence
     note = t("lines_standard") if level is None else t("points_ellipses", level=percent(level))
     return as_html(lines_table(report), t, notes=[note])

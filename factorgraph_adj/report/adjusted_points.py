@@ -1,0 +1,332 @@
+"""Adjusted points and check points: a table of each, for text, pages and programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite, nan, sqrt
+from typing import Any
+
+import numpy as np
+
+from ..columns import Columns
+from ..quality.point_precision import CheckPoints
+from ..quality.point_precision import check_points as compare
+from ..solve.solution import Solution
+from .adjusted_coordinates import (
+    NOT_AT_A_MINIMUM,
+    decimals_of_points,
+    ellipse_columns,
+    height_half_widths,
+    region_factor,
+)
+from .adjustment_report import Report
+from .geodetic_coordinates import geographic_columns, grid_columns
+from .layout import decimals, percent, rms, title
+from .tables import READ, Column, Rendering, Table, Unit, as_frame, as_text, figures_by_number
+
+COVARIANCE_PAIRS = {
+    "xx": (0, 0),
+    "xy": (0, 1),
+    "xz": (0, 2),
+    "yy": (1, 1),
+    "yz": (1, 2),
+    "zz": (2, 2),
+}
+"""Rows and columns of the covariance of a point, in the order of files."""
+
+
+@dataclass(frozen=True)
+class AdjustedPoint:
+    """A point as a row of tables."""
+
+    number: int
+    """Number of the point."""
+    name: str
+    """Its name."""
+
+
+# -- all points -----------------------------------------------------------------------------------
+
+
+def points_table(report: Report, names: Iterable[str] | None = None) -> Table[AdjustedPoint]:
+    """Return the table of adjusted points.
+
+    Args:
+        report: the report.
+        names: some of its points; None: all.
+    """
+    number = report.solution.equations.unknowns["point"].number
+    some = report.network.points if names is None else names
+    rows = [AdjustedPoint(number[n], n) for n in some]
+    return Table("points", rows, point_columns(report, rows))
+
+
+def point_columns(report: Report, rows: Sequence[AdjustedPoint]) -> list[Column[AdjustedPoint]]:
+    """Return the columns of some points; coordinates alone where there is no covariance."""
+    precision = () if report.singular else _precision(report, rows)
+    return [*_coordinates(report, rows), *precision]
+
+
+def point_frame(solution: Solution) -> Columns:
+    """Return the adjusted points as arrays, metres and radians.
+
+    Raises:
+        SingularError: there is no covariance.
+    """
+    _ = solution.point_covariances
+    return as_frame(points_table(Report(solution)))
+
+
+def _coordinates(report: Report, rows: Sequence[AdjustedPoint]) -> Iterator[Column[AdjustedPoint]]:
+    x, units = report.solution.state["point"], report.units
+    metre, digits = Unit(units.length, report.metre), decimals_of_points(report)[1]
+    yield Column(title="point", key="name", value="name")
+    yield Column(title="xyz", value=figures_by_number(x), only=("json",))
+    for i, a in enumerate("xyz"):
+        yield Column(
+            title=a,
+            value=figures_by_number(x[:, i]),
+            unit=metre,
+            digits=digits,
+            exact=True,
+            only=_renderings(report, rows, i),
+        )
+    yield Column(title="unit", value=lambda row: units.length, only=("csv",))
+
+
+def _precision(report: Report, rows: Sequence[AdjustedPoint]) -> Iterator[Column[AdjustedPoint]]:
+    given, small = list(report.network.points.values()), report.units.sigma_length
+    places, digits = decimals_of_points(report)
+    sigmas, unit = np.array(list(report.sigmas.values())).reshape(-1, 3), Unit(small, report.small)
+    covariances = report.solution.point_covariances
+    yield Column(title="sigma", value=figures_by_number(sigmas), only=("json",))
+    for i, a in enumerate("xyz"):
+        yield Column(
+            title=f"σ{a}",
+            key=f"sigma_{a}",
+            value=figures_by_number(sigmas[:, i]),
+            unit=unit,
+            digits=places,
+            suffix=True,
+            shown=lambda row, i=i: "held" if given[row.number].fixed[i] else None,  # type: ignore[misc]
+            translated=True,
+            only=_renderings(report, rows, i),
+        )
+    pairs = np.stack([covariances[:, i, j] for i, j in COVARIANCE_PAIRS.values()], axis=1)
+    yield Column(title="covariance", value=figures_by_number(pairs), only=("json",))
+    square = Unit(f"{small}2", report.small**2)
+    for k, pair in enumerate(COVARIANCE_PAIRS):
+        yield Column(
+            title=f"covariance_{pair}",
+            value=figures_by_number(pairs[:, k]),
+            unit=square,
+            suffix=True,
+            only=("csv",),
+        )
+    yield from geographic_columns(report, digits)
+    yield from grid_columns(report)
+    yield from _regions(report, places)
+    free = report.solution.equations.unknowns["point"].free
+    for i, a in enumerate("xyz"):
+        yield Column(title=f"held_{a}", value=figures_by_number(~free[:, i]), only=("frame",))
+    yield Column(
+        title="side_shot",
+        value=lambda row: given[row.number].side_shot or None,
+        only=("csv", "json"),
+    )
+    check = np.array([p.check or (nan, nan, nan) for p in given], dtype=float).reshape(-1, 3)
+    differences = (report.solution.state["point"] - check).tolist()
+    for column in _differences(report, None, lambda row: differences[row.number]):
+        yield replace(column, only=("csv",))
+
+
+def _renderings(report: Report, rows: Sequence[AdjustedPoint], axis: int) -> tuple[Rendering, ...]:
+    """Return the renderings with a coordinate, which text lacks where each one is held."""
+    given = report.network.points
+    some: tuple[Rendering, ...] = ("html", "csv", "frame")
+    return some if all(given[row.name].fixed[axis] for row in rows) else ("text", *some)
+
+
+def _regions(report: Report, places: int) -> Iterator[Column[AdjustedPoint]]:
+    """Return error ellipses and intervals of heights; people read those of what is unknown."""
+    confidence = report.options.confidence
+    if confidence is None:
+        return
+    ellipses, widths, flat = report.ellipses, height_half_widths(report), _only_heights(report)
+
+    def shown(row: AdjustedPoint) -> str | None:
+        return None if report.free("point", row.name) else ""
+
+    yield Column(title="confidence", value=lambda row: confidence, only=("csv",))
+    for column in ellipse_columns(
+        report, lambda row: ellipses[row.name], places, () if flat else READ
+    ):
+        words = column.shown
+        yield replace(
+            column,
+            help="ellipse",
+            shown=shown if words is None else lambda row, w=words: shown(row) or w(row),  # type: ignore[misc]
+        )
+    yield Column(
+        title="± z",
+        key="height_half_width",
+        value=lambda row: widths[row.name],
+        unit=Unit(report.units.sigma_length, report.small),
+        digits=places,
+        suffix=True,
+        shown=shown,
+        help="ellipse",
+        only=(*READ, "csv") if flat else ("csv",),
+    )
+
+    def record(row: AdjustedPoint) -> dict[str, Any]:
+        e = ellipses[row.name]
+        semi_axes = {"semi_axes": list(e.semi_axes), "azimuth": e.azimuth}
+        return {"confidence": e.confidence, **semi_axes}
+
+    yield Column(title="ellipse", value=record, only=("json",))
+
+
+def _only_heights(report: Report) -> bool:
+    """Return whether the plan coordinates of all points that have unknowns are held."""
+    free = (p.fixed for n, p in report.network.points.items() if report.free("point", n))
+    return all(fixed[0] and fixed[1] for fixed in free)
+
+
+def _meaning(report: Report) -> list[str]:
+    """Return what the confidence figures of points are."""
+    if report.options.confidence is None:
+        return []
+    level, one = percent(report.options.confidence), region_factor(report, 1)
+    if _only_heights(report):
+        return [f"  ± z: {level} interval, {one:.3f} σ"]
+    k = region_factor(report, 2)
+    note = f"  a, b: {level} error ellipses in the horizon, {k:.3f} × standard ellipse"
+    factors = (e.factor for n, e in report.ellipses.items() if report.free("point", n))
+    if any(0 < factor < k - 1e-9 for factor in factors):
+        note += f"; {one:.3f} × where an axis is held"
+    return [note]
+
+
+def points_section(report: Report) -> list[str]:
+    """Return adjusted coordinates with their standard deviations, RMS and weakest point."""
+    given = {n: p for n, p in report.network.points.items() if not p.side_shot}
+    names = [n for n in given if report.free("point", n)]
+    if not names:
+        return []
+    sigmas = {n: [s / report.small for s in report.sigmas[n]] for n in names}
+    places, _ = decimals_of_points(report)
+    out = [*title("Adjusted coordinates"), *_listed(report, list(given))]
+    if not report.solution.converged:
+        out.append(f"  {NOT_AT_A_MINIMUM}")
+    if len(names) > 1:
+        axes = [i for i in range(3) if not all(given[n].fixed[i] for n in names)]
+        free = {i: [sigmas[n][i] for n in names if not given[n].fixed[i]] for i in axes}
+        mean = ", ".join(f"σ{'xyz'[i]} {rms(each):.{places}f}" for i, each in free.items())
+        worst = max(names, key=lambda n: sum(s * s for s in sigmas[n]))
+        out.append(
+            f"  root mean square {mean} {report.units.sigma_length}; weakest point {worst}: "
+            f"{sqrt(sum(s * s for s in sigmas[worst])):.{places}f} {report.units.sigma_length}"
+        )
+    return out
+
+
+def side_shots_section(report: Report) -> list[str]:
+    """Return the side shots: points that follow from the adjusted ones, and bear on none."""
+    given = report.network.points
+    names = [n for n, p in given.items() if p.side_shot and report.free("point", n)]
+    if not names:
+        return []
+    heading = title("Side shots: computed from the adjusted points; nothing checks them")
+    return [*heading, *_listed(report, names)]
+
+
+def _listed(report: Report, names: list[str]) -> list[str]:
+    """Return the lines of some points."""
+    made = points_table(report, names)
+    rows, note = report.cut(list(made.rows), "points", "points.csv")
+    return [*as_text(replace(made, rows=rows)), *note, *_meaning(report)]
+
+
+# -- check points ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class CheckedPoint:
+    """A check point, or the root mean square of all, as a row of tables."""
+
+    name: str
+    """Name of the point."""
+    differences: Sequence[float]
+    """Adjusted − known coordinates, metres."""
+    normalised: Sequence[float] = (nan, nan, nan)
+    """Differences over their standard deviations."""
+
+
+def check_points_table(report: Report, found: CheckPoints) -> Table[CheckedPoint]:
+    """Return the table of check points."""
+    every = found.differences.tolist(), found.normalised.tolist()
+    rows = [CheckedPoint(*row) for row in zip(found.names, *every, strict=True)]
+    size = (abs(v) / report.small for row in rows for v in row.differences if isfinite(v))
+    places = decimals(size, default=2, most=5)
+    d = _differences(report, places, lambda row: row.differences)
+    together = Column[CheckedPoint](
+        title="√(dx²+dy²)",
+        value=lambda row: float(np.hypot(row.differences[0], row.differences[1])),
+        unit=Unit(report.units.sigma_length, report.small),
+        digits=places,
+        only=("html",),
+    )
+    columns = [
+        Column[CheckedPoint](title="point", value="name"),
+        *(replace(column, only=READ) for column in d),
+        together,
+        replace(
+            together,
+            title="√(dx²+dy²+dz²)",
+            value=lambda row: float(np.sqrt(np.sum(np.square(row.differences)))),
+        ),
+    ]
+    for i, a in enumerate("xyz"):
+        columns.append(
+            Column(
+                title=f"d{a}/σ",
+                value=lambda row, i=i: row.normalised[i],  # type: ignore[misc]
+                digits=2,
+                help="check_ratio",
+                only=("html",),
+            )
+        )
+    return Table("check", rows, columns)
+
+
+def _differences(
+    report: Report, places: int | None, of: Callable[[Any], Sequence[float]]
+) -> list[Column[Any]]:
+    """Return the columns of adjusted − known coordinates."""
+    return [
+        Column(
+            title=f"d{a}",
+            key=f"check_d{a}",
+            value=lambda row, i=i: of(row)[i],  # type: ignore[misc]
+            unit=Unit(report.units.sigma_length, report.small),
+            digits=places,
+            suffix=True,
+        )
+        for i, a in enumerate("xyz")
+    ]
+
+
+def check_points_section(report: Report) -> list[str]:
+    """Return the differences at check points, whose coordinates are known, and their RMS."""
+    found = compare(report.solution)
+    if not found.names:
+        return []
+    made = check_points_table(report, found)
+    rows, note = report.cut(list(made.rows), "check points", "points.csv")
+    rows += [
+        CheckedPoint(n, v.tolist()) for n, v in (("RMS", found.rms), ("RMS σ", found.rms_sigma))
+    ]
+    heading = title("Check points: adjusted − known coordinates, which took no part")
+    return [*heading, *as_text(replace(made, rows=rows)), *note]
