@@ -131,7 +131,7 @@ class FrontSystem:
         """
         _ = self.lifted.sigma
         if self.base.factor.points is None:
-            _ = self.base.factor.selected
+            _ = self.base.factor.inverse
         return self
 
     # -- what is known ------------------------------------------------------------------------

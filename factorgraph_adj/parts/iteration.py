@@ -17,7 +17,7 @@ from ..solve.fronts import BlockMatrix, Fronts
 from ..solve.gauss_newton import ITERATION, IterationEnd, Progress
 from ..solve.gauss_newton_steps import Attempt, Damping, Step
 from ..solve.normal_equations import MIN_CHOLESKY_PIVOT
-from ..solve.reduced_system import EliminationRemainder
+from ..solve.reduced_system import DenseNormals
 from ..types import Array, Index
 from .junctions import IterationState, Junctions, ReducedEquations, RootPlaces, unpacked_triangle
 from .tasks import eliminate_part, explain_part, step_part
@@ -50,9 +50,7 @@ class Root:
     def add(self, number: int, reduced: ReducedEquations) -> None:
         """Add the reduced normal equations of a part."""
         columns = self.junctions.columns[number]
-        EliminationRemainder(columns, unpacked_triangle(reduced.normal)).add_to(
-            self.places, self.matrix
-        )
+        DenseNormals(columns, unpacked_triangle(reduced.normal)).add_to(self.places, self.matrix)
         np.add.at(self.right, columns, reduced.right)
         np.add.at(self.diagonal, columns, reduced.diagonal)
 
@@ -66,7 +64,7 @@ class Root:
         if damping > 0.0:
             places.add_diagonal(m, damping * self.diagonal)
         places.hold(m)
-        self._fronts = Fronts(self._order, m)
+        self._fronts = Fronts.of(self._order, m)
         on = places.columns >= 0
         pivots = (self._fronts.pivots * self._fronts.diagonal)[on]
         whole = self.diagonal[places.columns[on]] * (1.0 + damping)

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..solve.nested_dissection import BlockPattern, Front, dissect_parts
-from ..solve.reduced_system import EliminationRemainder, NodePlaces, joined_node_pairs
+from ..solve.reduced_system import DenseNormals, NodePlaces, joined_node_pairs
 from ..types import Array, Index, Keys, Mask
 
 MAX_LISTED_TESTS = 20
@@ -365,8 +365,8 @@ class RootPlaces(NodePlaces):
     @cached_property
     def layout(self) -> tuple[BlockPattern, list[Front]]:
         """The blocks of the root and its fronts, which are the same in all iterations."""
-        parts = [EliminationRemainder(c, np.zeros((0, 0))) for c in self._columns]
-        return self.structure(joined_node_pairs(self, parts), self._positions)
+        parts = [DenseNormals(c, np.zeros((0, 0))) for c in self._columns]
+        return self.structure(joined_node_pairs(self, parts), lambda: self._positions)
 
     def _fronts(self, pattern: BlockPattern, positions: Array) -> list[Front]:
         """Return the fronts: all junctions of a part are joined."""

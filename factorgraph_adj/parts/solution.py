@@ -102,7 +102,7 @@ class PartSolution(Solution):
             for size in np.unique(table.size[table.offset >= 0]).tolist():
                 on = np.flatnonzero((table.offset >= 0) & (table.size == size))
                 columns = table.offset[on, None] + np.arange(size)
-                found[on, :size, :size] = self.factor.selected.joint(columns)
+                found[on, :size, :size] = self.factor.joint(columns)
             found *= table.free[:, :, None] & table.free[:, None, :]
             out[kind] = found * self.variance_factor
         return out

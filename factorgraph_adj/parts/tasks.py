@@ -130,7 +130,7 @@ def eliminate_part(part: LoadedPart, at: IterationState) -> ReducedEquations:
         return ReducedEquations(
             packed_triangle(np.zeros((m, m))), nothing, nothing, np.nan, 0.0, 0.0
         )
-    pivots = e.factor.relative_pivots(e.normal.diagonal + e.added, tree=1.0, point=1e9)
+    pivots = e.factor.relative_pivots(e.normal.diagonal + e.added, points=1e9)
     pivots[~part.unknowns.free] = np.inf
     fronts = e.factor.fronts
     assert fronts is not None

@@ -106,7 +106,6 @@ def _dissected(equations: Equations, start: Start, parts: int) -> PartAssignment
     layers = layers_of(equations, reduce_points=True, touched=nothing, kept=none)
     plan = EliminationPlan.of(equations, layers)
     nodes = plan.nodes
-    assert nodes is not None
     codes = np.concatenate([none, *_pairs(equations, plan, nodes)])
     first, second = np.divmod(np.unique(codes), max(nodes.n, 1))
     pattern = BlockPattern(nodes.n, nodes.width, nodes.side, first, second)
@@ -135,11 +134,7 @@ def _dissected(equations: Equations, start: Start, parts: int) -> PartAssignment
 
 def _pairs(equations: Equations, plan: EliminationPlan, nodes: Nodes) -> list[Index]:
     """Return the pairs of nodes that observations join."""
-    out = []
-    if plan.rays is not None:
-        out.append(plan.rays.pair_codes)
-    if plan.rows is not None:
-        out.append(plan.rows.pair_codes)
+    out = [plan.pair_codes]
     for c in equations.clusters:
         touched = [np.zeros(0, dtype=np.intp)]
         for block in equations.blocks:

@@ -34,8 +34,9 @@ UNIT_FACTOR = 1000.0
 """Factor between metres and millimetres, kilometres and metres, gon and milligon."""
 MAX_NEAR_FACTOR = 3.0
 """Factor within which a group is near its σ, and within which a factor is that of a unit."""
-MIN_DOUBTED_REDUNDANCY = 3.0
-"""Smallest redundancy of a group of which anything is said."""
+MIN_DOUBTED_REDUNDANCY = 3 - 1e-6
+"""Smallest redundancy of a group of which anything is said. Sums of redundancy
+numbers are whole up to rounding."""
 MAX_LOG_FACTOR_DIFFERENCE = 0.3
 """Largest difference of ln f, beside twice its standard deviation, of a σ with one part in another
 unit, which fits the residuals of its group."""

@@ -1,14 +1,15 @@
 """The layers of the elimination; a network makes them once, before the first iteration.
 
-Three layers, in the order of elimination:
+Two layers, in the order of elimination:
 
-1. ``points``: object points that only cameras see (and their own coordinates), in numpy; in dense
-   fronts also points that only cameras and instruments in frames of their own see;
-2. ``tree``: everything else on the terrestrial side, by GTSAM;
-3. poses and calibrations of the cameras of layer 1, in dense fronts, by LAPACK.
+1. object points that only cameras see (and their own coordinates), in numpy; where many frames are
+   unknowns, also points that only cameras and instruments in frames of their own see;
+2. everything else, in dense fronts by LAPACK.
 
-In large networks the third layer takes the second one in. GTSAM eliminates all unknowns where a
-small network has no points of the first layer.
+Where the first layer is empty and the network is not large, the fronts are factorised by QR of the
+observations (`factorgraph_adj.solve.qr_fronts`), which keeps twice the digits of normal equations;
+so is any network whose normal equations turn out to be too poor. There the points of the first
+layer are fronts of their own.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,57 +24,60 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import Unknowns
 from ..models.unknown_registry import ENTITIES, UNKNOWNS, VariableKind
-from ..types import Index, Mask
+from ..types import NO_ROWS, Index, Mask
 
-if TYPE_CHECKING:
-    import gtsam
 
-MAX_TREE_VARIABLES = 1000
-"""Number of variables above which the terrestrial side is eliminated in dense fronts by Cholesky.
-GTSAM's QR keeps twice the digits; in large networks its cost for each variable counts."""
-MAX_TREE_VARIABLES_BESIDE_CAMERAS = 30
-"""The same number beside photos: GTSAM's QR leaves a dense matrix over their unknowns, whose making
-takes longer than all fronts."""
-MAX_PHOTOS_JOINED = 30
-"""Largest number of photos that an unknown at no point, such as the mount of a rig, may join in
-GTSAM's elimination, which leaves a dense matrix over them."""
-MAX_SPREAD_VARIABLES = 60
-"""Largest number of variables at no point, such as distance meters, for which this is done: they
-are full columns of the reduced system."""
-MAX_PLACED_IN_BORDER = 8
-"""Largest number of frames, sizes and levels that are full columns too; more of them are nodes,
-whose width all nodes then have. The same number for drifts and mounts of a few photos."""
-MAX_PHOTO_NODE_COMPONENTS = 9
-"""Largest number of components of an unknown of a few photos that is a node: a shift with linear
-and quadratic terms."""
+@dataclass(frozen=True)
+class EliminationRule:
+    """Sizes that choose how a network is eliminated.
+
+    ``python -m tests.benchmarks.eliminations`` measures what depends on the machine; its figures
+    are in docs/benchmarks.md.
+    """
+
+    max_qr_variables: int = 1000
+    """Largest number of variables of a network without a first layer that is factorised by QR: it
+    costs about ten milliseconds more than Cholesky there, for twice the digits."""
+    max_placed_in_border: int = 8
+    """Largest number of frames, sizes and levels that are full columns of the border; more of them
+    are nodes, whose width all nodes then have. The same number for drifts and mounts of a few
+    photos."""
+    max_photos_joined: int = 30
+    """Largest number of photos that the node of an unknown at no point, such as the mount of a rig,
+    may join: a node that joins more makes larger fronts than a column of the border."""
+    max_photo_node_components: int = 9
+    """Largest number of components of an unknown of a few photos that is a node: a shift with
+    linear and quadratic terms."""
+    max_point_node_columns: int = 8
+    """Largest number of columns of the node of a point: its coordinates, and some unknowns at
+    it."""
+
+
+RULE = EliminationRule()
+"""The rule."""
 
 
 @dataclass
 class Layers:
-    """Columns of the three layers, and index lists that every iteration uses."""
+    """Columns of the layers, and index lists that every iteration uses."""
 
     unknowns: Unknowns
     """The unknowns."""
     reduced: Mask
     """Points of the first layer, (number of points,)."""
-    cameras: Mask
-    """Columns of the third layer, (n_columns,)."""
-    tree: tuple[tuple[VariableKind, int], ...]
-    """Variables of the second layer."""
-    in_fronts: bool = False
-    """Whether the terrestrial side is in the third layer too, and the second one is empty."""
+    in_fronts: Mask
+    """Columns of the second layer, (n_columns,)."""
+    by_qr: bool
+    """Whether the fronts are factorised by QR; the first layer is then empty."""
+    leaves: Mask
+    """Points that are fronts of their own, (number of points,); only with QR."""
+    touched: Mask
+    """Columns of factors that the user added, (n_columns,); their points are in no first layer."""
     alone: Mapping[VariableKind, Index] = field(default_factory=dict)
     """Numbers of the variables at no point that are nodes, and not columns that touch everything:
     frames, sizes and levels, and what only a few photos have, such as the drift of a strip."""
-    kept: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    kept: Index = field(default_factory=lambda: NO_ROWS)
     """Columns that are not eliminated, because other parts of the network have them too, (m,)."""
-    ordering: gtsam.Ordering | None = None
-    """Order of elimination of the second layer; none before it has been computed."""
-
-    @property
-    def has_cameras(self) -> bool:
-        """Whether there is a third layer."""
-        return bool(self.cameras.any())
 
     @cached_property
     def point_columns(self) -> Index:
@@ -86,79 +89,64 @@ class Layers:
 def layers_of(
     equations: Equations, *, reduce_points: bool, touched: Mask, kept: Index | None = None
 ) -> Layers:
-    """Divide the unknowns into the three layers.
+    """Divide the unknowns into the layers.
 
     Args:
         equations: the network.
-        reduce_points: whether there is a first layer; false leaves all unknowns to GTSAM (QR, for
-            systems of poor condition).
-        touched: columns of factors that the user added; their points stay in the tree.
+        reduce_points: whether there is a first layer; false factorises everything by QR, for
+            systems of poor condition.
+        touched: columns of factors that the user added; their points are in no first layer.
         kept: columns that are not eliminated, because other parts of the network have them too;
-            everything but the first layer is then in the third one. None: all are eliminated.
+            the fronts are then factorised by Cholesky. None: all are eliminated.
     """
     if kept is not None:
         touched = touched.copy()
         touched[kept] = True
     unknowns = equations.unknowns
-    table = unknowns["point"]
-    n = len(table.names)
-    reduced = np.zeros(n, dtype=bool)
-    images = [b for b in equations.blocks if b.image]
-    if reduce_points and images:
-        for block in images:
-            reduced[block.variables[2][1]] = True
-        reduced &= table.offset >= 0
-        for place, block in enumerate(equations.blocks):
-            if block.image:
-                continue
-            alone = len(block.variables) == 1
-            for kind, index in block.variables:
-                if kind == "point":
-                    if not alone:
-                        reduced[index] = False
-                    elif place in equations.in_cluster:
-                        reduced[index[equations.in_cluster[place]]] = False
-        if touched.any():
-            on = np.flatnonzero(table.offset >= 0)
-            reduced[on[touched[table.offset[on]]]] = False
-    cameras = np.zeros(unknowns.n_columns, dtype=bool)
-    for block in images:
-        (_, photo), (_, calibration), (_, point) = block.variables
-        keep = reduced[point]
-        for kind, numbers in (("pose", photo), ("calibration", calibration)):
-            for number in np.unique(numbers[keep]).tolist():
-                cameras[unknowns.columns(kind, number)] = True
-    tree: list[tuple[VariableKind, int]] = []
-    for kind in unknowns.tables:
-        offset = unknowns[kind].offset
-        inside = (offset >= 0) & ~cameras[np.maximum(offset, 0)]
-        if kind == "point":
-            inside &= ~reduced
-        tree += [(kind, number) for number in np.flatnonzero(inside).tolist()]
-    largest = (
-        min(MAX_TREE_VARIABLES, MAX_TREE_VARIABLES_BESIDE_CAMERAS)
-        if cameras.any()
-        else MAX_TREE_VARIABLES
-    )
-    # Rows beside the observations join what they touch as if it were a part of the tree.
-    size = len(tree) + int(touched.sum()) // UNKNOWNS["pose"].size
-    placed = sum(is_placed(kind) for kind, _ in tree)
-    many_placed = placed > MAX_PLACED_IN_BORDER
-    large = size > largest or _joined(equations, cameras, tree) > MAX_PHOTOS_JOINED
-    nodes = _of_few_photos(equations, tree)
-    if many_placed:
-        nodes |= _numbers(tree, is_placed)
-    large &= _spread(tree) - sum(len(numbers) for numbers in nodes.values()) <= MAX_SPREAD_VARIABLES
-    if kept is not None or (reduce_points and large):
-        if many_placed and reduce_points:
+    offset = unknowns["point"].offset
+    reduced = _seen_by_cameras(equations, touched)
+    variables = list(unknowns.active())
+    # Rows beside the observations join what they touch as if they were variables.
+    size = len(variables) + int(touched.sum()) // UNKNOWNS["pose"].size
+    small = kept is None and not reduced.any() and size <= RULE.max_qr_variables
+    by_qr = small or not reduce_points
+    nodes = _of_few_photos(equations, variables)
+    if sum(is_placed(kind) for kind, _ in variables) > RULE.max_placed_in_border:
+        nodes |= _numbers(variables, is_placed)
+        if not by_qr:
             reduced = _seen_in_frames(equations, touched)
-        every = np.ones(unknowns.n_columns, dtype=bool)
-        first = table.offset[reduced]
-        every[(first[:, None] + np.arange(3)).ravel()] = False
-        if kept is None:
-            kept = np.zeros(0, dtype=np.intp)
-        return Layers(unknowns, reduced, every, (), in_fronts=True, alone=nodes, kept=kept)
-    return Layers(unknowns, reduced, cameras, tuple(tree))
+    none = np.zeros(len(reduced), dtype=bool)
+    reduced, leaves = (none, reduced) if by_qr else (reduced, none)
+    inside = np.ones(unknowns.n_columns, dtype=bool)
+    inside[(offset[reduced][:, None] + np.arange(3)).ravel()] = False
+    kept = NO_ROWS if kept is None else kept
+    return Layers(unknowns, reduced, inside, by_qr, leaves, touched, nodes, kept)
+
+
+def _seen_by_cameras(equations: Equations, touched: Mask) -> Mask:
+    """Return the points that only cameras see, (number of points,)."""
+    table = equations.unknowns["point"]
+    seen = np.zeros(len(table.names), dtype=bool)
+    for block in equations.blocks:
+        if block.image:
+            seen[block.variables[2][1]] = True
+    seen &= table.offset >= 0
+    if not seen.any():
+        return seen
+    for place, block in enumerate(equations.blocks):
+        if block.image:
+            continue
+        alone = len(block.variables) == 1
+        for kind, index in block.variables:
+            if kind == "point":
+                if not alone:
+                    seen[index] = False
+                elif place in equations.in_cluster:
+                    seen[index[equations.in_cluster[place]]] = False
+    if touched.any():
+        on = np.flatnonzero(table.offset >= 0)
+        seen[on[touched[table.offset[on]]]] = False
+    return seen
 
 
 def _seen_in_frames(equations: Equations, touched: Mask) -> Mask:
@@ -218,18 +206,6 @@ def rows_outside_first_layer(equations: Equations, layers: Layers, place: int) -
     return np.flatnonzero(keep)
 
 
-def _joined(equations: Equations, cameras: Mask, tree: Sequence[tuple[VariableKind, int]]) -> int:
-    """Return the largest number of photos that one unknown of a tree at no point joins."""
-    offset = equations.unknowns["pose"].offset
-    photos = (offset >= 0) & cameras[np.maximum(offset, 0)]
-    most = 0
-    for kind, numbers in _numbers(tree, _stands_nowhere).items():
-        every = _photos_of(equations, kind)
-        every = every[photos[every[:, 1]] & np.isin(every[:, 0], numbers)]
-        most = max(most, int(np.bincount(every[:, 0]).max(initial=0)))
-    return most
-
-
 def _of_few_photos(
     equations: Equations, tree: Sequence[tuple[VariableKind, int]]
 ) -> dict[VariableKind, Index]:
@@ -242,14 +218,18 @@ def _of_few_photos(
         size = equations.unknowns[kind].size
         met = _photos_of(equations, kind)
         photos = np.bincount(met[:, 0], minlength=len(size))
-        few = (photos > 0) & (photos <= MAX_PHOTOS_JOINED) & (size <= MAX_PHOTO_NODE_COMPONENTS)
+        few = (
+            (photos > 0)
+            & (photos <= RULE.max_photos_joined)
+            & (size <= RULE.max_photo_node_components)
+        )
         for block in equations.blocks:
             if any(what == "point" for what, _ in block.variables):
                 for what, index in block.variables:
                     if what == kind:
                         few[index[index >= 0]] = False
         out[kind] = numbers[few[numbers]]
-    return out if sum(len(numbers) for numbers in out.values()) > MAX_PLACED_IN_BORDER else {}
+    return out if sum(len(numbers) for numbers in out.values()) > RULE.max_placed_in_border else {}
 
 
 def _numbers(
@@ -291,8 +271,3 @@ def is_placed(kind: VariableKind) -> bool:
     """Return whether unknowns of a kind, such as frames, may be nodes without a point."""
     record = UNKNOWNS[kind]
     return record.late == 1 and kind not in ENTITIES and not record.at_point
-
-
-def _spread(tree: Sequence[tuple[VariableKind, int]]) -> int:
-    """Return how many variables of a tree stand neither at a point nor in a photo."""
-    return sum(_stands_nowhere(kind) for kind, _ in tree)

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ..blas_threads import with_one_thread
 from ..graph.equations import Equations
-from ..types import Array, Index
-from .bayes_tree import (
-    Clique,
-    SelectedInverse,
-    TreeFactors,
-    back_substitution,
-    forward_substitution,
-)
+from ..types import NO_ROWS, Array, Index
 from .elimination_layers import Layers
 from .fronts import BlockMatrix, Fronts
 from .linearised_equations import LinearisedEquations
+from .nested_dissection import MAX_LEAF_NODES
 from .point_elimination import RayCovariances, ReducedPoints
 from .point_rays import PointRays, RaySums
-from .reduced_system import EliminationRemainder, Nodes, joined_node_pairs
+from .qr_fronts import RowElements, fronts_by_qr
+from .reduced_system import DenseNormals, Nodes, joined_node_pairs
 from .terrestrial_rows import NodeRows
 
 
@@ -32,22 +27,34 @@ class EliminationPlan:
 
     layers: Layers
     """The layers."""
-    nodes: Nodes | None = None
-    """Places in the third layer; none: it is empty."""
-    rays: PointRays | None = None
+    nodes: Nodes
+    """Places in the second layer."""
+    rays: PointRays | None
     """Rays to the points of the first layer; none: it is empty."""
-    rows: NodeRows | None = None
-    """Places of the terrestrial observations, where they are in the third layer."""
+    rows: NodeRows | None
+    """Places of the observations in the second layer; none: it is one front by QR, whose nodes are
+    all joined."""
 
     @classmethod
     def of(cls, equations: Equations, layers: Layers) -> EliminationPlan:
         """Make the index lists of a network."""
-        if not layers.has_cameras and not layers.reduced.any():
-            return cls(layers)
         nodes = Nodes(equations, layers)
         rays = PointRays(equations, nodes) if layers.reduced.any() else None
-        rows = NodeRows(equations, nodes) if layers.in_fronts else None
-        return cls(layers, nodes, rays, rows)
+        one = layers.by_qr and nodes.n <= MAX_LEAF_NODES
+        if one:
+            nodes.leaves = NO_ROWS
+        return cls(layers, nodes, rays, None if one else NodeRows(equations, nodes))
+
+    @cached_property
+    def pair_codes(self) -> Index:
+        """Pairs of nodes that observations and points of the first layer join, n a + b each."""
+        n = self.nodes.n
+        if self.rows is None:
+            first, second = np.triu_indices(n, 1)
+            return np.asarray(first * n + second, dtype=np.intp)
+        if self.rays is None:
+            return self.rows.pair_codes
+        return np.concatenate([self.rows.pair_codes, self.rays.pair_codes])
 
     def sums(self, system: LinearisedEquations) -> RaySums | None:
         """Return the products of the rays of a linearisation; none: there is no first layer."""
@@ -55,7 +62,7 @@ class EliminationPlan:
 
 
 class Factorisation:
-    """N + diag(extra) of one linearisation, factorised in three `Layers`.
+    """N + diag(extra) of one linearisation, factorised in two `Layers`.
 
     Held components have a one on the diagonal and zeros elsewhere, so that their steps and
     covariances are zero after masking.
@@ -66,98 +73,73 @@ class Factorisation:
     _inner: Array | None = None
     points: ReducedPoints | None = None
     """The first layer; none: it is empty."""
-    nodes: Nodes | None = None
-    """Places of the unknowns in the third layer; none: it is empty."""
-    fronts: Fronts | None = None
-    """The third layer; none: it is empty."""
 
-    def __init__(
-        self,
-        plan: EliminationPlan,
-        sums: RaySums | None,
-        factors: TreeFactors,
-        extra: Array,
-        *,
-        qr: bool,
-    ) -> None:
+    def __init__(self, prepared: PreparedElimination, extra: Array) -> None:
         """Factorise.
 
         Args:
-            plan: the layers and their index lists.
-            sums: products of the rays to points of the first layer; none: it is empty.
-            factors: GTSAM's factors of the network.
+            prepared: layers, index lists and products of one linearisation.
             extra: added to the diagonal (damping, minimal datum), (n_columns,).
-            qr: whether the tree is eliminated by QR.
 
         Raises:
             SingularError: a pivot vanished.
         """
-        self.layers = plan.layers
+        plan, system = prepared.plan, prepared.system
+        self.layers, self.nodes = plan.layers, plan.nodes
+        """``nodes``: places of the unknowns in the second layer."""
         self.free = plan.layers.unknowns.free
-        self.nodes = plan.nodes
+        nodes = plan.nodes
         diagonal = np.where(self.free, extra, 1.0)
-        self.cliques, rest = factors.eliminate(diagonal, qr=qr)
-        if sums is not None:
-            self.points = ReducedPoints(sums, diagonal)
-        if self.nodes is not None:
-            self.fronts = self._factorised(self.nodes, plan, factors.system, rest, diagonal)
-
-    def _factorised(
-        self,
-        nodes: Nodes,
-        plan: EliminationPlan,
-        system: LinearisedEquations,
-        rest: list[EliminationRemainder],
-        extra: Array,
-    ) -> Fronts:
-        """Factorise the reduced system with what the elimination of the tree leaves."""
-        codes = [joined_node_pairs(nodes, rest)]
-        if plan.rays is not None:
-            codes.append(plan.rays.pair_codes)
-        if plan.rows is not None:
-            rest = [EliminationRemainder(c, a.T @ a) for c, a in system.cluster_rows()]
-            rest += [EliminationRemainder(e.columns, e.a.T @ e.a) for e in system.extra]
-            codes += [plan.rows.pair_codes, joined_node_pairs(nodes, rest)]
-        pattern, fronts = nodes.structure(np.concatenate(codes), nodes.positions(system.state))
+        if prepared.sums is not None:
+            self.points = ReducedPoints(prepared.sums, diagonal)
+        dense = [DenseNormals(c, a.T @ a) for c, a in system.cluster_rows()]
+        dense += [DenseNormals(e.columns, e.a.T @ e.a) for e in system.extra]
+        codes = plan.pair_codes
+        if dense:
+            codes = np.concatenate([codes, joined_node_pairs(nodes, dense)])
+        pattern, fronts = nodes.structure(codes, lambda: nodes.positions(system.state))
+        if prepared.rows is not None:
+            rows = _with_diagonal(prepared.rows, nodes, diagonal)
+            self.fronts = fronts_by_qr(fronts, pattern, rows, nodes.held)
+            """The second layer."""
+            return
         matrix = BlockMatrix.zeros(pattern) if self.points is None else self.points.matrix(pattern)
         if plan.rows is not None:
             plan.rows.add_to(matrix, system)
-        for r in rest:
-            r.add_to(nodes, matrix)
-        nodes.add_diagonal(matrix, extra)
+        for d in dense:
+            d.add_to(nodes, matrix)
+        nodes.add_diagonal(matrix, diagonal)
         nodes.hold(matrix)
-        return Fronts(fronts, matrix, nodes.kept)
+        self.fronts = Fronts.of(fronts, matrix, nodes.kept)
 
-    def smallest_pivot(self, diagonal: Array, *, tree: float, point: float) -> float:
+    def smallest_pivot(self, diagonal: Array, *, fronts: float = 1.0, points: float = 1.0) -> float:
         """Return the smallest of the `relative_pivots`."""
-        out = self.relative_pivots(diagonal, tree=tree, point=point)
+        out = self.relative_pivots(diagonal, fronts=fronts, points=points)
         return float(out[self.free].min()) if self.free.any() else 1.0
 
-    def relative_pivots(self, diagonal: Array, *, tree: float, point: float) -> Array:
+    def relative_pivots(
+        self, diagonal: Array, *, fronts: float = 1.0, points: float = 1.0
+    ) -> Array:
         """Return all pivots relative to their diagonal elements before the elimination.
 
         Pivots of columns that are not eliminated are infinite.
 
         Args:
             diagonal: diagonal of N with the added terms, (n_columns,).
-            tree: factor on the pivots of the tree, whose QR resolves more than normal equations.
-            point: factor on the pivots of single points.
+            fronts: factor on the pivots of the fronts: QR resolves more than normal equations.
+            points: factor on the pivots of single points.
         """
         free = self.free
         safe = np.where(free, np.maximum(diagonal, np.finfo(float).tiny), 1.0)
         out = np.ones(len(free))
-        for c in self.cliques:
-            out[c.frontal] = np.diag(c.r) ** 2 / safe[c.frontal]
-            out[c.frontal] *= np.where(free[c.frontal], tree, 1.0)
         if self.points is not None:
-            out[self.layers.point_columns] = self.points.cholesky.pivots.T * point
-        if self.nodes is not None and self.fronts is not None:
-            columns = self.nodes.columns
-            on = columns >= 0
-            pivots = self.fronts.pivots
-            with np.errstate(invalid="ignore"):  # a kept column may have no observations
-                left = np.where(np.isinf(pivots), np.inf, pivots * self.fronts.diagonal)
-            out[columns[on]] = left[on] / safe[columns[on]]
+            out[self.layers.point_columns] = self.points.cholesky.pivots.T * points
+        columns = self.nodes.columns
+        on = columns >= 0
+        pivots = self.fronts.pivots
+        with np.errstate(invalid="ignore"):  # a kept column may have no observations
+            left = np.where(np.isinf(pivots), np.inf, pivots * self.fronts.diagonal)
+        out[columns[on]] = left[on] / safe[columns[on]] * fronts
         return out
 
     @with_one_thread
@@ -171,16 +153,11 @@ class Factorisation:
         """
         y = np.where(self.free[:, None], y, 0.0)
         x = np.zeros_like(y)
-        if self.nodes is None or self.fronts is None:
-            back_substitution(self.cliques, forward_substitution(self.cliques, y), x)
-            x[~self.free] = 0.0
-            return x
-        reduced, z, halves = self._forward(self.nodes, y)
+        reduced, z = self._forward(y)
         columns = self.nodes.columns
         on = columns >= 0
         solved = self.fronts.solve(reduced, kept)
         x[columns[on]] = solved[on]
-        back_substitution(self.cliques, halves, x)
         if self.points is not None and z is not None:
             x[self.layers.point_columns] = self.points.backward(z, solved)
         x[~self.free] = 0.0
@@ -194,19 +171,6 @@ class Factorisation:
             inside[self.layers.point_columns] = False
         return np.flatnonzero(inside)
 
-    @cached_property
-    def _inside(self) -> tuple[list[Clique], Index, Index]:
-        """Cliques by places among `reduced_columns`, and places of the third layer in it."""
-        place = np.full(self.layers.unknowns.n_columns, -1, dtype=np.intp)
-        place[self.reduced_columns] = np.arange(len(self.reduced_columns))
-        cliques = [
-            replace(c, frontal=place[c.frontal], separator=place[c.separator]) for c in self.cliques
-        ]
-        if self.nodes is None:
-            return cliques, place[:0], place[:0]
-        on = np.flatnonzero(self.nodes.columns >= 0)
-        return cliques, on, place[self.nodes.columns[on]]
-
     @with_one_thread
     def solve_reduced(self, y: Array) -> Array:
         """Return x (r, k) of the system without the points of the first layer, eliminated.
@@ -214,51 +178,78 @@ class Factorisation:
         Args:
             y: right sides at `reduced_columns`, (r, k).
         """
-        held = ~self.free[self.reduced_columns]
-        cliques, on, at = self._inside
-        y = np.where(held[:, None], 0.0, y)
+        on = self.nodes.columns >= 0
+        at = np.searchsorted(self.reduced_columns, self.nodes.columns[on])
+        reduced = np.zeros((len(on), y.shape[1]))
+        reduced[on] = y[at]
         x = np.zeros_like(y)
-        halves = forward_substitution(cliques, y)
-        if self.nodes is not None and self.fronts is not None:
-            reduced = np.zeros((len(self.nodes.columns), y.shape[1]))
-            reduced[on] = y[at]
-            x[at] = self.fronts.solve(reduced)[on]
-        back_substitution(cliques, halves, x)
-        x[held] = 0.0
+        x[at] = self.fronts.solve(reduced)[on]
         return x
 
     @with_one_thread
     def remaining(self, y: Array) -> Array:
         """Return what the elimination of y (n_columns, k) leaves at the kept columns, (m, k)."""
-        assert self.nodes is not None and self.fronts is not None
         y = np.where(self.free[:, None], y, 0.0)
-        return self.fronts.remaining(self._forward(self.nodes, y)[0])
+        return self.fronts.remaining(self._forward(y)[0])
 
-    def _forward(self, nodes: Nodes, y: Array) -> tuple[Array, Array | None, list[Array]]:
-        """Eliminate points and tree from right sides; return the reduced ones, and the halves."""
-        columns = nodes.columns
+    def _forward(self, y: Array) -> tuple[Array, Array | None]:
+        """Eliminate the first layer from right sides; return the reduced ones, and L⁻¹ y_p."""
+        columns = self.nodes.columns
         on = columns >= 0
         reduced = np.zeros((len(columns), y.shape[1]))
         z = None if self.points is None else self.points.forward(y, reduced)
-        halves = forward_substitution(self.cliques, y)
         reduced[on] += y[columns[on]]
         reduced[~on] = 0.0
-        return reduced, z, halves
+        return reduced, z
 
     # -- covariances ----------------------------------------------------------------------------
 
     @cached_property
     @with_one_thread
     def inverse(self) -> BlockMatrix:
-        """Covariances of the third layer at the blocks of its fronts; zero at held places."""
-        assert self.nodes is not None and self.fronts is not None
+        """Covariances of the second layer at the blocks of its fronts; zero at held places."""
         out = self.fronts.inverse()
         free = (~self.nodes.held).astype(float)
         return out if free.all() else out.scaled(free)
 
+    def joint(self, columns: Index) -> Array:
+        """Return the joint covariances (n, k, k) of sets of columns (n, k) of the second layer.
+
+        The columns of a set belong to variables of one observation; −1 and held components give
+        zeros.
+        """
+        places = np.where(columns >= 0, self.nodes.place_of[np.maximum(columns, 0)], -1)
+        out = np.zeros((*places.shape, places.shape[1]))
+        on = (places[:, :, None] >= 0) & (places[:, None, :] >= 0)
+        if on.any():
+            rows, others = np.broadcast_arrays(places[:, :, None], places[:, None, :])
+            out[on] = self.inverse.at(rows[on], others[on])
+        return out
+
+    @with_one_thread
+    def squares(self, columns: Index, a: Array) -> Array:
+        """Return A Σ Aᵀ (n, d, d) of observations of the second layer, from half the solution.
+
+        No digits cancel in |L⁻¹Aᵀ|² if Σ is large along a direction that an observation hardly
+        measures, such as to a far point.
+
+        Args:
+            columns: columns that each observation touches, −1: none, (n, k).
+            a: partials by them, (n, d, k).
+        """
+        if len(self.nodes.kept):  # the root is not factorised
+            return np.asarray(a @ self.joint(columns) @ a.transpose(0, 2, 1))
+        n, d, _ = a.shape
+        places = np.where(columns >= 0, self.nodes.place_of[np.maximum(columns, 0)], -1)
+        y = np.zeros((len(self.nodes.columns), n, d))
+        row, on = np.nonzero(places >= 0)
+        np.add.at(y, (places[row, on], row), a[row, :, on])
+        half = self.fronts.half(y.reshape(len(y), n * d)).reshape(len(y), n, d)
+        return np.asarray(np.einsum("pni,pnj->nij", half, half))
+
     @with_one_thread
     def ray_covariances(self) -> RayCovariances | None:
-        """Return the joint covariances of the first layer with the third; none: it is empty.
+        """Return the joint covariances of the first layer with the second; none: it is empty.
 
         They have 24 numbers for each ray, and are not kept.
         """
@@ -277,15 +268,6 @@ class Factorisation:
             self._inner = self.points.joint(self.inverse).inner
         return self.points.covariances(self._inner)
 
-    @cached_property
-    def selected(self) -> SelectedInverse:
-        """Joint covariances of tree and cameras between the variables of one observation."""
-        place = np.full(self.layers.unknowns.n_columns, -1, dtype=np.intp)
-        inverse = None
-        if self.nodes is not None:
-            place, inverse = self.nodes.place_of, self.inverse
-        return SelectedInverse(self.cliques, inverse, place, len(place))
-
 
 @dataclass(frozen=True)
 class PreparedElimination:
@@ -293,20 +275,57 @@ class PreparedElimination:
 
     plan: EliminationPlan
     """Layers and index lists."""
+    system: LinearisedEquations
+    """The linearisation."""
     sums: RaySums | None
     """Products of the rays; none: there is no first layer."""
-    factors: TreeFactors
-    """Factors of the second layer."""
+    rows: RowElements | None
+    """Rows of all observations by the places of the second layer, for QR; none: the fronts are
+    factorised by Cholesky."""
 
     @classmethod
     def of(cls, system: LinearisedEquations, plan: EliminationPlan) -> PreparedElimination:
         """Return that of a linearisation."""
-        return cls(plan, plan.sums(system), TreeFactors(plan.layers, system))
+        rows = _rows(system, plan.nodes) if plan.layers.by_qr else None
+        return cls(plan, system, plan.sums(system), rows)
 
-    def factorised(self, extra: Array, *, qr: bool) -> Factorisation:
+    def factorised(self, extra: Array) -> Factorisation:
         """Return N + diag(extra); see `Factorisation`.
 
         Raises:
             SingularError: a pivot vanished.
         """
-        return Factorisation(self.plan, self.sums, self.factors, extra, qr=qr)
+        return Factorisation(self, extra)
+
+
+def _rows(system: LinearisedEquations, nodes: Nodes) -> RowElements:
+    """Return the whitened rows of all observations by the places of the second layer."""
+    parts = []
+    for number, lb in enumerate(system.blocks):
+        block = lb.block
+        clustered = system.equations.in_cluster.get(number)
+        for offset, a in zip(lb.offsets, lb.a, strict=True):
+            if not len(a):
+                continue
+            columns = offset[:, None] + np.arange(a.shape[2])
+            at = nodes.place_of[np.clip(columns, 0, len(nodes.place_of) - 1)]
+            on = (a != 0.0) & ((offset[:, None] >= 0) & (at >= 0))[:, None, :]
+            if clustered is not None:
+                on[clustered] = False
+            i, d, j = np.nonzero(on)
+            row = block.first_row + block.dimension * i + d
+            parts.append(RowElements(row, at[i, j], a[i, d, j], 0))
+    dense = [*system.cluster_rows(), *((e.columns, e.a) for e in system.extra)]
+    parts.append(RowElements(NO_ROWS, NO_ROWS, np.zeros(0), system.equations.n_rows))
+    for columns, a in dense:
+        row, at = np.nonzero((a != 0.0) & (nodes.place_of[columns] >= 0))
+        parts.append(RowElements(row, nodes.place_of[columns[at]], a[row, at], len(a)))
+    return RowElements.joined(parts)
+
+
+def _with_diagonal(rows: RowElements, nodes: Nodes, diagonal: Array) -> RowElements:
+    """Return rows and those of terms (n_columns,) on the diagonal of the normal matrix."""
+    added = np.where(nodes.held, 0.0, diagonal[np.maximum(nodes.columns, 0)])
+    at = np.flatnonzero(added > 0.0)
+    more = RowElements(np.arange(len(at)), at, np.sqrt(added[at]), len(at))
+    return RowElements.joined([rows, more]) if len(at) else rows

@@ -28,6 +28,7 @@ milliseconds.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,16 +37,6 @@ from scipy.linalg import blas, lapack
 from ..errors import SingularError
 from ..types import Array, Index
 from .nested_dissection import BlockPattern, Front
-
-
-def upper_solve(r: Array, b: Array) -> Array:
-    """Return R⁻¹ b for upper triangular R (n, n) and b (n, k)."""
-    return np.asarray(blas.dtrsm(1.0, r, b, lower=0))
-
-
-def upper_transposed_solve(r: Array, b: Array) -> Array:
-    """Return R⁻ᵀ b for upper triangular R (n, n) and b (n, k)."""
-    return np.asarray(blas.dtrsm(1.0, r, b, lower=0, trans_a=1))
 
 
 def solve_lower(root: Array, b: Array, *, transposed: bool = False) -> Array:
@@ -60,7 +51,34 @@ class RootFront:
 
     _covariances: Array | None = None
 
-    def __init__(self, matrix: Array, kept: Index, scale: Array) -> None:
+    def __init__(self, own: Array, across: Array, rest: Array, kept: Index, scale: Array) -> None:
+        """Take the parts of a factor.
+
+        Args:
+            own: L, (e, e).
+            across: B, (m, e).
+            rest: F_kk − B Bᵀ, (m, m).
+            kept: columns that are kept, (m,).
+            scale: factors of the kept columns, by which the matrix was scaled, (m,).
+        """
+        self.own, self.across, self.rest = own, across, rest
+        self.kept, self.scale = kept, scale
+        eliminated = np.ones(len(own) + len(kept), dtype=bool)
+        eliminated[kept] = False
+        self.eliminated: Index = np.flatnonzero(eliminated)
+        """Columns that are eliminated."""
+        self.pivots = np.full(len(eliminated), np.inf)
+        """Pivots of the eliminated columns, infinite for the others, (n,)."""
+        self.pivots[self.eliminated] = np.diag(own) ** 2
+
+    @classmethod
+    def whole(cls, own: Array) -> RootFront:
+        """Return a front that keeps no columns, from its factor L."""
+        none = np.zeros(0, dtype=np.intp)
+        return cls(own, np.zeros((0, len(own))), np.zeros((0, 0)), none, np.zeros(0))
+
+    @classmethod
+    def of(cls, matrix: Array, kept: Index, scale: Array) -> RootFront:
         """Eliminate.
 
         Args:
@@ -71,26 +89,14 @@ class RootFront:
         Raises:
             SingularError: the matrix of the eliminated columns is not positive definite.
         """
-        n = len(matrix)
-        self.kept, self.scale = kept, scale
-        eliminated = np.ones(n, dtype=bool)
-        eliminated[kept] = False
-        self.eliminated: Index = np.flatnonzero(eliminated)
-        """Columns that are eliminated."""
-        self.pivots = np.full(n, np.inf)
-        """Pivots of the eliminated columns, infinite for the others, (n,)."""
         if not len(kept):
-            self.own = cholesky_lower(matrix)
-            self.across, self.rest = np.zeros((0, n)), np.zeros((0, 0))
-        else:
-            whole = np.tril(matrix) + np.tril(matrix, -1).T
-            e = self.eliminated
-            self.own = cholesky_lower(whole[np.ix_(e, e)])
-            """L."""
-            self.across = solve_lower(self.own, whole[np.ix_(e, kept)]).T
-            """B."""
-            self.rest = whole[np.ix_(kept, kept)] - self.across @ self.across.T
-        self.pivots[self.eliminated] = np.diag(self.own) ** 2
+            return cls.whole(cholesky_lower(matrix))
+        whole = np.tril(matrix) + np.tril(matrix, -1).T
+        e = np.setdiff1d(np.arange(len(matrix)), kept)
+        own = cholesky_lower(whole[np.ix_(e, e)])
+        across = solve_lower(own, whole[np.ix_(e, kept)]).T
+        rest = whole[np.ix_(kept, kept)] - across @ across.T
+        return cls(own, across, rest, kept, scale)
 
     @property
     def left(self) -> Array:
@@ -248,10 +254,49 @@ class BlockMatrix:
 
 
 class Fronts:
-    """The Cholesky factor of a `BlockMatrix`."""
+    """The factor of a symmetric matrix in blocks, scaled to a unit diagonal."""
 
-    def __init__(self, fronts: list[Front], matrix: BlockMatrix, kept: Index | None = None) -> None:
-        """Factorise; the matrix is scaled to a unit diagonal.
+    def __init__(
+        self,
+        fronts: list[Front],
+        pattern: BlockPattern,
+        diagonal: Array,
+        factors: Sequence[tuple[Array, Array]],
+        root: RootFront,
+    ) -> None:
+        """Take the factors of all fronts.
+
+        Args:
+            fronts: the fronts in the order of elimination; the last one has no border.
+            pattern: the blocks.
+            diagonal: diagonal of the matrix, (n w + k,).
+            factors: L (o, o) and B (b, o) of each front below the root.
+            root: the last front with the border.
+        """
+        self.fronts, self.pattern = fronts, pattern
+        self._below = fronts[:-1]
+        self.scale = _unit_scale(diagonal)
+        self.own: list[Array] = [own for own, _ in factors]
+        """L of each front below the root, (o, o)."""
+        self.across: list[Array] = [across for _, across in factors]
+        """B of each front below the root, (b, o)."""
+        self.last = fronts[-1] if fronts else None
+        """The front of the root; none: there are no nodes."""
+        self.root_places = _root_places(fronts, pattern)
+        """Place of each column of the root."""
+        self.root = root
+        """The root."""
+        self.pivots = np.empty(len(diagonal))
+        """Pivots relative to the diagonal of the matrix, (n w + k,); infinite at kept places."""
+        for front, own in zip(self._below, self.own, strict=True):
+            self.pivots[_places(front, pattern)] = np.diag(own) ** 2
+        self.pivots[self.root_places] = root.pivots
+        self.diagonal = diagonal
+        """Diagonal of the matrix, (n w + k,)."""
+
+    @classmethod
+    def of(cls, fronts: list[Front], matrix: BlockMatrix, kept: Index | None = None) -> Fronts:
+        """Factorise by Cholesky.
 
         Args:
             fronts: the fronts in the order of elimination; the last one has no border.
@@ -262,81 +307,35 @@ class Fronts:
         Raises:
             SingularError: the matrix is not positive definite.
         """
-        self.fronts, self.pattern = fronts, matrix.pattern
-        self._below = fronts[:-1]
-        n, w = matrix.pattern.n, matrix.pattern.width
-        diagonal = matrix.diagonals
-        # A kept place may have a diagonal of zero: only other parts observe it.
-        self.scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        pattern, diagonal = matrix.pattern, matrix.diagonals
+        scale = _unit_scale(diagonal)
         with np.errstate(over="ignore", invalid="ignore"):  # coordinates may have diverged
-            m = matrix.scaled(self.scale)
+            m = matrix.scaled(scale)
         every = (m.diagonal, m.pairs, m.side, m.corner)
         if not all(np.isfinite(x).all() for x in every):
             raise SingularError("the cameras' normal equations have no pivots")
-        self.own: list[Array] = []
-        """L of each front below the root, (o, o)."""
-        self.across: list[Array] = []
-        """B of each front below the root, (b, o)."""
-        pivots = np.empty(n * w + matrix.pattern.side)
+        factors: list[tuple[Array, Array]] = []
         waiting: dict[int, Array] = {}
-        for front in self._below:
-            f = self._assembled(front, m, waiting)
-            k = w * len(front.own)
+        for front in fronts[:-1]:
+            f = _assembled(front, m, waiting)
+            k = pattern.width * len(front.own)
             own = cholesky_lower(f[:k, :k])
             across = blas.dtrsm(1.0, own, f[k:, :k], side=1, lower=1, trans_a=1)
             rest = np.array(f[k:, k:], order="F")
             if len(rest) and k:
                 rest = blas.dsyrk(-1.0, across, beta=1.0, c=rest, lower=1, overwrite_c=1)
             waiting[id(front)] = rest
-            self.own.append(own)
-            self.across.append(across)
-            pivots[self._places(front)] = np.diag(own) ** 2
-        self.last = fronts[-1] if fronts else None
-        """The front of the root; none: there are no nodes."""
-        at = n * w + np.arange(matrix.pattern.side)
+            factors.append((own, across))
         f = m.corner
-        if self.last is not None:
-            f = self._assembled(self.last, m, waiting)
-            inner = w * len(self.last.own)
+        if fronts:
+            f = _assembled(fronts[-1], m, waiting)
+            inner = pattern.width * len(fronts[-1].own)
             f[inner:, inner:] += m.corner
-            at = np.concatenate([self._places(self.last), at])
-        self.root_places: Index = at
-        """Place of each column of the root."""
         kept = np.zeros(0, dtype=np.intp) if kept is None else kept
-        place = np.full(len(pivots), -1, dtype=np.intp)
+        place = np.full(len(diagonal), -1, dtype=np.intp)
+        at = _root_places(fronts, pattern)
         place[at] = np.arange(len(at))
-        self.root = RootFront(f, place[kept], self.scale[kept])
-        """The root."""
-        pivots[at] = self.root.pivots
-        self.pivots = pivots
-        """Pivots relative to the diagonal of the matrix, (n w + k,); infinite at kept places."""
-        self.diagonal = diagonal
-        """Diagonal of the matrix, (n w + k,)."""
-
-    def _places(self, front: Front) -> Index:
-        """Return the places of the columns that a front eliminates."""
-        w = self.pattern.width
-        return np.asarray((w * front.own[:, None] + np.arange(w)).ravel(), dtype=np.intp)
-
-    def _assembled(self, front: Front, m: BlockMatrix, waiting: dict[int, Array]) -> Array:
-        """Return the lower triangle of a front with what its children leave."""
-        w, side = self.pattern.width, self.pattern.side
-        p = front.size
-        f = np.zeros((w * p + side,) * 2, order="F")
-        blocks = _blocks(f, p, w)
-        between = m.pairs[front.blocks]
-        between = np.where(front.transposed[:, None, None], between.transpose(0, 2, 1), between)
-        blocks[front.rows, :, front.columns, :] = between
-        d = np.arange(len(front.own))
-        blocks[d, :, d, :] = m.diagonal[front.own]
-        f[w * p :, : w * len(d)] = m.side[front.own].reshape(w * len(d), side).T
-        for child in front.children:
-            rest = waiting.pop(id(child))
-            runs = _runs(child, w, side, p)
-            for number, (a, b, t) in enumerate(runs):
-                for a2, b2, t2 in runs[: number + 1]:
-                    f[t : t + b - a, t2 : t2 + b2 - a2] += rest[a:b, a2:b2]
-        return f
+        return cls(fronts, pattern, diagonal, factors, RootFront.of(f, place[kept], scale[kept]))
 
     def _forward(self, y: Array) -> Array:
         """Eliminate the columns below the root from a right side (n w + k, r)."""
@@ -353,6 +352,12 @@ class Fronts:
             border -= moved[end:]
             nodes[front.own] = part.reshape(k, w, r)
         return np.asarray(x)
+
+    def half(self, y: Array) -> Array:
+        """Return L⁻¹ y (n w + k, r) of M = L Lᵀ without kept places: yᵀM⁻¹y = |L⁻¹y|²."""
+        x = self._forward(y)
+        x[self.root_places] = solve_lower(self.root.own, x[self.root_places])
+        return x
 
     def remaining(self, y: Array) -> Array:
         """Return what the elimination of y (n w + k, r) leaves at the kept places, (m, r)."""
@@ -429,6 +434,48 @@ class Fronts:
                 for a2, b2, to2 in runs:
                     part[a:b, a2:b2] = z[to : to + b - a, to2 : to2 + b2 - a2]
             joint[id(child)] = part
+
+
+def _unit_scale(diagonal: Array) -> Array:
+    """Return the factors of columns that make a diagonal one.
+
+    A kept place may have a diagonal of zero: only other parts observe it.
+    """
+    return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
+
+
+def _places(front: Front, pattern: BlockPattern) -> Index:
+    """Return the places of the columns that a front eliminates."""
+    w = pattern.width
+    return np.asarray((w * front.own[:, None] + np.arange(w)).ravel(), dtype=np.intp)
+
+
+def _root_places(fronts: Sequence[Front], pattern: BlockPattern) -> Index:
+    """Return the places of the columns of the root: those of the last front, and the border."""
+    border = pattern.n * pattern.width + np.arange(pattern.side)
+    last = (_places(front, pattern) for front in fronts[-1:])
+    return np.concatenate([*last, border]).astype(np.intp)
+
+
+def _assembled(front: Front, m: BlockMatrix, waiting: dict[int, Array]) -> Array:
+    """Return the lower triangle of a front with what its children leave."""
+    w, side = m.pattern.width, m.pattern.side
+    p = front.size
+    f = np.zeros((w * p + side,) * 2, order="F")
+    blocks = _blocks(f, p, w)
+    between = m.pairs[front.blocks]
+    between = np.where(front.transposed[:, None, None], between.transpose(0, 2, 1), between)
+    blocks[front.rows, :, front.columns, :] = between
+    d = np.arange(len(front.own))
+    blocks[d, :, d, :] = m.diagonal[front.own]
+    f[w * p :, : w * len(d)] = m.side[front.own].reshape(w * len(d), side).T
+    for child in front.children:
+        rest = waiting.pop(id(child))
+        runs = _runs(child, w, side, p)
+        for number, (a, b, t) in enumerate(runs):
+            for a2, b2, t2 in runs[: number + 1]:
+                f[t : t + b - a, t2 : t2 + b2 - a2] += rest[a:b, a2:b2]
+    return f
 
 
 def _blocks(f: Array, p: int, w: int) -> Array:

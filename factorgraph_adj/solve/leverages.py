@@ -1,8 +1,8 @@
 """Leverages: the hat matrices A Q Aᵀ of all observations, and their parts by object points.
 
 With whitened rows A of an observation, its hat matrix H = A Q Aᵀ needs only the joint covariance
-of the observation's own variables. The selected inverse gives the covariances of the tree; the
-elimination itself gives those of points that only cameras see: with U = L⁻¹A_pᵀ and M = W Σ_b of
+of the observation's own variables. The selected inverse of the fronts gives it; the elimination
+itself gives those of points that only cameras see: with U = L⁻¹A_pᵀ and M = W Σ_b of
 the point (`ReducedPoints.joint`),
 
     Q_p Aᵀ = L⁻ᵀ (K U − Z),   H = A_b Σ_b A_bᵀ − UᵀZ − ZᵀU + UᵀK U,   K = I + W Σ_b Wᵀ,
@@ -15,16 +15,15 @@ e1 = A1 Q11 A1ᵀ (Q11 = ξ⁻¹), e2 = A2 N22⁻¹ A2ᵀ, e12 the rest.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..models.unknown_registry import VariableKind
-from ..types import Array, Index, Mask
-from .bayes_tree import SelectedInverse, TreeFactors
+from ..types import NO_ROWS, Array, Index, Mask
 from .datum_defects import FreeDatum, minimal_datum
-from .elimination_layers import Layers
-from .factorisation import EliminationPlan, Factorisation
+from .elimination_layers import RULE
+from .factorisation import EliminationPlan, Factorisation, PreparedElimination
 from .linearised_equations import LinearBlock, LinearisedEquations
 from .linearised_rays import LinearRays
 from .point_elimination import factorise_points
@@ -98,7 +97,6 @@ def leverages(
         transform: S-transformation onto the inner constraints of a free network. H does not
             depend on the datum; the parts of single unknowns do.
     """
-    inverse = factor.selected
     reduced = factor.ray_covariances()
     blocks = []
     parts = _split(system, reduced, factor)
@@ -106,7 +104,7 @@ def leverages(
         out = _empty(lb)
         _, outer = parts[place]
         if len(outer):
-            _from_tree(lb, outer, inverse, out)
+            _from_fronts(lb, outer, factor, out)
         blocks.append(out)
     if factor.points is not None and reduced is not None:
         for found in first_layer_leverages(factor.points, reduced, factor.inverse):
@@ -114,8 +112,8 @@ def leverages(
             out.hat[found.rows] = found.hat
             out.others[found.rows] = found.others
             out.own[found.rows] = found.own
-    clusters = [_dense(columns, a, inverse, system) for columns, a in system.cluster_rows()]
-    extra = [_dense(e.columns, e.a, inverse, system) for e in system.extra]
+    clusters = [_dense(columns, a, factor, system) for columns, a in system.cluster_rows()]
+    extra = [_dense(e.columns, e.a, factor, system) for e in system.extra]
     if transform is not None:
         transform.blocks(system, blocks)
         clusters = [
@@ -145,7 +143,6 @@ def point_leverages(
         n, d = lb.block.observed.shape
         blocks.append(np.zeros((n, d, d)))
     alone = _points_alone(system, only, factor, datum)
-    tree = None if alone is None else alone.selected
     if alone is not None and alone.points is not None:
         # Points of the first layer are sighted from other points.
         joint = alone.ray_covariances()
@@ -160,15 +157,15 @@ def point_leverages(
             blocks[place][rows] = hat
     for place, lb in enumerate(only.blocks):
         _, outer = parts[place]
-        if len(outer) and tree is not None:
+        if len(outer) and alone is not None:
             scratch = _empty(lb)
-            _from_tree(lb, outer, tree, scratch)
+            _from_fronts(lb, outer, alone, scratch)
             blocks[place][outer] = scratch.hat[outer]
     clusters = []
     for columns, a in only.cluster_rows():
         k = len(a)
         clusters.append(
-            np.zeros((k, k)) if tree is None else a @ tree.joint(columns[None])[0] @ a.T
+            np.zeros((k, k)) if alone is None else a @ alone.joint(columns[None])[0] @ a.T
         )
     return tuple(blocks), tuple(clusters)
 
@@ -201,10 +198,10 @@ def _split(
     return out
 
 
-def _from_tree(
-    lb: LinearBlock | LinearRays, rows: Index, inverse: SelectedInverse, out: BlockLeverage
+def _from_fronts(
+    lb: LinearBlock | LinearRays, rows: Index, factor: Factorisation, out: BlockLeverage
 ) -> None:
-    """Fill in the rows whose variables are in tree and border."""
+    """Fill in the rows whose variables are in the fronts."""
     first = lb.partials(rows[:1])
     slots = [j for j, a in enumerate(first) if len(a)]
     if not slots:
@@ -223,15 +220,16 @@ def _from_tree(
             ],
             axis=1,
         )
-        joint = inverse.joint(columns)
+        joint = factor.joint(columns)
         partials = lb.partials(chunk)
         a = np.concatenate([partials[j] for j in slots], axis=2)
         along = joint @ a.transpose(0, 2, 1)
         out.hat[chunk] = a @ along
         # Far from a minimum rounding may leave a variance below zero: that cancels, too.
         seen = np.abs(a) @ np.sqrt(np.abs(np.einsum("nkk->nk", joint)))[:, :, None]
-        for i in np.flatnonzero(seen.max(axis=(1, 2)) > MIN_CANCELLING_SUM).tolist():
-            out.hat[chunk[i]] = inverse.leverage(columns[i], a[i])
+        poor = np.flatnonzero(seen.max(axis=(1, 2)) > MIN_CANCELLING_SUM)
+        for some in _chunks(poor, a.shape[1] * len(factor.nodes.columns)):
+            out.hat[chunk[some]] = factor.squares(columns[some], a[some])
         if not kinds.all():
             a1 = a[:, :, ~kinds]
             out.others[chunk] = a1 @ joint[:, ~kinds][:, :, ~kinds] @ a1.transpose(0, 2, 1)
@@ -249,10 +247,10 @@ def _chunks(rows: Index, size: int) -> Iterator[Index]:
 
 
 def _dense(
-    columns: Index, a: Array, inverse: SelectedInverse, system: LinearisedEquations
+    columns: Index, a: Array, factor: Factorisation, system: LinearisedEquations
 ) -> ClusterLeverage:
     """Return the leverages of rows (k, m) over any number of columns (m,)."""
-    joint = inverse.joint(columns[None])[0]
+    joint = factor.joint(columns[None])[0]
     own = joint @ a.T
     other = ~_of_points(system)[columns]
     a1 = a[:, other]
@@ -286,13 +284,11 @@ def _points_alone(
     mine = np.flatnonzero((offset >= 0) & ~layers.reduced)
     if not len(mine):
         return None
-    cameras = np.zeros(unknowns.n_columns, dtype=bool)
-    tree: tuple[tuple[VariableKind, int], ...] = ()
-    if layers.in_fronts:
-        cameras[offset[mine, None] + np.arange(3)] = True
-    else:
-        tree = tuple(("point", number) for number in mine.tolist())
-    alone = Layers(unknowns, layers.reduced, cameras, tree, in_fronts=layers.in_fronts)
+    inside = np.zeros(unknowns.n_columns, dtype=bool)
+    inside[offset[mine, None] + np.arange(3)] = True
+    sighted = factor.points is not None and not factor.points.rays.photo_parts
+    by_qr = layers.by_qr or (not sighted and len(mine) <= RULE.max_qr_variables)
+    alone = replace(layers, in_fronts=inside, by_qr=by_qr, alone={}, kept=NO_ROWS)
     extra = np.zeros(unknowns.n_columns)
     if datum is not None:
         diagonal = only.diagonal()
@@ -309,15 +305,11 @@ def _points_alone(
             candidates[offset[mine, None] + np.arange(3)] = True
             held = minimal_datum(motions, candidates & unknowns.free & (diagonal > 0))
             extra[held] = diagonal[held]
-    plan = EliminationPlan(alone)
-    if layers.in_fronts:
-        nodes = Nodes(system.equations, alone)
-        rays = None
-        if factor.points is not None and not factor.points.rays.photo_parts:
-            rays = PointRays(system.equations, nodes)
-        joined = rays if rays is not None and rays.spokes is not None else None
-        plan = EliminationPlan(alone, nodes, joined, NodeRows(system.equations, nodes))
-    return Factorisation(plan, plan.sums(only), TreeFactors(alone, only), extra, qr=True)
+    nodes = Nodes(system.equations, alone)
+    rays = PointRays(system.equations, nodes) if sighted else None
+    joined = rays if rays is not None and rays.spokes is not None else None
+    plan = EliminationPlan(alone, nodes, joined, NodeRows(system.equations, nodes))
+    return PreparedElimination.of(only, plan).factorised(extra)
 
 
 # -- free networks --------------------------------------------------------------------------------

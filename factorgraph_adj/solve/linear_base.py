@@ -263,7 +263,7 @@ class ReducedCofactors:
         out = np.zeros(len(self.place))
         out[self.columns] = z[:r]
         points, nodes = factor.points, factor.nodes
-        if points is None or nodes is None:
+        if points is None:
             return out
         places = np.where(nodes.columns >= 0, out[np.maximum(nodes.columns, 0)], 0.0)
         e = np.zeros((3, 1, len(factor.layers.point_columns)))
@@ -278,7 +278,7 @@ class ReducedCofactors:
         out = np.zeros(self.size)
         out[:r] = g[self.columns]
         points, nodes = factor.points, factor.nodes
-        if points is None or nodes is None:
+        if points is None:
             return out
         reduced = np.zeros((len(nodes.columns), 1))
         e = points.forward(np.where(factor.free, g, 0.0)[:, None], reduced)

@@ -262,28 +262,22 @@ def estimate_memory(plan: EliminationPlan, equations: Equations, state: State) -
         equations: the network.
         state: any state; the fronts depend on where photos and points are.
     """
-    rays = pairs = width = spokes = 0
+    rays = pairs = spokes = 0
     columns = 8
     if equations.rays:
         rays = sum(c.block.n for c in equations.rays.values())
         columns = 2 * max(8 + len(c.lens_free) for c in equations.rays.values())
     rows = equations.n_rows - 2 * rays
-    fronts = points = side = 0
-    if plan.nodes is not None:
-        width = plan.nodes.width
-        codes = [np.zeros(0, dtype=np.intp)]
-        if plan.rays is not None:
-            codes.append(plan.rays.pair_codes)
-            points, pairs = plan.rays.n_points, len(plan.rays.left)
-            if plan.rays.spokes is not None:
-                spokes = len(plan.rays.spokes.points)
-        if plan.rows is not None:
-            codes.append(plan.rows.pair_codes)
-        _, order = plan.nodes.structure(np.concatenate(codes), plan.nodes.positions(state))
-        side = plan.nodes.side
-        sizes = [(width * len(f.own), width * f.size + side) for f in order]
-        # Factors, and what waits for the parent at the same time: at most once more.
-        fronts = 2 * sum(own * whole for own, whole in sizes) + max((w * w for _, w in sizes))
+    points = 0
+    width, side = plan.nodes.width, plan.nodes.side
+    if plan.rays is not None:
+        points, pairs = plan.rays.n_points, len(plan.rays.left)
+        if plan.rays.spokes is not None:
+            spokes = len(plan.rays.spokes.points)
+    _, order = plan.nodes.structure(plan.pair_codes, lambda: plan.nodes.positions(state))
+    sizes = [(width * len(f.own), width * f.size + side) for f in order]
+    # Factors, and what waits for the parent at the same time: at most once more.
+    fronts = 2 * sum(own * whole for own, whole in sizes) + max((w * w for _, w in sizes))
     w = 3 * width * (rays + spokes) * BYTES_PER_NUMBER
     of_rays = rays * (columns * BYTES_PER_NUMBER + LIST_BYTES_PER_RAY) + (
         CHUNK_BYTES if rays else 0

@@ -12,13 +12,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from ..types import Array, Index, Mask
+from ..types import NO_ROWS, Array, Index, Mask
 
 MAX_LEAF_NODES = 30
 """Largest number of nodes that are not divided any more."""
 MAX_SEPARATOR_SHARE = 0.5
 """Largest share of the nodes in a separator for which a division pays."""
+MIN_HUB_SHARE = 0.25
+"""Share of all nodes that a hub is joined to at least."""
+MAX_HUB_NODES_SHARE = 0.1
+"""Largest share of hubs among all nodes."""
 
 
 @dataclass(frozen=True)
@@ -64,21 +69,26 @@ class Front:
         return len(self.own) + len(self.border)
 
 
-def dissect(pattern: BlockPattern, positions: Array, last: Index | None = None) -> list[Front]:
+def dissect(
+    pattern: BlockPattern, positions: Array, last: Index = NO_ROWS, leaves: Index = NO_ROWS
+) -> list[Front]:
     """Return the fronts in the order of elimination; the last one is the root.
 
     Args:
         pattern: the blocks.
         positions: where the nodes are, (n, 3); any length unit.
-        last: nodes that the root must hold; none: the dissection decides.
+        last: nodes that the root must hold; without any the dissection decides.
+        leaves: nodes without blocks between them that are eliminated first, each alone.
     """
-    graph = _Graph.of(pattern)
-    if last is None or not len(last):
-        root = _divide(graph, np.arange(pattern.n), positions)
+    graph = _Graph.of(pattern, leaves)
+    others = np.setdiff1d(np.arange(pattern.n), np.concatenate([last, leaves]))
+    if not len(last):
+        root = _divide(graph, others, positions)
     else:
-        others = np.setdiff1d(np.arange(pattern.n), last)
         below = (_divide(graph, others, positions),) if len(others) else ()
         root = Front(last, below)
+    if len(leaves):
+        _add_leaves(root, graph, leaves)
     fronts = list(_order(root))
     _join(fronts, pattern)
     return fronts
@@ -166,9 +176,18 @@ class _Graph:
     neighbours: Index
 
     @classmethod
-    def of(cls, pattern: BlockPattern) -> _Graph:
+    def of(cls, pattern: BlockPattern, leaves: Index = NO_ROWS) -> _Graph:
+        """Return the graph of a pattern; the elimination of leaves joins their neighbours."""
         a = np.concatenate([pattern.first, pattern.second])
         b = np.concatenate([pattern.second, pattern.first])
+        if len(leaves):
+            leaf = np.full(pattern.n, -1, dtype=np.intp)
+            leaf[leaves] = np.arange(len(leaves))
+            on = leaf[a] >= 0
+            met = csr_array((np.ones(on.sum()), (leaf[a[on]], b[on])), (len(leaves), pattern.n))
+            joined = (met.T @ met).tocoo()
+            code = np.concatenate([a * pattern.n + b, joined.row * pattern.n + joined.col])
+            a, b = np.divmod(np.unique(code[code // pattern.n != code % pattern.n]), pattern.n)
         order = np.argsort(a, kind="stable")
         counts = np.bincount(a, minlength=pattern.n)
         return cls(np.concatenate([[0], np.cumsum(counts)]).astype(np.intp), b[order])
@@ -207,7 +226,7 @@ class _Graph:
 def _divide(graph: _Graph, nodes: Index, positions: Array) -> Front:
     """Return the tree of fronts of some nodes."""
     if len(nodes) > MAX_LEAF_NODES:
-        found = _separate(graph, nodes, positions)
+        found = _separate(graph, nodes, positions) or _separate_beside_hubs(graph, nodes, positions)
         if found is not None:
             separator, one, other = found
             children = tuple(_divide(graph, part, positions) for part in (one, other))
@@ -240,6 +259,34 @@ def _separate(graph: _Graph, nodes: Index, positions: Array) -> tuple[Index, Ind
     if len(separator) > MAX_SEPARATOR_SHARE * len(nodes) or not len(one) or not len(other):
         return None
     return best
+
+
+def _separate_beside_hubs(
+    graph: _Graph, nodes: Index, positions: Array
+) -> tuple[Index, Index, Index] | None:
+    """Return a separator with the few nodes that many others meet, such as a beacon of a drive."""
+    inside = np.zeros(len(graph.first) - 1, dtype=bool)
+    inside[nodes] = True
+    near, owner = graph.around(nodes)
+    degree = np.bincount(owner[inside[near]], minlength=len(nodes))
+    hub = degree > MIN_HUB_SHARE * len(nodes)
+    if not hub.any() or hub.sum() > MAX_HUB_NODES_SHARE * len(nodes):
+        return None
+    found = _separate(graph, nodes[~hub], positions)
+    return None if found is None else (np.concatenate([found[0], nodes[hub]]), *found[1:])
+
+
+def _add_leaves(root: Front, graph: _Graph, leaves: Index) -> None:
+    """Let each leaf be a child of the front that eliminates the first of its neighbours."""
+    fronts = list(_order(root))
+    where = np.full(len(graph.first) - 1, len(fronts) - 1)
+    for number, front in enumerate(fronts):
+        where[front.own] = number
+    near, owner = graph.around(leaves)
+    parent = np.full(len(leaves), len(fronts) - 1)
+    np.minimum.at(parent, owner, where[near])
+    for leaf, number in zip(leaves, parent.tolist(), strict=True):
+        fronts[number].children += (Front(np.array([leaf]), ()),)
 
 
 def _order(front: Front) -> Iterator[Front]:

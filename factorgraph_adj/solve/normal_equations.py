@@ -157,8 +157,6 @@ def covariance_refusal(system: LinearisedEquations, factor: Factorisation, diago
     )
 
 
-MAX_QR_VARIABLES = 3000
-"""Largest number of variables in the tree for which every factorisation is by QR."""
 MIN_CHOLESKY_PIVOT = 1e-14
 """Pivot relative to its diagonal element of N that counts as zero in a Cholesky factorisation."""
 MIN_COVARIANCE_PIVOT = 1e-10
@@ -181,7 +179,7 @@ class Solver:
     plan: EliminationPlan
     """Layers of the elimination, and their index lists."""
     qr_everywhere: bool = False
-    """Whether all unknowns are factorised by QR."""
+    """Whether poor pivots have turned it to QR of all unknowns."""
     made: NormalEquations | None = None
     """Normal equations at the state at which an adjustment will begin, if they have been made with
     the weights there: its first step takes them away, so that they do not stay in memory."""
@@ -207,9 +205,9 @@ class Solver:
         return self.plan.layers
 
     def turn_to_qr(self) -> None:
-        """Leave every unknown to GTSAM's QR."""
-        nothing = np.zeros(self.equations.unknowns.n_columns, dtype=bool)
-        self.plan = EliminationPlan(layers_of(self.equations, reduce_points=False, touched=nothing))
+        """Factorise every unknown by QR."""
+        layers = layers_of(self.equations, reduce_points=False, touched=self.layers.touched)
+        self.plan = EliminationPlan.of(self.equations, layers)
         self.qr_everywhere = True
 
 
@@ -229,7 +227,7 @@ class NormalEquations:
         self.gradient = self.system.gradient()
         self.diagonal = self.system.diagonal()
         self._elimination: PreparedElimination | None = None
-        self._kept: tuple[Array, bool, Factorisation] | None = None
+        self._kept: tuple[Array, Factorisation] | None = None
         self.smallest_pivot = 0.0
         """Smallest pivot of the last factorisation, relative to its diagonal element."""
 
@@ -256,32 +254,30 @@ class NormalEquations:
 
         Args:
             extra: added to the diagonal, (n_columns,).
-            exact: whether covariances are needed. QR then factorises the tree even if it is
-                large, and all unknowns if pivots are poor. Steps need less precision, as the next
-                step corrects their errors.
+            exact: whether covariances are needed. QR then factorises all unknowns if pivots are
+                poor. Steps need less precision, as the next step corrects their errors.
             keep: whether the next factorisation with the same terms may be this one.
 
         Raises:
             SingularError: an unknown is not determined.
         """
         solver = self.solver
-        qr = solver.qr_everywhere or exact or len(solver.layers.tree) <= MAX_QR_VARIABLES
         if solver.qr_everywhere:
-            factor = self._factorise(extra, qr=True, keep=keep)
-            if factor.smallest_pivot(self.diagonal + extra, tree=1.0, point=1.0) <= MIN_QR_PIVOT:
+            factor = self._factorise(extra, keep=keep)
+            if factor.smallest_pivot(self.diagonal + extra) <= MIN_QR_PIVOT:
                 raise SingularError("a pivot vanished")
             return factor
         try:
-            factor = self._factorise(extra, qr=qr, keep=keep)
+            factor = self._factorise(extra, keep=keep)
         except SingularError:
             if not exact:
                 raise
         else:
-            # Pivots of the tree's QR are exact far below those of normal equations.
+            # Pivots of QR are exact far below those of normal equations.
             worst = factor.smallest_pivot(
                 self.diagonal + extra,
-                tree=MIN_CHOLESKY_PIVOT / MIN_QR_PIVOT if qr else 1.0,
-                point=(MIN_COVARIANCE_PIVOT if exact else MIN_CHOLESKY_PIVOT) / MIN_QR_PIVOT,
+                fronts=MIN_CHOLESKY_PIVOT / MIN_QR_PIVOT if solver.layers.by_qr else 1.0,
+                points=(MIN_COVARIANCE_PIVOT if exact else MIN_CHOLESKY_PIVOT) / MIN_QR_PIVOT,
             )
             self.smallest_pivot = worst
             if worst > (MIN_COVARIANCE_PIVOT if exact else MIN_CHOLESKY_PIVOT):
@@ -299,7 +295,7 @@ class NormalEquations:
             SingularError: an unknown of this part is not determined, even if the kept columns are
                 known.
         """
-        return self._factorise(extra, qr=True)
+        return self._factorise(extra)
 
     def for_covariances(self, constraint: Array, datum: FreeDatum | None = None) -> Factorisation:
         """Factorise N with a minimal datum so that covariances are right.
@@ -362,9 +358,9 @@ class NormalEquations:
         better[held] = self.diagonal[held]
         return better
 
-    def _factorise(self, extra: Array, *, qr: bool, keep: bool = False) -> Factorisation:
-        if self._kept is not None and self._kept[1] == qr and np.array_equal(self._kept[0], extra):
-            return self._kept[2]
-        factor = self.elimination.factorised(extra, qr=qr)
-        self._kept = (extra.copy(), qr, factor) if keep else None
+    def _factorise(self, extra: Array, *, keep: bool = False) -> Factorisation:
+        if self._kept is not None and np.array_equal(self._kept[0], extra):
+            return self._kept[1]
+        factor = self.elimination.factorised(extra)
+        self._kept = (extra.copy(), factor) if keep else None
         return factor

@@ -1,18 +1,15 @@
 """Places of the unknowns in the reduced system: nodes of equal width, and a border.
 
-A photo with the calibration that no other photo has is a node. Where the terrestrial side is
-eliminated in dense fronts too (`Layers.in_fronts`), each of its points is a node, together with the
-orientation unknowns and the vertical at the point; further ones, and those at held points, are
-nodes of their own, and so are frames, sizes and levels, and drifts and mounts that few photos have,
-if there are more than a few. What touches everything is the border: calibrations that several
-photos share, distance meters, refraction.
-
-Where GTSAM eliminates the terrestrial side, its remainder over the columns of photos is added here.
+A photo with the calibration that no other photo has is a node. So is each point outside the first
+layer, together with the orientation unknowns and the vertical at the point; further ones, and those
+at held points, are nodes of their own, and so are frames, sizes and levels, and drifts and mounts
+that few photos have, if there are more than a few. What touches everything is the border:
+calibrations that several photos share, distance meters, refraction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,14 +18,11 @@ from scipy.sparse import csr_array
 from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.unknown_registry import UNKNOWNS, VariableKind
-from ..types import Array, Index, Mask
-from .elimination_layers import Layers, first_point
+from ..types import NO_ROWS, Array, Index, Mask
+from .elimination_layers import RULE, Layers, first_point
 from .fronts import BlockMatrix
 from .nested_dissection import BlockPattern, Front, dissect
 from .unnoticed_motions import stations_of
-
-MAX_POINT_NODE_COLUMNS = 8
-"""Largest number of columns of the node of a point: its coordinates, and some unknowns at it."""
 
 
 class NodePlaces:
@@ -40,6 +34,8 @@ class NodePlaces:
     """Number of columns of a node."""
     side: int = 0
     """Number of columns of the border."""
+    leaves: Index = NO_ROWS
+    """Nodes that are fronts of their own."""
 
     def __init__(self, n_columns: int) -> None:
         """Begin without any place for some number of columns."""
@@ -73,24 +69,28 @@ class NodePlaces:
         self.kept: Index = self.place_of[kept]
         """Places that are not eliminated, (m,)."""
 
-    def structure(self, pairs: Index, positions: Array) -> tuple[BlockPattern, list[Front]]:
+    def structure(
+        self, pairs: Index, positions: Callable[[], Array]
+    ) -> tuple[BlockPattern, list[Front]]:
         """Return the blocks of the reduced system and its fronts; they are made once.
 
         Args:
             pairs: pairs of nodes with a block, the first one smaller, n a + b each, (p,).
-            positions: where the nodes are, (n, 3), metres.
+            positions: returns where the nodes are, (n, 3), metres.
         """
+        if self._structure is not None and self._structure[0] is pairs:
+            return self._structure[1:]
         codes = np.unique(pairs)
-        if self._structure is None or not np.array_equal(self._structure[0], codes):
+        if self._structure is None or not np.array_equal(np.unique(self._structure[0]), codes):
             first, second = np.divmod(codes, max(self.n, 1))
             pattern = BlockPattern(self.n, self.width, self.side, first, second)
-            self._structure = (codes, pattern, self._fronts(pattern, positions))
+            self._structure = (pairs, pattern, self._fronts(pattern, positions()))
         return self._structure[1:]
 
     def _fronts(self, pattern: BlockPattern, positions: Array) -> list[Front]:
         """Return the fronts, with what is kept in the root."""
         last = np.unique(self.kept[self.kept < self.n * self.width] // self.width)
-        return dissect(pattern, positions, last)
+        return dissect(pattern, positions, last, self.leaves)
 
     def add_diagonal(self, matrix: BlockMatrix, extra: Array) -> None:
         """Add terms (n_columns,) to the diagonal, in place."""
@@ -131,7 +131,7 @@ class Nodes(NodePlaces):
     """The places of unknowns in the reduced system."""
 
     def __init__(self, equations: Equations, layers: Layers) -> None:
-        """Give every unknown of the third layer a place."""
+        """Give every unknown of the second layer a place."""
         super().__init__(layers.unknowns.n_columns)
         self.layers = layers
         self._nodes: list[Index] = []
@@ -141,15 +141,14 @@ class Nodes(NodePlaces):
         self._stands: list[Index] = []
         self._middles: list[dict[VariableKind, csr_array]] = []
         self._photos(equations)
-        if layers.in_fronts:
-            self._points(equations)
-            self._alone(equations)
+        self._points(equations)
+        self._alone(equations)
         node, position, column = (
             np.concatenate([np.zeros(0, dtype=np.intp), *x])
             for x in (self._nodes, self._positions, self._columns)
         )
         self._settle(node, position, column, np.concatenate(self._border), layers.kept)
-        lost = np.flatnonzero(layers.cameras & layers.unknowns.free & (self.place_of < 0))
+        lost = np.flatnonzero(layers.in_fronts & layers.unknowns.free & (self.place_of < 0))
         if len(lost):
             kind, name, component = layers.unknowns.describe(int(lost[0]))
             raise AssertionError(f"{kind} {name!r} {component} has no place: please report this")
@@ -164,18 +163,14 @@ class Nodes(NodePlaces):
         """Give every photo a node and every shared calibration columns of the border."""
         unknowns = self.layers.unknowns
         pose, lens = unknowns["pose"], unknowns["calibration"]
-        free = unknowns.free & self.layers.cameras
+        free = unknowns.free & self.layers.in_fronts
         photos: dict[int, tuple[int, int] | None] = {}
-        if self.layers.in_fronts:  # photos without rays are unknowns too
-            on = np.flatnonzero(pose.offset >= 0)
-            photos |= dict.fromkeys(on[self.layers.cameras[pose.offset[on]]].tolist())
+        on = np.flatnonzero(pose.offset >= 0)  # photos without rays are unknowns too
+        photos |= dict.fromkeys(on[self.layers.in_fronts[pose.offset[on]]].tolist())
         for place in equations.rays:
-            (_, photo), (_, calibration), (_, point) = equations.blocks[place].variables
-            keep = self.layers.reduced[point]
-            if self.layers.in_fronts:
-                keep = np.ones(len(point), dtype=bool)
-            numbers, first = np.unique(photo[keep], return_index=True)
-            cameras = calibration[keep][first]
+            (_, photo), (_, calibration), _ = equations.blocks[place].variables
+            numbers, first = np.unique(photo, return_index=True)
+            cameras = calibration[first]
             for f, k in zip(numbers.tolist(), cameras.tolist(), strict=True):
                 photos[f] = (k, place)
         self.photos: Index = np.array(sorted(photos), dtype=np.intp)
@@ -205,13 +200,15 @@ class Nodes(NodePlaces):
             self._put(np.full(len(own), node), np.arange(len(own)), own)
 
     def _points(self, equations: Equations) -> None:
-        """Give every terrestrial point a node; other unknowns stand there or in the border."""
+        """Give every point a node; other unknowns are there or in the border."""
         unknowns = self.layers.unknowns
         table = unknowns["point"]
         mine = np.flatnonzero((table.offset >= 0) & ~self.layers.reduced)
-        mine = mine[self.layers.cameras[table.offset[mine]]]
+        mine = mine[self.layers.in_fronts[table.offset[mine]]]
         node = np.full(len(table.names), -1, dtype=np.intp)
         node[mine] = self.n + np.arange(len(mine))
+        self.leaves = node[self.layers.leaves]
+        self.leaves = self.leaves[self.leaves >= 0]
         self.node["point"] = node
         self.n += len(mine)
         places = table.offset[mine, None] + np.arange(3)
@@ -223,7 +220,7 @@ class Nodes(NodePlaces):
         placed[np.concatenate(self._columns + self._border)] = True  # −1 is the last one
         for kind, other in unknowns.tables.items():
             on = np.flatnonzero(other.offset >= 0)
-            on = on[self.layers.cameras[other.offset[on]]]
+            on = on[self.layers.in_fronts[other.offset[on]]]
             if kind == "calibration":  # photos have brought those that are used
                 every = np.arange(other.free.shape[1])
                 columns = np.minimum(other.offset[on][:, None] + every, unknowns.n_columns - 1)
@@ -234,7 +231,7 @@ class Nodes(NodePlaces):
             if UNKNOWNS[kind].at_point:
                 self._at_points(other, on, stations_of(equations, kind, on), node, filled)
                 filled = np.concatenate(
-                    [filled, np.full(self.n - len(filled), MAX_POINT_NODE_COLUMNS)]
+                    [filled, np.full(self.n - len(filled), RULE.max_point_node_columns)]
                 )
                 continue
             on = np.setdiff1d(on, self.layers.alone.get(kind, ()))
@@ -262,8 +259,9 @@ class Nodes(NodePlaces):
         largest = int(table.size[on].max(initial=0))
         at = node[points]
         rank = np.arange(len(points)) - np.searchsorted(points, points)
-        start = np.where(at >= 0, filled[np.maximum(at, 0)] + rank * largest, 0)
-        alone = (at < 0) | (start + largest > max(MAX_POINT_NODE_COLUMNS, 3 + largest))
+        start = np.zeros(len(at), dtype=np.intp)
+        start[at >= 0] = filled[at[at >= 0]] + (rank * largest)[at >= 0]
+        alone = (at < 0) | (start + largest > max(RULE.max_point_node_columns, 3 + largest))
         start[alone] = 0
         at = np.where(alone, self.n + np.cumsum(alone) - 1, at)
         np.add.at(filled, at[~alone], largest)
@@ -280,7 +278,7 @@ class Nodes(NodePlaces):
         free = self.layers.unknowns.free
         for kind, numbers in self.layers.alone.items():
             table = self.layers.unknowns[kind]
-            on = numbers[self.layers.cameras[table.offset[numbers]]]
+            on = numbers[self.layers.in_fronts[table.offset[numbers]]]
             if not len(on):
                 continue
             for i, number in enumerate(on.tolist()):
@@ -360,8 +358,8 @@ def _free_columns(free: Mask, offset: int, components: Index) -> Index:
 
 
 @dataclass(frozen=True)
-class EliminationRemainder:
-    """Normal equations over some columns of photos and shared calibrations."""
+class DenseNormals:
+    """Normal equations of rows that join any number of columns."""
 
     columns: Index
     """The columns, (m,)."""
@@ -399,10 +397,10 @@ class EliminationRemainder:
         matrix.corner += whole[w * k :, w * k :]
 
 
-def joined_node_pairs(nodes: NodePlaces, remainders: Sequence[EliminationRemainder]) -> Index:
-    """Return the pairs of nodes that remainders join, n a + b each, (k,)."""
+def joined_node_pairs(nodes: NodePlaces, dense: Sequence[DenseNormals]) -> Index:
+    """Return the pairs of nodes that dense rows join, n a + b each, (k,)."""
     code = [np.zeros(0, dtype=np.intp)]
-    for r in remainders:
+    for r in dense:
         own = r.touched(nodes)
         i, j = np.triu_indices(len(own), 1)
         code.append(own[i] * nodes.n + own[j])

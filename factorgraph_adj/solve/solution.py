@@ -305,7 +305,7 @@ class Solution(Shown):
         reduced = self.factor.layers.reduced
         out[reduced] = self.factor.point_covariances()
         rest = np.flatnonzero((table.offset >= 0) & ~reduced)
-        out[rest] = self.factor.selected.joint(table.offset[rest, None] + np.arange(3))
+        out[rest] = self.factor.joint(table.offset[rest, None] + np.arange(3))
         out *= table.free[:, :, None] & table.free[:, None, :]
         if self.datum is not None and self._datum_cross is not None:
             f, e = self._datum_cross
@@ -423,7 +423,7 @@ class Solution(Shown):
             every, place = self._reduced
             block = every[place[number]]
         else:
-            block = self.factor.selected.joint(columns[None])[0]
+            block = self.factor.joint(columns[None])[0]
         free = self.equations.unknowns.free[columns]
         block = np.where(np.outer(free, free), block, 0.0)
         moved = self._free(block, columns, columns)

@@ -94,7 +94,7 @@ def null_space(
             touched[e.columns] = True
         layers = layers_of(system.equations, reduce_points=large, touched=touched)
         given = PreparedElimination.of(system, EliminationPlan.of(system.equations, layers))
-    factor = given.factorised(extra, qr=True)
+    factor = given.factorised(extra)
     found = np.zeros((len(diagonal), 0))
     for most in (*FIRST_NULL_VECTORS, MAX_NULL_VECTORS) if large else (MAX_NULL_VECTORS,):
         n = min(most, int(live.sum()))
@@ -459,7 +459,7 @@ def _is_determined(normal: NormalEquations) -> bool:
         factor = normal.factorise(np.zeros(len(normal.diagonal)), keep=True)
     except SingularError:
         return False
-    return factor.smallest_pivot(normal.diagonal, tree=1.0, point=1.0) > MIN_SOUND_PIVOT
+    return factor.smallest_pivot(normal.diagonal) > MIN_SOUND_PIVOT
 
 
 def _moved(

@@ -111,7 +111,7 @@ class Figures:
     calls: int
     """Number of times that all observations were linearised."""
     largest_front: int
-    """Number of nodes (photos) of the largest front; zero where there are no fronts."""
+    """Number of nodes of the largest front."""
     fronts: int
     """Number of fronts of the reduced normal matrix."""
     bytes_of_partials: int
@@ -123,8 +123,7 @@ def figures(network: Network) -> Figures:
     with _counted() as calls:
         solution = adjust(network)
     linearised = len(calls)
-    found = solution.factor.fronts
-    sizes = [] if found is None else [front.size for front in found.fronts]
+    sizes = [front.size for front in solution.factor.fronts.fronts]
     held = 0
     for block in solution.normal().system.blocks:
         arrays = [part.a for part in block.parts] if isinstance(block, LinearRays) else block.a

@@ -142,7 +142,7 @@ def main(photos: str, stations: str) -> Tied:
     sizes = [f.size for f in fronts.fronts]
     return Tied(
         measured,
-        rel.solution.run.solver.layers.in_fronts,
+        not rel.solution.run.solver.layers.by_qr,
         len(sizes),
         max(sizes),
         fronts.pattern.width,

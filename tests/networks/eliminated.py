@@ -9,13 +9,13 @@ from functools import cache
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve import elimination_layers
 from factorgraph_adj.solve.factorisation import Factorisation
 from factorgraph_adj.types import Index
 from tests.networks.adjusted import held_photos
 from tests.networks.simulated import NETWORKS
 from tests.networks.small_block import small_block
 from tests.support.dense import DenseNormal
+from tests.support.elimination_rules import everything_by_qr, rule
 
 ROUNDING = 1e-16
 """Error of cofactors relative to σᵢσⱼ, for each unit of the condition of the scaled N."""
@@ -39,13 +39,14 @@ CASES: dict[str, Callable[[], fga.Network]] = {
     "mixed": NETWORKS["combined block"],
     "mixed, free": NETWORKS["combined block, free"],
     "mixed, own cameras": NETWORKS["own cameras"],
+    "mixed, weighted photos": NETWORKS["weighted photos"],
     "mixed, held height": held_height,
 }
-FRONTS = ", in fronts"
-"""End of the names of cases whose terrestrial side is eliminated in dense fronts too."""
-ELIMINATED = (*CASES, *(n + FRONTS for n in ("mixed", "mixed, held height", "terrestrial")))
+CHOLESKY, QR = ", by Cholesky", ", by QR"
+"""Ends of the names of cases whose fronts are factorised in the other way."""
+ELIMINATED = (*CASES, *(n + QR for n in ("mixed", "photos, free")), "terrestrial" + CHOLESKY)
 """Names of all cases."""
-FIRST_LAYER = tuple(n for n in ELIMINATED if not n.startswith("terrestrial"))
+FIRST_LAYER = tuple(n for n in CASES if not n.startswith("terrestrial"))
 """Cases with points that only cameras see."""
 
 
@@ -72,9 +73,10 @@ class Eliminated:
 @cache
 def eliminated(name: str) -> Eliminated:
     """Return a case."""
-    before = elimination_layers.MAX_TREE_VARIABLES
-    try:
-        elimination_layers.MAX_TREE_VARIABLES = 0 if name.endswith(FRONTS) else before
-        return Eliminated(CASES[name.removesuffix(FRONTS)]())
-    finally:
-        elimination_layers.MAX_TREE_VARIABLES = before
+    if name.endswith(QR):
+        with everything_by_qr():
+            return Eliminated(CASES[name.removesuffix(QR)]())
+    if name.endswith(CHOLESKY):
+        with rule(max_qr_variables=0):
+            return Eliminated(CASES[name.removesuffix(CHOLESKY)]())
+    return Eliminated(CASES[name]())

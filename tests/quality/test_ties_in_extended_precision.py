@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.network.composite_unknowns import RIGID
 from factorgraph_adj.simulation.measurement import measure
-from factorgraph_adj.solve import elimination_layers
 from factorgraph_adj.types import Array
 from tests.networks.rigs import PARTS, rig
 from tests.support.dense import Dense
+from tests.support.elimination_rules import everything_by_qr
 
 LOST = {RIGID: 2e-6, (1e-6, 1e-5): 1e-9, (1e-5, 1e-4): 1e-11}
 """What rounding may leave of r and e1 by the play of a mount: the square of the ratio between the
@@ -65,20 +67,14 @@ def extended(solution: fga.Solution) -> tuple[Array, Array]:
 )
 @pytest.mark.parametrize("play", LOST)
 @pytest.mark.parametrize("free", [(), PARTS])
-@pytest.mark.parametrize("in_fronts", [False, True])
+@pytest.mark.parametrize("by_qr", [False, True])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_r_and_e1_are_those_of_extended_precision(play, free, in_fronts, seed, monkeypatch):
-    if in_fronts:
-        for limit in (
-            "MAX_TREE_VARIABLES",
-            "MAX_TREE_VARIABLES_BESIDE_CAMERAS",
-            "MAX_PLACED_IN_BORDER",
-        ):
-            monkeypatch.setattr(elimination_layers, limit, 0)
-    solution = fga.adjust(measure(rig(4, free=free, play=play), seed=seed), tolerance=1e-8)
-    assert solution.run.solver.layers.in_fronts == in_fronts
+def test_r_and_e1_are_those_of_extended_precision(play, free, by_qr, seed):
+    with everything_by_qr() if by_qr else nullcontext():
+        solution = fga.adjust(measure(rig(4, free=free, play=play), seed=seed), tolerance=1e-8)
+        found = fga.reliability(solution)
+    assert solution.run.solver.layers.by_qr == by_qr
     r, e1 = extended(solution)
-    found = fga.reliability(solution)
     np.testing.assert_allclose(found.redundancy_numbers, r.astype(float), atol=LOST[play], rtol=0)
     close = LARGE * LOST[play]
     np.testing.assert_allclose(found.e1, e1.astype(float), atol=close, rtol=close)

@@ -111,7 +111,7 @@ def test_solution_and_selected_inverse_are_those_of_dense_matrices(shape, width,
     m = random_matrix(pattern)
     whole = dense(m)
     inverse = np.linalg.inv(whole)
-    fronts = Fronts(dissect(pattern, positions), m)
+    fronts = Fronts.of(dissect(pattern, positions), m)
     y = np.random.default_rng(1).normal(size=(len(whole), 3))
     np.testing.assert_allclose(fronts.solve(y), inverse @ y, rtol=0, atol=1e-14)
     found = fronts.inverse()
@@ -145,7 +145,7 @@ def test_parts_are_separated_by_the_nodes_that_both_halves_have() -> None:
     assert max(f.size for f in fronts) < max(f.size for f in dissect(pattern, positions))
     m = random_matrix(pattern)
     y = np.random.default_rng(1).normal(size=(2 * len(at) + 3, 2))
-    found = Fronts(fronts, m)
+    found = Fronts.of(fronts, m)
     np.testing.assert_allclose(dense(m) @ found.solve(y), y, rtol=0, atol=1e-11)
     inverse = np.linalg.inv(dense(m))
     np.testing.assert_allclose(found.inverse().diagonals, np.diag(inverse), rtol=1e-11)
@@ -165,7 +165,7 @@ def test_kept_columns_are_left_as_the_schur_complement(shape, width, side) -> No
     border = pattern.n * width + np.arange(side)
     kept = rng.permutation(np.concatenate([of_nodes[::2], border[::2]]))
     others = np.setdiff1d(np.arange(len(whole)), kept)
-    fronts = Fronts(dissect(pattern, positions, last), m, kept)
+    fronts = Fronts.of(dissect(pattern, positions, last), m, kept)
     gain = np.linalg.solve(whole[np.ix_(others, others)], whole[np.ix_(others, kept)])
     left = whole[np.ix_(kept, kept)] - whole[np.ix_(kept, others)] @ gain
     scale = np.abs(left).max()
@@ -248,7 +248,7 @@ def test_a_long_tie_lets_separators_grow() -> None:
     m = random_matrix(pattern)
     fronts = dissect(pattern, positions)
     assert largest(fronts) <= MAX_LEAF_NODES + 20
-    found = Fronts(fronts, m).inverse()
+    found = Fronts.of(fronts, m).inverse()
     np.testing.assert_allclose(found.diagonals, np.diag(np.linalg.inv(dense(m))), rtol=1e-11)
 
 
@@ -260,18 +260,18 @@ def test_what_is_not_positive_definite_is_refused() -> None:
         m = random_matrix(pattern)
         m.diagonal[place] -= 2.0 * np.diag(np.diag(m.diagonal[place]))
         with pytest.raises(SingularError):
-            Fronts(dissect(pattern, positions), m)
+            Fronts.of(dissect(pattern, positions), m)
     m = random_matrix(pattern)
     m.corner[0, 0] = np.nan
     with pytest.raises(SingularError):
-        Fronts(dissect(pattern, positions), m)
+        Fronts.of(dissect(pattern, positions), m)
 
 
 def test_a_block_that_is_not_stored_is_not_zero_but_an_error() -> None:
     positions, reach = corridor()
     pairs = near(positions, reach)
     pattern = BlockPattern(220, 2, 0, pairs[:, 0], pairs[:, 1])
-    found = Fronts(dissect(pattern, positions), random_matrix(pattern)).inverse()
+    found = Fronts.of(dissect(pattern, positions), random_matrix(pattern)).inverse()
     with pytest.raises(IndexError, match="no block"):
         found.at(np.array([0]), np.array([2 * 150]))
 
@@ -282,7 +282,7 @@ def test_pivots_are_those_of_the_order_of_elimination() -> None:
     pattern = BlockPattern(len(positions), 2, 2, pairs[:, 0], pairs[:, 1])
     m = random_matrix(pattern)
     fronts = dissect(pattern, positions)
-    found = Fronts(fronts, m)
+    found = Fronts.of(fronts, m)
     places = [2 * f.own[:, None] + np.arange(2) for f in fronts]
     order = np.concatenate([*(p.ravel() for p in places), [300, 301]])
     root = np.linalg.cholesky(dense(m)[np.ix_(order, order)])

@@ -22,6 +22,7 @@ from tests.benchmarks.scans import hall, network_of
 from tests.networks.every_kind import FRAMES
 from tests.networks.frames import network_of_frames
 from tests.networks.instruments import INSTRUMENTS, SIGMA_ANGLE, room_of
+from tests.support.elimination_rules import everything_by_qr, set_rule
 
 
 def with_photos() -> fga.Network:
@@ -99,12 +100,12 @@ def test_points_that_only_instruments_see_are_eliminated_first(
 ) -> None:
     """Estimates to 1e-6 σ, covariances to 1e-6, redundancy numbers and their parts to 1e-8."""
     network = NETWORKS[name]()
-    by_qr = fga.adjust(network, tolerance=1e-8)
-    expected, covariances = fga.reliability(by_qr), by_qr.point_covariances
-    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
-    monkeypatch.setattr(elimination_layers, "MAX_PLACED_IN_BORDER", 0)
+    with everything_by_qr():
+        by_qr = fga.adjust(network, tolerance=1e-8)
+        expected, covariances = fga.reliability(by_qr), by_qr.point_covariances
+    set_rule(monkeypatch, max_qr_variables=0, max_placed_in_border=0)
     solution = fga.adjust(network, tolerance=1e-8)
-    assert solution.converged and solution.run.solver.layers.in_fronts
+    assert solution.converged and not solution.run.solver.layers.by_qr
     assert not solution.run.solver.qr_everywhere
     assert solution.run.solver.plan.rays is not None
     assert solution.run.solver.plan.rays.spokes is not None
@@ -135,9 +136,9 @@ def test_a_hall_of_scanners_is_cut_into_small_fronts() -> None:
     network = network_of(hall(40, 6_000))
     solution = fga.adjust(network)
     layers, fronts = solution.run.solver.layers, solution.factor.fronts
-    assert solution.converged and layers.in_fronts and len(layers.alone["frame"])
+    assert solution.converged and not layers.by_qr and len(layers.alone["frame"])
     assert int(layers.reduced.sum()) == sum(not all(p.fixed) for p in network.points.values())
-    assert fronts is not None and len(fronts.fronts) > 1
+    assert len(fronts.fronts) > 1
     rel = fga.reliability(solution)
     assert rel.redundancy_numbers.sum() == pytest.approx(solution.redundancy, abs=1e-7)
     assert solution.sigma0 == pytest.approx(1.0, abs=0.04)

@@ -9,7 +9,7 @@ import pytest
 
 from factorgraph_adj.solve.linear_base import SIGMA_SAMPLES, ReducedCofactors
 from factorgraph_adj.types import Array, Index
-from tests.networks.eliminated import ELIMINATED, FIRST_LAYER, FRONTS, eliminated
+from tests.networks.eliminated import CHOLESKY, ELIMINATED, FIRST_LAYER, QR, eliminated
 
 
 class Coordinates:
@@ -51,9 +51,10 @@ def test_the_networks_have_every_sort_of_elimination():
     cases = {name: eliminated(name) for name in ELIMINATED}
     factors = {name: c.factor for name, c in cases.items()}
     assert tuple(n for n, f in factors.items() if f.points is not None) == FIRST_LAYER
-    assert any(f.points is not None and f.cliques for f in factors.values())
-    assert factors["mixed" + FRONTS].layers.in_fronts
-    assert factors["terrestrial" + FRONTS].fronts is not None
+    assert not factors["mixed"].layers.by_qr
+    assert factors["mixed" + QR].layers.leaves.any()
+    assert factors["terrestrial"].layers.by_qr
+    assert not factors["terrestrial" + CHOLESKY].layers.by_qr
     assert all(c.solution.datum is not None for n, c in cases.items() if n.endswith("free"))
     held = cases["mixed, held height"]
     assert not held.dense.free[held.points].all()

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve import elimination_layers
+from factorgraph_adj.solve.elimination_layers import RULE
 from tests.networks.drifting_block import drifting_block
+from tests.support.elimination_rules import everything_by_qr
 
 DRIFTS = 12
 
@@ -16,25 +17,16 @@ def block() -> fga.Network:
     return drifting_block(DRIFTS, photos_each=5, points_per_photo=40)
 
 
-@pytest.fixture
-def always_in_fronts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES_BESIDE_CAMERAS", 0)
-
-
-def test_drifts_and_what_all_photos_share_have_the_same_adjustment(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_drifts_and_what_all_photos_share_have_the_same_adjustment() -> None:
     """Estimates to 1e-6 σ, covariances to 1e-6, redundancy numbers to 1e-8."""
     network = block()
-    monkeypatch.setattr(elimination_layers, "MAX_PHOTOS_JOINED", 1000)
-    by_qr = fga.adjust(network)
-    assert not by_qr.run.solver.layers.in_fronts
-    expected = fga.reliability(by_qr)
-    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES_BESIDE_CAMERAS", 0)
-    monkeypatch.setattr(elimination_layers, "MAX_PHOTOS_JOINED", 30)
+    with everything_by_qr():
+        by_qr = fga.adjust(network)
+        expected = fga.reliability(by_qr)
+    assert by_qr.run.solver.layers.by_qr
     solution = fga.adjust(network)
     layers = solution.run.solver.layers
-    assert layers.in_fronts
+    assert not layers.by_qr
     assert len(layers.alone["drift"]) == DRIFTS
     assert not len(layers.alone["mount"])  # all photos have it
     assert solution.vtpv == pytest.approx(by_qr.vtpv, rel=1e-9)
@@ -57,33 +49,23 @@ def test_drifts_and_what_all_photos_share_have_the_same_adjustment(
         np.testing.assert_allclose(r, r_qr, atol=1e-8)
 
 
-def test_drifts_do_not_fill_the_border(always_in_fronts: None) -> None:
+def test_drifts_do_not_fill_the_border() -> None:
     """Only the arm, which all photos have, and the calibration are full columns."""
     solution = fga.adjust(block())
     nodes = solution.factor.nodes
-    assert nodes is not None
     assert nodes.side < 20
-    assert nodes.width <= elimination_layers.MAX_PHOTO_NODE_COMPONENTS
+    assert nodes.width <= RULE.max_photo_node_components
 
 
-def test_more_drifts_than_full_columns_may_be_are_in_fronts(
-    monkeypatch: pytest.MonkeyPatch, always_in_fronts: None
-) -> None:
-    """With the arm GTSAM would leave a dense matrix over all photos."""
-    monkeypatch.setattr(elimination_layers, "MAX_SPREAD_VARIABLES", 1)
-    assert fga.adjust(block()).run.solver.layers.in_fronts
-
-
-def test_a_few_drifts_make_no_node_wider(always_in_fronts: None) -> None:
-    few = elimination_layers.MAX_PLACED_IN_BORDER - 3
+def test_a_few_drifts_make_no_node_wider() -> None:
+    few = RULE.max_placed_in_border - 3
     solution = fga.adjust(drifting_block(few, photos_each=5, points_per_photo=40))
     assert not solution.run.solver.layers.alone
 
 
-def test_nodes_of_drifts_stand_between_their_photos(always_in_fronts: None) -> None:
+def test_nodes_of_drifts_stand_between_their_photos() -> None:
     solution = fga.adjust(block())
     nodes = solution.factor.nodes
-    assert nodes is not None
     at = nodes.positions(solution.state)[-DRIFTS:]
     centres = solution.state["pose"][:, 9:]
     for i, x in enumerate(at):

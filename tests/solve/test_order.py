@@ -8,11 +8,12 @@ import factorgraph_adj as fga
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import PhotoRange, RelativePosition, RelativeRotation
+from factorgraph_adj.solve.nested_dissection import MAX_LEAF_NODES
 
 POSES = 60
 BEACONS = {"near": (10.0, 40.0, 0.0), "far": (50.0, -45.0, 0.0)}
-MOST_IN_A_CLIQUE = 30
-"""Columns of three poses and two points are 24; with poses last all of them were one clique."""
+MOST_IN_A_FRONT = MAX_LEAF_NODES + 4
+"""Poses of a leaf, one of each neighbour, and two points; with poses last all were one front."""
 
 
 def drive() -> Network:
@@ -37,6 +38,6 @@ def drive() -> Network:
 
 
 def test_points_that_many_poses_observe_do_not_join_them_all() -> None:
-    cliques = fga.adjust(drive()).factor.cliques
-    assert len(cliques) > POSES // 2
-    assert max(len(c.frontal) + len(c.separator) for c in cliques) <= MOST_IN_A_CLIQUE
+    fronts = fga.adjust(drive()).factor.fronts.fronts
+    assert len(fronts) > 2
+    assert max(f.size for f in fronts) <= MOST_IN_A_FRONT

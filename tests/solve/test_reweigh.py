@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+
 import gtsam
 import numpy as np
 import pytest
@@ -9,7 +12,6 @@ import pytest
 from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.factor_graph.network_graph import build_graph
-from factorgraph_adj.solve import elimination_layers
 from factorgraph_adj.solve.factorisation import EliminationPlan
 from factorgraph_adj.solve.gauss_newton_steps import Step
 from factorgraph_adj.solve.given_state import solution_after_step
@@ -17,6 +19,7 @@ from factorgraph_adj.solve.minimum import readjust
 from factorgraph_adj.types import Array
 from tests.networks.adjusted import ADJUSTED
 from tests.networks.small_block import small_block
+from tests.support.elimination_rules import everything_by_qr
 
 LARGE = ("AICON", "Roma", "Ladybug, a cut")
 """Networks that show no more than the others, in more time."""
@@ -72,12 +75,12 @@ def test_adjusting_again_with_other_weights_is_adjusting(
         )
 
 
-@pytest.mark.parametrize("largest_tree", [0, 1000])
+@pytest.mark.parametrize("kind", [nullcontext, everything_by_qr])
 def test_a_step_with_other_weights_leads_to_their_minimum(
-    largest_tree: int, monkeypatch: pytest.MonkeyPatch
+    kind: Callable[[], AbstractContextManager[None]],
 ) -> None:
-    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES_BESIDE_CAMERAS", largest_tree)
-    solution = adjust(small_block(seed=2))
+    with kind():
+        solution = adjust(small_block(seed=2))
     weights = weights_of(solution.equations.n_rows)
     here = solution_after_step(solution, np.zeros(solution.equations.unknowns.n_columns), weights)
     assert not here.converged

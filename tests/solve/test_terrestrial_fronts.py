@@ -12,11 +12,11 @@ import factorgraph_adj as fga
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import Direction, HeightDifference, PhotoPosition, SlopeDistance
 from factorgraph_adj.simulation.measurement import measure
-from factorgraph_adj.solve import elimination_layers
-from factorgraph_adj.solve.reduced_system import MAX_POINT_NODE_COLUMNS
+from factorgraph_adj.solve.elimination_layers import RULE
 from tests.benchmarks.grids import simulate_grid, simulate_mixed
 from tests.networks.adjusted import ADJUSTED
 from tests.networks.small_block import small_block
+from tests.support.elimination_rules import everything_by_qr, set_rule
 
 LARGE = ("AICON", "Roma", "Ladybug, a cut")
 """Networks whose terrestrial side is empty or small; the others show more in less time."""
@@ -26,8 +26,8 @@ TREE_OF_PHOTOS = {"images, free", "aerial block", "camcal, free", "held photos"}
 
 
 @pytest.fixture
-def in_fronts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
+def by_cholesky(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_rule(monkeypatch, max_qr_variables=0)
 
 
 @pytest.mark.slow(
@@ -38,10 +38,11 @@ def in_fronts(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_network_has_the_same_adjustment(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Estimates to 1e-6 σ, covariances to 1e-6, redundancy numbers and their parts to 1e-8."""
     network = ADJUSTED[name]()
-    by_qr = fga.adjust(network)
-    expected = fga.reliability(by_qr)
-    covariances = by_qr.point_covariances
-    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
+    with everything_by_qr():
+        by_qr = fga.adjust(network)
+        expected = fga.reliability(by_qr)
+        covariances = by_qr.point_covariances
+    set_rule(monkeypatch, max_qr_variables=0)
     solution = fga.adjust(network)
     assert solution.converged == by_qr.converged
     assert not solution.run.solver.qr_everywhere
@@ -59,17 +60,17 @@ def test_every_network_has_the_same_adjustment(name: str, monkeypatch: pytest.Mo
         np.testing.assert_allclose(a, b, atol=1e-8)
 
 
-def test_some_of_these_networks_have_a_terrestrial_side(in_fronts: None) -> None:
+def test_some_of_these_networks_have_a_terrestrial_side(by_cholesky: None) -> None:
     """Otherwise the comparison would show nothing."""
     count = 0
     for name in ("gnss", "total station, free, verticals", "combined block", "own cameras"):
         solution = fga.adjust(ADJUSTED[name]())
-        count += solution.run.solver.layers.in_fronts
+        count += not solution.run.solver.layers.by_qr
     assert count == 4
 
 
 @pytest.mark.parametrize("datum", ["given", "free"])
-def test_a_grid_is_cut_into_small_fronts(datum: str, in_fronts: None) -> None:
+def test_a_grid_is_cut_into_small_fronts(datum: str, by_cholesky: None) -> None:
     network = simulate_grid(1, points=900).network
     if datum == "free":
         network.points = {n: fga.Point(p.name, p.coordinates) for n, p in network.points.items()}
@@ -77,7 +78,6 @@ def test_a_grid_is_cut_into_small_fronts(datum: str, in_fronts: None) -> None:
     solution = fga.adjust(network)
     assert solution.converged
     fronts = solution.factor.fronts
-    assert fronts is not None
     assert len(fronts.fronts) > 30 and max(f.size for f in fronts.fronts) < 90
     rel = fga.reliability(solution)
     assert rel.redundancy_numbers.sum() == pytest.approx(solution.redundancy, abs=1e-7)
@@ -87,11 +87,11 @@ def test_a_grid_is_cut_into_small_fronts(datum: str, in_fronts: None) -> None:
     "every network of the kind is compared with dense algebra or another adjustment; "
     "short tests take single ones"
 )
-def test_photos_over_a_grid_share_its_fronts(in_fronts: None) -> None:
+def test_photos_over_a_grid_share_its_fronts(by_cholesky: None) -> None:
     """Terrestrial points tie photos that are far from one another."""
     network = simulate_mixed(1, points=200).network
     solution = fga.adjust(network)
-    assert solution.converged and solution.run.solver.layers.in_fronts
+    assert solution.converged and not solution.run.solver.layers.by_qr
     a = solution.normal().system.times(np.eye(solution.equations.unknowns.n_columns))
     free = solution.equations.unknowns.free
     q = np.linalg.inv(a[:, free].T @ a[:, free])
@@ -100,7 +100,7 @@ def test_photos_over_a_grid_share_its_fronts(in_fronts: None) -> None:
     np.testing.assert_allclose(found, 1.0 - hat, atol=1e-8)
 
 
-def test_what_is_not_determined_is_named(in_fronts: None) -> None:
+def test_what_is_not_determined_is_named(by_cholesky: None) -> None:
     network = fga.Network("traverse")
     for name, at in (("A", (0.0, 0.0, 0.0)), ("B", (100.0, 0.0, 0.0)), ("C", (50.0, 80.0, 0.0))):
         network.add_point(name, at, fixed="xyz" if name != "C" else "z")
@@ -119,7 +119,7 @@ def test_what_is_not_determined_is_named(in_fronts: None) -> None:
         fga.adjust(levels)
 
 
-def test_photos_without_rays_and_cameras_without_photos_are_unknowns_too(in_fronts: None) -> None:
+def test_photos_without_rays_and_cameras_without_photos_are_unknowns_too(by_cholesky: None) -> None:
     """A photo with a weighted pose and an observed position, a weighted camera that nobody uses."""
     network = small_block(4)
     network.add_camera("spare", BrownLens(), {"c": 30.0}, free=("c",), sigma={"c": 0.5})
@@ -129,7 +129,7 @@ def test_photos_without_rays_and_cameras_without_photos_are_unknowns_too(in_fron
     )
     network.add(PhotoPosition("G", (5.15, 5.0, 9.0), sigma=(0.05,) * 3))
     solution = fga.adjust(network)
-    assert solution.converged and solution.run.solver.layers.in_fronts
+    assert solution.converged and not solution.run.solver.layers.by_qr
     # Both say the same of x, with equal weights.
     np.testing.assert_allclose(solution.pose("G").position, [5.075, 5.0, 9.0], atol=1e-9)
     found = solution.variable_covariance(("pose", "G"))
@@ -167,20 +167,12 @@ def test_many_sets_make_many_nodes_and_none_of_them_wide(
     network = stations(held=held, sets=sets)
     by_qr = fga.adjust(network)
     expected = fga.reliability(by_qr).redundancy_numbers
-    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
+    set_rule(monkeypatch, max_qr_variables=0)
     solution = fga.adjust(network)
     nodes = solution.factor.nodes
-    assert nodes is not None and nodes.width <= MAX_POINT_NODE_COLUMNS and nodes.side == 0
+    assert nodes.width <= RULE.max_point_node_columns and nodes.side == 0
     found = fga.reliability(solution).redundancy_numbers
     np.testing.assert_allclose(found, expected, atol=1e-9)
     for name in ("S0", "S5"):
         a, b = (s.orientation(name, "0").sigmas for s in (solution, by_qr))
         np.testing.assert_allclose(a, b, rtol=1e-8)
-
-
-def test_what_stands_nowhere_keeps_gtsam(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Very many distance meters would be very many full columns."""
-    monkeypatch.setattr(elimination_layers, "MAX_TREE_VARIABLES", 0)
-    monkeypatch.setattr(elimination_layers, "MAX_SPREAD_VARIABLES", -1)
-    solution = fga.adjust(simulate_grid(1, points=25).network)
-    assert solution.converged and not solution.run.solver.layers.in_fronts

@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.solve import elimination_layers
 from tests.benchmarks.blocks import SIGHTS, simulate_tied
 from tests.benchmarks.tied import differences, sparse_rows
+from tests.support.elimination_rules import everything_by_qr
 
 STATIONS = 10
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["by GTSAM", "in fronts"])
+@pytest.fixture(scope="module", params=[False, True], ids=["by Cholesky", "by QR"])
 def solution(request: pytest.FixtureRequest) -> Iterator[fga.Solution]:
-    """Return 80 photos and 10 stations, whose terrestrial side is eliminated in either way."""
+    """Return 80 photos and 10 stations, eliminated in either way."""
     network = simulate_tied(2, photos=80, stations=STATIONS, points_per_photo=30)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            elimination_layers, "MAX_TREE_VARIABLES_BESIDE_CAMERAS", 0 if request.param else 1000
-        )
+    with everything_by_qr() if request.param else nullcontext():
         found = fga.adjust(network)
-        assert found.converged and not found.run.solver.qr_everywhere
-        assert found.run.solver.layers.in_fronts == request.param
+        assert found.converged and found.run.solver.qr_everywhere == request.param
+        assert found.run.solver.layers.by_qr == request.param
         yield found
 
 

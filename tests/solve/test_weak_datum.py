@@ -312,12 +312,9 @@ def damaged(monkeypatch: pytest.MonkeyPatch, by: float) -> None:
 
     def wrong(self: Factorisation, *args: Any, **kwargs: Any) -> None:
         whole(self, *args, **kwargs)
-        if self.fronts is not None:
-            first = [*self.fronts.own[:1], *self.fronts.across[:1]]
-            for root in first or [self.fronts.root.own]:
-                root[:, 0] *= 1.0 + by
-        for clique in self.cliques[:1]:
-            clique.r[0] *= 1.0 + by
+        first = [*self.fronts.own[:1], *self.fronts.across[:1]]
+        for root in first or [self.fronts.root.own]:
+            root[:, 0] *= 1.0 + by
 
     monkeypatch.setattr(Factorisation, "__init__", wrong)
 
