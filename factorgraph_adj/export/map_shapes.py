@@ -19,7 +19,7 @@ from ..graph.variables import calibration_name
 from ..models.inverse_lens import directions
 from ..models.unknown_registry import VariableKind
 from ..quality.error_ellipses import ErrorEllipse, error_ellipses
-from ..report.adjusted_coordinates import image_statistics_by_photo
+from ..report.adjusted_photos import image_statistics_by_photo
 from ..report.adjustment_report import Report
 from ..report.html.estimates import point_states
 from ..report.observation_rows import Row, kind_name

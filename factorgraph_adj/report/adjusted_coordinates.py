@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import nan, sqrt
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from ..quality.error_ellipses import ErrorEllipse, confidence_factor
 from ..quality.point_precision import Place, place_variable
 from ..units import ANGLE, decimal, format_angle
 from .adjustment_report import Report
-from .layout import decimals, exponent, figure, paragraph, percent, short, table, title
+from .layout import decimals, exponent, paragraph, percent, title
 from .observation_rows import observation_scale
 from .tables import READ, Column, Rendering, Table, Unit, as_text, unit_of
 
@@ -111,59 +110,6 @@ def ellipse_columns(
     return [*semi_axes, shown, azimuth]
 
 
-def centre_ellipsoids_section(report: Report) -> list[str]:
-    """Return the section of error ellipsoids of the projection centres."""
-    if report.options.confidence is None or not report.ellipsoids:
-        return []
-    sizes = (a / report.small for e in report.ellipsoids.values() for a in e.semi_axes)
-    places = decimals(sizes, default=2, most=5)
-    names, note = report.cut(list(report.ellipsoids), "photos", "photos.csv")
-    rows = []
-    for name in names:
-        e = report.ellipsoids[name]
-        cells = [name]
-        for size, azimuth, dip in zip(e.semi_axes, e.azimuths, e.dips, strict=True):
-            angles = (
-                [rounded_azimuth(report, azimuth), rounded_azimuth(report, dip)]
-                if size > 0
-                else ["", ""]
-            )
-            cells += [f"{size / report.small:.{places}f}", *angles]
-        rows.append(cells)
-    unit, angle = report.units.sigma_length, report.units.angle
-    header = ["photo"]
-    for axis in "abc":
-        header += [f"{axis} [{unit}]", f"azimuth [{angle}]", "dip"]
-    heading = (
-        f"Projection centres: {percent(report.options.confidence)} error ellipsoids, "
-        f"{region_factor(report, 3):.3f} × standard ellipsoid"
-    )
-    return [*title(heading), *table(header, rows), *note]
-
-
-# -- columns of tables ----------------------------------------------------------------------------
-
-
-def photo_ellipsoid_columns(report: Report) -> dict[str, list[str]]:
-    """Return the columns of photos.csv; empty without a confidence."""
-    if report.options.confidence is None:
-        return {}
-    small, angle = report.units.sigma_length, angle_unit(report)
-    names, found = list(report.network.photos), report.ellipsoids
-    out = {"confidence": [f"{report.options.confidence:g}" if n in found else "" for n in names]}
-    for i in range(3):
-        for what, unit, size in (
-            ("semi_axes", small, report.small),
-            ("azimuths", angle, ANGLE[angle]),
-            ("dips", angle, ANGLE[angle]),
-        ):
-            noun = {"semi_axes": "axis", "azimuths": "azimuth", "dips": "dip"}[what]
-            out[f"ellipsoid_{noun}{i + 1}_{unit}"] = [
-                figure(getattr(found[n], what)[i] / size) if n in found else "" for n in names
-            ]
-    return out
-
-
 NOT_AT_A_MINIMUM = (
     "not converged: standard deviations belong to the place where the iteration stopped; at a "
     "minimum they may be several times larger or smaller"
@@ -178,65 +124,6 @@ def decimals_of_points(report: Report) -> tuple[int, int]:
     sigmas = (s / report.small for n in names for s in report.sigmas[n])
     places = decimals(sigmas, default=2, most=5)
     return places, min(max(places + exponent(report.metre / report.small * 1.0001), 0), 9)
-
-
-def photos_section(report: Report) -> list[str]:
-    """Return exterior orientation, standard deviations, number of points and RMS of each photo."""
-    network, units = report.network, report.units
-    if not network.photos:
-        return []
-    counts, norms = image_statistics_by_photo(report)
-    digits = {"dms": 1, "rad": 6, "mrad": 3, "mgon": 1, "cc": 0, "arcsec": 0}.get(units.angle, 4)
-    names, note = report.cut(list(network.photos), "photos", "photos.csv")
-    rows = []
-    for name in names:
-        pose = report.poses[name]
-        place = [decimal(v / report.metre, 4) for v in pose.position]
-        angles = [format_angle(v, units.angle, digits) for v in pose.angles]
-        rows.append(
-            [
-                name,
-                str(counts[name]),
-                f"{norms[name]:.2f}" if counts[name] else "–",
-                *place,
-                *angles,
-            ]
-        )
-        if not report.free("pose", name):
-            rows.append(["", "", "", *["held"] * 6])
-            continue
-        about = [s / report.radian for s in pose.sigma_angles]
-        centre = [s / report.small for s in pose.sigma_position]
-        sigmas = zip(
-            [*centre, *about], held_components_of_pose(network.photos[name].fixed), strict=True
-        )
-        label = f"σ [{units.sigma_length}, {units.sigma_angle}]"
-        rows.append(["", "", label, *("held" if held else short(s) for s, held in sigmas)])
-    header = ["photo", "points", "RMS v/σ", *(f"{a} [{units.length}]" for a in ("X0", "Y0", "Z0"))]
-    header += [f"{a} [{units.angle}]" for a in "ωφκ"]
-    stopped = [] if report.solution.converged else [f"  {NOT_AT_A_MINIMUM}"]
-    return [*title("Photos"), *table(header, rows), *note, *stopped]
-
-
-def held_components_of_pose(fixed: tuple[bool, ...]) -> tuple[bool, ...]:
-    """Return whether X0, Y0, Z0, ω, φ, κ are held; an angle is held if all rotations are."""
-    return (*fixed[3:], *[all(fixed[:3])] * 3)
-
-
-def image_statistics_by_photo(report: Report) -> tuple[dict[str, int], dict[str, float]]:
-    """Return number of image points and RMS v/σ of each photo."""
-    names = list(report.network.photos)
-    counts, squares = dict.fromkeys(names, 0), dict.fromkeys(names, 0.0)
-    normalised = report.solution.observations.normalised
-    for block in report.solution.equations.blocks:
-        if not block.image:
-            continue
-        v = normalised[block.rows].reshape(block.observed.shape)
-        each = (v * v).sum(axis=1).tolist()
-        for photo, square in zip(block.variables[0][1].tolist(), each, strict=True):
-            counts[names[photo]] += 1
-            squares[names[photo]] += square
-    return counts, {n: sqrt(squares[n] / (2 * c)) if c else nan for n, c in counts.items()}
 
 
 def place_name(place: Place) -> str:

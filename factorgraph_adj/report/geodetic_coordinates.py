@@ -5,17 +5,18 @@ Both are sections of the text report and columns of points.csv and photos.csv.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import log10, pi
 from typing import Any
 
 import numpy as np
 
+from ..crs.grid_places import GridPlaces
 from ..frames import MEAN_EARTH_RADIUS, LocalFrame
 from ..units import ANGLE, decimal, decimal_angle, format_angle
 from .adjusted_coordinates import decimals_of_points
 from .adjustment_report import Report
-from .layout import exponent, figures, paragraph, table, title
-from .observation_rows import without_trailing_zeros
+from .layout import exponent, paragraph, table, title
 from .tables import DATA, Column, Unit, figures_by_number, unit_of
 
 EAST_NORTH_UP = ("east", "north", "up")
@@ -212,28 +213,20 @@ def grid_columns(report: Report) -> list[Column[Any]]:
     found = report.grid
     if found is None or isinstance(report.network.frame, LocalFrame):
         return []
-    p, length = found.places, Unit(report.units.length, report.metre)
-    rounded = {"unit": length, "resolved": _resolved(report), "only": ("csv",)}
+    p = found.places
     columns: list[Column[Any]] = [
         Column(title="grid", value=figures_by_number(p.coordinates), only=("json",)),
         Column(title="sigma_grid", value=figures_by_number(p.sigma), only=("json",)),
     ]
-    for i, a in enumerate(GRID_COLUMNS):
-        value = figures_by_number(p.coordinates[:, i])
-        columns.append(Column(title=a, value=value, **rounded))  # type: ignore[arg-type]
-    for i, a in enumerate(GRID_COLUMNS):
-        columns.append(
-            Column(
-                title=f"sigma_{a}",
-                value=figures_by_number(p.sigma[:, i]),
-                unit=Unit(report.units.sigma_length, report.small),
-                suffix=True,
-                only=("csv",),
-            )
-        )
-    undulation = figures_by_number(p.undulation)
+    columns += _grid_places(report, p)
     columns += [
-        Column(title="undulation", value=undulation, **rounded),  # type: ignore[arg-type]
+        Column(
+            title="undulation",
+            value=figures_by_number(p.undulation),
+            unit=Unit(report.units.length, report.metre),
+            resolved=_resolved(report),
+            only=("csv",),
+        ),
         Column(
             title="convergence",
             value=figures_by_number(p.convergence),
@@ -249,31 +242,57 @@ def grid_columns(report: Report) -> list[Column[Any]]:
     return columns
 
 
-def grid_photo_columns(report: Report) -> dict[str, list[str]]:
-    """Return the columns of photos.csv; none without grid coordinates."""
+def grid_photo_columns(report: Report) -> list[Column[Any]]:
+    """Return the columns of photos; none without grid coordinates."""
     found = report.grid_photos
     if found is None or isinstance(report.network.frame, LocalFrame):
-        return {}
-    p, length, angle = found.places, report.units.length, report.units.angle
-    small, small_angle = report.units.sigma_length, report.units.sigma_angle
-    digits = _resolved(report)
-    out = {
-        a: [
-            without_trailing_zeros(decimal(v / report.metre, digits), length)
-            for v in p.coordinates[:, i].tolist()
-        ]
+        return []
+    p, units = found.places, report.units
+    columns = _grid_places(report, p)
+    for i, a in enumerate(("omega", "phi", "kappa")):
+        values = found.angles[:, i].tolist()
+        texts = [_signed(v, units.angle, RESOLUTION_IN_TABLES_RAD) for v in values]
+        angle = Column[Any](
+            title=f"{a}_grid",
+            value=lambda row, t=texts: t[row.number],  # type: ignore[misc]
+            only=("csv",),
+        )
+        columns.insert(len(GRID_COLUMNS) + i, angle)
+        columns.append(
+            replace(
+                angle,
+                title=f"sigma_{a}_grid",
+                value=figures_by_number(found.sigma_angles[:, i]),
+                unit=Unit(units.sigma_angle, report.radian),
+                suffix=True,
+            )
+        )
+    return columns
+
+
+def _grid_places(report: Report, places: GridPlaces) -> list[Column[Any]]:
+    """Return the columns of easting, northing and height with σ."""
+    length, small = (
+        Unit(report.units.length, report.metre),
+        Unit(report.units.sigma_length, report.small),
+    )
+    coordinates: list[Column[Any]] = [
+        Column(
+            title=a,
+            value=figures_by_number(places.coordinates[:, i]),
+            unit=length,
+            resolved=_resolved(report),
+            only=("csv",),
+        )
         for i, a in enumerate(GRID_COLUMNS)
-    }
-    about = ("omega", "phi", "kappa")
-    for i, a in enumerate(about):
-        out[f"{a}_grid"] = [
-            _signed(v, angle, RESOLUTION_IN_TABLES_RAD) for v in found.angles[:, i].tolist()
-        ]
-    out |= {
-        f"sigma_{a}_{small}": figures(p.sigma[:, i] / report.small)
+    ]
+    return coordinates + [
+        Column(
+            title=f"sigma_{a}",
+            value=figures_by_number(places.sigma[:, i]),
+            unit=small,
+            suffix=True,
+            only=("csv",),
+        )
         for i, a in enumerate(GRID_COLUMNS)
-    }
-    return out | {
-        f"sigma_{a}_grid_{small_angle}": figures(found.sigma_angles[:, i] / report.radian)
-        for i, a in enumerate(about)
-    }
+    ]

@@ -27,17 +27,15 @@ from ..statistical_tests import global_test
 from ..units import MILLIMETRE, decimal
 from . import image_axes
 from .adjusted_coordinates import (
-    image_statistics_by_photo,
     lines_table,
-    photo_ellipsoid_columns,
 )
 from .adjusted_observations import observations_csv
+from .adjusted_photos import photos_table
 from .adjusted_points import points_table
 from .adjustment_report import Report
 from .data_snooping import snooping_csv
 from .doubtful_results import unknowns_left_out
 from .frames_and_shapes import measured_frames, shapes_table
-from .geodetic_coordinates import grid_photo_columns
 from .gross_errors import unit_of_error, variance_components_table
 from .layout import LINE_WIDTH, figure, figures, paragraph, table, title
 from .observation_rows import ReportRows, all_digits
@@ -324,7 +322,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
         files["points.csv"] = as_csv(points_table(report))
         files["unknowns.csv"] = write_table(UNKNOWN_COLUMNS, _unknowns(report))
         if report.network.photos:
-            files["photos.csv"] = _photos_table(report)
+            files["photos.csv"] = as_csv(photos_table(report))
     write_files(folder, files)
 
 
@@ -335,30 +333,6 @@ def _left_out_table(report: Report) -> str:
     gone = report.network.unknowns_left_out
     columns = {name: [getattr(x, name) for x in gone] for name in ("kind", "name", "why")}
     return write_columns(columns | {"observations": [" ".join(x.ids) for x in gone]})
-
-
-def _photos_table(report: Report) -> str:
-    counts, norms = image_statistics_by_photo(report)
-    length, angle = report.units.length, report.units.angle
-    small, small_angle = report.units.sigma_length, report.units.sigma_angle
-    names = list(report.network.photos)
-    poses = [report.poses[n] for n in names]
-    columns = {"name": names, "camera": [f.camera for f in report.network.photos.values()]}
-    columns |= {a: [all_digits(p.position[i], length) for p in poses] for i, a in enumerate("xyz")}
-    columns["unit"] = [length] * len(names)
-    about = ("omega", "phi", "kappa")
-    columns |= {a: [all_digits(p.angles[i], angle) for p in poses] for i, a in enumerate(about)}
-    columns["angle_unit"] = [angle] * len(names)
-    for i, a in enumerate("xyz"):
-        columns[f"sigma_{a}_{small}"] = [figure(p.sigma_position[i] / report.small) for p in poses]
-    for i, a in enumerate(about):
-        sigmas = [figure(p.sigma_angles[i] / report.radian) for p in poses]
-        columns[f"sigma_{a}_{small_angle}"] = sigmas
-    columns |= grid_photo_columns(report)
-    columns |= photo_ellipsoid_columns(report)
-    columns["image_points"] = [str(counts[n]) for n in names]
-    columns["normalised_rms"] = [figure(norms[n]) for n in names]
-    return write_columns(columns)
 
 
 def _given_table(report: Report) -> str:

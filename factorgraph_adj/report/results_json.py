@@ -22,6 +22,7 @@ from ..statistical_tests import global_test
 from ..version import __version__
 from .adjusted_coordinates import lines_table
 from .adjusted_observations import observation_table
+from .adjusted_photos import photos_table
 from .adjusted_points import COVARIANCE_PAIRS, points_table
 from .adjustment_report import Report
 from .doubtful_results import notes_of_network, notes_of_solution
@@ -258,7 +259,7 @@ def _unknown_values(report: Report) -> dict[str, Any]:
     s, network = report.solution, report.network
     return {
         "points": as_json_by_name(points_table(report)),
-        "photos": {name: _pose(report, name) for name in network.photos},
+        "photos": as_json_by_name(photos_table(report)),
         "calibrations": {name: _calibration(report, name) for name in report.calibrations},
         "orientations": [
             {"station": station, "set": chosen, **_estimate(s.orientation(station, chosen))}
@@ -274,17 +275,6 @@ def _unknown_values(report: Report) -> dict[str, Any]:
             }
             for u in unknown_components(report)
         ],
-    }
-
-
-def _pose(report: Report, name: str) -> dict[str, Any]:
-    pose = report.poses[name]
-    return {
-        "position": list(pose.position),
-        "world_R_camera": pose.rotation.tolist(),
-        "omega_phi_kappa": list(pose.angles),
-        "sigma_position": list(pose.sigma_position),
-        "sigma_omega_phi_kappa": list(pose.sigma_angles),
     }
 
 

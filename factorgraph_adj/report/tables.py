@@ -403,6 +403,7 @@ def as_frame(made: Table[Row]) -> Columns:
     out: dict[str, np.ndarray[Any, Any]] = {}
     for c in made.within("frame"):
         cells = [c.of(row) for row in made.rows]
-        texts = not all(isinstance(v, bool | int | float) for v in cells) or not cells
+        texts = not all(isinstance(v, bool | int | float) for v in cells)
+        texts = texts or not (cells or _is_figure(c, ()))
         out[c.frame_key or c.name] = np.array(cells, dtype=object if texts else None)
     return Columns(made.name, out)

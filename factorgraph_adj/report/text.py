@@ -14,11 +14,10 @@ from ..statistical_tests import GlobalTest, global_test
 from ..units import format_angle
 from ..version import __version__
 from .adjusted_coordinates import (
-    centre_ellipsoids_section,
     lines_section,
-    photos_section,
 )
 from .adjusted_observations import adjusted_observations_section, weighted_coordinates_section
+from .adjusted_photos import centre_ellipsoids_section, photos_section
 from .adjusted_points import check_points_section, points_section, side_shots_section
 from .adjustment_report import Report
 from .data_snooping import snooping_section

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol, overload
+from typing import Protocol, overload
 
 import numpy as np
 
@@ -209,30 +209,6 @@ class AdjustedNetwork(EstimatedNetworkWithPhotos, Protocol):
     ) -> Array:
         """Return the covariance between two variables."""
         ...
-
-
-def photo_table(solution: AdjustedNetwork) -> Columns:
-    """Return ``name``, ``camera``, ``x y z``, ``omega phi kappa``, and σ.
-
-    ``sigma_rx …`` are those of rotations about the axes of the camera, radians.
-    """
-    names = list(solution.network.photos)
-    number = [solution.number("pose", n) for n in names]
-    stored = solution.state["pose"][number]
-    variances = [np.diag(solution.pose_covariance(n)) for n in names]
-    sigma = np.sqrt(np.maximum(np.array(variances).reshape(-1, 6), 0.0))
-    angles = [omega_phi_kappa(r) for r in stored[:, :9].reshape(-1, 3, 3)]
-    about = np.array(angles, dtype=float).reshape(-1, 3)
-    cameras = [f.camera for f in solution.network.photos.values()]
-    out: dict[str, np.ndarray[Any, Any]] = {
-        "name": np.array(names, dtype=object),
-        "camera": np.array(cameras, dtype=object),
-    }
-    out |= {a: stored[:, 9 + i].copy() for i, a in enumerate("xyz")}
-    out |= {a: about[:, i] for i, a in enumerate(("omega", "phi", "kappa"))}
-    out |= {f"sigma_{a}": sigma[:, 3 + i] for i, a in enumerate("xyz")}
-    out |= {f"sigma_r{a}": sigma[:, i] for i, a in enumerate("xyz")}
-    return Columns("photos", out)
 
 
 def unknown_table(solution: AdjustedNetwork) -> Columns:

@@ -235,7 +235,9 @@ class Solution(Shown):
 
     def photo_table(self) -> Columns:
         """Return the adjusted photos as columns: centres, angles and σ; metres, radians."""
-        return estimates.photo_table(self)
+        reports = import_module("factorgraph_adj.report.adjusted_photos")
+        found: Columns = reports.photo_frame(self)
+        return found
 
     def unknown_table(self) -> Columns:
         """Return all other unknowns as columns, one row for each component; SI, image units."""

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report import adjusted_points
+from factorgraph_adj.report import adjusted_photos, adjusted_points
 from factorgraph_adj.report.adjusted_observations import ObservationColumns, observations_csv
+from factorgraph_adj.report.adjusted_photos import photos_table
 from factorgraph_adj.report.adjusted_points import AdjustedPoint, points_table
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.catalogue import Texts
@@ -31,6 +32,7 @@ from factorgraph_adj.report.tables import (
 )
 from factorgraph_adj.report.text import protocol
 from tests.networks.exchanged_day import day
+from tests.networks.small_block import small_block
 from tests.networks.trilateration import trilateration
 from tests.support.pages import data_of
 
@@ -116,6 +118,46 @@ def test_a_figure_of_points_that_is_added_appears_in_every_rendering(
     table = solution.point_table()
     assert table["mean_error"] == pytest.approx(expected)
     assert "<th>mean_error</th>" in table._repr_html_()
+
+
+def test_a_figure_of_photos_that_is_added_appears_in_every_rendering(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The column is the mean standard deviation of a coordinate of the projection centre."""
+    before = adjusted_photos.photo_columns
+
+    def mean(report: Report, name: str) -> float:
+        return float(np.sqrt(np.trace(report.solution.pose_covariance(name)[3:, 3:]) / 3))
+
+    def with_mean_error(report: Report) -> list[Column]:
+        value = lambda row: mean(report, row.name)  # noqa: E731
+        added = Column(title="σP", key="mean_error", value=value, unit=MM, digits=4)
+        return [*before(report), added]
+
+    monkeypatch.setattr(adjusted_photos, "photo_columns", with_mean_error)
+    solution = fga.adjust(small_block())
+    report = Report(solution)
+    sigmas = [solution.pose(n).sigmas[3:] for n in solution.network.photos]
+    expected = np.sqrt(np.mean(np.square(sigmas), axis=1))
+    read = [f"{v / 1e-3:.4f}" for v in expected]
+
+    text = protocol(solution)
+    listing = text[text.index("Photos\n------") :].splitlines()[2:]
+    assert listing[0].split()[-2:] == ["σP", "[mm]"]
+    # Below each line stand the standard deviations of its figures.
+    assert [line.split()[-1] for line in listing[2 : 2 + 2 * len(read) : 2]] == read
+
+    page = adjustment_html(report)
+    assert ">σP [mm]</th>" in page
+    assert read in data_of(page, "sheet-photos")["columns"]
+
+    header, *rows = as_csv(photos_table(report)).splitlines()
+    at = header.split(",").index("mean_error")
+    assert [float(r.split(",")[at]) for r in rows] == pytest.approx(expected / 1e-3)
+
+    written = json.loads(results_text(report))["photos"]
+    assert [p["mean_error"] for p in written.values()] == pytest.approx(expected)
+    assert solution.photo_table()["mean_error"] == pytest.approx(expected)
 
 
 def test_a_page_of_a_solution_without_a_covariance_has_coordinates_alone() -> None:

@@ -11,12 +11,11 @@ import numpy as np
 from ...graph.variables import camera_of_calibration
 from ...models.unknown_registry import UNKNOWNS
 from ...quality.point_precision import check_points as compare
-from ...units import ANGLE, decimal, decimal_angle, format_angle, format_turn
+from ...units import ANGLE, decimal, decimal_angle, format_turn
 from ..adjusted_coordinates import (
-    held_components_of_pose,
-    image_statistics_by_photo,
     lines_table,
 )
+from ..adjusted_photos import photos_table
 from ..adjusted_points import AdjustedPoint, CheckedPoint, check_points_table, points_table
 from ..adjustment_report import Report
 from ..catalogue import Texts
@@ -110,37 +109,7 @@ def check_points_sheet(report: Report, t: Texts) -> Sheet | None:
 
 def photos_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return exterior orientations with their standard deviations, points and RMS."""
-    network, units = report.network, report.units
-    if not network.photos:
-        return None
-    counts, norms = image_statistics_by_photo(report)
-    digits = {"dms": 1, "rad": 6, "mrad": 3, "mgon": 1, "cc": 0, "arcsec": 0}.get(units.angle, 4)
-    rows = []
-    for name, photo in network.photos.items():
-        rms = f"{norms[name]:.2f}" if counts[name] else NO_FIGURE
-        cells = [name, photo.camera, str(counts[name]), rms]
-        if report.singular:
-            rows.append(cells)
-            continue
-        pose = report.poses[name]
-        cells += [decimal(v / report.metre, 4) for v in pose.position]
-        sigmas = [s / report.small for s in pose.sigma_position]
-        sigmas += [s / report.radian for s in pose.sigma_angles]
-        all_held = not report.free("pose", name)
-        held = [all_held or h for h in held_components_of_pose(photo.fixed)]
-        shown = [t("held") if h else short(s) for s, h in zip(sigmas, held, strict=True)]
-        angles = [format_angle(v, units.angle, digits) for v in pose.angles]
-        rows.append([*cells, *shown[:3], *angles, *shown[3:]])
-    number = units.angle != "dms"
-    heads: list[ColumnHead] = [(t("col_photo"), False), (t("col_camera"), False)]
-    heads += [(t("col_image_points"), True), ("RMS v/σ", True)]
-    if not report.singular:
-        names = ("X0", "Y0", "Z0")
-        heads += [(f"{a} [{units.length}]", True) for a in names]
-        heads += [(f"σ {a} [{units.sigma_length}]", True) for a in names]
-        heads += [(f"{a} [{units.angle}]", number) for a in "ωφκ"]
-        heads += [(f"σ {a} [{units.sigma_angle}]", True) for a in "ωφκ"]
-    return filled_sheet("photos", t("photos_caption"), columns_from_rows(heads, rows))
+    return as_html(photos_table(report), t)
 
 
 def lines_sheet(report: Report, t: Texts) -> Sheet | None:
