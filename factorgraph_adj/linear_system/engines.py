@@ -1,4 +1,4 @@
-"""Changes of a linear system in iSAM2 or fronts: rows join or leave, convergence, choice.
+"""Changes of a linear system in either engine, and its choice: rows join or leave, convergence.
 
 Functions of a system, which stays as it is; they return another one, or none where only a new batch
 adjustment can do it.

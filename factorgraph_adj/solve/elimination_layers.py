@@ -1,4 +1,4 @@
-"""The layers of the elimination; a network makes them once, before the first iteration.
+"""Elimination layers: points that only cameras see, and the rest; rule for Cholesky or QR.
 
 Two layers, in the order of elimination:
 

@@ -1,4 +1,4 @@
-"""The factorised normal equations of a network: pivots, solutions and covariances."""
+"""Factorisation of a whole network by Cholesky or QR: pivots, solutions and covariances."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .elimination_layers import Layers
 from .fronts import BlockMatrix, Fronts
 from .linearised_equations import LinearisedEquations
 from .nested_dissection import MAX_LEAF_NODES
+from .node_rows import NodeRows
 from .point_elimination import RayCovariances, ReducedPoints
 from .point_rays import PointRays, RaySums
 from .qr_fronts import RowElements, fronts_by_qr
 from .reduced_system import DenseNormals, Nodes, joined_node_pairs
-from .terrestrial_rows import NodeRows
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,11 @@ from .elimination_layers import RULE
 from .factorisation import EliminationPlan, Factorisation, PreparedElimination
 from .linearised_equations import LinearBlock, LinearisedEquations
 from .linearised_rays import LinearRays
+from .node_rows import NodeRows
 from .point_elimination import factorise_points
 from .point_rays import PointRays
 from .ray_leverages import first_layer_leverages, single_point_hats, spoke_leverages
 from .reduced_system import Nodes
-from .terrestrial_rows import NodeRows
 
 MAX_ELEMENTS_AT_ONCE = 8_000_000
 """Largest number of elements of joint covariances in memory at once."""

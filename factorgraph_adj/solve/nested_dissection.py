@@ -1,4 +1,4 @@
-"""Order of elimination by nested dissection: separators, and the tree of fronts.
+"""Order of elimination by nested dissection: separators, parts, and the tree of fronts.
 
 Nodes are halved along an axis of their positions, or by their distance in the graph from a node at
 its edge; the nodes of one half that are adjacent to the other half separate the two and are

@@ -3,7 +3,7 @@
 With H = Σ JₚᵀJₚ of a point, H = L Lᵀ, and W = L⁻¹ JₚᵀJ_c of each of its rays, the reduced
 normal matrix of the cameras is S = Σ J_cᵀJ_c − Σ WᵀW, the second sum over pairs of photos
 that share points. The index lists of the rays are the same in all iterations. Spokes to the frames
-of instruments (`factorgraph_adj.solve.terrestrial_rows`) have W as rays have.
+of instruments (`factorgraph_adj.solve.node_rows`) have W as rays have.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from .linearised_rays import (
     symmetric_matrices,
 )
 from .nested_dissection import BlockPattern
+from .node_rows import Spokes, add_to_spokes
 from .point_rays import RaySums
-from .terrestrial_rows import Spokes, add_to_spokes
 
 POOR_POINT_PIVOT = 1e-6
 """Relative pivot below which a point is factorised twice; a point at a distance of 1000 bases has

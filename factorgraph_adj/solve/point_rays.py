@@ -2,7 +2,7 @@
 
 A network makes the index lists once; the sums belong to a linearisation. The photos are nodes of
 the reduced system, see `factorgraph_adj.solve.reduced_system`. Spokes to other nodes follow the
-rays, see `factorgraph_adj.solve.terrestrial_rows`.
+rays, see `factorgraph_adj.solve.node_rows`.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from ..graph.image_blocks import RAYS, PointSums, stable_order
 from ..types import Array, Index
 from .linearised_equations import LinearisedEquations
 from .linearised_rays import POINT_PARTIALS, LinearRays, add_components, photo_products
+from .node_rows import SpokeRows, Spokes, add_to_points, find_spokes
 from .reduced_system import Nodes
-from .terrestrial_rows import SpokeRows, Spokes, add_to_points, find_spokes
 
 
 @dataclass(frozen=True)

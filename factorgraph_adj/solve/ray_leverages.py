@@ -17,9 +17,9 @@ import numpy as np
 from ..types import Array, Index
 from .fronts import BlockMatrix
 from .linearised_rays import POINT_PARTIALS, PointCholesky, symmetric_matrices
+from .node_rows import SpokeRows
 from .point_elimination import RayCovariances, ReducedPoints
 from .point_rays import RayPart
-from .terrestrial_rows import SpokeRows
 
 SPOKE_ROWS_AT_ONCE = 20_000
 """Largest number of observations whose products are in memory at once."""

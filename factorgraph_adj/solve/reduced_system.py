@@ -1,4 +1,4 @@
-"""Places of the unknowns in the reduced system: nodes of equal width, and a border.
+"""Places of the unknowns in the reduced system: nodes of equal width, a border, dense rows.
 
 A photo with the calibration that no other photo has is a node. So is each point outside the first
 layer, together with the orientation unknowns and the vertical at the point; further ones, and those
