@@ -29,7 +29,7 @@ from .doubtful_results import notes_of_network, notes_of_solution
 from .epochs_report import EpochsReport
 from .layout import finite_json, json_text
 from .tables import as_json, as_json_by_name, as_json_columns
-from .unknowns import unknown_components
+from .unknowns import orientations_table, unknown_components
 
 RESULTS_FORMAT = 3
 """Version of results.json; it grows with every change that a reader could stumble over."""
@@ -256,15 +256,11 @@ def _parameters(report: Report) -> dict[str, Any]:
 
 
 def _unknown_values(report: Report) -> dict[str, Any]:
-    s, network = report.solution, report.network
     return {
         "points": as_json_by_name(points_table(report)),
         "photos": as_json_by_name(photos_table(report)),
         "calibrations": {name: _calibration(report, name) for name in report.calibrations},
-        "orientations": [
-            {"station": station, "set": chosen, **_estimate(s.orientation(station, chosen))}
-            for station, chosen in network.orientations
-        ],
+        "orientations": as_json(orientations_table(report)),
         "others": [
             {
                 "kind": u.kind,
@@ -290,10 +286,6 @@ def _calibration(report: Report, name: str) -> dict[str, Any]:
         "sigma": e.sigmas.tolist(),
         "correlation": e.correlation.tolist(),
     }
-
-
-def _estimate(e: Any) -> dict[str, float]:
-    return {"value": float(e.values[0]), "sigma": float(e.sigmas[0])}
 
 
 def epochs_results_text(report: EpochsReport) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Literal
 
@@ -11,9 +11,10 @@ from ..entities import Camera, Parameter, parameter_name
 from ..graph.variables import camera_of_calibration
 from ..models.unknown_registry import UNKNOWNS, Quantity, VariableKind, parameter_kinds
 from ..quality.parameter_significance import TestedParameter
-from ..units import ANGLE, decimal, decimal_angle, format_turn
+from ..units import ANGLE, decimal, decimal_angle
 from .adjustment_report import Report
 from .layout import paragraph, percent, short, table, title, with_sigma
+from .tables import Column, Table, Unit, as_text, unit_of
 
 MAX_WARNINGS_LISTED = 10
 """Largest number of listed warnings."""
@@ -104,21 +105,60 @@ def overparametrised_section(report: Report) -> list[str]:
     return out
 
 
-def orientations_section(report: Report) -> list[str]:
-    """Return the section of orientation unknowns of the sets of directions."""
-    units = report.units
+@dataclass(frozen=True)
+class OrientationUnknown:
+    """Orientation unknown of a set of directions as a row of tables."""
+
+    station: str
+    """Station."""
+    set: str
+    """Set of directions."""
+    value: float
+    """Estimate, radians."""
+    sigma: float
+    """Standard deviation, radians."""
+    held: bool
+    """Whether it was held."""
+
+
+def orientations_table(report: Report) -> Table[OrientationUnknown]:
+    """Return the table of the orientation unknowns of the sets of directions."""
+    units, rows = report.units, []
     digits = {"dms": 2, "deg": 6, "rad": 8, "mgon": 2, "cc": 1, "arcsec": 2}.get(units.angle, 5)
-    rows = []
     for station, chosen in report.network.orientations:
         e = report.solution.orientation(station, chosen)
-        free = report.free("orientation", f"{station}/{chosen}")
-        sigma = short(float(e.sigmas[0]) / report.radian) if free else "held"
-        rows.append([station, chosen, format_turn(float(e.values[0]), units.angle, digits), sigma])
-    if not rows:
+        held = not report.free("orientation", f"{station}/{chosen}")
+        figures = float(e.values[0]), float(e.sigmas[0])
+        rows.append(OrientationUnknown(station, chosen, *figures, held))
+    columns: list[Column[OrientationUnknown]] = [
+        Column(title="station", value="station"),
+        Column(title="set", value="set"),
+        Column(
+            title="orientation",
+            key="value",
+            value="value",
+            unit=unit_of(units.angle, turn=True),
+            digits=digits,
+        ),
+        Column(
+            title="σ",
+            key="sigma",
+            value="sigma",
+            unit=Unit(units.sigma_angle, report.radian),
+            shown=lambda row: "held" if row.held else None,
+            translated=True,
+        ),
+    ]
+    return Table("orientations", rows, columns)
+
+
+def orientations_section(report: Report) -> list[str]:
+    """Return the section of orientation unknowns of the sets of directions."""
+    made = orientations_table(report)
+    if not made.rows:
         return []
-    shown, note = report.cut(rows, "orientation unknowns", "unknowns.csv")
-    header = ["station", "set", f"orientation [{units.angle}]", f"σ [{units.sigma_angle}]"]
-    return [*title("Orientation unknowns"), *table(header, shown, left=2), *note]
+    rows, note = report.cut(list(made.rows), "orientation unknowns", "unknowns.csv")
+    return [*title("Orientation unknowns"), *as_text(replace(made, rows=rows)), *note]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from ...graph.variables import camera_of_calibration
 from ...models.unknown_registry import UNKNOWNS
 from ...quality.point_precision import check_points as compare
-from ...units import ANGLE, decimal, decimal_angle, format_turn
+from ...units import ANGLE, decimal, decimal_angle
 from ..adjusted_coordinates import (
     lines_table,
 )
@@ -23,7 +23,7 @@ from ..layout import percent, short, with_sigma
 from ..plots.point_symbols import point_status
 from ..reliability import point_redundancy
 from ..tables import NO_FIGURE, Column, Sheet, as_html, figures_by_number
-from ..unknowns import STRONG_CORRELATION, unknown_components
+from ..unknowns import STRONG_CORRELATION, orientations_table, unknown_components
 from .rendering import ColumnHead, columns_from_rows, filled_sheet
 
 NEW_POINT = "new"
@@ -207,22 +207,7 @@ def _correlations(
 
 def orientations_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return the orientation unknowns of the sets of directions."""
-    if report.singular:
-        return None
-    units, rows = report.units, []
-    digits = {"dms": 2, "deg": 6, "rad": 8, "mgon": 2, "cc": 1, "arcsec": 2}.get(units.angle, 5)
-    for station, chosen in report.network.orientations:
-        e = report.solution.orientation(station, chosen)
-        free = report.free("orientation", f"{station}/{chosen}")
-        sigma = short(float(e.sigmas[0]) / report.radian) if free else t("held")
-        rows.append([station, chosen, format_turn(float(e.values[0]), units.angle, digits), sigma])
-    heads: list[ColumnHead] = [
-        (t("col_station"), False),
-        (t("col_set"), False),
-        (f"{t('col_orientation')} [{units.angle}]", units.angle != "dms"),
-        (f"σ [{units.sigma_angle}]", True),
-    ]
-    return filled_sheet("orientations", t("orientations_caption"), columns_from_rows(heads, rows))
+    return None if report.singular else as_html(orientations_table(report), t)
 
 
 def other_unknowns_sheet(report: Report, t: Texts) -> Sheet | None:
