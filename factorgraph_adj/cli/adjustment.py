@@ -24,7 +24,7 @@ from ..quality.variance_components import VarianceComponents, estimate_variance_
 from ..report.adjustment_report import Report
 from ..report.catalogue import Language
 from ..report.doubtful_results import notes_of_network, notes_of_solution, unknowns_left_out
-from ..report.gross_errors import all_doubts, most_probable_cause
+from ..report.misfit_causes import all_doubts, most_probable_cause
 from ..report.options import Provenance, ReportOptions
 from ..report.result_files import RESULT_FILES, parts_protocol, write_parts, write_tables
 from ..report.summary import (

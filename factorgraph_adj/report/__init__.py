@@ -1,1 +1,1 @@
-"""Protocols, tables and figures of an adjustment."""
+"""Reports of an adjustment and of two epochs: protocols, tables, pages and figures."""

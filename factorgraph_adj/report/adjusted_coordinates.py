@@ -1,4 +1,4 @@
-"""Adjusted points, check points, photos and lines: coordinates, σ and error ellipses.
+"""Tables of points, side shots, check points, photos and lines: coordinates, σ, error ellipses.
 
 Error ellipses of points and ellipsoids of projection centres are given if the options ask for
 them, and so are adjusted lines between pairs of places with their relative error ellipses.

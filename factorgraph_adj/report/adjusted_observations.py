@@ -1,4 +1,4 @@
-"""Adjusted observations: the table of all scalar observations, and those of some of them.
+"""The table of all scalar observations and its renderings; lists by station, weighted coordinates.
 
 `observation_table` is the one table of observations: its listing station by station, the pages,
 observations.csv, results.json and data frames are renderings of it.

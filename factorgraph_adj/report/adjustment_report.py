@@ -1,4 +1,4 @@
-"""A solution with the options of its report, and the figures of all its sections."""
+"""A solution with the options of its report, and the figures that its sections share."""
 
 from __future__ import annotations
 

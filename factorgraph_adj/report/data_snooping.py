@@ -1,4 +1,4 @@
-"""Data snooping: what it rejected, readmitted and left, as text and as tables."""
+"""Sections and tables of data snooping: what it rejected, readmitted and left unresolved."""
 
 from __future__ import annotations
 

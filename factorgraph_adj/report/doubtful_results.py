@@ -1,4 +1,4 @@
-"""Reasons why the result of an adjustment may be wrong, in one wording for all reports."""
+"""Doubts about the result of an adjustment, and notes on it, in one wording for all reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames, such as models and scanner stations, and shapes as engineers state them.
+"""Sections of frames, such as models and scanner stations, and of shapes; shapes.csv.
 
 A shape is a frame whose place, axis and sizes are reported instead of its rotation and offset.
 """

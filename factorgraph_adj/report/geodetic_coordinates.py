@@ -1,4 +1,4 @@
-"""Latitude, longitude, height, and coordinates in the grid of the reference system.
+"""Latitude, longitude, height, and coordinates in the grid of points and photos, with σ.
 
 Both are sections of the text report and columns of points.csv and photos.csv.
 """

@@ -1,4 +1,4 @@
-"""Scalar observations of a solution and their groups, in the units of reports."""
+"""Scalar observations of a solution, their groups and identity, in the units of reports."""
 
 from __future__ import annotations
 

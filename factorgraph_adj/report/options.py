@@ -1,4 +1,4 @@
-"""Options of a report, and the provenance of its solution."""
+"""Options of a report, and the provenance of its solution: the run and the earlier steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rejected observations as the solution without them predicts them."""
+"""Rejected observations as the solution without them predicts them, with test values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A solution, or that of a network in parts, as files: text, results.json, CSV tables.
+"""Result files of a solution: text, results.json, CSV tables; files and text of one in parts.
 
 The names of the columns, or a column beside the value, state the units of CSV tables.
 results.json has metres, radians and image units throughout.
@@ -36,8 +36,8 @@ from .adjustment_report import Report
 from .data_snooping import snooping_csv
 from .doubtful_results import unknowns_left_out
 from .frames_and_shapes import measured_frames, shapes_table
-from .gross_errors import unit_of_error, variance_components_table
 from .layout import LINE_WIDTH, figure, figures, paragraph, table, title
+from .misfit_causes import unit_of_error, variance_components_table
 from .observation_rows import ReportRows, all_digits
 from .options import Provenance, ReportOptions, Run
 from .results_json import results_text

@@ -1,4 +1,4 @@
-"""The report of an adjustment as plain text of fixed width, for readers and archives."""
+"""The report as plain text of fixed width: overview, doubts, global test, precision, datum."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ from .geodetic_coordinates import (
     grid_section,
     reference_system_line,
 )
-from .gross_errors import (
+from .layout import LINE_WIDTH, paragraph, short, table, title
+from .misfit_causes import (
     all_doubts,
     causes_section,
     exchange_hints,
@@ -38,7 +39,6 @@ from .gross_errors import (
     most_probable_cause,
     variance_components_section,
 )
-from .layout import LINE_WIDTH, paragraph, short, table, title
 from .options import Provenance, ReportOptions, Run
 from .reliability import reliability_section, suspects_section, weakest_section
 from .unknowns import (

@@ -1,4 +1,4 @@
-"""Calibrations, orientation unknowns, refraction, verticals and other unknowns."""
+"""Sections of calibrations, inseparable parameters, orientations, refraction, other unknowns."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ from factorgraph_adj.report.plots import (
     set_aside,
 )
 from factorgraph_adj.report.plots.observation_lines import observation_places, rejected_image_points
-from factorgraph_adj.report.plots.photo_residuals import sensor_coverage
+from factorgraph_adj.report.plots.photo_figures import sensor_coverage
 from factorgraph_adj.report.plots.reliability_figures import histogram_edges
 
 LONG = pytest.mark.slow(

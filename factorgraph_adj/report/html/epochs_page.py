@@ -1,4 +1,4 @@
-"""The HTML page of two epochs: verdict, plan of the displacements, tables, origin."""
+"""The HTML page of two epochs: tables of tests and motions, plan of the displacements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of estimates: points, photos, lines, calibrations, other unknowns, shapes."""
+"""Page tables of estimates: points, photos, lines, calibrations, other unknowns, shapes."""
 
 from __future__ import annotations
 

@@ -15,8 +15,8 @@ from ..adjusted_observations import observation_table, test_symbol
 from ..adjustment_report import Report
 from ..catalogue import Texts
 from ..data_snooping import findings, rejected_points_table, rejected_table, unresolved_table
-from ..gross_errors import MAX_IDS_OF_CAUSE, unit_of_error, variance_components_table
 from ..layout import listed, short
+from ..misfit_causes import MAX_IDS_OF_CAUSE, unit_of_error, variance_components_table
 from ..observation_rows import Row
 from ..reliability import MAX_INSEPARABLE_LISTED
 from ..tables import NO_FIGURE, Column, Sheet, Table, as_html

@@ -1,4 +1,4 @@
-"""The report of an adjustment as one HTML file, with the data of its figures.
+"""The page of an adjustment and the writing of any page; data of its statistical figures.
 
 The data of the statistical figures are histograms of test values, their quantiles, redundancy
 numbers, and mean photos.

@@ -21,8 +21,8 @@ from ..doubtful_results import (
     unknowns_left_out,
 )
 from ..epochs_report import EpochsReport
-from ..gross_errors import all_doubts
 from ..layout import listed, percent, short
+from ..misfit_causes import all_doubts
 from ..reliability import point_redundancy
 
 LightColour: TypeAlias = Literal["green", "amber", "red", "none"]

@@ -1,4 +1,4 @@
-"""The drawing plane of a network, with the instruments, shapes and wires in it.
+"""The drawing plane of a network; places of frames and instruments, outlines of shapes, in it.
 
 Outlines of shapes follow from their estimates and their points.
 """

@@ -1,4 +1,4 @@
-"""Error ellipses and intervals of heights, exaggerated in a plan."""
+"""Confidence regions in a plan: error ellipses and intervals of heights, exaggerated, drawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All figures of an adjustment as files."""
+"""Files of figures as .png, .svg or .pdf: all figures of an adjustment, or a single one."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ...statistical_tests import CONFIDENCE_OF_REGION
 from ..rejected_observations import RejectedObservations
 from .image_residuals import image_rows, image_tests
 from .network_plan import plot_network
-from .photo_residuals import plot_mean_photo, plot_photos
+from .photo_figures import plot_mean_photo, plot_photos
 from .reliability_figures import plot_qq, plot_redundancy, plot_w
 from .style import empty_figure, in_package_style, write_cause
 

@@ -1,4 +1,4 @@
-"""Image residuals as arrays, by photo or as means, and as vectors with their test."""
+"""Image points as arrays with test values, mean photos, worst photos; vectors and their scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The plan of an adjusted network with its error ellipses, or its heights alone.
+"""The plan of an adjusted network, or its heights along a schematic order; axes with digits.
 
 Heights without plan coordinates are drawn over a schematic order of the points along the lines.
 """

@@ -1,4 +1,4 @@
-"""Observed lines and photos in a plan; rejected and suspect observations in figures."""
+"""Observed lines and photos in a plan; rejected and suspect observations in plans and photos."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Common parts of all figures: optional matplotlib, colours, readable numbers, scale keys."""
+"""Common parts of figures: matplotlib, style, doubts written over them, numbers, scale keys."""
 
 from __future__ import annotations
 

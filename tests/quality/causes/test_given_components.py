@@ -9,7 +9,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.report.adjustment_report import Report
-from factorgraph_adj.report.gross_errors import given_values_section
+from factorgraph_adj.report.misfit_causes import given_values_section
 
 PLACES = {
     "A": (0.0, 0.0, 10.0),

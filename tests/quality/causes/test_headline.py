@@ -12,7 +12,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.observations import GnssPosition, GnssVector
 from factorgraph_adj.observations.registry import TOTAL_STATION_QUANTITIES
 from factorgraph_adj.report.adjustment_report import Report
-from factorgraph_adj.report.gross_errors import most_probable_cause
+from factorgraph_adj.report.misfit_causes import most_probable_cause
 from tests.benchmarks.causes import adjusted
 from tests.networks.building_site import site
 

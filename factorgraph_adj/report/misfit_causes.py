@@ -1,4 +1,4 @@
-"""Data snooping, likely causes of misfits, given values, and variance components."""
+"""Likely causes of misfits, tests of given values, variance components; all doubts together."""
 
 from __future__ import annotations
 

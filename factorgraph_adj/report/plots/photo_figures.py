@@ -1,4 +1,4 @@
-"""Figures of image residuals: one photo, several photos, and the mean photo of a camera.
+"""Figures of photos: residuals in one, in several, as means; how much of the sensor is covered.
 
 The sensor is drawn with its format and with the part of it that image points cover.
 """
