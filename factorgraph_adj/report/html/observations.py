@@ -1,4 +1,4 @@
-"""Tables of observations: all, control, largest tests, rejected ones, likely causes."""
+"""Page tables: observations, control, groups, largest tests, rejected, given values, causes."""
 
 from __future__ import annotations
 
