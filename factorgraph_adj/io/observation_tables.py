@@ -1,4 +1,4 @@
-"""Reader of images.csv, observations.csv, covariances.csv with joint Σ, and doubts.csv."""
+"""Reader of the tables images.csv, observations.csv, covariances.csv and doubts.csv."""
 
 from __future__ import annotations
 
