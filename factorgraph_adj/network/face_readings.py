@@ -1,4 +1,4 @@
-"""Readings of a total station as the field book has them, and their problems."""
+"""Readings in one face of a total station as the field book has them; checks of their faces."""
 
 from __future__ import annotations
 

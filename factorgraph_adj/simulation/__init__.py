@@ -1,1 +1,1 @@
-"""Simulated networks: measurement of a plan with random errors, and simulated blocks."""
+"""Simulated networks: their specs and parts, drawn errors of readings, values a plan takes."""

@@ -1,4 +1,4 @@
-"""The report of an adjustment as one HTML file that people open; the extra ``report`` is required.
+"""Reports of adjustments and of two epochs as HTML files that people open (extra ``report``).
 
 The page is made by a template of jinja2. Plotly draws plan, 3-D view and statistics, DataTables (as
 itables packs it) sorts, filters and exports tables. Both libraries and all data stand packed in the
