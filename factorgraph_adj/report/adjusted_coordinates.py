@@ -1,7 +1,6 @@
-"""Tables of points, side shots, check points, photos and lines: coordinates, σ, error ellipses.
+"""Adjusted lines with relative ellipses; decimals, angles and ellipse columns of coordinates.
 
-Error ellipses of points and ellipsoids of projection centres are given if the options ask for
-them, and so are adjusted lines between pairs of places with their relative error ellipses.
+Lines join pairs of places. Lines and ellipses are given if the options ask for them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Adjusted photos: exterior orientations with their precision, a table for all renderings."""
+"""Adjusted photos: the table of exterior orientations with σ, ellipsoids of projection centres."""
 
 from __future__ import annotations
 

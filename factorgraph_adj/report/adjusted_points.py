@@ -1,4 +1,4 @@
-"""Adjusted points and check points: a table of each, for text, pages and programs."""
+"""Tables of adjusted points, side shots and check points, for text, pages and programs."""
 
 from __future__ import annotations
 
