@@ -30,6 +30,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "sphinx_copybutton",
     "docstrings",
+    "kinds",
 ]
 exclude_patterns = ["_build", "_ext", "Thumbs.db", ".DS_Store"]
 # A class has two names, that of the package and that of its module.

@@ -372,9 +372,18 @@ if not _TYPE_CHECKING:  # a type checker would then accept any name as public
             return found
         if not name.startswith("_") and _find_spec(f"{__name__}.{name}") is not None:
             return _import_module(f"{__name__}.{name}")
+        if not name.startswith("_") and name in _found_in_modules():
+            return _found_in_modules()[name]
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
+
+
+def _found_in_modules() -> dict[str, type]:
+    """Return the classes of kinds of observations that modules state themselves, by name."""
+    from .observations.built_in_kinds import FOUND_IN_MODULES
+
+    return {kind.observation.__name__: kind.observation for kind in FOUND_IN_MODULES}
 
 
 def __dir__() -> list[str]:
     """Return the public names: what a script needs, and not what has been imported so far."""
-    return list(__all__)
+    return sorted({*__all__, *_found_in_modules()})

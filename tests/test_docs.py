@@ -34,6 +34,7 @@ from typing import Any
 import pytest
 
 import factorgraph_adj
+from docs._ext.kinds import with_kinds
 from factorgraph_adj.cli.command_line import _parser, main
 from factorgraph_adj.export.formats import EXPORT_FORMATS
 from factorgraph_adj.io.readers import READERS
@@ -288,7 +289,8 @@ def test_every_test_that_a_page_names_is_there() -> None:
 @pytest.mark.parametrize("module", [factorgraph_adj, factorgraph_adj.observations, plots])
 def test_every_public_name_is_in_the_reference(module: Any) -> None:
     folder = ROOT / "docs" / "reference" / "api"
-    text = "\n".join(p.read_text(encoding="utf-8") for p in sorted(folder.glob("*.md")))
+    pages = [p.read_text(encoding="utf-8") for p in sorted(folder.glob("*.md"))]
+    text = "\n".join(with_kinds(page) for page in pages)
     documented = [
         getattr(importlib.import_module(home), name, None)
         for home, name in re.findall(r"^\.\. auto\w+:: (\S+)\.(\w+)$", text, re.MULTILINE)
@@ -302,9 +304,33 @@ def test_every_public_name_is_in_the_reference(module: Any) -> None:
         assert not [n for n in names if f".{n}`" not in index]
 
 
+def test_every_kind_and_every_table_of_unknowns_has_a_row() -> None:
+    """Rows of the file format that nobody wrote follow from the records of the kinds."""
+    pages = {n: (ROOT / "docs" / "reference" / f"{n}.md") for n in ("file_format", "equations")}
+    pages["equations"] = pages["equations"].with_name("observation_equations.md")
+    text = {n: with_kinds(p.read_text(encoding="utf-8")) for n, p in pages.items()}
+    for name in set(KINDS) - {"image"}:  # image points have a table and equations of their own
+        assert re.search(rf"^\|[^|]*`{name}`", text["file_format"], re.MULTILINE), name
+        assert f"`{name}`" in text["equations"], name
+    for kind in UNKNOWNS.values():
+        if kind.table is not None:
+            assert text["file_format"].count(f"| `{kind.table.file}.csv` |") == 1, kind.name
+
+
+def test_a_row_that_nobody_wrote_follows_from_the_record() -> None:
+    page = (ROOT / "docs" / "reference" / "file_format.md").read_text(encoding="utf-8")
+    less = re.sub(r"^\| `(gyro_azimuth|gyros\.csv)` \|.*\n", "", page, flags=re.MULTILINE)
+    rows = set(with_kinds(less).splitlines()) - set(page.splitlines())
+    assert rows == {
+        "| `gyro_azimuth` | `station` `target` | `value` "
+        "| `instrument_height` `target_height` `gyro` |",
+        "| `gyros.csv` | `name` `value` with a unit, σ of each, `fixed`: gyrotheodolite |",
+    }
+
+
 def test_every_name_of_the_reference_is_there() -> None:
     for page in sorted((ROOT / "docs" / "reference").rglob("*.md")):
-        text = page.read_text(encoding="utf-8")
+        text = with_kinds(page.read_text(encoding="utf-8"))
         for what, name in re.findall(r"^\.\. auto(\w+):: (\S+)$", text, re.MULTILINE):
             module, _, attribute = name.rpartition(".")
             if what == "module":

@@ -15,17 +15,29 @@ import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.unknown_registry import UnknownTable, unknown_kind
+from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.solve.datum_defects import generators
 from tests.networks import extension
+from tests.networks.every_kind import (
+    EXAMPLES,
+    GEOMETRIES,
+    OBSERVED,
+    Example,
+    Stated,
+    sight_equations,
+)
+from tests.networks.everything import everything
 from tests.networks.extension import (
     SIMILARITY,
     TREND,
     TRUE,
+    DriftingStep,
     SamePoint,
     drifting_levels,
     registered,
     two_epochs,
 )
+from tests.networks.random_small import random_network
 from tests.support.dense import Dense
 from tests.support.differences import assert_partials_are_right, observed_as_computed
 from tests.support.same import assert_same_network
@@ -283,6 +295,36 @@ def test_an_unknown_of_a_kind_that_the_network_does_not_state_is_named() -> None
         network.set_unknown("similarity", "x", TRUE, fixed=["scale"])
     with pytest.raises(fga.InputError, match="tx: either fixed or sigma"):
         network.set_unknown("similarity", "x", TRUE, fixed=["tx"], sigma={"tx": 1.0})
+
+
+def test_its_german_names_are_those_of_its_records() -> None:
+    """The catalogue of texts has no row for it."""
+    german = Texts("de")
+    assert german.kind("drifting step") == "Höhenunterschied mit Gang"
+    assert german.kind("trend of level") == german.kind("trend") == "Gang des Nivelliers"
+    assert german.kind("weighted trend") == "gewichtet Gang des Nivelliers"
+    assert german.kind("same point") == "same point"  # whose record has none
+
+
+def test_an_example_of_it_is_enough_for_networks_of_every_kind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    example = Example(
+        lambda: [DriftingStep("i", "l", 0.1, sigma=0.01, trend="old", time=1 / 3)],
+        (Stated("trend", "old", (0.3, -1 / 7), (1e-2,)),),
+    )
+    monkeypatch.setitem(EXAMPLES, "drifting_step", example)
+    monkeypatch.setitem(OBSERVED, "drifting_step", example.observations)
+    equations, steps = sight_equations("curved", GEOMETRIES["ordinary"])
+    assert "drifting_step" in {block.kind for block in equations.blocks}
+    assert steps[equations.unknowns.columns("trend", 0)].tolist() == [1e-2, 1e-2]
+    assert "drifting_step" in {o.kind for o in everything("local").observations.values()}
+    drawn = [random_network(seed) for seed in range(20)]
+    observed = [DriftingStep in {type(item) for item in d.items} for d in drawn]
+    assert 0 < sum(observed) < len(drawn)
+    assert all(
+        ("old" in d.bare.of_kind("trend")) == o for d, o in zip(drawn, observed, strict=True)
+    )
 
 
 def test_the_records_are_those_of_the_documentation() -> None:

@@ -143,6 +143,8 @@ class UnknownKind:
     on_earth: bool = False
     """Whether it is the height of a surface, or a constant of azimuths, that many places share:
     on the curved Earth observations of it tell a free network by little where it is."""
+    titles: Mapping[str, str] = field(default_factory=dict)
+    """Its title in reports by language, such as ``de``, where no catalogue of texts has it."""
 
     @property
     def title(self) -> str:

@@ -22,7 +22,7 @@ from .airborne_observations import (
     PhotoTilt,
 )
 from .base import AxesObservation, Observation, Sight, VectorObservation
-from .built_in_kinds import BUILT_IN
+from .built_in_kinds import BUILT_IN, FOUND_IN_MODULES
 from .correlated_observations import AnyObservation, Correlated, gauss_markov
 from .frame_observations import (
     FrameCoordinate,
@@ -171,3 +171,8 @@ __all__ = [
     "observation_kind",
     "register_observation",
 ]
+
+# Classes whose modules state their records themselves; type checkers find them in these modules.
+_found = {kind.observation.__name__: kind.observation for kind in FOUND_IN_MODULES}
+globals().update(_found)
+__all__ += sorted(_found)

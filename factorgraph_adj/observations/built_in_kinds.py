@@ -1,11 +1,18 @@
-"""Registration of all built-in kinds; records of terrestrial, GNSS, image and frame kinds."""
+"""Registration of all built-in kinds; records of terrestrial, GNSS, image and frame kinds.
+
+A module of this package that states `KINDS_IN_MODULE`, and `UNKNOWNS_IN_MODULE` if its kinds have
+an unknown of their own, needs no line here: its records are found and registered.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from importlib import import_module
 from math import pi
+from pkgutil import iter_modules
 
 from ..models import positions, sub_frame, terrestrial_observations
+from ..models.unknown_registry import register_unknown
 from . import kind_records
 from .frame_observations import FrameCoordinate, FrameVector
 from .image import ImagePoint
@@ -194,6 +201,28 @@ _BUILT_IN: Sequence[ObservationKind] = (
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)
+
+
+def register_modules(names: Sequence[str]) -> Iterator[ObservationKind]:
+    """Register the records that modules state, those of unknowns first; yield observations."""
+    for name in names:
+        module = import_module(name)
+        for unknown in getattr(module, "UNKNOWNS_IN_MODULE", ()):
+            register_unknown(unknown)
+        for kind in getattr(module, "KINDS_IN_MODULE", ()):
+            yield register_observation(kind)
+
+
+FOUND_IN_MODULES = tuple(
+    register_modules(
+        [
+            found.name
+            for found in iter_modules(import_module(__package__).__path__, f"{__package__}.")
+            if found.name != __name__
+        ]
+    )
+)
+"""Records that modules state themselves."""
 
 BUILT_IN = tuple(KINDS)
 """Names of the built-in kinds, in order."""

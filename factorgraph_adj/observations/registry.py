@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from functools import cached_property
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -187,6 +187,8 @@ class ObservationKind:
     frame of its own; empty if it needs no such setup, as a tape or a level."""
     outline: Outline | None = None
     """How plans draw what its first frame is, from the points that it has: a shape, a wire."""
+    titles: Mapping[str, str] = field(default_factory=dict)
+    """Its name in reports by language, such as ``de``, where no catalogue of texts has it."""
 
     @property
     def name(self) -> str:

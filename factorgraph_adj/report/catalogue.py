@@ -12,6 +12,8 @@ from importlib.resources import files
 from typing import Literal, TypeAlias, get_args
 
 from ..errors import InputError
+from ..models.unknown_registry import UNKNOWNS
+from ..observations.registry import KINDS
 
 Language: TypeAlias = Literal["en", "de"]
 """Languages of the report."""
@@ -24,7 +26,8 @@ _CATALOGUES = {
 TEXTS_BY_LANGUAGE: dict[str, dict[str, str]] = {n: c["texts"] for n, c in _CATALOGUES.items()}
 """Texts by language and identifier."""
 KINDS_BY_LANGUAGE: dict[str, dict[str, str]] = {n: c["kinds"] for n, c in _CATALOGUES.items()}
-"""Names of kinds of observations and unknowns; one that is missing keeps its English name."""
+"""Names of kinds of observations and unknowns; the record of a kind may state what is missing here,
+and a name that neither has stays English."""
 _WEIGHTED = "weighted "
 """Beginning of the names of given values of unknowns as observations."""
 
@@ -74,7 +77,16 @@ class Texts:
         return f"{found or name}{comma}{rest}"
 
     def _kind(self, name: str) -> str:
-        return KINDS_BY_LANGUAGE[self.language].get(name.replace(" ", "_"), "")
+        key = name.replace(" ", "_")
+        return KINDS_BY_LANGUAGE[self.language].get(key) or self._stated_by_record(key)
+
+    def _stated_by_record(self, key: str) -> str:
+        """Return the name that the record of a kind of observation or unknown states itself."""
+        for record in (*KINDS.values(), *UNKNOWNS.values()):
+            named = {record.name, getattr(record, "title", record.name).replace(" ", "_")}
+            if key in named and self.language in record.titles:
+                return record.titles[self.language]
+        return ""
 
     def kinds(self, kinds: Iterable[str]) -> str:
         """Return the names of kinds as they are registered."""

@@ -1,12 +1,14 @@
 """Small networks with every kind of observation, in every frame and lens model.
 
-A new kind of observation is one line in `OBSERVED`, a new frame one in `FRAMES`, a new lens
-model one in `LENSES_USED`; the tests that use these tables then check it.
+A new kind of observation is one entry in `EXAMPLES`, a new frame one in `FRAMES`, a new lens model
+one in `LENSES_USED`; the tests that use these tables then check it. The examples are also in the
+network of everything and in the networks drawn by chance, see `add_examples`; these have kinds of
+`OBSERVED` in places of their own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,6 +28,7 @@ from factorgraph_adj.models.normalised_lens import (
 )
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
 from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import KINDS
 from factorgraph_adj.observations.airborne_observations import ANGLES
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.types import Array
@@ -53,6 +56,35 @@ SHUTTER = {"shutter": "shutter", "velocity": (55.0, -20.0, 3.0), **DRIFTED}
 TURNS_AND_ARM = ("rx", "ry", "rz", "x", "y", "z")
 MOUNTED = dict(zip(TURNS_AND_ARM, (0.02, -0.03, 0.05, 0.1, -0.04, 0.07), strict=True))
 """Mount of an instrument, rad and metres."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """An unknown of a kind that only examples have."""
+
+    kind: str
+    """Its kind."""
+    name: str
+    """Its name, to which observations refer."""
+    values: tuple[float, ...]
+    """Its true values, SI."""
+    steps: tuple[float, ...]
+    """Steps along its components for differences, or one for all of them."""
+
+
+@dataclass(frozen=True)
+class Example:
+    """Observations of a kind between the points i, j, k, l, and of the photos f, g."""
+
+    observations: Callable[[], list[o.Observation]]
+    """Makes them."""
+    unknowns: tuple[Stated, ...] = ()
+    """What they need besides points and photos."""
+
+
+EXAMPLES: dict[str, Example] = {}
+"""An example of each kind that no other network of the tests states. A kind in frames of its own, or
+with parameters of `OBSERVED`, has its line there, in `everything` and in `random_more`."""
 
 OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "slope_distance": lambda: [o.SlopeDistance("i", "j", 1.0, instrument="edm", **SIGHT)],
@@ -259,6 +291,34 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "gyro_azimuth": lambda: [o.GyroAzimuth("i", "j", 0.0, gyro="gyro", **SIGHT)],
 }
 """Observations of each kind between the points i, j, k, l, of frames, and of the photos f, g."""
+OBSERVED |= {kind: example.observations for kind, example in EXAMPLES.items()}
+
+
+def add_unknowns(network: Network) -> dict[str, tuple[float, ...]]:
+    """State the unknowns of `EXAMPLES`, free; return a step for each kind of them."""
+    stated = [x for example in EXAMPLES.values() for x in example.unknowns]
+    for x in stated:
+        network.set_unknown(x.kind, x.name, x.values)
+    return {x.kind: x.steps for x in stated}
+
+
+def add_examples(network: Network, points: Sequence[str], photos: Sequence[str] = ()) -> None:
+    """Add `EXAMPLES` to a network with other points and photos than i, j, k, l and f, g.
+
+    Args:
+        network: gets the unknowns of the examples and their observations.
+        points: names for i, j, k and l; kinds of more points are left out.
+        photos: names for f and g, likewise.
+    """
+    add_unknowns(network)
+    called = dict(zip("ijkl", points, strict=False)) | dict(zip("fg", photos, strict=False))
+    for example in EXAMPLES.values():
+        for x in example.observations():
+            named = {a: getattr(x, a) for a in KINDS[x.kind].named}
+            if set(named.values()) <= {*called, None}:
+                there = {a: name and called[name] for a, name in named.items()}
+                network.add(replace(x, **there))
+
 
 _GRS80 = ellipsoid("GRS80")
 
@@ -356,6 +416,7 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     add_profile(network)
     network.set_level("lake", 110.0)
     network.set_gyro("gyro", 0.02)
+    steps_of_examples = add_unknowns(network)
     for kind, make in OBSERVED.items():
         local = isinstance(frame, LocalFrame)
         if kind.startswith("astronomic") and local:
@@ -389,6 +450,7 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
         "level": (1.0,),
         "profile": (1.0, 1.0, 1.0, 1e-3),
         "gyro": (0.01,),
+        **steps_of_examples,
     }
     return equations, _steps(equations, steps)
 
@@ -412,6 +474,7 @@ def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations
     add_flight(network)
     add_profile(network)
     network.set_distance_meter("edm", scale=3e-5, zero=0.02, free=("scale", "zero"))
+    steps_of_examples = add_unknowns(network)
     for make in OBSERVED.values():
         # Lines in images have equations of their own, see `line_equations`.
         for x in (x for x in make() if x.photos() and set(x.frames()) <= {*network.frames}):
@@ -431,6 +494,7 @@ def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations
         "attitude_drift": (1e-2,),
         "shutter": (1e-2,),
         "profile": (1.0, 1.0, 1.0, 1e-3),
+        **steps_of_examples,
     }
     return equations, _steps(equations, steps)
 

@@ -12,6 +12,7 @@ from factorgraph_adj.models.lens_registry import LENSES
 from factorgraph_adj.models.orthogonal_lens import OrthogonalLens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.stochastic_model import StandardDeviation
+from tests.networks.every_kind import add_examples
 
 FRAMES = {
     "topocentric": TopocentricFrame(0.83, 0.2, 432.1, "Bessel1841", 6_400_000.0),
@@ -222,6 +223,7 @@ def everything(frame_name: str) -> Network:
     n.add_image_points("f1", ['"D"', "A"], [[1.5, 0.0], [1 / 3, 7]], sigma=[[0.003, 0.004]] * 2)
     n.add(o.ImagePoint("f3", "A", 1, -2, sigma=0.3, id="own"))
     _add_alignment(n)
+    add_examples(n, ("A", "B, 2", "#C", '"D"'), ("f1", "f2"))
     return n
 
 

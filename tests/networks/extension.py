@@ -22,7 +22,6 @@ from factorgraph_adj.models.unknown_registry import (
     Component,
     UnknownKind,
     UnknownTable,
-    register_unknown,
 )
 from factorgraph_adj.observations import (
     KINDS,
@@ -31,9 +30,9 @@ from factorgraph_adj.observations import (
     ObservationKind,
     SlopeDistance,
     VectorObservation,
-    register_observation,
 )
 from factorgraph_adj.observations.base import Sigma
+from factorgraph_adj.observations.built_in_kinds import register_modules
 from factorgraph_adj.observations.variances import LENGTHS
 from factorgraph_adj.rotation import exp_rotation, log_rotation, skew
 from factorgraph_adj.simulation.measurement import measure
@@ -154,6 +153,7 @@ TREND = UnknownKind(
     variable_size=True,
     late=2,
     table=UnknownTable("trends"),
+    titles={"de": "Gang des Nivelliers"},
 )
 
 
@@ -193,25 +193,24 @@ DRIFTING_STEP = ObservationKind(
     drifting_step,
     ("time",),
     linear=True,
+    titles={"de": "Höhenunterschied mit Gang"},
 )
 
 
-OBSERVED = (SAME_POINT, MOVED_DISTANCE, DRIFTING_STEP)
+UNKNOWNS_IN_MODULE = (SIMILARITY, TREND)
+KINDS_IN_MODULE = (SAME_POINT, MOVED_DISTANCE, DRIFTING_STEP)
 
 
 @contextmanager
 def registered() -> Iterator[None]:
     """Let the package know these kinds for a while."""
-    register_unknown(SIMILARITY)
-    register_unknown(TREND)
-    for observed in OBSERVED:
-        register_observation(observed)
+    assert tuple(register_modules([__name__])) == KINDS_IN_MODULE
     try:
         yield
     finally:
-        for kind in (SIMILARITY, TREND):
+        for kind in UNKNOWNS_IN_MODULE:
             del UNKNOWNS[kind.name]
-        for observed in OBSERVED:
+        for observed in KINDS_IN_MODULE:
             del KINDS[observed.name]
 
 

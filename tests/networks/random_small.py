@@ -51,7 +51,7 @@ from factorgraph_adj.rotation import TURN_ABOUT_X
 from factorgraph_adj.simulation.measurement import disturb, look_at, measure
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
-from tests.networks.every_kind import FRAMES
+from tests.networks.every_kind import EXAMPLES, FRAMES, add_examples
 from tests.networks.random_more import add_more, without_sense
 from tests.support.arrivals import bare, items
 
@@ -66,6 +66,8 @@ STRIPS = 0.12
 """Share of the networks with a strip that bends."""
 FLOODED = 0.2
 """Share of the networks with surfaces of water and pressure, and instruments that go with them."""
+BY_EXAMPLE = 0.2
+"""Share of the networks with the kinds that `every_kind` has examples of."""
 FEWEST, MOST = 10, 30
 """Number of readings."""
 SIDE, HEIGHT, APART = 60.0, 20.0, 6.0
@@ -179,6 +181,7 @@ class _Draw:
             if not self.frame.left_handed:
                 middle = self._place(np.array([SIDE, SIDE, HEIGHT]) / 2)
                 add_more(self.network, self.axes, middle, self.seed)
+            self._examples()
         return self.network
 
     def _strip(self) -> None:
@@ -243,6 +246,15 @@ class _Draw:
                 PhotoSight(name, tuple(up.tolist()), seen, sigma=(1e-3, 1e-3)),
                 ProfileHeight(None, 0.0, photo=name, profile="barometer", sigma=0.05),
             )
+
+    def _examples(self) -> None:
+        """Let kinds that have an example observe points and photos of some networks."""
+        rng = np.random.default_rng([self.seed, 1905])  # other draws stay what they were
+        if rng.random() > BY_EXAMPLE or not EXAMPLES:
+            return
+        points, photos = (list(x) for x in (self.network.points, self.network.photos))
+        seen = [rng.permutation(x).tolist() for x in (points, photos)]
+        add_examples(self.network, *seen)
 
     def _points(self) -> None:
         at: list[Array] = []
