@@ -82,11 +82,10 @@ class Texts:
 
     def _stated_by_record(self, key: str) -> str:
         """Return the name that the record of a kind of observation or unknown states itself."""
-        for record in (*KINDS.values(), *UNKNOWNS.values()):
-            named = {record.name, getattr(record, "title", record.name).replace(" ", "_")}
-            if key in named and self.language in record.titles:
-                return record.titles[self.language]
-        return ""
+        if key in KINDS:
+            return KINDS[key].titles.get(self.language, "")
+        titled = (u for u in UNKNOWNS.values() if key in (u.name, u.title.replace(" ", "_")))
+        return next((u.titles.get(self.language, "") for u in titled), "")
 
     def kinds(self, kinds: Iterable[str]) -> str:
         """Return the names of kinds as they are registered."""

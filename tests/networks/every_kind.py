@@ -83,8 +83,8 @@ class Example:
 
 
 EXAMPLES: dict[str, Example] = {}
-"""An example of each kind that no other network of the tests states. A kind in frames of its own, or
-with parameters of `OBSERVED`, has its line there, in `everything` and in `random_more`."""
+"""An example of each kind that no other network of the tests states. A kind in frames of its own,
+or with parameters of `OBSERVED`, has its line there, in `everything` and in `random_more`."""
 
 OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "slope_distance": lambda: [o.SlopeDistance("i", "j", 1.0, instrument="edm", **SIGHT)],
