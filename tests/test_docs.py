@@ -306,19 +306,20 @@ def test_every_public_name_is_in_the_reference(module: Any) -> None:
 
 def test_every_kind_and_every_table_of_unknowns_has_a_row() -> None:
     """Rows of the file format that nobody wrote follow from the records of the kinds."""
-    pages = {n: (ROOT / "docs" / "reference" / f"{n}.md") for n in ("file_format", "equations")}
-    pages["equations"] = pages["equations"].with_name("observation_equations.md")
-    text = {n: with_kinds(p.read_text(encoding="utf-8")) for n, p in pages.items()}
+    columns, equations = (
+        with_kinds(PAGES[f"docs/reference/{page}.md"].read_text(encoding="utf-8"))
+        for page in ("file_format", "observation_equations")
+    )
     for name in set(KINDS) - {"image"}:  # image points have a table and equations of their own
-        assert re.search(rf"^\|[^|]*`{name}`", text["file_format"], re.MULTILINE), name
-        assert f"`{name}`" in text["equations"], name
+        assert re.search(rf"^\|[^|]*`{name}`", columns, re.MULTILINE), name
+        assert f"`{name}`" in equations, name
     for kind in UNKNOWNS.values():
         if kind.table is not None:
-            assert text["file_format"].count(f"| `{kind.table.file}.csv` |") == 1, kind.name
+            assert columns.count(f"| `{kind.table.file}.csv` |") == 1, kind.name
 
 
 def test_a_row_that_nobody_wrote_follows_from_the_record() -> None:
-    page = (ROOT / "docs" / "reference" / "file_format.md").read_text(encoding="utf-8")
+    page = PAGES["docs/reference/file_format.md"].read_text(encoding="utf-8")
     less = re.sub(r"^\| `(gyro_azimuth|gyros\.csv)` \|.*\n", "", page, flags=re.MULTILINE)
     rows = set(with_kinds(less).splitlines()) - set(page.splitlines())
     assert rows >= {

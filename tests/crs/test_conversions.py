@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.network.grid.observations import converted
 from factorgraph_adj.observations import KINDS
 from factorgraph_adj.observations.offsets import HydrostaticReading
 from factorgraph_adj.observations.relations import CoordinateDifference, PointDirection
 from factorgraph_adj.rotation import omega_phi_kappa
+from tests.networks.every_kind import OBSERVED
 from tests.networks.grid_site import NAMES, UNDULATION, Site
 from tests.networks.grids import GRIDS
 
@@ -286,18 +289,16 @@ def test_what_cannot_be_converted_is_refused(site: Site, message: str) -> None:
 
 def test_every_kind_that_counts_from_axes_is_converted_or_refused() -> None:
     """A kind that fixes coordinates, direction or attitude never passes unchanged by default."""
-    from factorgraph_adj.network.grid.observations import converted
-
-    kept = {"astronomic_latitude", "astronomic_longitude", "navigation_attitude"}
+    default, refused = converted.dispatch(object), set()
+    context: Any = None  # what refuses looks at no place
     for kind in KINDS.values():
-        if kind.fixes != "nothing" and kind.name not in kept:
-            own = converted.dispatch(kind.observation)
-            default = converted.dispatch(object)
-            assert own is not default or kind.name in {
-                "antenna_vector",
-                "radial_offset",
-                "strip_coordinate",
-            }, kind.name
+        if kind.fixes != "nothing" and converted.dispatch(kind.observation) is default:
+            refused.add(kind.name)
+            for o in OBSERVED[kind.name]():
+                with pytest.raises(InputError, match="and cannot be converted from a grid"):
+                    default(o, context, context, 0)
+    assert {"antenna_vector", "radial_offset", "strip_coordinate"} <= refused
+    assert not {"azimuth", "gyro_azimuth", "control", "gnss_position", "photo_attitude"} & refused
 
 
 def test_a_network_on_the_earth_is_no_network_in_a_grid(site: Site) -> None:

@@ -30,7 +30,7 @@ from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import KINDS, ControlPoint, UnitVector
 from factorgraph_adj.simulation.measurement import look_at, measure
 from factorgraph_adj.types import Array
-from tests.networks.every_kind import OBSERVED, TURNS_AND_ARM
+from tests.networks.every_kind import OBSERVED, TURNS_AND_ARM, add_unknowns
 from tests.support.arrivals import bare, batch, chunks, difference
 from tests.support.differences import whitened_system
 from tests.support.graphs import normal_equations
@@ -184,6 +184,7 @@ def empty_network() -> fga.Network:
         ("collimation_error", "telescope"),
     ):
         network.set_unknown(name, of, (1e-4,), sigma=1e-4)
+    add_unknowns(network, sigma=1e-4)
     return network
 
 

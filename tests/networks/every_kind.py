@@ -294,11 +294,11 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
 OBSERVED |= {kind: example.observations for kind, example in EXAMPLES.items()}
 
 
-def add_unknowns(network: Network) -> dict[str, tuple[float, ...]]:
-    """State the unknowns of `EXAMPLES`, free; return a step for each kind of them."""
+def add_unknowns(network: Network, *, sigma: float | None = None) -> dict[str, tuple[float, ...]]:
+    """State the unknowns of `EXAMPLES`, free or weighted; return steps by kind."""
     stated = [x for example in EXAMPLES.values() for x in example.unknowns]
     for x in stated:
-        network.set_unknown(x.kind, x.name, x.values)
+        network.set_unknown(x.kind, x.name, x.values, sigma=sigma)
     return {x.kind: x.steps for x in stated}
 
 
