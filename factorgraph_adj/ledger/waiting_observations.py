@@ -1,4 +1,4 @@
-"""Waiting observations: what they lack, parts that hang together, excerpts as networks.
+"""Known variables; waiting observations: what they lack, their parts; excerpts as networks.
 
 Candidates are counted in arrays. An excerpt is the part of a network that some observations touch,
 as a network of its own: the models, the search for approximate values and the adjustment of small

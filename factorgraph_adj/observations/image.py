@@ -1,4 +1,4 @@
-"""Image coordinates of points; the ids of all observations, and numbers in them."""
+"""`ImagePoint`; ids of observations of every kind, and the next number that is free in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Relations of points and of shapes, which may be conditions; points on lines in images.
+"""Equal distances, right angles, directions, parallel axes of shapes; image points of lines.
 
 Their observed values are zero as a rule; points and shapes come from other observations.
 """

@@ -68,9 +68,7 @@ def test_it_is_looked_for_when_others_are_suspects(monkeypatch: pytest.MonkeyPat
     """Not with each arrival, and after each command that may take a reading out."""
     inc = heights(*(levelled("A", "B", 1.0 - 0.5 * i, f"{i}") for i in range(3)))
     looks: list[int] = []
-    monkeypatch.setattr(
-        state_queries.doubtful_results, "suspects_doubts", lambda *_: looks.append(1) or ()
-    )
+    monkeypatch.setattr(state_queries.doubts, "suspects_doubts", lambda *_: looks.append(1) or ())
     for i in range(3):
         _ = inc.doubts
         inc.add(levelled("A", "C", 2.0, f"good {i}"))
