@@ -63,7 +63,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": ["gallery"],
     # Every script is run and writes its picture itself, as it does from the command line.
     "filename_pattern": r"\.py$",
-    "ignore_pattern": r"((make_.*|__init__)\.py$)|published_blocks",
+    "ignore_pattern": r"(make_.*|__init__)\.py$",
     "image_scrapers": ("pictures.written_picture",),
     "reset_argv": "pictures.arguments",
     "within_subsection_order": "FileNameSortKey",

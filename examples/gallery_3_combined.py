@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 import factorgraph_adj as fga
-from examples.published_blocks.industry_block import CAMERA, CORNERS, industry_block_plan
+from examples.published_blocks.industry_1981 import CAMERA, CORNERS, industry_block_plan
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance, ZenithAngle
 from factorgraph_adj.simulation.measurement import Truth, disturb, measure
 from factorgraph_adj.units import GON

@@ -11,7 +11,7 @@ import argparse
 import numpy as np
 
 import factorgraph_adj as fga
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 from factorgraph_adj.experiment.runs import Experiment, run
 
 MM = 1e-3

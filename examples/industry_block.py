@@ -9,7 +9,7 @@ heights with σ 0.5 mm.
 import numpy as np
 
 import factorgraph_adj as fga
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 
 simulated = simulate_industry_block(seed=2)
 solution = fga.adjust(simulated.network)

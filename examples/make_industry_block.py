@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import factorgraph_adj as fga
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 from factorgraph_adj.rotation import omega_phi_kappa
 from factorgraph_adj.units import GON
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 import factorgraph_adj as fga
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
 from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.units import GON

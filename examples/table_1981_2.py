@@ -2,7 +2,7 @@
 ===============================
 
 Accuracy of the adjustments of the industry block.
-``examples.published_blocks.industry_block`` describes the geometry.
+``examples.published_blocks.industry_1981`` describes the geometry.
 """
 
 import argparse

@@ -12,7 +12,7 @@ values are assumptions:
   and longitude are observed at four points of the edge, or at two ends of the cross.
 - The check points are the 47 points inside the edge, which are never control.
 
-**Table 2**: see `examples.published_blocks.industry_block`.
+**Table 2**: see `examples.published_blocks.industry_1981`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, si
 from factorgraph_adj.statistical_tests import chi2_quantile
 from factorgraph_adj.units import MILLIMETRE
 
-from ..published_blocks.industry_block import simulate_industry_block
+from ..published_blocks.industry_1981 import simulate_industry_block
 from ..published_blocks.spec_parts import IspBlock
 
 IspCase = Literal["full", "reduced", "layout 1", "layout 2", "layout 3"]

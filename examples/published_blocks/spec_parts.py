@@ -27,7 +27,7 @@ from .el_hakim_1986 import (
     aerial_1986_plan,
     close_range_1986_plan,
 )
-from .industry_block import industry_block_plan
+from .industry_1981 import industry_block_plan
 
 
 def _isp_camera() -> Camera:
@@ -82,7 +82,7 @@ class IspBlock(Part):
 
 @dataclass(frozen=True)
 class IndustryBlock(Part):
-    """Industry block of El-Hakim & Faig (1981), see `examples.published_blocks.industry_block`.
+    """Industry block of El-Hakim & Faig (1981), see `examples.published_blocks.industry_1981`.
 
     The block defines its own datum; a spec with this part alone needs no control.
     """

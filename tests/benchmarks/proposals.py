@@ -13,7 +13,7 @@ from time import perf_counter
 
 import numpy as np
 
-from examples.published_blocks.industry_block import industry_block_plan
+from examples.published_blocks.industry_1981 import industry_block_plan
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.planning.candidate_search import CandidateSearch
 from factorgraph_adj.planning.candidates import Candidate, identified, with_candidates

@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 from factorgraph_adj import adjust
 from factorgraph_adj.blas_threads import VARIABLES
 from factorgraph_adj.experiment.runs import Experiment, run

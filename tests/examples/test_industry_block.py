@@ -18,7 +18,7 @@ from examples.papers.tables_1981 import (
     IndustryFigures,
     industry_figures,
 )
-from examples.published_blocks.industry_block import (
+from examples.published_blocks.industry_1981 import (
     CAMERA,
     CERTIFICATE,
     CONVERGENT,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 from factorgraph_adj.entities import Point
 from factorgraph_adj.graph.user_factors import KeyOf
 from factorgraph_adj.observations import Direction, HorizontalDistance, SlopeDistance

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 import factorgraph_adj as fga
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import (
     ControlPoint,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from examples.published_blocks.industry_block import MICROMETRE, simulate_industry_block
+from examples.published_blocks.industry_1981 import MICROMETRE, simulate_industry_block
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.solve.estimates import ObservationRecord
 

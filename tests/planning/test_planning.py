@@ -11,7 +11,7 @@ import pytest
 
 import factorgraph_adj as fga
 from examples.published_blocks.el_hakim_1986 import aerial_1986_plan, close_range_1986_plan
-from examples.published_blocks.industry_block import industry_block_plan
+from examples.published_blocks.industry_1981 import industry_block_plan
 from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from examples.published_blocks.industry_block import CAMERA, simulate_industry_block
+from examples.published_blocks.industry_1981 import CAMERA, simulate_industry_block
 from factorgraph_adj.models.image import ALONG_Y, EXCHANGED
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import HeightDifference

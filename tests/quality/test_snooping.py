@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.observation_selection import without

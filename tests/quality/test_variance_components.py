@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from scipy import linalg, optimize, stats
 
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.factor_graph.network_graph import build_graph

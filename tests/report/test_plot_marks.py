@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from examples.published_blocks.industry_block import industry_block_plan, simulate_industry_block
+from examples.published_blocks.industry_1981 import industry_block_plan, simulate_industry_block
 from factorgraph_adj.errors import Doubt, InputError
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.planning.plan import plan

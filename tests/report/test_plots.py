@@ -14,7 +14,7 @@ import pytest
 from scipy.stats import norm
 
 import factorgraph_adj as fga
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 from factorgraph_adj.errors import SingularError
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import ControlPoint, SlopeDistance

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 import factorgraph_adj as fga
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 from examples.published_blocks.spec_parts import (
     Aerial1986,
     CloseRange1986,

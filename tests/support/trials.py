@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from examples.published_blocks.industry_block import simulate_industry_block
+from examples.published_blocks.industry_1981 import simulate_industry_block
 from factorgraph_adj import adjust
 from factorgraph_adj.blas_threads import numbers_of_threads
 
