@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from math import isfinite, log10, sqrt
 from typing import Any
 
@@ -19,9 +20,19 @@ from ..quality.reliability import Reliability
 from ..units import decimal
 from .adjustment_report import Report
 from .layout import decimals, paragraph, short, title
-from .observation_rows import Row, identity_columns
+from .observation_rows import POINT_COLUMNS, Row, identity_columns
 from .rejected_observations import RejectedObservations
-from .tables import DATA, Column, Table, Unit, as_csv, as_frame, as_text, figures_by_number
+from .tables import (
+    DATA,
+    ArrayRows,
+    Column,
+    FiguresByNumber,
+    Table,
+    Unit,
+    as_csv,
+    as_frame,
+    as_text,
+)
 
 ROUNDING_OF_REDUNDANCY = 1e-9
 """Redundancy number below which there is nothing but rounding."""
@@ -44,11 +55,7 @@ def observation_table(report: Report, rows: Sequence[Row] | None = None) -> Tabl
     """
     chosen = report.rows.all() if rows is None else rows
     of = ObservationColumns(report, chosen)
-    found = [*of.station_by_station(), *of.identity(), *of.values(), *of.figures()]
-    if report.snooping is not None:
-        found.append(Column(title="set_aside", value=lambda row: False, only=("csv",)))
-    source = Column[Row](title="source", value=_source, only=("html", "csv", "json"))
-    return Table("observations", chosen, (*found, source))
+    return Table("observations", chosen, (*of.station_by_station(), *of.every_rendering()))
 
 
 class ObservationColumns:
@@ -58,20 +65,44 @@ class ObservationColumns:
         """Refer to rows of the report, which determine the decimals."""
         self.report = report
         self.rows = rows
-        self._places = decimals_by_unit(rows)
 
-    def station_by_station(self) -> list[Column[Row]]:
-        """Return the identity of observations between points in text, each station once."""
+    # What follows from all rows together waits until a rendering asks for it.
+
+    @cached_property
+    def _places(self) -> dict[str, tuple[int, int]]:
+        return decimals_by_unit(self.rows)
+
+    @cached_property
+    def _begun(self) -> set[int]:
+        """Numbers of the rows at which a station begins."""
         before = [None, *self.rows][:-1]
-        begun = {
+        return {
             row.number
             for row, last in zip(self.rows, before, strict=True)
             if last is None or row.names[:1] != last.names[:1]
         }
+
+    @cached_property
+    def _identities(self) -> dict[str, dict[int, str]]:
+        """The columns that identify the rows, by the number of the row."""
+        numbers = [row.number for row in self.rows]
+        cells = identity_columns(self.rows)
+        return {n: dict(zip(numbers, v, strict=True)) for n, v in cells.items()}
+
+    def every_rendering(self) -> list[Column[Row]]:
+        """Return the columns of all renderings; text has those of `station_by_station` before."""
+        found = [*self.identity(), *self.values(), *self.figures()]
+        if self.report.snooping is not None:
+            found.append(Column(title="set_aside", value=lambda row: False, only=("csv",)))
+        source = Column[Row](title="source", value=_source, only=("html", "csv", "json"))
+        return [*found, source]
+
+    def station_by_station(self) -> list[Column[Row]]:
+        """Return the identity of observations between points in text, each station once."""
         station = "station_frame" if any(r.frame for r in self.rows) else "station"
 
         def first(row: Row) -> str:
-            return row.names[0] if row.names and row.number in begun else ""
+            return row.names[0] if row.names and row.number in self._begun else ""
 
         return [
             Column(title=station, value=first, only=("text",)),
@@ -85,22 +116,21 @@ class ObservationColumns:
 
     def identity(self) -> list[Column[Row]]:
         """Return kind, name and id as a page has them, and the columns of tables of a project."""
-        cells = identity_columns(self.rows)
-        place = {row.number: i for i, row in enumerate(self.rows)}
 
-        def cell(name: str) -> Callable[[Row], str]:
-            values = cells[name]
-            return lambda row: values[place[row.number]]
+        def place(name: str) -> Callable[[Row], str]:
+            return lambda row: self._identities[name][row.number]
 
-        written = [n for n in cells if n not in ("observed", "unit")]
+        written: dict[str, str | Callable[[Row], str]]
+        written = {"id": "id", "kind": "kind", **{n: place(n) for n in POINT_COLUMNS}}
+        written |= {n: n for n in ("photo", "frame", "component")}
         framed = ("id", "kind", "component")
         return [
             Column(title="observation", value="what", only=("html",)),
             Column(title="kind", value="kind_name", only=("html",), translated=True),
             Column(title="id", value="own_id", only=("html",)),
             *(
-                Column(title=n, value=cell(n), only=DATA if n in framed else ("csv", "json"))
-                for n in written
+                Column(title=n, value=v, only=DATA if n in framed else ("csv", "json"))
+                for n, v in written.items()
             ),
         ]
 
@@ -159,25 +189,25 @@ class ObservationColumns:
             title="effect",
             key="largest_effect",
             suffix=True,
-            value=figures_by_number(rel.largest_effect),
+            value=FiguresByNumber(rel.largest_effect),
             unit=Unit(small, report.small),
             only=("csv", "frame"),
         )
         controlled = Column[Row](
-            title="controlled", value=figures_by_number(rel.controlled), only=DATA
+            title="controlled", value=FiguresByNumber(rel.controlled), only=DATA
         )
         return [
             self.redundancy_number(rel),
-            *(Column(title=n, value=figures_by_number(v), only=("csv",)) for n, v in shares),
+            *(Column(title=n, value=FiguresByNumber(v), only=("csv",)) for n, v in shares),
             replace(self.test(), only=("text",)),
             replace(self.test(), shown=None, only=("html",)),
-            Column(title="w", value=_signed(rel.w), only=DATA),
-            Column(title="τ", key="tau", value=_signed(rel.tau), only=DATA),
+            Column(title="w", value=FiguresByNumber(rel.w, signed=True), only=DATA),
+            Column(title="τ", key="tau", value=FiguresByNumber(rel.tau, signed=True), only=DATA),
             self.detectable(rel),
             Column(
                 title="δ̄",
                 key="delta_bar",
-                value=figures_by_number(rel.delta_bar),
+                value=FiguresByNumber(rel.delta_bar),
                 only=("csv", "frame"),
             ),
             largest,
@@ -187,7 +217,7 @@ class ObservationColumns:
 
     def redundancy_number(self, rel: Reliability) -> Column[Row]:
         """Return r."""
-        value = figures_by_number(rel.redundancy_numbers)
+        value = FiguresByNumber(rel.redundancy_numbers)
         return Column(
             title="r",
             key="redundancy_number",
@@ -201,7 +231,7 @@ class ObservationColumns:
     def test(self) -> Column[Row]:
         """Return the test value of the report; a star stands at critical ones."""
         values, critical = self.report.tests
-        value = _signed(values)
+        value = FiguresByNumber(values, signed=True)
 
         def starred(row: Row) -> str | None:
             found = value(row)
@@ -217,7 +247,7 @@ class ObservationColumns:
         def shown(row: Row) -> str | None:
             return None if isfinite(tests[row.number]) else ""
 
-        value = figures_by_number(rel.mdb)
+        value = FiguresByNumber(rel.mdb)
         return Column(
             title="∇", key="mdb", value=value, unit=_fine, shown=shown, help="mdb", **options
         )
@@ -227,7 +257,7 @@ class ObservationColumns:
         return Column(
             title="error",
             key="estimated_error",
-            value=_signed(rel.estimated_errors),
+            value=FiguresByNumber(rel.estimated_errors, signed=True),
             unit=_fine,
             help="error",
             **options,
@@ -255,12 +285,6 @@ def _source(row: Row) -> str:
     return row.source
 
 
-def _signed(values: Any) -> Callable[[Row], float]:
-    """Return the function that gives each row its figure in the axes of files."""
-    every = values.tolist()
-    return lambda row: row.sign * every[row.number]
-
-
 def observations_csv(report: Report) -> str:
     """Return observations.csv: all figures of each observation; rejected ones are at the end."""
     made, aside = observation_table(report), report.set_aside
@@ -275,8 +299,17 @@ def observation_frame(rel: Reliability, numbers: Sequence[int] | None = None) ->
         numbers: numbers of rows; None: all.
     """
     report = Report(rel.solution, known=rel)
-    rows = report.rows.all() if numbers is None else report.rows.at(numbers)
-    return as_frame(observation_table(report, [_in_network(r) for r in rows]))
+    rows: Sequence[Row]
+    if numbers is None:
+        table = rel.solution.observations
+        text = {"id": table.ids, "kind": table.kinds, "component": table.components}
+        fields = {n: np.array(v, dtype=object) for n, v in text.items()}
+        fields |= {"residual": table.residuals.copy(), "sigma": table.sigmas.copy()}
+        fields |= {"number": np.arange(len(table)), "sign": np.ones(len(table))}
+        rows = ArrayRows(fields, lambda: [_in_network(r) for r in report.rows.all()])
+    else:
+        rows = [_in_network(r) for r in report.rows.at(numbers)]
+    return as_frame(Table("observations", rows, ObservationColumns(report, rows).every_rendering()))
 
 
 def _in_network(row: Row) -> Row:

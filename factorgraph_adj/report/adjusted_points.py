@@ -23,7 +23,7 @@ from .adjusted_coordinates import (
 from .adjustment_report import Report
 from .geodetic_coordinates import geographic_columns, grid_columns
 from .layout import decimals, percent, rms, title
-from .tables import READ, Column, Rendering, Table, Unit, as_frame, as_text, figures_by_number
+from .tables import READ, Column, FiguresByNumber, Rendering, Table, Unit, as_frame, as_text
 
 COVARIANCE_PAIRS = {
     "xx": (0, 0),
@@ -82,11 +82,11 @@ def _coordinates(report: Report, rows: Sequence[AdjustedPoint]) -> Iterator[Colu
     x, units = report.solution.state["point"], report.units
     metre, digits = Unit(units.length, report.metre), decimals_of_points(report)[1]
     yield Column(title="point", key="name", value="name")
-    yield Column(title="xyz", value=figures_by_number(x), only=("json",))
+    yield Column(title="xyz", value=FiguresByNumber(x), only=("json",))
     for i, a in enumerate("xyz"):
         yield Column(
             title=a,
-            value=figures_by_number(x[:, i]),
+            value=FiguresByNumber(x[:, i]),
             unit=metre,
             digits=digits,
             exact=True,
@@ -100,12 +100,12 @@ def _precision(report: Report, rows: Sequence[AdjustedPoint]) -> Iterator[Column
     places, digits = decimals_of_points(report)
     sigmas, unit = np.array(list(report.sigmas.values())).reshape(-1, 3), Unit(small, report.small)
     covariances = report.solution.point_covariances
-    yield Column(title="sigma", value=figures_by_number(sigmas), only=("json",))
+    yield Column(title="sigma", value=FiguresByNumber(sigmas), only=("json",))
     for i, a in enumerate("xyz"):
         yield Column(
             title=f"σ{a}",
             key=f"sigma_{a}",
-            value=figures_by_number(sigmas[:, i]),
+            value=FiguresByNumber(sigmas[:, i]),
             unit=unit,
             digits=places,
             suffix=True,
@@ -114,12 +114,12 @@ def _precision(report: Report, rows: Sequence[AdjustedPoint]) -> Iterator[Column
             only=_renderings(report, rows, i),
         )
     pairs = np.stack([covariances[:, i, j] for i, j in COVARIANCE_PAIRS.values()], axis=1)
-    yield Column(title="covariance", value=figures_by_number(pairs), only=("json",))
+    yield Column(title="covariance", value=FiguresByNumber(pairs), only=("json",))
     square = Unit(f"{small}2", report.small**2)
     for k, pair in enumerate(COVARIANCE_PAIRS):
         yield Column(
             title=f"covariance_{pair}",
-            value=figures_by_number(pairs[:, k]),
+            value=FiguresByNumber(pairs[:, k]),
             unit=square,
             suffix=True,
             only=("csv",),
@@ -129,7 +129,7 @@ def _precision(report: Report, rows: Sequence[AdjustedPoint]) -> Iterator[Column
     yield from _regions(report, places)
     free = report.solution.equations.unknowns["point"].free
     for i, a in enumerate("xyz"):
-        yield Column(title=f"held_{a}", value=figures_by_number(~free[:, i]), only=("frame",))
+        yield Column(title=f"held_{a}", value=FiguresByNumber(~free[:, i]), only=("frame",))
     yield Column(
         title="side_shot",
         value=lambda row: given[row.number].side_shot or None,

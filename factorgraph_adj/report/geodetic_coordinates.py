@@ -17,7 +17,7 @@ from ..units import ANGLE, decimal, decimal_angle, format_angle
 from .adjusted_coordinates import decimals_of_points
 from .adjustment_report import Report
 from .layout import exponent, paragraph, table, title
-from .tables import DATA, Column, Unit, figures_by_number, unit_of
+from .tables import DATA, Column, FiguresByNumber, Unit, unit_of
 
 EAST_NORTH_UP = ("east", "north", "up")
 ANGLE_DIGIT_TOLERANCE = 0.1
@@ -100,17 +100,17 @@ def geographic_columns(report: Report, digits: int) -> list[Column[Any]]:
         "only": ("html", *DATA),
     }
     columns: list[Column[Any]] = [
-        Column(title="latitude", value=figures_by_number(found.latitude), **angle),  # type: ignore[arg-type]
-        Column(title="longitude", value=figures_by_number(found.longitude), **angle),  # type: ignore[arg-type]
+        Column(title="latitude", value=FiguresByNumber(found.latitude), **angle),  # type: ignore[arg-type]
+        Column(title="longitude", value=FiguresByNumber(found.longitude), **angle),  # type: ignore[arg-type]
         Column(title="geographic_unit", value=lambda row: unit.name, only=("csv",)),
-        Column(title="height", value=figures_by_number(found.height), **height),  # type: ignore[arg-type]
-        Column(title="sigma_east_north_up", value=figures_by_number(found.sigma), only=("json",)),
+        Column(title="height", value=FiguresByNumber(found.height), **height),  # type: ignore[arg-type]
+        Column(title="sigma_east_north_up", value=FiguresByNumber(found.sigma), only=("json",)),
     ]
     return columns + [
         Column(
             title=f"σ{a[0].upper()}",
             key=f"sigma_{a}",
-            value=figures_by_number(found.sigma[:, i]),
+            value=FiguresByNumber(found.sigma[:, i]),
             unit=Unit(units.sigma_length, report.small),
             suffix=True,
             only=("html", "csv", "frame"),
@@ -215,28 +215,28 @@ def grid_columns(report: Report) -> list[Column[Any]]:
         return []
     p = found.places
     columns: list[Column[Any]] = [
-        Column(title="grid", value=figures_by_number(p.coordinates), only=("json",)),
-        Column(title="sigma_grid", value=figures_by_number(p.sigma), only=("json",)),
+        Column(title="grid", value=FiguresByNumber(p.coordinates), only=("json",)),
+        Column(title="sigma_grid", value=FiguresByNumber(p.sigma), only=("json",)),
     ]
     columns += _grid_places(report, p)
     columns += [
         Column(
             title="undulation",
-            value=figures_by_number(p.undulation),
+            value=FiguresByNumber(p.undulation),
             unit=Unit(report.units.length, report.metre),
             resolved=_resolved(report),
             only=("csv",),
         ),
         Column(
             title="convergence",
-            value=figures_by_number(p.convergence),
+            value=FiguresByNumber(p.convergence),
             unit=unit_of(decimal_angle(report.units.angle)),
             suffix=True,
             only=("csv", "json"),
         ),
     ]
     for key, factors in (("scale", p.scale), ("combined_factor", p.combined)):
-        columns.append(Column(title=key, value=figures_by_number(factors), only=("json",)))
+        columns.append(Column(title=key, value=FiguresByNumber(factors), only=("json",)))
         texts = [f"{v:.10f}" for v in factors.tolist()]
         columns.append(Column(title=key, value=lambda row, t=texts: t[row.number], only=("csv",)))  # type: ignore[misc]
     return columns
@@ -262,7 +262,7 @@ def grid_photo_columns(report: Report) -> list[Column[Any]]:
             replace(
                 angle,
                 title=f"sigma_{a}_grid",
-                value=figures_by_number(found.sigma_angles[:, i]),
+                value=FiguresByNumber(found.sigma_angles[:, i]),
                 unit=Unit(units.sigma_angle, report.radian),
                 suffix=True,
             )
@@ -279,7 +279,7 @@ def _grid_places(report: Report, places: GridPlaces) -> list[Column[Any]]:
     coordinates: list[Column[Any]] = [
         Column(
             title=a,
-            value=figures_by_number(places.coordinates[:, i]),
+            value=FiguresByNumber(places.coordinates[:, i]),
             unit=length,
             resolved=_resolved(report),
             only=("csv",),
@@ -289,7 +289,7 @@ def _grid_places(report: Report, places: GridPlaces) -> list[Column[Any]]:
     return coordinates + [
         Column(
             title=f"sigma_{a}",
-            value=figures_by_number(places.sigma[:, i]),
+            value=FiguresByNumber(places.sigma[:, i]),
             unit=small,
             suffix=True,
             only=("csv",),

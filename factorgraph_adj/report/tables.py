@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isfinite
-from typing import Any, Generic, Literal, TypeAlias, TypeVar
+from typing import Any, Generic, Literal, TypeAlias, TypeVar, overload
 
 import numpy as np
 
@@ -81,6 +81,68 @@ NUMBER = Unit()
 """Unit of numbers and image coordinates."""
 
 
+@dataclass(frozen=True, eq=False)
+class FiguresByNumber:
+    """The figures of rows, by the number of the row: of one row, or of many as an array."""
+
+    values: Array | Mask | Index
+    """Figures by number."""
+    signed: bool = False
+    """Whether they have the axes of the network; the sign of a row turns them into its own."""
+
+    def __call__(self, row: Any) -> Any:
+        """Return the figure of a row."""
+        found = self._every[row.number]
+        return row.sign * found if self.signed else found
+
+    def array(self, rows: Sequence[Any]) -> np.ndarray[Any, Any]:
+        """Return the figures of rows."""
+        found = self.values[_field(rows, "number").astype(np.intp)]
+        return np.asarray(_field(rows, "sign") * found if self.signed else found)
+
+    @cached_property
+    def _every(self) -> list[Any]:
+        return list(self.values.tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayRows(Sequence[Row]):
+    """Rows whose fields are arrays; the rows themselves are made when one is asked for.
+
+    Data frames of all observations thus need no object for each of them.
+    """
+
+    fields: Mapping[str, np.ndarray[Any, Any]]
+    """Fields of the rows, (n,) each, by name; the number is one of them."""
+    make: Callable[[], Sequence[Row]]
+    """Function that returns all rows."""
+
+    def __len__(self) -> int:
+        return len(self.fields["number"])
+
+    @overload
+    def __getitem__(self, at: int) -> Row: ...
+    @overload
+    def __getitem__(self, at: slice) -> Sequence[Row]: ...
+    def __getitem__(self, at: int | slice) -> Row | Sequence[Row]:
+        """Return one row, or several."""
+        return self._made[at]
+
+    def __iter__(self) -> Iterator[Row]:
+        return iter(self._made)
+
+    @cached_property
+    def _made(self) -> Sequence[Row]:
+        return self.make()
+
+
+def _field(rows: Sequence[Any], name: str) -> np.ndarray[Any, Any]:
+    """Return a field of rows as an array."""
+    if isinstance(rows, ArrayRows) and name in rows.fields:
+        return rows.fields[name]
+    return np.array([getattr(row, name) for row in rows])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Column(Generic[Row]):
     """One column of a table."""
@@ -139,6 +201,24 @@ class Column(Generic[Row]):
             found = row[self.value] if isinstance(row, Mapping) else getattr(row, self.value)
         return found.item() if isinstance(found, np.generic) else found
 
+    def array(self, rows: Sequence[Row]) -> np.ndarray[Any, Any]:
+        """Return the cells of rows: at once, where they are figures by number or fields in arrays.
+
+        Cells that are not all numbers or truth values make an array of objects.
+        """
+        if isinstance(self.value, FiguresByNumber):
+            return self.value.array(rows)
+        if (
+            isinstance(self.value, str)
+            and isinstance(rows, ArrayRows)
+            and self.value in rows.fields
+        ):
+            return rows.fields[self.value]
+        cells = [self.of(row) for row in rows]
+        texts = not all(isinstance(v, bool | int | float) for v in cells)
+        texts = texts or not (cells or _is_figure(self, ()))
+        return np.array(cells, dtype=object if texts else None)
+
     def read(self, row: Row, *, missing: str = "") -> str:
         """Return the cell as people read it."""
         words = None if self.shown is None else self.shown(row)
@@ -178,12 +258,6 @@ def _plain(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return str(value)
-
-
-def figures_by_number(values: Array | Mask | Index) -> Callable[[Any], Any]:
-    """Return the function that gives each row its figure, by the number of the row."""
-    every = values.tolist()
-    return lambda row: every[row.number]
 
 
 @dataclass(frozen=True)
@@ -400,10 +474,6 @@ def as_json_columns(made: Table[Row]) -> dict[str, list[Any]]:
 
 def as_frame(made: Table[Row]) -> Columns:
     """Return a table as arrays, which become data frames and show themselves in notebooks."""
-    out: dict[str, np.ndarray[Any, Any]] = {}
-    for c in made.within("frame"):
-        cells = [c.of(row) for row in made.rows]
-        texts = not all(isinstance(v, bool | int | float) for v in cells)
-        texts = texts or not (cells or _is_figure(c, ()))
-        out[c.frame_key or c.name] = np.array(cells, dtype=object if texts else None)
-    return Columns(made.name, out)
+    return Columns(
+        made.name, {c.frame_key or c.name: c.array(made.rows) for c in made.within("frame")}
+    )

@@ -342,6 +342,16 @@ class ObservationTable(Sequence[ObservationRecord]):
         ]
 
     @cached_property
+    def components(self) -> list[str]:
+        """Component of each row, empty for scalar kinds."""
+        return [
+            b.component(i, c)
+            for b in self._equations.blocks
+            for i in range(b.n)
+            for c in range(b.dimension)
+        ]
+
+    @cached_property
     def normalised(self) -> Array:
         """Residuals divided by their a-priori standard deviations."""
         return self.residuals / self.sigmas

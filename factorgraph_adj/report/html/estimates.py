@@ -22,7 +22,7 @@ from ..catalogue import Texts
 from ..layout import percent, short, with_sigma
 from ..plots.point_symbols import point_status
 from ..reliability import point_redundancy
-from ..tables import NO_FIGURE, Column, Sheet, as_html, figures_by_number
+from ..tables import NO_FIGURE, Column, FiguresByNumber, Sheet, as_html
 from ..unknowns import STRONG_CORRELATION, orientations_table, unknown_components
 from .rendering import ColumnHead, columns_from_rows, filled_sheet
 
@@ -75,11 +75,11 @@ def _redundancy(report: Report) -> list[Column[AdjustedPoint]]:
         return []
     counts = point_redundancy(report.reliability)
     mean = np.where(counts.rows > 0, counts.redundancy / np.maximum(counts.rows, 1), np.nan)
-    largest = figures_by_number(largest_tests(report))
-    mean_r = figures_by_number(np.maximum(mean, 0.0))
+    largest = FiguresByNumber(largest_tests(report))
+    mean_r = FiguresByNumber(np.maximum(mean, 0.0))
     name = f"max |{'τ' if report.pope else 'w'}|"
     return [
-        Column(title="scalars", value=figures_by_number(counts.rows)),
+        Column(title="scalars", value=FiguresByNumber(counts.rows)),
         Column(title="mean_r", value=mean_r, digits=2, help="r"),
         Column(title=name, value=largest, digits=2, help="test"),
     ]
