@@ -183,7 +183,7 @@ class ObservationColumns:
         rel, report = self.report.reliability, self.report
         if rel is None:
             return []
-        shares = (("e1", rel.e1), ("e2", rel.e2), ("e12", rel.e12))
+        shares = (("e1", rel.e1), ("e2", lambda: rel.e2), ("e12", lambda: rel.e12))
         small = report.units.sigma_length
         largest = Column[Row](
             title="effect",

@@ -85,8 +85,8 @@ NUMBER = Unit()
 class FiguresByNumber:
     """The figures of rows, by the number of the row: of one row, or of many as an array."""
 
-    values: Array | Mask | Index
-    """Figures by number."""
+    values: Array | Mask | Index | Callable[[], Array]
+    """Figures by number; a function that returns them, where they are long to compute."""
     signed: bool = False
     """Whether they have the axes of the network; the sign of a row turns them into its own."""
 
@@ -97,12 +97,16 @@ class FiguresByNumber:
 
     def array(self, rows: Sequence[Any]) -> np.ndarray[Any, Any]:
         """Return the figures of rows."""
-        found = self.values[_field(rows, "number").astype(np.intp)]
+        found = self._array[_field(rows, "number").astype(np.intp)]
         return np.asarray(_field(rows, "sign") * found if self.signed else found)
 
     @cached_property
+    def _array(self) -> np.ndarray[Any, Any]:
+        return self.values() if callable(self.values) else self.values
+
+    @cached_property
     def _every(self) -> list[Any]:
-        return list(self.values.tolist())
+        return list(self._array.tolist())
 
 
 @dataclass(frozen=True, eq=False)
