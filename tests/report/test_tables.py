@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.report import adjusted_photos, adjusted_points
-from factorgraph_adj.report.adjusted_observations import ObservationColumns, observations_csv
+from factorgraph_adj.report.adjusted_observations import (
+    ObservationColumns,
+    observation_frame,
+    observations_csv,
+)
 from factorgraph_adj.report.adjusted_photos import photos_table
 from factorgraph_adj.report.adjusted_points import AdjustedPoint, points_table
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.report.html.page import adjustment_html
+from factorgraph_adj.report.observation_rows import ReportRows
 from factorgraph_adj.report.results_json import results_text
 from factorgraph_adj.report.tables import (
+    ArrayRows,
     Column,
+    FiguresByNumber,
     Table,
     Unit,
     as_csv,
@@ -32,6 +42,7 @@ from factorgraph_adj.report.tables import (
 )
 from factorgraph_adj.report.text import protocol
 from tests.networks.exchanged_day import day
+from tests.networks.pixel_block import pixel_block
 from tests.networks.small_block import small_block
 from tests.networks.trilateration import trilateration
 from tests.support.pages import data_of
@@ -168,6 +179,60 @@ def test_a_page_of_a_solution_without_a_covariance_has_coordinates_alone() -> No
     assert ">σx [mm]</th>" not in page
     names = data_of(page, "sheet-points")["columns"][0]
     assert names == list(solution.network.points)
+
+
+@pytest.mark.parametrize(
+    "network",
+    [
+        trilateration(1, points=6)[0],
+        pixel_block(),
+    ],
+    ids=["distances", "images"],
+)
+def test_a_frame_of_all_observations_is_that_of_its_rows_without_an_object_for_each(
+    network: fga.Network, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rel = fga.reliability(fga.adjust(network))
+    by_row = observation_frame(rel, range(len(rel.w)))
+    made = Mock(side_effect=AssertionError("a row was made"))
+    monkeypatch.setattr(ReportRows, "_of_block", made)
+    frame = rel.table()
+    assert list(frame) == list(by_row)
+    for name in frame:
+        assert frame[name].dtype == by_row[name].dtype
+        if frame[name].dtype == object:
+            assert frame[name].tolist() == by_row[name].tolist()
+        else:
+            assert frame[name].tobytes() == by_row[name].tobytes()
+
+
+def test_a_frame_of_observations_does_not_compute_what_it_does_not_have() -> None:
+    rel = fga.reliability(fga.adjust(trilateration(1, points=6)[0]))
+    rel.table()
+    assert "e2" not in vars(rel)
+    assert "e2" in observations_csv(Report(rel.solution, known=rel)).splitlines()[0].split(",")
+    assert "e2" in vars(rel)
+
+
+def test_cells_of_rows_are_their_array() -> None:
+    rows = numbered_rows([2, 0])
+    figures = np.array([1.0, 2.0, -0.0])
+    plain, signed = FiguresByNumber(figures), FiguresByNumber(lambda: figures, signed=True)
+    for value in (plain, signed):
+        column = Column[Any](title="w", value=value)
+        assert column.array(rows).tobytes() == np.array([column.of(r) for r in rows]).tobytes()
+    fields = {"number": np.array([2, 0]), "sign": np.array([-1.0, 1.0])}
+    lazy = ArrayRows(fields, lambda: rows)
+    other = Column[Any](title="n", value=lambda row: row.number + 1)
+    assert other.array(lazy).tolist() == [3, 1]
+    assert Column[Any](title="s", value="sign").array(lazy).tolist() == [-1.0, 1.0]
+    assert len(lazy) == 2
+    assert lazy[0] is rows[0]
+
+
+def numbered_rows(numbers: list[int]) -> list[SimpleNamespace]:
+    """Rows with a number, of which the first has an axis that points the other way."""
+    return [SimpleNamespace(number=n, sign=1.0 if i else -1.0) for i, n in enumerate(numbers)]
 
 
 def points() -> Table[dict[str, object]]:
