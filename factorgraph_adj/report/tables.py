@@ -202,7 +202,7 @@ class Column(Generic[Row]):
         if callable(self.value):
             found = self.value(row)
         else:
-            found = row[self.value] if isinstance(row, Mapping) else getattr(row, self.value)
+            found = row[self.value] if isinstance(row, dict) else getattr(row, self.value)
         return found.item() if isinstance(found, np.generic) else found
 
     def array(self, rows: Sequence[Row]) -> np.ndarray[Any, Any]:
