@@ -14,7 +14,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.image_blocks import ImageIds
 from ..graph.variables import camera_of_calibration
-from ..io.numbers import Units, parse_quantity, write_quantity
+from ..io.numbers import Units, write_quantity
 from ..models.base import within
 from ..observations import KINDS, observation_kind
 from ..observations import Unit as ObservationUnit
@@ -419,11 +419,6 @@ def image_scale(camera: Camera) -> Scale:
 def all_digits(value: float, unit: str = "") -> str:
     """Write a value with all its digits in a unit; −0 is 0."""
     return write_quantity(value + 0.0, unit)
-
-
-def without_trailing_zeros(text: str, unit: str) -> str:
-    """Return a rounded number in a unit, or in dms, without the zeros at its end."""
-    return all_digits(parse_quantity(text, unit), unit)
 
 
 def kind_name(kind: str, *, weighted: bool = False) -> str:
