@@ -118,9 +118,15 @@ NOT_AT_A_MINIMUM = (
 
 def decimals_of_points(report: Report) -> tuple[int, int]:
     """Return the decimals of σ of points, and those of coordinates, which show as much."""
-    free = [n for n in report.network.points if report.free("point", n)]
-    names = [] if report.singular else free
-    sigmas = (s / report.small for n in names for s in report.sigmas[n])
+    sigmas: list[float] = []
+    if not report.singular:
+        free = report.solution.equations.unknowns["point"].offset >= 0
+        every = np.array(list(report.sigmas.values())).reshape(-1, 3)
+        some = (every[free] / report.small).ravel()
+        some = some[(some > 0) & np.isfinite(some)]
+        # The median alone decides: networks have tens of thousands of points.
+        middle = len(some) // 2
+        sigmas = [float(np.partition(some, middle)[middle])] if len(some) else []
     places = decimals(sigmas, default=2, most=5)
     return places, min(max(places + exponent(report.metre / report.small * 1.0001), 0), 9)
 
