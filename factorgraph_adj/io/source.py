@@ -22,7 +22,7 @@ from ..files import read_bytes
 from ..network.network import Network
 from ..start.image_axes import marks_of_known_points, problems_of_marks
 from .numbers import MAX_NUMBER, checked_number
-from .text_files import decoded, is_unicode, last_line_number
+from .text_files import decoded, is_unicode, last_line_number, with_newlines
 
 MAX_LISTED_PROBLEMS = 50
 """Number of problems that one error lists; it counts the others."""
@@ -451,7 +451,7 @@ class TextSource(Source):
         """
         super().__init__(path, problems)
         found = read_bytes(self.path)
-        text = decoded(found, self.path.name, code_page).replace("\r\n", "\n").replace("\r", "\n")
+        text = with_newlines(decoded(found, self.path.name, code_page))
         if code_page and not is_unicode(found):
             self._remark_code_page(text, code_page)
         content = text.rstrip("\0\x1a\n ")

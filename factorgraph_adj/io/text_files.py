@@ -44,25 +44,38 @@ def file_beginning(path: Path, size: int = MAX_RECOGNITION_BYTES) -> bytes:
         return b""
 
 
-def read_text(path: Path, name: str = "", *, code_page: str = "") -> str:
+def read_text(path: Path, name: str = "") -> str:
     """Return the text of a file in UTF-8, or in UTF-16 with its mark, without the mark.
 
     Args:
         path: the file.
         name: its name in messages; default: the path for a file that cannot be read, otherwise
             the name of the file.
-        code_page: encoding of text that is neither, for formats whose programs write that of
-            their system; characters that it does not have become U+FFFD.
 
     Raises:
         InputError: the file cannot be read, or has another encoding.
     """
     found = read_bytes(path, name)
-    return decoded(found, name or path.name, code_page).replace("\r\n", "\n").replace("\r", "\n")
+    return with_newlines(decoded(found, name or path.name))
+
+
+def with_newlines(text: str) -> str:
+    """Return a text whose lines end in newlines alone."""
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def decoded(found: bytes, name: str, code_page: str = "") -> str:
-    """Return the text of bytes, see `read_text`; ``name`` is that of the file in messages."""
+    """Return the text of bytes in UTF-8, or in UTF-16 with its mark, without the mark.
+
+    Args:
+        found: the bytes.
+        name: name of the file in messages.
+        code_page: encoding of text that is neither, for formats whose programs write that of
+            their system; characters that it does not have become U+FFFD.
+
+    Raises:
+        InputError: the text has another encoding.
+    """
     try:
         if found.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return found.decode("utf-16")

@@ -154,8 +154,7 @@ def read_dynaml(
         for file in files:
             for element in file.root.all("DnaMeasurement"):
                 reader.read(file, element)
-    problems.raise_all()
-    network.left_out += problems.left.records()
+    problems.finish(network)
     return network
 
 

@@ -92,7 +92,6 @@ def read_sinex(
     for p in estimate.values():
         if p.index - 1 not in used:
             file.leave_out(p.line, PARAMETERS_NO_COORDINATE, p.kind)
-    network.left_out += file.problems.left.records()
     members = []
     for i, name in enumerate(names):
         line = estimate[int(rows[i][0]) + 1].line
@@ -110,7 +109,7 @@ def read_sinex(
     whole = file.attempt(line, Correlated, tuple(members), covariance)
     if whole is not None:
         file.attempt(line, network.add, whole)
-    file.raise_all()
+    file.problems.finish(network)
     return network
 
 

@@ -126,15 +126,16 @@ def read_comp3d(
         InputError: every problem of all files, each with file and line.
     """
     first = Path(path)
-    project = _project(first, points, latitude, refraction, in_grid=crs is not None)
+    files = Comp3dFiles()
+    project = _project(files, first, points, latitude, refraction, in_grid=crs is not None)
     if crs is not None or project.projection is not None:
-        started = _in_grid(first, project, crs, geoid, earth)
+        started = _in_grid(files, first, project, crs, geoid, earth)
     else:
         if geoid is not None:
             what = "a local project has no geoid: geoid= belongs to a project in a grid"
             raise InputError(Problem(what, first.name))
-        started = _local(first, project, longitude, earth or "sphere")
-    files, network, given, origin, used = started
+        started = _local(files, first, project, longitude, earth or "sphere")
+    network, given, origin, used = started
     lines = list(files.lines(project.observations))
     network.set_refraction(value=project.refraction, fixed=True)
     sphere = not isinstance(network.frame, TopocentricFrame)
@@ -146,18 +147,17 @@ def read_comp3d(
     observations.read(lines, project.observations)
     if deflections == "as stated":
         _deflections(network, used)
-    files.problems.raise_all()
-    network.left_out += files.problems.left.records()
+    files.problems.finish(network)
     return network
 
 
-ProjectStart = tuple[
-    Comp3dFiles, Network, dict[str, Comp3dPoint], Comp3dOrigin, dict[str, Comp3dPoint]
-]
-"""Files, network of the points, all points, centre, points that take part."""
+ProjectStart = tuple[Network, dict[str, Comp3dPoint], Comp3dOrigin, dict[str, Comp3dPoint]]
+"""Network of the points, all points, centre, points that take part."""
 
 
-def _local(path: Path, project: Comp3dProject, longitude: float | None, earth: str) -> ProjectStart:
+def _local(
+    files: Comp3dFiles, path: Path, project: Comp3dProject, longitude: float | None, earth: str
+) -> ProjectStart:
     """Return the points of a local project in its frame."""
     origin = Comp3dOrigin(project.latitude, longitude or 0.0)
     if not -89.0 <= project.latitude <= 89.0 or not -360.0 <= origin.longitude <= 360.0:
@@ -165,7 +165,6 @@ def _local(path: Path, project: Comp3dProject, longitude: float | None, earth: s
         raise InputError(f"{where}: must be from -89 to 89 and from -360 to 360 degrees")
     sphere = earth == "sphere"
     network = Network(path.stem, frame=origin.sphere if sphere else origin.frame)
-    files = Comp3dFiles()
     given = read_points(
         files,
         project.points,
@@ -179,10 +178,11 @@ def _local(path: Path, project: Comp3dProject, longitude: float | None, earth: s
         add_point(network, point, weighted=point.name not in joint)
     if joint and project.covariance is not None:
         add_joint_covariance(files, network, used, project.covariance)
-    return files, network, given, origin, used
+    return network, given, origin, used
 
 
 def _in_grid(
+    files: Comp3dFiles,
     path: Path,
     project: Comp3dProject,
     crs: ReferenceSystem | str | None,
@@ -195,17 +195,17 @@ def _in_grid(
         raise InputError(Problem(what, path.name))
     place = path.name if crs is not None else project.place or path.name
     system = comp3d_grid_system(project, crs, geoid, place)
-    files = Comp3dFiles()
     given = read_points(files, project.points, cartesian=np.copy, radius=math.inf)
     grid = comp3d_grid(system, project.centre, given, place)
     given = projected_points(grid, given)
     used = {n: p for n, p in given.items() if p.code != IGNORED_POINT_CODE}
     files.problems.raise_all()
     network = network_in_grid(files, grid, used, project.covariance, path.stem)
-    return files, network, given, grid.origin, used
+    return network, given, grid.origin, used
 
 
 def _project(
+    files: Comp3dFiles,
     path: Path,
     points: str | Path | None,
     latitude: float | None,
@@ -215,7 +215,7 @@ def _project(
 ) -> Comp3dProject:
     """Return the project of a file, with what the caller states."""
     if path.suffix.lower() == ".comp":
-        found = read_comp3d_project(path)
+        found = read_comp3d_project(path, files.problems)
         return Comp3dProject(
             found.points if points is None else Path(points),
             found.observations,

@@ -144,13 +144,17 @@ class Comp3dProject:
     """File and line of the definition of the projection."""
 
 
-def read_comp3d_project(path: Path) -> Comp3dProject:
+def read_comp3d_project(path: Path, problems: Problems) -> Comp3dProject:
     """Read a project file: JSON behind ``data=``.
+
+    Args:
+        path: the file.
+        problems: collection of all files of the project.
 
     Raises:
         InputError: the file is no such file, or lacks something.
     """
-    file = TextSource(path, code_page="cp1252")
+    file = TextSource(path, problems, code_page="cp1252")
     text = "\n".join(file.lines)
     begin = text.find("{")
 

@@ -90,7 +90,7 @@ def read_gama(path: str | Path) -> Network:
     source = gama_source(Path(path))
     reader = _Reader(source)
     network = reader.read()
-    source.raise_all()
+    source.problems.finish(network)
     return network
 
 

@@ -217,7 +217,6 @@ class GamaPoints:
                 fixed="".join(a for a in "xyz" if a not in free),
                 datum=bool(constrained),
             )
-        network.left_out += self.source.problems.left.records()
 
 
 DEFAULT_STDEV_ATTRIBUTES = {
