@@ -63,7 +63,7 @@ def exchanged_photos(
     Args:
         equations: the network with the observations that were rejected.
         clean: the solution without them.
-        ids: ids of all that does not fit, set aside or not.
+        ids: ids of all that does not fit, rejected or not.
         alpha: probability with which a row that is right does not fit.
         weight: σ0² of the clean solution.
     """

@@ -308,12 +308,12 @@ def _oriented(
 def mirrored_block(
     equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: VarianceFactor
 ) -> Iterator[MistakenIdentity]:
-    """Iterate over cameras, or tell of all of them, whose photos all fit with other axes.
+    """Iterate over the cameras, or all cameras at once, whose photos fit with other axes.
 
     Args:
         equations: the network with the observations that were rejected.
         clean: the solution without them.
-        ids: ids of all that does not fit, set aside or not.
+        ids: ids of all that does not fit, rejected or not.
         alpha: probability with which a row that is right does not fit.
         weight: σ0² of the clean solution.
     """
