@@ -470,7 +470,8 @@ def network_of(
         if name in ("", ".", "..") or any(c in name for c in "/\\\0"):
             problems.append(Problem("must be a plain file name", f"files: {name!r}"))
         elif not isinstance(text, str):
-            problems.append(Problem(f"must be text, not {text!r}", f"files: {name!r}"))
+            what = f"must be text, not {text!r}"  # type: ignore[unreachable]  # JSON has any value
+            problems.append(Problem(what, f"files: {name!r}"))
     if problems:
         raise InputError(problems)
     try:

@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from ..control_characters import has_control_characters, why_refused
 from ..errors import InputError, LeftOut, Problem, known, similar
@@ -127,12 +127,16 @@ class Problems:
         """Count problems that are like those that were added, of which there are too many."""
         self._not_kept += number
 
-    @contextmanager
-    def at(self, where: str) -> Iterator[None]:
+    def at(self, where: str) -> AbstractContextManager[None, bool]:
         """Add the problems of an InputError inside; ``where`` precedes their own places.
 
         Problems that name a line of the same file already keep it alone.
         """
+        # Types then know that what follows the block is reached after an error, too.
+        return cast("AbstractContextManager[None, bool]", self._at(where))
+
+    @contextmanager
+    def _at(self, where: str) -> Iterator[None]:
         file = _PLACE.match(where)["file"]  # type: ignore[index]
         try:
             yield

@@ -10,6 +10,7 @@ from factorgraph_adj import observations as o
 from factorgraph_adj.models.shapes import SHAPES
 from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.quality.derived_quantities import AdjustedShape, adjusted_shapes
+from factorgraph_adj.solve.solution import solution_at
 from tests.networks.on_shapes import MM, edges, measured, on_shape, simulated
 
 LINEAR = 1e-3
@@ -75,7 +76,9 @@ def test_covariances_are_those_of_steps_of_the_unknowns(shape) -> None:
         step[0, component] = 1e-5
         one, other = (
             adjusted_shapes(
-                s.at({**s.state, "frame": UNKNOWNS["frame"].retract(s.state["frame"], way * step)})
+                solution_at(
+                    s, {**s.state, "frame": UNKNOWNS["frame"].retract(s.state["frame"], way * step)}
+                )
             )[0]
             for way in (1, -1)
         )

@@ -114,7 +114,9 @@ def test_every_figure_says_in_its_title_that_its_result_is_doubtful(doubtful, cl
 
 
 @LONG
-def test_figures_say_what_faces_do_not_agree_and_the_likeliest_cause(clean, tmp_path, monkeypatch):
+def test_figures_say_what_faces_do_not_agree_and_the_most_probable_cause(
+    clean, tmp_path, monkeypatch
+):
     network = clean[0].solution.network.copy()
     network.doubts.append(Doubt("its two faces give index 9 mgon", "target 'T'"))
     solution = fga.adjust(network)
@@ -127,7 +129,7 @@ def test_figures_say_what_faces_do_not_agree_and_the_likeliest_cause(clean, tmp_
     )
     save_plots(solution, tmp_path, cause="most probable cause: it")
     titles = [figure.get_suptitle() for figure in drawn]
-    assert len(titles) > 4 and all(t.endswith("\nlikeliest cause: it") for t in titles)
+    assert len(titles) > 4 and all(t.endswith("\nmost probable cause: it") for t in titles)
 
 
 @LONG

@@ -393,7 +393,7 @@ class _Script:
                 if key in element.attributes:
                     text = element.attributes[key]
                     s = self.problems.field(text, key, self.where(element)).number(above=0.0)
-                    whole[key] = s or 1.0
+                    whole[key] = 1.0 if is_unread(s) else s
             for row in self._rows(element, MARK_TABLE_COLUMNS):
                 self._image_point(network, images, row, whole)
 
@@ -405,7 +405,7 @@ class _Script:
         found = self.problems.field([row.fields[k] for k in keys], "row", row.where).numbers(
             len(keys)
         )
-        if found is None:
+        if is_unread(found):
             return
         said = dict(zip(keys, found, strict=True)) | dict(whole)
         if "x" not in said or "y" not in said:
