@@ -169,7 +169,7 @@ class JointCovariance:
 
     @property
     def least_redundancy(self) -> float:
-        """The smallest eigenvalue of M: 0 where only they tell."""
+        """The smallest eigenvalue of M: 0 where only they determine something."""
         return float(np.linalg.eigvalsh(0.5 * (self.m + self.m.T))[0]) if len(self.m) else 1.0
 
     def spread(self, i: int, columns: Index) -> Array:

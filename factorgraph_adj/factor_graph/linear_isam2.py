@@ -25,11 +25,11 @@ from .linear_rows import TINY, Arriving, LinearRows, Mark
 from .row_arrays import Grown
 
 MAX_TURNS = 10
-"""Largest number of times that rows are evaluated anew after an arrival."""
+"""Largest number of times that rows are evaluated again after an arrival."""
 REMAINING_GAP_SHARE = 0.25
-"""Part of the accuracy that the gaps of rows may have together after some were evaluated anew."""
+"""Part of the accuracy that the gaps of rows may have together after some were evaluated again."""
 UNMEASURED_SHARE = 0.5
-"""Part of the accuracy that rows may miss, by how much they bend, before they are looked at: beside
+"""Part of the accuracy that rows may miss, by their curvature, before they are examined: beside
 gaps as large as the accuracy, which is half of what is promised, a quarter of that is left."""
 MIN_SHARE_OF_MOVEMENT = 0.1
 """Movement of a variable, relative to the largest one of its row in conditional standard
@@ -78,7 +78,7 @@ class LinearISAM2(LinearRows):
         self._slot = Grown(dtype=np.intp, fill=-1)
         """Slot of each unit in iSAM2; −1: it is out, or touches constants alone."""
         self.relinearised = 0
-        """Number of units that were evaluated anew."""
+        """Number of units that were evaluated again."""
         self.lost = False
         """Whether an update has failed, which leaves iSAM2 without use."""
         self._before = np.zeros(0)
@@ -144,9 +144,9 @@ class LinearISAM2(LinearRows):
     def restore(self, mark: Mark) -> None:
         """Undo what was done since a mark was made; the mark serves once.
 
-        Rows that have entered leave, those that have left enter, and those that were evaluated anew
-        are replaced by what they were, in one update. Where an update has failed the tree is
-        planted anew; where that fails, too, values are as they were and the tree is `lost`.
+        Rows that have entered leave, those that have left enter, and those that were evaluated
+        again are replaced by what they were, in one update. Where an update has failed the tree is
+        rebuilt; where that fails, too, values are as they were and the tree is `lost`.
         """
         n, inside = len(mark.of_units[0]), mark.of_units[0]
         for grown, rows, values in reversed(mark.replaced):
@@ -324,7 +324,7 @@ class LinearISAM2(LinearRows):
     # -- what linear rows miss ----------------------------------------------------------------
 
     def follow(self, accuracy: float | None = None) -> int:
-        """Evaluate rows anew until their gaps are small; return the number of updates.
+        """Evaluate rows again until their gaps are small; return the number of updates.
 
         Args:
             accuracy: largest norm of all gaps, and of what they miss together; none: that of the
@@ -382,7 +382,7 @@ class LinearISAM2(LinearRows):
         return together, self._gradient_error_shares(figure / np.maximum(sizes, TINY))
 
     def _extrapolate(self, beyond: Extrapolation, *, slow: bool) -> None:
-        """Move further by what the last steps tell, where gaps shrink slowly.
+        """Move further in the way of the last steps, where gaps shrink slowly.
 
         Their metric is the diagonal of N.
         """
@@ -395,11 +395,11 @@ class LinearISAM2(LinearRows):
         self._delta.values[:] += movement - step
 
     def settle(self) -> int:
-        """Evaluate rows anew until nothing is missed; return the number of updates."""
+        """Evaluate rows again until nothing is missed; return the number of updates."""
         return self.follow(CONVERGED_GAP)
 
     def follow_to_rest(self) -> bool:
-        """Evaluate rows anew until their gaps are small; return whether they are.
+        """Evaluate rows again until their gaps are small; return whether they are.
 
         Where they are not, the tree may be lost: `restore` brings it back.
         """

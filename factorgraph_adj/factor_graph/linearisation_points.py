@@ -189,7 +189,7 @@ class LinearisationPoints:
         return np.asarray(np.sqrt(np.maximum(self._diagonal.values[columns], 0.0)))
 
     def _moved_from(self) -> Array:
-        """Return the movement of each column from which on it is linearised anew in any case."""
+        """Return the movement of each column from which on it is linearised again in any case."""
         weight = np.sqrt(np.maximum(self._diagonal.values, 0.0))
         return np.asarray(
             MIN_MOVEMENT / np.fmax(1.0, self._bound.values * weight / WEAK_SIGMA_RATIO) ** 2

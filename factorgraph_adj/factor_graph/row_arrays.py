@@ -82,7 +82,7 @@ class Grown:
 
 
 def sort_of(block: Block) -> Sort:
-    """Return what tells which blocks can be evaluated together."""
+    """Return the key by which blocks can be evaluated together."""
     kinds = tuple(kind for kind, _ in block.variables)
     widths = tuple(sorted(block.widths.items()))
     return (

@@ -77,9 +77,9 @@ class IncrementalAdjustment(StateQueries):
         Args:
             network: points, cameras, photos and what is known of other unknowns; observations, if
                 there are any, enter without a test, those that are not determined yet wait.
-            policy: what becomes of an observation beyond the critical value: ``accept`` (it is in,
-                its verdict tells), ``flag`` (suspect: left out until it is accepted or discarded)
-                or ``reject``.
+            policy: treatment of an observation beyond the critical value: ``accept`` (it is in, its
+                verdict has the test), ``flag`` (suspect: left out until it is accepted or
+                discarded) or ``reject``.
             alpha: probability of a false alarm of one test.
             accuracy: largest deviation from the batch adjustment, relative to each standard
                 deviation, until `settle` removes it.
@@ -108,7 +108,7 @@ class IncrementalAdjustment(StateQueries):
         self._journal: Journal | None = None
         self._solution: tuple[IncrementalState, Solution] | None = None
         self.latest = Arrival()
-        """What the latest command came to; after `snoop`, the verdicts on what came back."""
+        """Result of the latest command; after `snoop`, the verdicts on what came back."""
         self._copies, self._recorded = CopiedBlocks(), RecordedEstimates()
         own = network.copy()
         own.datum = chosen
@@ -137,7 +137,7 @@ class IncrementalAdjustment(StateQueries):
 
         A torn last line, of an arrival in hand when the process ended, is left out; ``resumed``
         says so. The network, what waits and why, suspects and rejected observations are as they
-        were; estimates are at rest.
+        were; estimates have converged.
 
         Args:
             journal: the file.
@@ -171,7 +171,7 @@ class IncrementalAdjustment(StateQueries):
 
     @property
     def policy(self) -> Policy:
-        """What becomes of observations beyond the critical value."""
+        """Treatment of observations beyond the critical value."""
         return self._rules.policy
 
     @property
@@ -282,7 +282,7 @@ class IncrementalAdjustment(StateQueries):
     def reweight(self, ids: str | Iterable[str], factor: float) -> Arrival:
         """Multiply the weights of observations by a factor: their σ are divided by its root.
 
-        Suspects and rejected observations are tested anew.
+        Suspects and rejected observations are tested again.
 
         Args:
             ids: ids of observations; members of correlated groups reweight the group.
@@ -307,7 +307,7 @@ class IncrementalAdjustment(StateQueries):
 
     @one_at_a_time
     def discard(self, ids: str | Iterable[str]) -> None:
-        """Throw suspects out: they count as rejected. Accepted observations: see `remove`.
+        """Reject suspects. Accepted observations: see `remove`.
 
         Raises:
             InputError: every id that is not a suspect; nothing has changed then.
@@ -330,7 +330,7 @@ class IncrementalAdjustment(StateQueries):
         """
         if self.retired is not None:
             raise InputError(
-                "a search for gross errors looks at all observations, and some are retired: take "
+                "a search for gross errors examines all observations, and some are retired: take "
                 "them back first (settle(all=True)), or search before they are retired"
             )
         chosen = {"alpha": self.alpha, **options}
@@ -350,7 +350,7 @@ class IncrementalAdjustment(StateQueries):
     ) -> None:
         """Let points and photos go that nothing new will touch, with all their observations.
 
-        What these say of everything else stands from then on as linear rows, so that all that
+        What these say of everything else remains as linear rows, so that all that
         remains keeps its estimates and covariances, while memory and time are those of what
         remains. Orientations of sets that nothing else observes go too. What arrives later and
         names something that was retired is refused. `settle` takes everything back.
@@ -379,7 +379,7 @@ class IncrementalAdjustment(StateQueries):
             self._retire(dict.fromkeys(wanted), between)
 
     def _forget(self) -> None:
-        """Retire what is due; where that fails, tell it, and try again some photos later."""
+        """Retire what is due; where that fails, report it, and try again some photos later."""
         rules, ledger = self._rules, self._state.ledger
         reached = retirement_window.extent(ledger, rules)
         if not rules.forgets or reached < self._next_try:

@@ -20,7 +20,7 @@ ALONE = "all that it touches is given, and nothing else is determined yet"
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """What an arrival, or a change, came to."""
+    """Result of an arrival, or of a change."""
 
     verdicts: tuple[Verdict, ...] = ()
     """Of every observation given, then of those that entered by themselves."""
@@ -54,36 +54,36 @@ class Waiting:
 def arrival_of(
     before: IncrementalState,
     after: IncrementalState,
-    told: Verdicts,
+    tested: Verdicts,
     given: Iterable[str],
     command: str,
 ) -> Arrival:
-    """Return what observations came to.
+    """Return the result of an arrival.
 
     Args:
         before: the state before.
         after: the state after.
-        told: verdicts on the tested observations.
+        tested: verdicts on the tested observations.
         given: ids of the observations that were given.
         command: the command, for verdicts on what came back.
     """
     ledger, then = after.ledger, before.ledger
     ids = dict.fromkeys(given)
     late = ledger.rows.among(ledger.find(ids), "waiting")
-    every = told | {v.id: v for v in _verdicts_of_waiting(after, late)}
+    every = tested | {v.id: v for v in _verdicts_of_waiting(after, late)}
     verdicts = [every[i] for i in ids if i in every]
-    others = then.find(i for i in told if i not in ids)
+    others = then.find(i for i in tested if i not in ids)
     out = [OUTCOME_CODE["waiting"], OUTCOME_CODE["suspect"], OUTCOME_CODE["rejected"]]
     waited = then.ids_of(others[np.isin(then.rows.status[others], out)])
     rows = ledger.find(waited)
     changed = ledger.rows.status[rows] != OUTCOME_CODE["waiting"]
-    # A suspect that was tested again, and is still one, is not told again.
+    # A suspect that was tested again, and is still one, is not reported again.
     still = np.isin(rows, then.having("suspect")) & (
         ledger.rows.status[rows] == OUTCOME_CODE["suspect"]
     )
     inside = ledger.ids_of(rows[changed & ~still])
     both = set(inside).intersection(waited).difference(ids)
-    entered = [v for i, v in told.items() if i in both]
+    entered = [v for i, v in tested.items() if i in both]
     left_out = set(then.ids_of(others[np.isin(then.rows.status[others], out[1:])]))
     back = f"came back after {command}()"
     entered = [replace(v, cause=back) if v.id in left_out else v for v in entered]

@@ -53,7 +53,7 @@ WEIGHT_OF_GIVEN_VALUE = (
     "with the σ that is meant (ControlPoint for a point)"
 )
 MAX_SETTLING_ROUNDS = 5
-"""Largest number of times that what waits is looked at before everything is at rest."""
+"""Largest number of times that what waits is examined before everything has converged."""
 
 
 class Removal(NamedTuple):
@@ -92,8 +92,8 @@ def remove_observations(
     ledger, rest = ledger.appended([u.item for u in rests.values()], REST)
     fixed = rest[np.isin(list(rests), inside)]
     out = rest[np.isin(list(rests), state.ledger.having("rejected"))]
-    told = {v.id: v for u in ledger.units(out) for v in untested(u, "rejected", cause=REST)}
-    ledger = ledger.moved(out, "rejected", REST, told)
+    verdicts = {v.id: v for u in ledger.units(out) for v in untested(u, "rejected", cause=REST)}
+    ledger = ledger.moved(out, "rejected", REST, verdicts)
     rest = np.setdiff1d(rest, out)
     ledger = ledger.without_weights(weights).without_lacks(rows)
     start, again, system = None, NO_ROWS, state.system
@@ -161,7 +161,7 @@ def at_time(state: IncrementalState, time: float | None, rules: Options) -> Incr
     """Return the state at the time of what arrives; none: that of the latest arrival.
 
     Raises:
-        InputError: the time is wrong, or nothing looks at it; or the first arrival lacks it.
+        InputError: the time is wrong, or nothing examines it; or the first arrival lacks it.
     """
     looks = rules.keep_seconds is not None
     if time is not None and not looks:
@@ -195,12 +195,12 @@ def add(state: IncrementalState, given: Input, rules: Options) -> tuple[Incremen
     if placed := [("point", p.name) for p in points if p.name in state.ledger.network.points]:
         waiting = Candidates(ledger, known_in(state.system), state.ledger.having("waiting"))
         tasks.append(Task(waiting.touching(placed)))
-    after, told = worked_off(replace(state, ledger=ledger), tasks, rules, growing=True)
-    after, told = readmitted_suspects(after, told, rules)
+    after, verdicts = worked_off(replace(state, ledger=ledger), tasks, rules, growing=True)
+    after, verdicts = readmitted_suspects(after, verdicts, rules)
     if given.factors:
         _refuse_wrong_partials(after, made, Unknowns(described), rules)
     after = _with_weighted(after, given.variables, rules)
-    return after, arrival_of(state, after, told, ledger.ids_of(rows), "add")
+    return after, arrival_of(state, after, verdicts, ledger.ids_of(rows), "add")
 
 
 def _refuse_wrong_partials(
@@ -230,9 +230,9 @@ def remove(
         InputError: every id that there is not.
     """
     weights = weighted_unknowns(state.ledger.network)
-    after, told = _without(state, known_ids(state, ids_in(ids), weights), rules)
-    after, told = readmitted(after, told, rules)
-    return after, arrival_of(state, after, told, (), "remove")
+    after, verdicts = _without(state, known_ids(state, ids_in(ids), weights), rules)
+    after, verdicts = readmitted(after, verdicts, rules)
+    return after, arrival_of(state, after, verdicts, (), "remove")
 
 
 def replace_observation(
@@ -249,15 +249,15 @@ def replace_observation(
     ledger, rows = out.state.ledger.taken([named(observation, ident)])
     tasks = [Task(rows, asked=True), *out.tasks]
     begun = replace(out.state, ledger=ledger)
-    after, told = worked_off(begun, tasks, rules, start=out.start)
-    after, told = readmitted(after, told, rules)
-    return after, arrival_of(state, after, told, [ident], "replace")
+    after, verdicts = worked_off(begun, tasks, rules, start=out.start)
+    after, verdicts = readmitted(after, verdicts, rules)
+    return after, arrival_of(state, after, verdicts, [ident], "replace")
 
 
 def reweight(
     state: IncrementalState, ids: str | Iterable[str], factor: float, rules: Options
 ) -> tuple[IncrementalState, Arrival]:
-    """Multiply the weights of observations by a factor; those that were left out are tested anew.
+    """Multiply the weights of observations by a factor; those that were left out are tested again.
 
     Raises:
         InputError: unknown ids, or a bad factor.
@@ -277,9 +277,9 @@ def reweight(
     fixed = again[before.rows.status[rows] == OUTCOME_CODE["accepted"]]
     tasks = [Task(again, fixed, asked=True), *out.tasks]
     begun = replace(out.state, ledger=ledger)
-    after, told = worked_off(begun, tasks, rules, start=out.start)
-    after, told = readmitted(after, told, rules)
-    return after, arrival_of(state, after, told, every, "reweight")
+    after, verdicts = worked_off(begun, tasks, rules, start=out.start)
+    after, verdicts = readmitted(after, verdicts, rules)
+    return after, arrival_of(state, after, verdicts, every, "reweight")
 
 
 def accept(
@@ -293,7 +293,7 @@ def accept(
     ledger, wanted = state.ledger, ids_in(ids)
     problems = [
         Problem(
-            ledger.told_of_retired(i) or "is neither suspect nor rejected", f"observation {i!r}"
+            ledger.retirement_note(i) or "is neither suspect nor rejected", f"observation {i!r}"
         )
         for i in wanted
         if ledger.status(i) not in ("suspect", "rejected")
@@ -304,13 +304,15 @@ def accept(
     if problems:
         raise InputError(problems)
     ledger = ledger.moved(rows, "waiting", "accepted by hand")
-    after, told = worked_off(replace(state, ledger=ledger), [Task(rows, rows, asked=True)], rules)
-    after, told = readmitted(after, told, rules)
-    return after, arrival_of(state, after, told, ledger.ids_of(rows), "accept")
+    after, verdicts = worked_off(
+        replace(state, ledger=ledger), [Task(rows, rows, asked=True)], rules
+    )
+    after, verdicts = readmitted(after, verdicts, rules)
+    return after, arrival_of(state, after, verdicts, ledger.ids_of(rows), "accept")
 
 
 def discard(state: IncrementalState, ids: str | Iterable[str]) -> IncrementalState:
-    """Throw suspects out: they count as rejected.
+    """Reject suspects.
 
     Raises:
         InputError: every id that is not a suspect.
@@ -319,7 +321,7 @@ def discard(state: IncrementalState, ids: str | Iterable[str]) -> IncrementalSta
     every = ledger.ids_of(ledger.having("suspect"))
     problems = [
         Problem(
-            ledger.told_of_retired(i)
+            ledger.retirement_note(i)
             or (
                 "is accepted: remove() takes it out"
                 if ledger.is_accepted(i)
@@ -332,10 +334,10 @@ def discard(state: IncrementalState, ids: str | Iterable[str]) -> IncrementalSta
     ]
     if problems:
         raise InputError(problems)
-    told = {
+    verdicts = {
         v.id: replace(v, verdict="rejected", cause=DISCARDED) for v in ledger.verdicts("suspect")
     }
-    ledger = ledger.moved(ledger.find(wanted), "rejected", DISCARDED, told)
+    ledger = ledger.moved(ledger.find(wanted), "rejected", DISCARDED, verdicts)
     return replace(state, ledger=ledger)
 
 
@@ -354,13 +356,13 @@ def reject(
     rows = ledger.find(ids)
     every, units = ledger.ids_of(rows), ledger.units(rows)
     weights = ledger.missing(ids)
-    after, told = _without(state, [*every, *weights], rules, cause=SNOOPED)
+    after, verdicts = _without(state, [*every, *weights], rules, cause=SNOOPED)
     taken, again = after.ledger.taken([u.item for u in units])
-    told_of = (v for u in units for v in untested(u, "rejected", cause=SNOOPED))
-    verdicts = {v.id: replace(v, critical=limit**2) for v in told_of}
-    after = replace(after, ledger=taken.moved(again, "rejected", SNOOPED, verdicts))
-    after, told = readmitted(after, told, rules, but=every, limit=limit)
-    return after, arrival_of(state, after, told, (), "snoop")
+    own = (v for u in units for v in untested(u, "rejected", cause=SNOOPED))
+    rejected = {v.id: replace(v, critical=limit**2) for v in own}
+    after = replace(after, ledger=taken.moved(again, "rejected", SNOOPED, rejected))
+    after, verdicts = readmitted(after, verdicts, rules, but=every, limit=limit)
+    return after, arrival_of(state, after, verdicts, (), "snoop")
 
 
 def snooped(
@@ -390,21 +392,21 @@ def snooped(
 
 def settle(state: IncrementalState, rules: Options) -> tuple[IncrementalState, Arrival]:
     """Go to rest, and look once more at everything that waits, and at what was left out."""
-    after, told = settled(state, rules), Verdicts()
+    after, verdicts = settled(state, rules), Verdicts()
     for _ in range(MAX_SETTLING_ROUNDS):
         waiting = after.ledger.having("waiting")
         if not len(waiting):
             break
         after, more = worked_off(after, [Task(waiting)], rules)
-        told |= more
+        verdicts |= more
         if not after.settled:
             after = settled(after, rules)
         if len(after.ledger.having("waiting")) == len(waiting):
             break
-    after, told = readmitted(after, told, rules)
+    after, verdicts = readmitted(after, verdicts, rules)
     if not after.settled:
         after = settled(after, rules)
-    return after, arrival_of(state, after, told, (), "settle")
+    return after, arrival_of(state, after, verdicts, (), "settle")
 
 
 # -- helpers --------------------------------------------------------------------------------------
@@ -439,7 +441,7 @@ def known_ids(
 def _without(
     state: IncrementalState, ids: Sequence[str], rules: Options, *, cause: str = "removed"
 ) -> tuple[IncrementalState, Verdicts]:
-    """Take observations out, and look at what is left to be looked at."""
+    """Take observations out, and examine what is left to be examined."""
     out = remove_observations(state, ids, rules, cause)
     return worked_off(out.state, out.tasks, rules, start=out.start)
 

@@ -3,7 +3,7 @@
 A waiting variable enters with all observations that join it to what enters or is known. Counts
 come first, then approximate values, then the rank: with known variables held, the partials by
 the others must have full column rank, because nothing else can hold them. What the null space
-moves stays, with its observations, and the rest is looked at again. So does a point that may be
+moves stays, with its observations, and the rest is examined again. So does a point that may be
 anywhere, see `factorgraph_adj.solve.doubtful_points`.
 
 What is left in the end is the largest set of variables that determines itself. It does not depend
@@ -76,7 +76,7 @@ class Enterable:
     start: Start | None = None
     """Where they are; none: nothing enters."""
     parts: tuple[Index, ...] = ()
-    """The observations, in parts that do not hang together."""
+    """The observations, in unconnected parts."""
     equations: Equations | None = None
     """They and the observations between known variables that enter too, with what is known as it
     was described; none: that has not been compiled."""
@@ -87,10 +87,10 @@ class Enterable:
         return self.solution is not None and self.solution.sigma0 > LIMITS.disturbed
 
     def without_blunders(self, alpha: float) -> Enterable:
-        """Return it where it is without what stands out, as a place to start from.
+        """Return it where it is without what is significant, as a place to start from.
 
         Args:
-            alpha: probability of a false alarm of the tests that find what stands out.
+            alpha: probability of a false alarm of the tests that find what is significant.
         """
         if self.solution is None or not self.is_disturbed:
             return self
@@ -113,7 +113,7 @@ class ApproximateNetwork(NamedTuple):
 
 @dataclass
 class DeterminabilitySearch:
-    """A search among observations that hang together by open variables."""
+    """A search among observations that open variables join."""
 
     left: Candidates
     """The observations that may still enter."""
@@ -122,7 +122,7 @@ class DeterminabilitySearch:
     lacks: dict[Variable | str, str]
     """What variables lack that do not enter, and observations, by their first ids."""
     several: bool = False
-    """Whether these are several parts, none of which hangs together with another."""
+    """Whether these are several parts, none of which is connected with another."""
     block: BlockStart | None = None
     """Photos that were oriented from image points; none: there was no need, or no way."""
     _reached: ApproximateNetwork | None = None
@@ -131,7 +131,7 @@ class DeterminabilitySearch:
     def find(self, *, start: Solution | None) -> Enterable | None:
         """Find what may enter, and where it is.
 
-        None: one of several parts disagrees, or is disturbed, and they have to be looked at apart.
+        None: one of several parts disagrees, or is disturbed, and they have to be examined apart.
 
         Args:
             start: where everything was, if it was; none: approximate values are found.
@@ -161,7 +161,7 @@ class DeterminabilitySearch:
                         and not (solution.converged and is_undisturbed(solution))
                     ):
                         return None
-                    # What disagrees may come to rest without its gross errors, what creeps where
+                    # What disagrees may converge without its gross errors, what creeps where
                     # everything else moves too.
                     disturbed = solution.sigma0 > LIMITS.disturbed
                     alone = isinstance(self.left.known, NothingKnown)
@@ -230,8 +230,8 @@ class DeterminabilitySearch:
     def determined(self) -> tuple[Candidates, ApproximateNetwork | None]:
         """Return observations whose variables have full rank together, at approximate values.
 
-        Whether their adjustment comes to rest is not looked at. The others may still be determined
-        among themselves: `find` looks at them more closely.
+        Whether their adjustment converges is not examined. The others may still be determined
+        among themselves: `find` examines them more closely.
 
         Returns:
             The observations; their network, none where photos were oriented.
@@ -423,7 +423,7 @@ def determined_in_parts(
 ) -> list[Enterable]:
     """Find what may enter of parts that open variables join; see `DeterminabilitySearch`.
 
-    Small ones beside known variables are looked at together, and in halves where that fails.
+    Small ones beside known variables are examined together, and in halves where that fails.
     """
     beside = every.beside_known
     small = [

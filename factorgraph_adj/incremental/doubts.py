@@ -1,6 +1,6 @@
 """Doubts about a result: no minimum, suspects that share an unknown, photos of many suspects.
 
-Without a minimum everything stands where the last one was, and what came since is not in it. The
+Without a minimum everything is at the last one, and what came since is not in it. The
 solution has ``converged`` false then; here it is said what contradicts that place most.
 
 Nothing tests the first reading of a point. If it is wrong, later ones are suspects, however right
@@ -43,11 +43,11 @@ MIN_SUSPECTS_SHARING = 3
 MIN_SHARE_OF_SUSPECTS = 0.1
 """Smallest share that they have of its observations: single gross errors are fewer."""
 MAX_SUSPECTS_TOGETHER = 12
-"""Largest number of suspects of an unknown that are looked at: the latest."""
+"""Largest number of suspects of an unknown that are examined: the latest."""
 MAX_UNKNOWNS_LOOKED_AT = 5
-"""Largest number of unknowns that suspects share and at which is looked: those of most."""
+"""Largest number of unknowns that suspects share that are examined: those of most suspects."""
 MAX_READINGS_BESIDE = 12
-"""Largest number of readings of it that are in, and looked at with them: the first."""
+"""Largest number of readings of it that are in, and examined with them: the first."""
 SHARED_ERROR = (
     "causes() looks for an error that several share, such as wrong given "
     "coordinates or a wrong height of an instrument"
@@ -63,12 +63,12 @@ def photo_doubts(ledger: Ledger) -> tuple[str, ...]:
     n = len(names.photos)
     suspects = np.bincount(rows.photo[out], minlength=n)
     accepted = np.bincount(rows.photo[inside], minlength=n)
-    told = np.flatnonzero((suspects >= MIN_SUSPECTS_OF_PHOTO) & (suspects > accepted))
+    doubtful = np.flatnonzero((suspects >= MIN_SUSPECTS_OF_PHOTO) & (suspects > accepted))
     return tuple(
         f"{suspects[f]} of {suspects[f] + accepted[f]} image points of photo {names.photos[f]!r} "
         "are suspects: it may be at the wrong one of two places; remove the image points that are "
         "in, or adjust all of them at once (fga.adjust)"
-        for f in told.tolist()
+        for f in doubtful.tolist()
     )
 
 
@@ -86,16 +86,16 @@ def minimum_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
     if not len(since):
         return (f"{begin}. Everything is at the last minimum",)
     ids = ledger.ids_of(since)
-    told = f"{begin}. Everything is at the last minimum, without {_listed(ids)}"
+    message = f"{begin}. Everything is at the last minimum, without {_listed(ids)}"
     tests = list(innovation_tests(ledger, system, since[:MAX_OBSERVATIONS_TESTED], rules.alpha))
     beyond = sorted((t for t in tests if t.ratio > 1.0), key=lambda t: -t.ratio)
     if beyond:
         worst = ledger.ids_of(np.array([beyond[0].row]))[0]
         by = float(np.sqrt(beyond[0].ratio))
-        told += f"; {worst!r} contradicts it most ({by:.2g} times the critical value): remove it"
+        message += f"; {worst!r} contradicts it most ({by:.2g} times the critical value): remove it"
     if weak := [t.row for t in tests if not t.answered]:
-        told += f"; of {_listed(ledger.ids_of(np.array(weak)))}: {UNANSWERED}"
-    return (told,)
+        message += f"; of {_listed(ledger.ids_of(np.array(weak)))}: {UNANSWERED}"
+    return (message,)
 
 
 def suspects_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
@@ -116,9 +116,9 @@ def suspects_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
         mine = np.intersect1d(suspects.touching([variable]), left)
         if len(mine) < MIN_SUSPECTS_TOGETHER:
             continue
-        told = _told_of(state, variable, mine, inside.touching([variable]), rules)
-        if told:
-            out.append(told)
+        message = _contradicted_by(state, variable, mine, inside.touching([variable]), rules)
+        if message:
+            out.append(message)
             left = np.setdiff1d(left, mine)
     return tuple(out)
 
@@ -136,7 +136,7 @@ def _shared(suspects: Candidates) -> list[Variable]:
     return [every[i] for i in sorted(shared, key=lambda i: (-number[i], every[i][0] != "point"))]
 
 
-def _told_of(
+def _contradicted_by(
     state: IncrementalState, variable: Variable, suspects: Index, inside: Index, rules: Options
 ) -> str:
     """Return a sentence on the suspects of a variable; empty: there is nothing to say."""

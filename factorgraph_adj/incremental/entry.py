@@ -48,7 +48,7 @@ MAX_JUDGEMENTS = 5
 """Number of times that what enters together is judged, each time without what did not fit."""
 MAX_UNKNOWNS_ADJUSTED_FIRST = 1500
 """Largest number of unknowns of a network with which arrivals that look disturbed are adjusted
-before a search for what stands out among them, which takes as long there."""
+before a search for what is significant among them, which takes as long there."""
 CONTRADICT = (
     "its observations contradict each other, and it is not known yet which of them is wrong"
 )
@@ -153,7 +153,7 @@ class Entry:
     def at_once(self) -> EntryResult | None:
         """Put everything in without a local adjustment; none where it takes one.
 
-        All of it is tested, whatever the policy: where something stands out, it takes a closer
+        All of it is tested, whatever the policy: where something is significant, it takes a closer
         look at what enters to find out why.
         """
         assert self.system is not None
@@ -273,8 +273,8 @@ class Entry:
     def _agrees_first(self) -> bool:
         """Return whether what looks disturbed is adjusted with everything, to see if it agrees.
 
-        In a network that is not large that takes less time than a search for what stands out among
-        image points, and where these bend what they touch a new base is needed anyway.
+        In a network that is not large that takes less time than a search for what is significant
+        among image points, and where these bend what they touch a new base is needed anyway.
         """
         system = self.system
         if not isinstance(system, FrontSystem) or system.doubt or not self._tests():
@@ -284,7 +284,7 @@ class Entry:
         return few and any(len(self.ledger.rows.images(rows)) for rows in disturbed)
 
     def _without_blunders(self) -> None:
-        """Let what is disturbed begin where it is without what stands out."""
+        """Let what is disturbed begin where it is without what is significant."""
         if self.rules.policy != "accept":
             self.found = [e.without_blunders(self.rules.alpha) for e in self.found]
 
@@ -300,8 +300,8 @@ class Entry:
 
     def _entered(self, system: LinearSystem, joint: JointTest) -> EntryResult:
         gains = self.rules.datum == "given"
-        told = accepted_verdicts(joint, self.rules.alpha, self.given, gains=gains)
-        return EntryResult(self.ledger, system, (*self.verdicts, *told), frozenset(self.new))
+        verdicts = accepted_verdicts(joint, self.rules.alpha, self.given, gains=gains)
+        return EntryResult(self.ledger, system, (*self.verdicts, *verdicts), frozenset(self.new))
 
     def _agreed(self, draft: Draft) -> FrontSystem | None:
         """Return the base where what looked disturbed beside known variables agrees with them.
@@ -409,10 +409,10 @@ class Entry:
         decision = decide(joint, alpha, self._untested(), self.new, touching)
         if not decision.out and not decision.back:
             return False
-        told = list(left_out(joint, decision, failed, alpha, self.given))
-        self.verdicts += told
+        verdicts = list(left_out(joint, decision, failed, alpha, self.given))
+        self.verdicts += verdicts
         out, back = self.stay[list(decision.out)], self.stay[decision.back]
-        ledger = self.ledger.moved(out, failed, "test", {v.id: v for v in told})
+        ledger = self.ledger.moved(out, failed, "test", {v.id: v for v in verdicts})
         ledger = ledger.moved(back, "waiting", "contradict")
         self.ledger = ledger.with_lacks(dict.fromkeys(decision.loose, CONTRADICT))
         self.stay = self.stay[sorted(decision.stay)]
@@ -443,7 +443,7 @@ class Entry:
         return True
 
     def _refused(self, before: Ledger, failure: NoMinimum) -> EntryResult | EntryRefusal:
-        """Return what becomes of observations without a solution."""
+        """Return the outcome of observations without a solution."""
         system = self._fronts()
         free = system is not None and system.is_free
         loses_datum = free and failure.loose is not None
@@ -457,9 +457,9 @@ class Entry:
             ledger = before.moved(self.ready, "accepted", "arrival")
             return EntryResult(ledger, system, tuple(kept))
         failed = self.rules.failed
-        told = [v for u in before.units(tested) for v in untested(u, failed, NO_SOLUTION)]
-        ledger = before.moved(tested, failed, "no solution", {v.id: v for v in told})
-        return EntryResult(ledger, system, tuple(told))
+        verdicts = [v for u in before.units(tested) for v in untested(u, failed, NO_SOLUTION)]
+        ledger = before.moved(tested, failed, "no solution", {v.id: v for v in verdicts})
+        return EntryResult(ledger, system, tuple(verdicts))
 
     def _noticing(self) -> Index:
         """Return what notices motions that the datum of a free network leaves open."""

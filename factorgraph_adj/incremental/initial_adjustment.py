@@ -102,7 +102,7 @@ def adjusted(
         ledger: what is in.
         rules: the options.
         start: where everything was, or may be; none: approximate values are found.
-        stay: what of it is determined at approximate values; none: that has not been looked at.
+        stay: what of it is determined at approximate values; none: that has not been examined.
         reached: the network of that, or of some more, if it has been compiled.
 
     Returns:
@@ -151,7 +151,7 @@ def _entered(state: IncrementalState, inside: Index, rules: Options) -> Incremen
 
 
 def settled(state: IncrementalState, rules: Options) -> IncrementalState:
-    """Return a state at rest; where there is no minimum the system says why."""
+    """Return a converged state; where there is no minimum the system says why."""
     if state.system is None:
         return state
     draft = replace(Draft.of(state.ledger, state.system, rules.datum), looked={})

@@ -2,7 +2,7 @@
 
 Photos may arrive without poses. Resection from known points and what observes a pose come first, as
 approximate values. Photos for which these do not suffice are oriented from image points, against
-photos that stand and among themselves, as a block is; the part takes its place in the frame from
+oriented photos and among themselves, as a block is; the part takes its place in the frame from
 the known photos and points that it touches. What cannot be oriented waits.
 """
 
@@ -65,7 +65,7 @@ class Limits:
     at_rest: float = 1e-7
     """Bound of the last step of the local adjustment that begins a free network."""
     small: int = 64
-    """Largest number of rows of a part that is looked at together with others: the cost of a small
+    """Largest number of rows of a part that is examined together with others: the cost of a small
     local network is that of its arrays, whatever is in them."""
 
 
@@ -112,7 +112,7 @@ def is_undisturbed(solution: Solution) -> bool:
 
 
 def has_datum(local: Network) -> bool:
-    """Return whether anything says where a local network is; its rank need not be looked at."""
+    """Return whether anything says where a local network is; its rank need not be examined."""
     return (
         any(p.sigma is not None or any(p.fixed) for p in local.points.values())
         or any(f.sigma_position is not None or any(f.fixed[3:]) for f in local.photos.values())
@@ -122,13 +122,13 @@ def has_datum(local: Network) -> bool:
 
 
 def may_have_datum(local: Network) -> bool:
-    """Return whether an observation may say where a local network is; its rank tells."""
+    """Return whether an observation may say where a local network is; by its rank."""
     every = local.observations.values()
     return any(isinstance(o, OwnFactor) or o.record.fixes != "nothing" for o in every)
 
 
 def without_blunders(solution: Solution, alpha: float) -> Solution:
-    """Return the solution where the network is without what stands out."""
+    """Return the solution where the network is without what is significant."""
     try:
         clean = snoop(
             solution.network,
@@ -199,7 +199,9 @@ def orientation_methods(local: Network, block: BlockStart | None) -> Mapping[str
         part = of_block.get(name)
         if part is not None:
             standing = sum(local.photos[o].rotation is not None for o in part.photos)
-            among = f"{len(part.photos)} photos" + (f", {standing} of which stood" * bool(standing))
+            among = f"{len(part.photos)} photos" + (
+                f", {standing} of which had poses" * bool(standing)
+            )
             out[name] = (
                 f"from image points among {among}: start pair {part.start[0]}, {part.start[1]}; "
                 f"{part.datum}"

@@ -3,11 +3,11 @@
 Some readings alone determine on which of two sides a point is. Where a point fits as well at its
 mirror image, one reading that fits on the other side only moves it there. If it is wrong, so is the
 place, and nothing shows it: the reading is accepted with a doubt, which lasts until another reading
-tells the side as well. vᵀPv of the two sides, both without the reading, then differ by more than
-the critical value of one degree of freedom. A later reading that contradicts may be the right one
-of the two: its verdict names the one that it contradicts.
+determines the side as well. vᵀPv of the two sides, both without the reading, then differ by more
+than the critical value of one degree of freedom. A later reading that contradicts may be the right
+one of the two: its verdict names the one that it contradicts.
 
-A test value is as good as the linear form on which it stands. Where an unknown is determined
+A test value is as good as its linear form. Where an unknown is determined
 weakly, the observation may bend over the range that its σ leaves open by as much as its innovation
 is: a distance from a station at the height of a point, whose height only a weak weight holds, has
 no derivative by the height, and still depends on it. Such an observation is tested by adjusting
@@ -21,15 +21,15 @@ which they are weakest, or at the mirror image that fits the other observations 
 `solve.second_minimum`). Both vᵀPv are those of one side: those of the two sides without the
 observation may differ by the critical value of one degree of freedom, which chance exceeds with a
 probability of α/2 at most. An observation that moves a point to its other side, which nothing
-else tells, is accepted with a doubt, as above.
+else determines, is accepted with a doubt, as above.
 
 Observations that arrive one by one find an unknown from the first few of them, which several values
 may fit, as a frame does that two points leave on either side; a gross error that was in for a time
 may have led an unknown there, too. Later observations show which it is, and the iteration from the
-other one may end in a minimum of its own, at any distance. At rest, the network is therefore
-adjusted from approximate values of all that is in as well, as `adjust` does it. The smaller vᵀPv
-counts, and the solution tells of the other one. In large networks, where this takes as long as the
-rest, it is done where vᵀPv exceeds what chance explains.
+other one may end in a minimum of its own, at any distance. After convergence the network is
+therefore adjusted from approximate values of all that is in as well, as `adjust` does it. The
+smaller vᵀPv counts, and the solution names the other one. In large networks, where this takes as
+long as the rest, it is done where vᵀPv exceeds what chance explains.
 """
 
 from __future__ import annotations
@@ -141,9 +141,9 @@ def changed_sides(
 
 
 def with_current_sides(ledger: Ledger, system: FrontSystem | None, rules: Options) -> Ledger:
-    """Return the ledger after a command, with which of its readings still tell a side alone.
+    """Return the ledger after a command, with which of its readings still determine a side alone.
 
-    Sides of points are looked at of which anything has come, left or changed.
+    Sides of points are examined of which anything has come, left or changed.
     """
     if not ledger.sides:
         return ledger
@@ -158,7 +158,7 @@ def with_current_sides(ledger: Ledger, system: FrontSystem | None, rules: Option
 
 
 def _alone(ledger: Ledger, system: FrontSystem, ident: str, side: Side, rules: Options) -> bool:
-    """Return whether nothing but a reading tells the side of a point."""
+    """Return whether nothing but a reading determines the side of a point."""
     row = ledger.find([ident])
     here = adjusted_without(ledger, system, row, rules.datum, {})
     other = adjusted_without(ledger, system, row, rules.datum, {side.point: side.other})
@@ -170,7 +170,7 @@ def _alone(ledger: Ledger, system: FrontSystem, ident: str, side: Side, rules: O
 
 
 def contradicted_reading(ledger: Ledger, system: FrontSystem, row: int, rules: Options) -> str:
-    """Return a sentence on the reading without which a suspect fits, as it alone tells a side.
+    """Return a sentence on the reading without which a suspect fits, as it alone determines a side.
 
     Empty: there is none.
     """
@@ -178,10 +178,10 @@ def contradicted_reading(ledger: Ledger, system: FrontSystem, row: int, rules: O
     for ident, side in ledger.sides.items():
         if not side.alone or side.point not in points or ledger.status(ident) != "accepted":
             continue
-        told, there = ledger.find([ident]), {side.point: side.other}
+        suspect, there = ledger.find([ident]), {side.point: side.other}
         both = ledger.moved(own, "accepted", "side")
-        fits = adjusted_without(both, system, told, rules.datum, there)
-        neither = adjusted_without(ledger, system, told, rules.datum, there)
+        fits = adjusted_without(both, system, suspect, rules.datum, there)
+        neither = adjusted_without(ledger, system, suspect, rules.datum, there)
         if fits is None or neither is None:
             continue
         dof = max(fits.redundancy - neither.redundancy, 1)
@@ -191,7 +191,7 @@ def contradicted_reading(ledger: Ledger, system: FrontSystem, row: int, rules: O
 
 
 def side_doubts(ledger: Ledger) -> tuple[str, ...]:
-    """Return sentences on the points of which one reading alone tells the side."""
+    """Return sentences on the points of which one reading alone determines the side."""
     return tuple(
         f"{ident!r} alone determines the side of point {side.point!r}: without it, "
         f"{', '.join(f'{x:.4f}' for x in side.other)} fits as well, {side.moved:.3g} m away"
@@ -203,7 +203,7 @@ def side_doubts(ledger: Ledger) -> tuple[str, ...]:
 def tested_by_readjustment(
     ledger: Ledger, system: FrontSystem, rows: Index, rules: Options, given: Collection[str]
 ) -> tuple[Ledger, FrontSystem, list[Verdict]]:
-    """Let observations enter that failed a linear test and fit once everything is adjusted anew.
+    """Let observations enter that failed a linear test and fit once everything is adjusted again.
 
     T² = vᵀPv with − vᵀPv without ≤ χ²(1 − α, dof), on one side; see the head of the module.
 
@@ -218,14 +218,14 @@ def tested_by_readjustment(
     Returns:
         Ledger and system, and the verdicts on what has entered.
     """
-    told: list[Verdict] = []
+    accepted: list[Verdict] = []
     if system.doubt or system.section is not None:
-        return ledger, system, told
+        return ledger, system, accepted
     ready = Candidates(ledger, known_in(system), rows).ready
     last = ready[-MAX_UNITS_TESTED:]
     images = _images(ledger, system, last, rules) if len(last) else {}
     bent = [row for row in last.tolist() if _bends(ledger, system, row, images)]
-    # Together first: others than the first may tell which of two places is right.
+    # Together first: others than the first may decide which of two places is right.
     for part in [bent, *([row] for row in bent if len(bent) > 1)]:
         out = np.setdiff1d(np.array(part, dtype=np.intp), ledger.having("accepted"))
         if len(out) and (found := _with(ledger, system, out, rules, images)):
@@ -237,8 +237,8 @@ def tested_by_readjustment(
             if not any(v.test > 1.0 for v in verdicts):
                 doubts = {i: str(s) for i, s in found[0].sides.items() if s.alone}
                 verdicts = [replace(v, doubt=doubts.get(v.id, "")) for v in verdicts]
-                (ledger, system), told = found, [*told, *verdicts]
-    return ledger, system, told
+                (ledger, system), accepted = found, [*accepted, *verdicts]
+    return ledger, system, accepted
 
 
 def may_bend(ledger: Ledger, system: ISAM2System, rows: Index) -> bool:
@@ -266,7 +266,7 @@ def may_bend(ledger: Ledger, system: ISAM2System, rows: Index) -> bool:
 
 
 def _weakest(system: FrontSystem | ISAM2System, name: str) -> Array | None:
-    """Return the farthest movement of a point that is likely, (3,) metres; none: it is held."""
+    """Return the farthest probable movement of a point, (3,) metres; none: it is held."""
     if not system.known("point", name) or not len(system.columns("point", name)):
         return None
     values, vectors = np.linalg.eigh(system.cofactors(("point", name), ("point", name)))
@@ -280,7 +280,7 @@ def _weakest(system: FrontSystem | ISAM2System, name: str) -> Array | None:
 def _images(ledger: Ledger, system: FrontSystem, rows: Index, rules: Options) -> dict[str, Array]:
     """Return the movements of points of observations to their mirror images, (3,) metres each.
 
-    Everything in the graph tells of images, and nothing that has left it.
+    Everything in the graph counts, and nothing that has left it.
     """
     if (solution := system.adjusted_solution) is not None:
         equations, state = solution.equations, solution.state
@@ -323,7 +323,7 @@ def _bends(
         return False
     for name in forms.units[0].points:
         if name in images:
-            with suppress(AdjustmentError):  # a station may stand where the image is
+            with suppress(AdjustmentError):  # a station may be where the image is
                 if forms.misfit(name, images[name]) < MIN_BEND_TO_RESIDUAL * size:
                     return True
         step = _weakest(system, name)
@@ -363,7 +363,7 @@ def _with(
     if here is not None and sides:
         vtpv = here.vtpv
         if vtpv - system.vtpv > critical_t2(rules.alpha, 1):
-            return None  # the others tell that this is the wrong side
+            return None  # by the others this is the wrong side
     dof = max(found.redundancy - system.redundancy, 1)
     if found.vtpv - vtpv > critical_t2(rules.alpha, dof):
         return None
@@ -402,11 +402,11 @@ def smaller_minimum(
 ) -> FrontSystem:
     """Return the system with the smaller vᵀPv: as found, or adjusted from approximate values.
 
-    It tells of the other, if these are two.
+    It names the other, if these are two.
 
     Args:
         draft: the whole network, from where everything was.
-        found: its system at rest.
+        found: its converged system.
         datum: given or free.
         tolerances: bounds of the last step, as for `Draft.adjusted`.
     """
@@ -426,7 +426,7 @@ def smaller_minimum(
 
 
 def _with_other(system: FrontSystem, other: FrontSystem) -> FrontSystem:
-    """Return a system at rest whose solution tells of another minimum."""
+    """Return a converged system whose solution names another minimum."""
     return system.with_second_place(describe_other_minimum(system.solution, other.solution))
 
 

@@ -3,7 +3,7 @@
 An observation that was left out fits where T² of its innovation, computed from everything that is
 in − observed, is below its critical value: first alone, then together with the others that come
 back. Several gross errors that agree with one another do not outvote what is in, as each has to fit
-without the others. When it is looked at:
+without the others. When it is examined:
 
 - Suspects after every arrival of which something has entered. All of them are predicted, the
   latest `MAX_SUSPECTS_PREDICTED` where there are more; those whose innovations are within
@@ -12,7 +12,7 @@ without the others. When it is looked at:
   more. Rejected observations have been decided on: arrivals leave them where they are.
 - Suspects and rejected observations, all of them, after a command that takes observations out,
   puts them in or changes them, which may have removed what others contradicted, and at `settle`.
-  What then lost everything that determined its variables is looked at like an arrival. A suspect
+  What then lost everything that determined its variables is examined like an arrival. A suspect
   may wait again. A rejected observation comes back only where something else tests it, and stays
   rejected otherwise: nothing says that what it contradicted was the wrong one. Suspects that bend
   too much for a test on linear forms are tested by adjusting (`nonlinear_tests`), which takes too
@@ -20,7 +20,7 @@ without the others. When it is looked at:
 
 What data snooping judges, it judges again in the same way: after `snoop` no component of what
 comes back has a test value |w| beyond the limit of that search, and what a search threw out has to
-fit within the limit of that search, too, whenever it is looked at. Otherwise another command, or
+fit within the limit of that search, too, whenever it is examined. Otherwise another command, or
 the next search, would undo a search with a stricter level.
 
 Observations that were discarded by hand, or that have been measured again since, stay out.
@@ -58,7 +58,7 @@ MAX_READMISSION_ROUNDS = 5
 
 def readmitted(
     state: IncrementalState,
-    told: Verdicts,
+    known: Verdicts,
     rules: Options,
     *,
     but: Collection[str] = (),
@@ -68,18 +68,18 @@ def readmitted(
 
     Args:
         state: the state after a command.
-        told: verdicts of the command; what it has tested is not looked at again.
+        known: verdicts of the command; what it has tested is not examined again.
         rules: the options.
-        but: ids of observations that the command has thrown out.
+        but: ids of observations that the command has rejected.
         limit: largest |w| of what comes back, beside its T².
 
     Returns:
         The state, and the verdicts of the command and on what came back.
     """
-    told = dict(told)
-    state, bent = _bent(state, {*told, *but}, rules)
-    told |= bent
-    tested = {*told, *but}
+    known = dict(known)
+    state, bent = _bent(state, {*known, *but}, rules)
+    known |= bent
+    tested = {*known, *but}
     for _ in range(MAX_READMISSION_ROUNDS):
         ledger = state.ledger
         rows = np.setdiff1d(_left_out(ledger), ledger.find(tested))
@@ -99,27 +99,27 @@ def readmitted(
         late = late if rules.policy != "accept" else NO_ROWS
         state, other = _entered(state, late, rules, limits)
         back = [i for i, v in (more | other).items() if v.verdict == "accepted"]
-        told |= more | other
+        known |= more | other
         if not back:
             break
-    return state, told
+    return state, known
 
 
 def readmitted_suspects(
-    state: IncrementalState, told: Verdicts, rules: Options
+    state: IncrementalState, known: Verdicts, rules: Options
 ) -> tuple[IncrementalState, Verdicts]:
     """Let suspects come back that fit by now, after an arrival of which something has entered.
 
     Args:
         state: the state after the arrival.
-        told: verdicts of the arrival; what it has tested is not looked at again.
+        known: verdicts of the arrival; what it has tested is not examined again.
         rules: the options.
 
     Returns:
         The state, and the verdicts of the arrival and on what came back.
     """
-    told, tested = dict(told), set(told)
-    latest = told
+    known, tested = dict(known), set(known)
+    latest = known
     for _ in range(MAX_READMISSION_ROUNDS):
         entered = any(v.verdict == "accepted" for v in latest.values())
         if rules.policy != "flag" or state.system is None or state.system.doubt or not entered:
@@ -133,8 +133,8 @@ def readmitted_suspects(
         limits = dict.fromkeys(near.tolist(), np.inf)
         state, fits = _fitting(state, near, rules, limits)
         state, latest = _entered(state, fits, rules, limits)
-        told |= latest
-    return state, told
+        known |= latest
+    return state, known
 
 
 def _bent(
@@ -145,10 +145,10 @@ def _bent(
     suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(tested))
     if not len(suspects) or (system := state.fronts) is None:
         return state, {}
-    ledger, system, told = tested_by_readjustment(ledger, system, suspects, rules, ())
-    if not told:
+    ledger, system, known = tested_by_readjustment(ledger, system, suspects, rules, ())
+    if not known:
         return state, {}
-    return IncrementalState(ledger, system, settled=False), {v.id: v for v in told}
+    return IncrementalState(ledger, system, settled=False), {v.id: v for v in known}
 
 
 def remeasured(ledger: Ledger, chosen: Index) -> Index:
@@ -184,8 +184,8 @@ def _limits(ledger: Ledger, rows: Index, limit: float) -> Mapping[int, float]:
     """Return the largest |w| with which each of some observations comes back, by rows."""
     out = {}
     for row in rows.tolist():
-        told = ledger.rows.verdicts.get(row, ())
-        own = (float(np.sqrt(v.critical)) for v in told if v.cause == SNOOPED)
+        former = ledger.rows.verdicts.get(row, ())
+        own = (float(np.sqrt(v.critical)) for v in former if v.cause == SNOOPED)
         out[row] = min([limit, *(x for x in own if x > 0.0)])
     return out
 
@@ -202,10 +202,10 @@ def _fitting(
     tests = list(innovation_tests(ledger, state.system, rows, rules.alpha))
     for test in tests:
         verdicts = ledger.rows.verdicts.get(test.row, ())
-        told = {v.id: replace(v, doubt=_doubt(v, test)) for v in verdicts}
-        if any(told[v.id].doubt != v.doubt for v in verdicts):
+        doubted = {v.id: replace(v, doubt=_doubt(v, test)) for v in verdicts}
+        if any(doubted[v.id].doubt != v.doubt for v in verdicts):
             outcome = verdicts[0].verdict
-            ledger = ledger.moved(np.array([test.row]), outcome, "tested again", told)
+            ledger = ledger.moved(np.array([test.row]), outcome, "tested again", doubted)
     fits = [t.row for t in tests if t.ratio <= 1.0 and t.w <= limits[t.row]]
     return replace(state, ledger=ledger), np.array(fits, dtype=np.intp)
 
@@ -233,17 +233,17 @@ def _entered(
     while len(rows):
         ledger = before.moved(rows, "waiting", "tested again")
         parts = np.array_split(rows, -(-len(rows) // MAX_RETESTED_TOGETHER))
-        after, told = worked_off(replace(state, ledger=ledger), [Task(p) for p in parts], rules)
+        after, known = worked_off(replace(state, ledger=ledger), [Task(p) for p in parts], rules)
         thrown = np.intersect1d(rows, rejected)
         waits = after.ledger.rows.among(thrown, "waiting").tolist()
         inside = after.ledger.rows.among(rows, "accepted")
-        verdicts = {r: [told[i] for i in before.ids_of(np.array([r]))] for r in inside.tolist()}
+        verdicts = {r: [known[i] for i in before.ids_of(np.array([r]))] for r in inside.tolist()}
         beyond = [r for r, own in verdicts.items() if any(_largest(v) > limits[r] for v in own)]
         untested = [
             r for r in thrown.tolist() if not all(v.controlled for v in verdicts.get(r, ()))
         ]
         if not (waits or beyond or untested):
-            return _as_before(before, after, rows, told)
+            return _as_before(before, after, rows, known)
         rows = np.setdiff1d(rows, [*waits, *beyond, *untested])
     return state, {}
 
@@ -254,7 +254,7 @@ def _largest(verdict: Verdict) -> float:
 
 
 def _as_before(
-    before: Ledger, after: IncrementalState, rows: Index, told: Verdicts
+    before: Ledger, after: IncrementalState, rows: Index, known: Verdicts
 ) -> tuple[IncrementalState, Verdicts]:
     """Put what has failed its test again back where it was, with its first verdict."""
     ledger = after.ledger
@@ -268,5 +268,5 @@ def _as_before(
         ledger = ledger.moved(mine, outcome, "tested again", first)
     ids = set(ledger.ids_of(failed))
     own = set(ledger.ids_of(rows))
-    fresh = {i: replace(v, entered=v.entered or i in own) for i, v in told.items() if i not in ids}
+    fresh = {i: replace(v, entered=v.entered or i in own) for i, v in known.items() if i not in ids}
     return replace(after, ledger=ledger), fresh

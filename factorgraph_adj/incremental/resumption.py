@@ -178,7 +178,7 @@ def resumed(
     rules: Options,
     journal: str,
 ) -> IncrementalState:
-    """Return the state at the end of a journal, at rest.
+    """Return the state at the end of a journal, converged.
 
     Args:
         network: the network at its beginning.
@@ -242,17 +242,17 @@ class _Lines:
         return moment, found
 
     def compared(self, state: IncrementalState) -> IncrementalState:
-        """Return a state at rest whose solution tells of a minimum that is not the journal's."""
+        """Return a converged state whose solution names a minimum that is not the journal's."""
         system, said = state.system, self.lines[-1].get("vtpv")
         if not isinstance(system, FrontSystem) or said is None:
             return state
         if abs(system.vtpv - said) <= _within(said):
             return state
-        told = (
+        message = (
             f"the journal ended at a minimum with vᵀPv {said:.6g}, which was not found again; "
             f"here it is {system.vtpv:.6g}"
         )
-        return replace(state, system=system.with_second_place(told))
+        return replace(state, system=system.with_second_place(message))
 
     def _excess(self, line: int, found: FrontSystem | NoMinimum | None) -> float:
         """Return by how much vᵀPv exceeds what a line says, beyond what is left to settle."""

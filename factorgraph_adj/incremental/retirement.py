@@ -1,7 +1,7 @@
 """Retirement of unknowns: linear rows in their place, their archive, and their return.
 
 A retired unknown leaves with all observations that touch it, whatever became of them. What its
-observations in the graph say of the unknowns that remain stands from then on as linear rows
+observations in the graph say of the unknowns that remain remains as linear rows
 (`factorgraph_adj.solve.marginalisation`), at the values of that moment. Its last estimate and its
 observations are kept in an archive, from which everything can be taken back.
 """
@@ -46,7 +46,7 @@ from .worklist import IncrementalState
 
 SMALL_PARTS = ("scale", "constant", "linear")
 """Parts of `MissedStep` that the journal has with seven digits."""
-NO_MINIMUM = "there is no minimum, of which the observations of what is retired could tell"
+NO_MINIMUM = "there is no minimum at which retired observations could be linear rows"
 
 
 class Leaving(NamedTuple):
@@ -241,7 +241,7 @@ def retired_again(ledger: Ledger, line: Mapping[str, Any]) -> Ledger:
 
 
 def taken_back(state: IncrementalState, rules: Options) -> IncrementalState:
-    """Return the state with everything that was retired, at rest.
+    """Return the state with everything that was retired, converged.
 
     Raises:
         AdjustmentError: there is no minimum with it.
@@ -491,8 +491,8 @@ def _refuse(ledger: Ledger, variables: Collection[Variable]) -> None:
         there = network.points if kind == "point" else network.photos
         noun = UNKNOWNS[kind].noun
         if name not in there:
-            told = "" if ledger.retired is None else ledger.retired.told((kind, name))
-            what = told or f"unknown {noun}; known: {known(there, meant=name)}"
+            message = "" if ledger.retired is None else ledger.retired.retirement_note((kind, name))
+            what = message or f"unknown {noun}; known: {known(there, meant=name)}"
             problems.append(Problem(what, f"{noun} {name!r}"))
         elif kind == "point" and (what := stated_at(network, name)):
             problems.append(Problem(f"cannot be retired: {what}", f"point {name!r}"))

@@ -130,9 +130,11 @@ def command_of(ledger: Ledger, before: str) -> int:
     if not len(rows) and number is not None:
         rows = np.flatnonzero((ledger.rows.photo == number) & (ledger.rows.status != REMOVED))
     if not len(rows):
-        told = ledger.unknown(before)
+        problem = ledger.unknown(before)
         raise InputError(
-            Problem(f"{told.what}; before= takes one, or a photo with image points", told.where)
+            Problem(
+                f"{problem.what}; before= takes one, or a photo with image points", problem.where
+            )
         )
     return int(ledger.rows.arrived[rows].min())
 

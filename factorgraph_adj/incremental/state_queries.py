@@ -112,10 +112,13 @@ def _require(state: IncrementalState, name: str, kind: Literal["point", "pose"] 
     described: Mapping[str, Point | Photo]
     noun, described = ("point", network.points) if kind == "point" else ("photo", network.photos)
     retired = state.ledger.retired
-    if name not in described and retired is not None and (told := retired.told((kind, name))):
-        what = (
-            f"{told}, and last_estimate({name!r}{', kind=' + repr(kind) if kind == 'pose' else ''})"
-        )
+    if (
+        name not in described
+        and retired is not None
+        and (message := retired.retirement_note((kind, name)))
+    ):
+        argument = f", kind={kind!r}" if kind == "pose" else ""
+        what = f"{message}, and last_estimate({name!r}{argument})"
         raise InputError(Problem(f"{what} returns what was known of it then", f"{noun} {name!r}"))
     if name not in described:
         text = unknown_name(noun, name, described)
@@ -193,13 +196,13 @@ class StateQueries(metaclass=ChecksArguments):
     def doubts(self) -> tuple[str, ...]:
         """Why the result may be wrong: no minimum, suspects that agree, wrong places, and copies.
 
-        The solution tells of the places, and with ``converged`` of the minimum.
+        The solution names the places, and with ``converged`` of the minimum.
         """
         inside = self._state.ledger.is_accepted
         copied = self._copies.told(inside, lambda ident, _: repr(ident))
         minimum = doubts.minimum_doubts(self._state, self._rules)
-        told = (*minimum, *self._doubts_of_suspects(), *self._places_in_doubt())
-        return (*told, *self._doubts_of_retired(), *copied)
+        found = (*minimum, *self._doubts_of_suspects(), *self._places_in_doubt())
+        return (*found, *self._doubts_of_retired(), *copied)
 
     def _doubts_of_suspects(self) -> tuple[str, ...]:
         """Say what several suspects contradict; it is looked for when others are suspects."""
@@ -224,8 +227,8 @@ class StateQueries(metaclass=ChecksArguments):
     def _doubts_of_retired(self) -> tuple[str, ...]:
         """Say where linear rows do not hold, and where something could not be retired."""
         why = [self._not_retired] if self._not_retired else []
-        if told := retirement.doubt(self._state, self._rules):
-            why.append(told)
+        if message := retirement.doubt(self._state, self._rules):
+            why.append(message)
         return tuple(why)
 
     def _places_in_doubt(self) -> tuple[str, ...]:
@@ -234,9 +237,9 @@ class StateQueries(metaclass=ChecksArguments):
 
     @one_at_a_time
     def network(self) -> Network:
-        """Return the network as it stands: what is in the graph, to save or to adjust in batch.
+        """Return the network as it is: what is in the graph, to save or to adjust in batch.
 
-        Approximate values that were found stand in it as given ones. What was retired is in it,
+        Approximate values that were found are given ones in it. What was retired is in it,
         too, which takes the memory of all that there has been.
         """
         if self._state.ledger.retired is not None:
@@ -257,8 +260,8 @@ class StateQueries(metaclass=ChecksArguments):
             raise InputError("nothing is determined yet: there is no solution")
         if self._solution is None or self._solution[0] is not self._state:
             found = solution_of(self._state.ledger, self._state.system, self._rules)
-            told = (*found.second_places, *self._places_in_doubt())
-            self._solution = self._state, replace(found, second_places=told)
+            places = (*found.second_places, *self._places_in_doubt())
+            self._solution = self._state, replace(found, second_places=places)
         return self._solution[1]
 
     @one_at_a_time
@@ -277,7 +280,7 @@ class StateQueries(metaclass=ChecksArguments):
     def causes(self, *, alpha: float | None = None) -> Causes | None:
         """Look for causes that several observations share, such as a wrong instrument height.
 
-        Everything is looked at in batch, as by `factorgraph_adj.snoop`: what is in, suspects, and
+        Everything is examined in batch, as by `factorgraph_adj.snoop`: what is in, suspects, and
         rejected observations that may come back; it takes several adjustments. Nothing changes.
 
         Args:
@@ -368,7 +371,7 @@ class StateQueries(metaclass=ChecksArguments):
     @property
     @one_at_a_time
     def redundancy(self) -> int:
-        """Redundancy of the network as it stands."""
+        """Redundancy of the network as it is."""
         system = self._state.system
         if system is None:
             return 0
@@ -377,7 +380,7 @@ class StateQueries(metaclass=ChecksArguments):
     @property
     @one_at_a_time
     def vtpv(self) -> float:
-        """VᵀPv, of the linear forms; without a minimum, of everything in the graph as it stands.
+        """VᵀPv, of the linear forms; without a minimum, of everything in the graph as it is.
 
         See `doubts`, and ``converged`` and ``reason`` of the solution. Infinite where an
         observation has no answer there, or its residual no finite square.
@@ -397,7 +400,7 @@ class StateQueries(metaclass=ChecksArguments):
     @property
     @one_at_a_time
     def settled(self) -> bool:
-        """Whether nothing has changed since it was at rest."""
+        """Whether nothing has changed since it converged."""
         return self._state.settled
 
     @one_at_a_time

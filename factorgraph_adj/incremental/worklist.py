@@ -1,6 +1,6 @@
 """The incremental state, and the worklist by which observations enter, wait or fail tests.
 
-A worklist holds tasks: observations to be looked at. Each round takes a task, finds what of it,
+A worklist holds tasks: observations to be examined. Each round takes a task, finds what of it,
 and of what waits with it, is determined (`determinability`), puts that in, and tests it. Where no
 solution is reached, something waits on, and smaller tasks come onto the list. States are values;
 what goes wrong leaves the state from which the loop began.
@@ -61,7 +61,7 @@ class IncrementalState:
     system: LinearSystem | None = None
     """Where everything is; none: nothing is determined."""
     settled: bool = True
-    """Whether nothing has changed since it was at rest."""
+    """Whether nothing has changed since it converged."""
     renewal: Renewal | None = None
     """A new base in the making; none: there is none."""
     refused: engines.RefusedNetwork | None = None
@@ -94,7 +94,7 @@ Verdicts: TypeAlias = dict[str, Verdict]
 
 
 class Task(NamedTuple):
-    """Observations to be looked at."""
+    """Observations to be examined."""
 
     rows: Index
     """The observations; they wait."""
@@ -105,18 +105,18 @@ class Task(NamedTuple):
     otherwise that one waits; and no other task takes them in before."""
     most: float = np.inf
     """Number of rows of what it was split from, because no solution was reached with all of it; it
-    is then looked at alone. Infinite: it was not split."""
+    is then examined alone. Infinite: it was not split."""
 
 
 class StateBeforeRestart(NamedTuple):
-    """Where a run stood before everything was begun anew."""
+    """Where a run stood before everything was started again."""
 
     state: IncrementalState
     """The state."""
-    told: Verdicts
+    verdicts: Verdicts
     """What had been said."""
     tasks: list[Task]
-    """What was left to be looked at."""
+    """What was left to be examined."""
     fixed: Index
     """What was in without a test."""
     task: Task
@@ -133,11 +133,11 @@ def worked_off(
     start: Solution | None = None,
     growing: bool = False,
 ) -> tuple[IncrementalState, Verdicts]:
-    """Look at observations until nothing changes.
+    """Examine observations until nothing changes.
 
     Args:
         state: the state; the observations of the tasks wait in its ledger.
-        tasks: what is to be looked at first.
+        tasks: what is to be examined first.
         rules: the options.
         start: where everything was, if that has been; approximate values are found otherwise.
         growing: whether they arrive, so that the engine of the rules takes them.
@@ -146,8 +146,8 @@ def worked_off(
         InputError: names observations whose geometry has no answer.
     """
     begun = in_chosen_engine(state, rules) if growing else state
-    after, told = Worklist(begun, list(tasks), rules, start, growing).run()
-    return (replace(after, refused=begun.refused) if begun.refused else after), told
+    after, verdicts = Worklist(begun, list(tasks), rules, start, growing).run()
+    return (replace(after, refused=begun.refused) if begun.refused else after), verdicts
 
 
 def in_chosen_engine(state: IncrementalState, rules: Options) -> IncrementalState:
@@ -171,17 +171,17 @@ class Worklist:
     ) -> None:
         self.state, self.tasks, self.rules, self.start = state, tasks, rules, start
         self.growing = growing
-        self.told: Verdicts = {}
+        self.verdicts: Verdicts = {}
         self._first = state.ledger, tuple(tasks)
         self.fixed: Index = np.concatenate([NO_ROWS, *(t.fixed for t in tasks)])
         self.over: StateBeforeRestart | None = None
-        """What there was before everything was begun anew; none: it was not."""
+        """What there was before everything was started again; none: it was not."""
         self.anew = rules.datum == "free"
-        """Whether everything may be begun anew: once in a run."""
+        """Whether everything may be started again: once in a run."""
 
     @cached_property
     def given(self) -> Collection[str]:
-        """Ids of the observations that are looked at first."""
+        """Ids of the observations that are examined first."""
         ledger, tasks = self._first
         return {i for t in tasks for i in ledger.ids_of(t.rows)}
 
@@ -189,7 +189,7 @@ class Worklist:
         """Work the list off."""
         before = self.state
         self._work()
-        self._test_by_adjusting(self.told)
+        self._test_by_adjusting(self.verdicts)
         if self.growing and isinstance(system := self.state.system, FrontSystem):
             ledger = self.state.ledger
             system, renewal = next_stage(before.renewal, ledger, system, self.rules)
@@ -198,7 +198,7 @@ class Worklist:
             self.state = self.state.on_fronts()
             ledger = with_current_sides(self.state.ledger, self.state.fronts, self.rules)
             self.state = replace(self.state, ledger=ledger)
-        return self.state, self.told
+        return self.state, self.verdicts
 
     def _work(self) -> None:
         while self.tasks or self.over:
@@ -210,8 +210,8 @@ class Worklist:
 
     def _test_by_adjusting(self, ids: Collection[str]) -> None:
         """Test again by adjusting what failed on linear forms that do not hold that far."""
-        told = [self.told[i] for i in ids if i in self.told]
-        failed = [v.id for v in told if v.verdict == self.rules.failed and v.dof]
+        verdicts = [self.verdicts[i] for i in ids if i in self.verdicts]
+        failed = [v.id for v in verdicts if v.verdict == self.rules.failed and v.dof]
         ledger, system = self.state.ledger, self.state.system
         if not failed:
             return
@@ -223,20 +223,22 @@ class Worklist:
         ledger, found, entered = tested_by_readjustment(
             ledger, system, rows, self.rules, self.given
         )
-        self.told |= {v.id: v for v in entered}
+        self.verdicts |= {v.id: v for v in entered}
         if entered:
             self.state = IncrementalState(ledger, found, settled=False)
         self._name_contradicted(ledger, found, rows[-MAX_UNITS_TESTED:])
 
     def _name_contradicted(self, ledger: Ledger, system: FrontSystem, rows: Index) -> None:
-        """Name the readings that alone tell a side, without which others would fit."""
+        """Name the readings that alone determine a side, without which others would fit."""
         failed = self.rules.failed
         for row in ledger.rows.among(rows, failed).tolist() if ledger.sides else ():
             if doubt := contradicted_reading(ledger, system, row, self.rules):
                 ids = ledger.unit(row).ids
-                told = {i: replace(self.told[i], doubt=doubt) for i in ids if i in self.told}
-                self.told |= told
-                ledger = ledger.moved(np.array([row]), failed, "tested by adjusting", told)
+                verdicts = {
+                    i: replace(self.verdicts[i], doubt=doubt) for i in ids if i in self.verdicts
+                }
+                self.verdicts |= verdicts
+                ledger = ledger.moved(np.array([row]), failed, "tested by adjusting", verdicts)
         self.state = replace(self.state, ledger=ledger)
 
     def _merge(self) -> None:
@@ -250,7 +252,7 @@ class Worklist:
         system.whole.forget()  # two of them may be more than there is memory for
         close = min(EFFORT.again, self.rules.accuracy)
         found = draft.adjusted(self.rules.datum, tolerances=(close,))
-        if not isinstance(found, FrontSystem):  # the section stands for the whole a little longer
+        if not isinstance(found, FrontSystem):  # the section represents the whole a little longer
             found = replace(system, section=replace(system.section, work=0))
         elif system.section.looked is not None:
             found = replace(found, drift=system.section.looked.drift.anew())
@@ -364,9 +366,9 @@ class Worklist:
     def _entered(
         self, task: Task, ready: Index, found: list[Enterable], result: EntryResult
     ) -> None:
-        """Take over what has entered, and look at what that awakes."""
+        """Take over what has entered, and examine what that awakes."""
         before = self.state
-        self.told |= {v.id: v for v in result.verdicts}
+        self.verdicts |= {v.id: v for v in result.verdicts}
         self.state = IncrementalState(_with_oriented(result, found), result.system, settled=False)
         if result.system is None:
             return
@@ -389,9 +391,9 @@ class Worklist:
         lacks: dict[Variable | str, str] = {}
         bad: list[int] = []
         for row, unit in zip(ready.tolist(), ledger.units(ready), strict=True):
-            told = [about[o.label()] for o in unit.observations if o.label() in about]
-            if told:
-                lacks[unit.ids[0]] = told[0]
+            reasons = [about[o.label()] for o in unit.observations if o.label() in about]
+            if reasons:
+                lacks[unit.ids[0]] = reasons[0]
                 bad.append(row)
         if bad:
             self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
@@ -399,7 +401,7 @@ class Worklist:
         return bool(bad)
 
     def _awake(self, new: Collection[Variable]) -> None:
-        """Look at what waits and touches what has become known."""
+        """Examine what waits and touches what has become known."""
         if not new:
             return
         ledger = self.state.ledger
@@ -432,15 +434,15 @@ class Worklist:
         inside = well_determined(candidates)
         return [inside, np.setdiff1d(candidates.rows, inside)] if len(inside) else []
 
-    # -- beginning anew -----------------------------------------------------------------------
+    # -- starting again -----------------------------------------------------------------------
 
     def _begin_anew(self, task: Task, noticing: Index) -> None:
-        """Find out anew what is determined, now that something notices what the datum left open.
+        """Determine again what is determined, now that something notices what the datum left open.
 
         Parts of a free network that do not notice it are loose then.
         """
         self.over = StateBeforeRestart(
-            self.state, dict(self.told), self.tasks, self.fixed, task, noticing
+            self.state, dict(self.verdicts), self.tasks, self.fixed, task, noticing
         )
         self.anew = False
         ledger = self.state.ledger
@@ -451,16 +453,16 @@ class Worklist:
         self.tasks = [Task(ledger.having("waiting"))]
 
     def _decide_whether_anew(self) -> None:
-        """Keep what was found anew where it is more than before.
+        """Keep what was found again where it is more than before.
 
-        Otherwise what notices motions that the datum left open waits, and the rest is looked at.
+        Otherwise what notices motions that the datum left open waits, and the rest is examined.
         """
         assert self.over is not None
-        (before, told, tasks, fixed, task, noticing), self.over = self.over, None
+        (before, verdicts, tasks, fixed, task, noticing), self.over = self.over, None
         was, now = (s.ledger.n_scalars(s.ledger.having("accepted")) for s in (before, self.state))
         if now > was and self.state.system is not None:
             return
-        self.told, self.fixed, self.tasks = told, fixed, tasks
+        self.verdicts, self.fixed, self.tasks = verdicts, fixed, tasks
         ledger = before.ledger
         lacks = {ledger.rows.ids(ledger.names, row)[0]: OPEN for row in noticing.tolist()}
         self.state = replace(before, ledger=ledger.with_lacks(lacks))

@@ -9,8 +9,8 @@ is said of what waits (``lacks``); how photos without poses were oriented (``ori
 readings have moved points to their other sides (``sides``, all of them where that has changed);
 what was retired (``retired``), or that all of it was taken back (``taken_back``), see
 `retirement`; ``estimates`` of unknowns, by kind and name, and ``vtpv``, see
-`incremental.resumption`. The first line has what its network came to in ``start``, with the
-same fields. Image points stand in ``images``, those of a photo with the same outcome together.
+`incremental.resumption`. The first line has the result of its network in ``start``, with the
+same fields. Image points are in ``images``, those of a photo with the same outcome together.
 Reading back needs no test again.
 """
 
@@ -143,8 +143,8 @@ def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
             defined.append(definition(unit))
         outcome = "gone" if code == REMOVED else OUTCOMES[code]
         if outcome in _TOLD:
-            told = {v.id: figures(v) for v in rows.verdicts.get(row, ())}
-            out.setdefault(outcome, {}).update({i: told.get(i, {}) for i in ids})
+            recorded = {v.id: figures(v) for v in rows.verdicts.get(row, ())}
+            out.setdefault(outcome, {}).update({i: recorded.get(i, {}) for i in ids})
         elif ids:
             out.setdefault(outcome, []).extend(ids)
         if ids and cause != "arrival":
@@ -173,8 +173,8 @@ def everything_of(
     """
     status = np.full(ledger.rows.n, REMOVED, dtype=np.int8)
     status[rows] = ledger.rows.status[rows]
-    told = ledger.rows.verdicts
-    causes = {r: told[r][0].cause if told.get(r) else "" for r in rows.tolist()}
+    recorded = ledger.rows.verdicts
+    causes = {r: recorded[r][0].cause if recorded.get(r) else "" for r in rows.tolist()}
     mine = replace(
         ledger,
         rows=replace(ledger.rows, status=status),
@@ -233,9 +233,9 @@ def _images(after: Ledger, changed: Index, first: int) -> list[dict[str, Any]]:
             record |= {"sources": given} if given else {}
         own = {str(i): rows.room.ids[r] for i, r in enumerate(mine) if r in rows.room.ids}
         record |= {"ids": own} if own else {}
-        told = [figures(v) for r in mine for v in rows.verdicts.get(r, (None,))]
-        if any(told):
-            record["figures"] = told
+        recorded = [figures(v) for r in mine for v in rows.verdicts.get(r, (None,))]
+        if any(recorded):
+            record["figures"] = recorded
         records.append(record)
     return records
 
@@ -297,7 +297,7 @@ def ids_of(line: Mapping[str, Any]) -> list[str]:
 
 @contextmanager
 def reading(where: str) -> Iterator[None]:
-    """Say in every error where the line stands that is read.
+    """Say in every error the place of the line that is read.
 
     Raises:
         InputError: what is wrong with the line.
@@ -305,8 +305,8 @@ def reading(where: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        told = [p if p.where.startswith(where) else p.at(where) for p in error.problems]
-        raise InputError(told) from None
+        problems = [p if p.where.startswith(where) else p.at(where) for p in error.problems]
+        raise InputError(problems) from None
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         what = f"the line is damaged: {type(error).__name__} {error!s:.80}"
         raise InputError(Problem(what, where)) from error
@@ -335,11 +335,11 @@ def _after(line: Mapping[str, Any], ledger: Ledger, where: str) -> Ledger:
     ledger = replace(ledger, next=number_beyond([*ids, *rays], ledger.next))
     causes = {i: cause for cause, ids in line.get("causes", {}).items() for i in ids}
     for outcome in OUTCOMES:
-        told = line.get(outcome, ())
-        if missing := ledger.missing(told):
+        changed = line.get(outcome, ())
+        if missing := ledger.missing(changed):
             what = f"observation {missing[0]!r} is not known here: a line before is missing"
             raise InputError(Problem(what, where))
-        ledger = _moved(ledger, ledger.find(told), outcome, told, causes)
+        ledger = _moved(ledger, ledger.find(changed), outcome, changed, causes)
     for record in line.get("images", ()):
         ledger = _replay_images(ledger, record, where)
     if line.get("unweighted"):
@@ -362,12 +362,12 @@ def _moved(
     ledger: Ledger,
     rows: Index,
     outcome: Outcome,
-    told: Mapping[str, Any] | Sequence[str],
+    changed: Mapping[str, Any] | Sequence[str],
     causes: Mapping[str, str],
 ) -> Ledger:
     """Return the ledger where rows have an outcome, with the figures and causes of verdicts."""
     verdicts: dict[str, Verdict] = {}
-    figures_of = told if isinstance(told, Mapping) else {}
+    figures_of = changed if isinstance(changed, Mapping) else {}
     for unit in ledger.units(rows) if figures_of else ():
         for i, o in zip(unit.ids, unit.observations, strict=True):
             found = _verdict(i, o, unit.points, outcome, figures_of.get(i, {}))
@@ -393,7 +393,7 @@ def _replay_images(ledger: Ledger, record: Mapping[str, Any], where: str) -> Led
         ledger, rows = ledger.with_images(table, "journal")
     else:
         measured = ledger.rows.measured(names.photo[photo], np.array(points, dtype=np.intp))
-        # A point may have been measured again after it was rejected: ids tell the two apart.
+        # A point may have been measured again after it was rejected: ids distinguish the two.
         own = ledger.rows.room.ids
         row_of = {(int(ledger.rows.point[r]), own.get(r)): r for r in measured.tolist()}
         given = record.get("ids", {})
@@ -405,9 +405,9 @@ def _replay_images(ledger: Ledger, record: Mapping[str, Any], where: str) -> Led
     if record["outcome"] == "gone":
         return ledger.moved(rows, None, "journal")
     ids = ledger.ids_of(rows)
-    told = dict(zip(ids, record.get("figures", ()), strict=False))
+    recorded = dict(zip(ids, record.get("figures", ()), strict=False))
     causes = dict.fromkeys(ids, record.get("cause", ""))
-    return _moved(ledger, rows, record["outcome"], told or (), causes)
+    return _moved(ledger, rows, record["outcome"], recorded or (), causes)
 
 
 def _verdict(

@@ -65,7 +65,7 @@ class Ledger:
     time: float | None = None
     """Time of the latest arrival that stated one, seconds."""
     retired: Retired | None = None
-    """What stands for all that was retired; none: nothing was."""
+    """What represents all that was retired; none: nothing was."""
 
     @classmethod
     @without_collections
@@ -287,19 +287,19 @@ class Ledger:
 
         Args:
             rows: the rows.
-            outcome: what becomes of them; none: they are taken out.
+            outcome: their new outcome; none: they are taken out.
             cause: why.
             verdicts: verdicts on suspects and rejected observations by id.
         """
         if not len(rows):
             return self
-        told: dict[int, tuple[Verdict, ...]] = {}
+        moved: dict[int, tuple[Verdict, ...]] = {}
         if verdicts:
             for row in rows.tolist():
                 ids = self.rows.ids(self.names, row)
-                told[row] = tuple(verdicts[i] for i in ids if i in verdicts)
+                moved[row] = tuple(verdicts[i] for i in ids if i in verdicts)
         causes = {**self.causes, **dict.fromkeys(rows.tolist(), cause)}
-        return replace(self, rows=self.rows.moved(rows, outcome, told), causes=causes)
+        return replace(self, rows=self.rows.moved(rows, outcome, moved), causes=causes)
 
     def without_weights(self, ids: Sequence[str]) -> Ledger:
         """Return the ledger where weighted unknowns have lost their weights, by their names."""
@@ -378,13 +378,13 @@ class Ledger:
 
     def unknown(self, ident: str) -> Problem:
         """Return the problem that no observation has an id."""
-        if told := self.told_of_retired(ident):
-            return Problem(told, f"observation {ident!r}")
+        if note := self.retirement_note(ident):
+            return Problem(note, f"observation {ident!r}")
         there = np.flatnonzero(self.rows.status != REMOVED)
         meant = similar(ident, self.ids_of(there)) if len(there) <= MOST_COMPARED else ""
         return Problem(f"unknown observation{meant}", f"observation {ident!r}")
 
-    def told_of_retired(self, ident: str) -> str:
+    def retirement_note(self, ident: str) -> str:
         """Say that an observation was retired, and what to do; empty where it was not."""
         return "" if self.retired is None else self.retired.of_id(ident)
 

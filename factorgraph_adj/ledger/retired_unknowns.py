@@ -186,7 +186,7 @@ class Retired:
         """Return what was known of an unknown when it was retired; none: it was not."""
         return self.archive.find(variable, self.number)
 
-    def told(self, variable: Variable) -> str:
+    def retirement_note(self, variable: Variable) -> str:
         """Say that an unknown was retired, and what to do; empty where it was not."""
         found = self.last_estimate(variable)
         return "" if found is None else f"was retired {found.moment}; {TAKES_BACK}"
@@ -199,8 +199,8 @@ class Retired:
         while at >= 0:
             both: tuple[Variable, ...] = ("pose", ident[:at]), ("point", ident[at + 1 :])
             for variable in both:
-                if told := self.told(variable):
-                    return f"{UNKNOWNS[variable[0]].noun} {variable[1]!r} {told}"
+                if note := self.retirement_note(variable):
+                    return f"{UNKNOWNS[variable[0]].noun} {variable[1]!r} {note}"
             at = ident.find("/", at + 1)
         return ""
 
@@ -220,8 +220,8 @@ class Retired:
         ]
         out = []
         for variable in dict.fromkeys(variables):
-            if told := self.told(variable):
-                what = f"{UNKNOWNS[variable[0]].noun} {variable[1]!r} {told}"
+            if note := self.retirement_note(variable):
+                what = f"{UNKNOWNS[variable[0]].noun} {variable[1]!r} {note}"
                 out.append(Problem(f"{what}, and then this observation can be added", o.label()))
         ident = o.id
         if not out and ident is not None and (moment := self.archive.moment_of(ident, self.number)):
@@ -235,11 +235,11 @@ class Retired:
         new += [("pose", f.name) for f in photos]
         return [
             Problem(
-                f"one of this name {told}; or give the new one another name", f"{noun} {name!r}"
+                f"one of this name {note}; or give the new one another name", f"{noun} {name!r}"
             )
             for kind, name in new
             for noun in (UNKNOWNS[kind].noun,)
-            if (told := self.told((kind, name)))
+            if (note := self.retirement_note((kind, name)))
         ]
 
     def state_found(self, network: Network) -> None:

@@ -1,7 +1,7 @@
 """Rows of arrived units and image points in shared columns, with outcomes, ids and names.
 
 A unit is what arrives together or not at all: an observation, or a correlated group. Image points
-stand in arrays, so that millions of them need no objects. An image point of a correlated group
+are in arrays, so that millions of them need no objects. An image point of a correlated group
 belongs to its group.
 """
 
@@ -325,15 +325,15 @@ class RowStore:
         return replace(self, status=status, room=self.room.appended(self.n, more))
 
     def moved(
-        self, rows: Index, outcome: Outcome | None, told: Mapping[int, tuple[Verdict, ...]]
+        self, rows: Index, outcome: Outcome | None, moved: Mapping[int, tuple[Verdict, ...]]
     ) -> RowStore:
         """Return the table with another outcome of some rows; none: they are taken out."""
         status = self.status.copy()
         status[rows] = REMOVED if outcome is None else OUTCOME_CODE[outcome]
         verdicts = self.verdicts
-        if verdicts or told:
+        if verdicts or moved:
             left = set(rows.tolist())
-            verdicts = {r: v for r, v in verdicts.items() if r not in left} | dict(told)
+            verdicts = {r: v for r, v in verdicts.items() if r not in left} | dict(moved)
         return replace(self, status=status, verdicts=verdicts)
 
     def compacted(self) -> tuple[RowStore, Index | None]:
@@ -347,18 +347,18 @@ class RowStore:
         if self.n < 64 or 2 * int(there.sum()) > self.n:
             return self, None
         new = np.where(there, np.cumsum(there) - 1, REMOVED)
-        told = {int(new[r]): v for r, v in self.verdicts.items()}
-        return RowStore(self.status[there], self.room.kept(there), told), new
+        moved = {int(new[r]): v for r, v in self.verdicts.items()}
+        return RowStore(self.status[there], self.room.kept(there), moved), new
 
     def only(self, there: Mask, photo: Index, point: Index) -> RowStore:
         """Return the table with some of its rows, (n,), and new numbers of photos and points."""
         new = np.where(there, np.cumsum(there) - 1, REMOVED)
-        told = {int(new[r]): v for r, v in self.verdicts.items() if there[r]}
+        moved = {int(new[r]): v for r, v in self.verdicts.items() if there[r]}
         room = self.room.kept(there)
         for column, number in zip(room.columns, (photo, point), strict=False):
             rays = column != NO_PHOTO
             column[rays] = number[column[rays]]
-        return RowStore(self.status[there], room, told)
+        return RowStore(self.status[there], room, moved)
 
     # -- questions ----------------------------------------------------------------------------
 

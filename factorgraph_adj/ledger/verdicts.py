@@ -11,7 +11,7 @@ from ..statistical_tests import ChiSquareTest
 from ..types import Array
 
 Policy: TypeAlias = Literal["accept", "flag", "reject"]
-"""What becomes of an observation whose test value is beyond the critical value."""
+"""Treatment of an observation whose test value is beyond the critical value."""
 Outcome: TypeAlias = Literal["accepted", "suspect", "rejected", "waiting"]
 SNOOPED = "snooping"
 """Cause of what data snooping threw out."""
@@ -20,7 +20,7 @@ REST = "rest of a group"
 DISCARDED = "discarded"
 """Cause of what was rejected by hand: it does not come back by itself."""
 TOLD_CAUSES = (DISCARDED, SNOOPED, REST)
-"""Causes that the verdicts on observations that were left out tell."""
+"""Causes that the verdicts on observations that were left out state."""
 OUTCOMES: tuple[Outcome, ...] = ("accepted", "waiting", "suspect", "rejected")
 """Every outcome, in the order in which a line of the journal lists them."""
 
@@ -48,7 +48,7 @@ class Side:
     moved: float
     """By how much it moved, metres."""
     alone: bool = True
-    """Whether nothing but the reading tells the side."""
+    """Whether nothing but the reading determines the side."""
 
     def __str__(self) -> str:
         """Say so."""
@@ -98,8 +98,8 @@ class Verdict(ChiSquareTest):
     ``rest of a group``, or ``came back after snoop()`` or another command."""
     doubt: str = ""
     """Why the verdict may be wrong: an accepted observation that moved a point to its other side,
-    of which nothing else tells; one that failed, and fits without such an observation; or one of
-    which rounding has left no test when it was looked at again."""
+    that nothing else determines; one that failed, and fits without such an observation; or one of
+    which rounding has left no test when it was examined again."""
     gains: tuple[Gain, ...] = ()
     """What it adds to its points; empty for observations that are left out, and in free networks
     (there the standard deviations belong to all datum points together)."""

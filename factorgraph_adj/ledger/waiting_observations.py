@@ -225,7 +225,7 @@ class Candidates:
     """Some observations, and which of their variables are open: neither known nor constants."""
 
     ledger: Ledger
-    """Where they stand."""
+    """Where they are stored."""
     known: Known
     """What is known."""
     rows: Index
@@ -406,7 +406,7 @@ class Candidates:
         return self._some(~np.isin(self.rows, self.touching(variables)))
 
     def parts(self, *, by_geometry: bool = False) -> list[Index]:
-        """Return the candidates in parts that hang together by open variables.
+        """Return the candidates in parts that open variables join.
 
         Args:
             by_geometry: whether variables that carry no datum, such as calibrations, do not count.

@@ -84,7 +84,7 @@ class Decision:
     out: dict[int, LeaveOneOutFigures] = field(default_factory=dict)
     """Units that failed their test, with their figures at that moment."""
     back: list[int] = field(default_factory=list)
-    """Units that contradict each other: the next ones may tell which is wrong."""
+    """Units that contradict each other: the next ones may decide which is wrong."""
     loose: set[Variable] = field(default_factory=set)
     """Variables that only those determined."""
 
@@ -138,7 +138,7 @@ def left_out(
     Args:
         joint: the units.
         decision: what happens to them.
-        outcome: what becomes of those that failed.
+        outcome: outcome of those that failed.
         alpha: probability of a false alarm of one test.
         given: ids of observations that did not wait before.
     """
@@ -162,9 +162,9 @@ def accepted_verdicts(
         return
     tested = joint.tested()
     figures = tested.figures(joint.raw, np.arange(len(joint.units)))
-    told = gains and len(joint.units) <= MAX_GAINS
+    with_gains = gains and len(joint.units) <= MAX_GAINS
     for i, unit in enumerate(joint.units):
-        added = tuple(_gains(joint, i, tested.block(i))) if told else ()
+        added = tuple(_gains(joint, i, tested.block(i))) if with_gains else ()
         yield from _tested(unit, "accepted", figures, i, alpha, given, added)
 
 

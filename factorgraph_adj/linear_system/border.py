@@ -1,7 +1,7 @@
 """New unknowns that border a base: their values, and the check of their rows' linear forms.
 
 They border the low-rank update, see `factorgraph_adj.solve.low_rank_update`: nothing is known of
-them but what the rows say that touch them. Each stands at the value where these rows were
+them but what the rows say that touch them. Each has the value where these rows were
 linearised; the update says how far it has moved since. Rows are watched: what their linear forms
 miss moves estimates by at most √Σ|Δv|² of σ.
 
@@ -22,7 +22,7 @@ from ..types import NO_ROWS, Array, Index
 from .linear_system import LinearForms
 
 PREDICTION_MARGIN = 4.0
-"""Factor by which what forms miss may grow faster with movement than where they were looked at."""
+"""Factor by which what forms miss may grow faster with movement than where they were examined."""
 
 
 class NewUnknown(NamedTuple):
@@ -60,7 +60,7 @@ class WatchedRows:
     place: Index
     """Numbers of these, (n,)."""
     last: LinearisationCheck | None = None
-    """The last look at them; none: there was none."""
+    """The last examination of them; none: there was none."""
     half: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """R⁻¹ with the cofactors R Rᵀ of the new unknowns at the first look, (n, n)."""
     bend: float = 0.0
@@ -82,7 +82,7 @@ class WatchedRows:
         return cls(forms, mine[place >= 0], place[place >= 0])
 
     def ahead(self, movement: Array) -> LinearisationCheck | None:
-        """Return what a look would tell after a movement (m,); none: that is not known yet."""
+        """Return the check to expect after a movement (m,); none: that is not known yet."""
         last, here = self.last, movement[self.new]
         if last is None:
             return None
@@ -93,7 +93,7 @@ class WatchedRows:
         )
 
     def looked(self, movement: Array, cofactors: Array) -> WatchedRows:
-        """Return the rows after a look at them; see `Border.looked`."""
+        """Return the rows after their examination; see `Border.looked`."""
         values, vectors = np.linalg.eigh(cofactors[np.ix_(self.place, self.place)])
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         now = self._look(movement, root)
@@ -198,7 +198,7 @@ class Border:
     def looked(
         self, moved: Callable[[Index], Array], cofactors: Array, gap: float, change: float
     ) -> tuple[Border, float, float]:
-        """Look at the rows, as long as it is not known that their forms hold.
+        """Examine the rows, as long as it is not known that their forms hold.
 
         Args:
             moved: returns the movement of columns.
@@ -215,19 +215,19 @@ class Border:
         """
         watched = list(self.watched)
         movements = [moved(w.forms.columns) for w in watched]
-        told = [w.ahead(m) for w, m in zip(watched, movements, strict=True)]
+        checks = [w.ahead(m) for w, m in zip(watched, movements, strict=True)]
         looked: set[int] = set()
         while len(looked) < len(watched):
             sizes = [
-                np.inf if t is None else np.hypot(t.gap / gap, t.change / change) for t in told
+                np.inf if t is None else np.hypot(t.gap / gap, t.change / change) for t in checks
             ]
             if np.linalg.norm(sizes) <= 1.0 or any(sizes[i] > 1.0 for i in looked):
                 break
             i = max(set(range(len(watched))) - looked, key=sizes.__getitem__)
             watched[i] = watched[i].looked(movements[i], cofactors)
-            told[i] = watched[i].last
+            checks[i] = watched[i].last
             looked.add(i)
-        gaps = [np.inf if t is None else t.gap for t in told]
-        changes = [np.inf if t is None else t.change for t in told]
+        gaps = [np.inf if t is None else t.gap for t in checks]
+        changes = [np.inf if t is None else t.change for t in checks]
         found = replace(self, watched=tuple(watched))
         return found, float(np.linalg.norm(gaps)), float(np.linalg.norm(changes))

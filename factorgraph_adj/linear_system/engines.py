@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def downdated(system: FrontSystem, ids: Sequence[str]) -> FrontSystem | None:
-    """Return a system without observations; none where an update cannot tell.
+    """Return a system without observations; none where an update cannot determine it.
 
     Args:
         system: the system.

@@ -1,6 +1,6 @@
 """The linear system in fronts: an adjusted network or section, and rows that joined or left it.
 
-The base is a batch solution at a minimum. Beside it stands one low-rank update
+The base is a batch solution at a minimum. With it goes one low-rank update
 (`factorgraph_adj.solve.low_rank_update`) with the rows of arrivals between known variables and of
 removals. Estimates and cofactors are those of both together, to first order; `linearisation_error`
 says how far that is valid. A system is a value: every change returns another one.
@@ -62,7 +62,7 @@ class FrontSystem:
     shifted: float = 0.0
     """Bound of its length, relative to σ."""
     drift: LinearisationDrift | None = None
-    """The last look at how far the linear forms of the base hold; none: there was none."""
+    """The last examination of how far the linear forms of the base hold; none: there was none."""
     doubt: str = ""
     """Why this is not the minimum of everything in the graph; empty if it is."""
     rows: Index = field(default_factory=lambda: NO_ROWS)
@@ -156,7 +156,7 @@ class FrontSystem:
         return new or any(s.unknowns["pose"].number for s in (self, self.whole))
 
     def places(self) -> list[tuple[Unknowns, State, State]]:
-        """Return unknowns, state and start values: what stands later has been adjusted later."""
+        """Return unknowns, state and start values: what is later has been adjusted later."""
         own = self.unknowns, self.state, self.base.start
         if self.section is None:
             return [own]
@@ -318,7 +318,7 @@ class FrontSystem:
 
     @property
     def looked(self) -> Mapping[str, ShapeMisfit]:
-        """Shapes that were fitted anew in vain, see `solve.shape_minimum`."""
+        """Shapes that were fitted again in vain, see `solve.shape_minimum`."""
         return self.base.run.shape_misfits
 
     @property
@@ -347,7 +347,7 @@ class FrontSystem:
         return self.base.reason
 
     def points_anywhere(self) -> list[VaguePoint]:
-        """Return the points of the base of which observations do not tell where they are."""
+        """Return the points of the base that its observations do not determine."""
         return vague_points(self.base)
 
     def with_second_place(self, sentence: str) -> FrontSystem:
@@ -464,7 +464,7 @@ class FrontSystem:
         None: something has no value. The rows have yet to determine the new unknowns.
 
         Args:
-            ledger: where the observations stand.
+            ledger: where the observations are stored.
             rows: the observations.
             values: returns a state of given unknowns with values of the new ones.
 

@@ -57,7 +57,7 @@ class ISAM2System:
     def __init__(
         self, tree: LinearISAM2, ledger: Ledger, rules: Options, beside: FrontSystem | None = None
     ) -> None:
-        """Take a tree over as it stands.
+        """Take a tree over as it is.
 
         Args:
             tree: the tree.
@@ -69,7 +69,7 @@ class ISAM2System:
         self._version = tree.version
         self._mark: Mark | None = None
         self._refused: tuple[str, ...] = ()
-        """First ids of the units with which the tree came to no rest last."""
+        """First ids of the units with which the tree did not converge last."""
         self.doubt = ""
 
     @staticmethod
@@ -234,7 +234,7 @@ class ISAM2System:
 
     @property
     def looked(self) -> Mapping[str, ShapeMisfit]:
-        """Shapes that were fitted anew in vain: none is known."""
+        """Shapes that were fitted again in vain: none is known."""
         return {}
 
     @property
@@ -398,7 +398,7 @@ class EnteredRows:
     equations: Equations
     """The units alone."""
     together: JointCovariance
-    """The units with the joint covariance of what they touch, before anything is evaluated anew: a
+    """The units with the joint covariance of what they touch, before anything is evaluated again: a
     gross error bends everything that it touches, and linear forms do not hold that far."""
     version: int
     """Version of the tree in which they are tested."""

@@ -37,10 +37,10 @@ standard deviation is half of it; the rest is room for what the power iteration 
 OF_BORDER = 0.3
 """Part of the step that may be left which the rows of new unknowns may miss without a look."""
 LOOK = 0.1
-"""Work of a look at the whole, relative to an adjustment of it."""
+"""Work of an examination of the whole, relative to an adjustment of it."""
 MAX_SMALL_UNKNOWNS = 250
-"""Largest number of unknowns of a network that is linearised anew after every change: the look at
-its linear forms would take as long."""
+"""Largest number of unknowns of a network that is linearised again after every change: an
+examination of its linear forms would take as long."""
 VANISHED = 1e-12
 """Variance relative to the conditional one up to which it is zero: a given datum leaves no smaller
 one than that, and inner constraints none to a single datum point."""
@@ -115,7 +115,7 @@ def largest_step(system: FrontSystem, accuracy: float) -> float:
 def _within(
     system: FrontSystem, accuracy: float, arrived: LinearForms | None
 ) -> FrontSystem | None:
-    """Return a system, see `within`; what a section leaves out is not looked at."""
+    """Return a system, see `within`; what a section leaves out is not examined."""
     bound, gained = largest_step(system, accuracy), _gained(system)
     largest = TURNED * accuracy
     # Without the rows that left, cofactors are at most this much larger: N' ≥ M_min N.
@@ -151,12 +151,12 @@ def _within(
 def _look(
     system: FrontSystem, gained: float, part: FrontSystem | None = None
 ) -> tuple[FrontSystem, Array]:
-    """Look at the linear forms; return the system that knows how far they hold, and g.
+    """Examine the linear forms; return the system that knows how far they hold, and g.
 
     Args:
         system: the system.
         gained: largest factor by which a variance is smaller than that of the base.
-        part: a section of the system, whose rows are not looked at; none: there is none.
+        part: a section of the system, whose rows are not examined; none: there is none.
     """
     apart = NO_ROWS if part is None or part.section is None else part.section.rows
     here = system.base.normal().system

@@ -123,7 +123,7 @@ def innovation_tests(
     """Iterate over the tests of observations between known variables, each alone.
 
     What has no answer where everything is by now is left out, and so is what notices motions that
-    the datum of a free network leaves open: no test tells of these. A test without figures is that
+    the datum of a free network leaves open: no test controls these. A test without figures is that
     of an observation with unusable cofactors, see `InnovationTest.answered`.
 
     Args:
@@ -194,7 +194,7 @@ def joined(ledger: Ledger, system: LinearSystem, out: Index, inside: Index) -> J
     None: something has no answer, or says where a free network is.
 
     Args:
-        ledger: where they stand.
+        ledger: where they are stored.
         system: where everything is, without what is left out.
         out: observations that are left out, between known variables.
         inside: observations that are in.

@@ -90,8 +90,8 @@ class Draft:
     section: Section | None = None
     """What it knows of the rest, if it is a section of the network; none: it is the whole."""
     looked: Mapping[str, ShapeMisfit] = field(default_factory=dict)
-    """Shapes that were fitted anew in vain before, by name, see `solve.shape_minimum`; none: every
-    shape that does not fit is fitted anew."""
+    """Shapes that were fitted again in vain before, by name, see `solve.shape_minimum`; none: every
+    shape that does not fit is fitted again."""
     extra: AddedFactors = NO_ADDED_FACTORS
     """What is known beside the observations: what the rest says of a section, which counts what was
     retired, or what was retired says of the whole."""
@@ -117,7 +117,7 @@ class Draft:
             new: variables that enter.
             dropped: variables that are not known any more.
             found: where those are that enter.
-            there: where variables are of which nothing else tells it; none: there are none.
+            there: values of variables that nothing else gives; none: there are none.
 
         Raises:
             InputError: there is nothing to adjust.
@@ -284,7 +284,7 @@ def _started(
 ) -> Start:
     """Return values of the unknowns: those that are known, those that were found, or approximate.
 
-    Where variables are ``there``, they are if nothing else tells it.
+    Variables have the values of ``there`` where nothing else gives them.
 
     Raises:
         ApproximationError: something has no approximate value.
@@ -358,12 +358,12 @@ def known_network(
 
 
 def solution_of(ledger: Ledger, system: LinearSystem, rules: Options) -> Solution:
-    """Return the solution as it stands; a free network's on its inner constraints.
+    """Return the solution as it is; a free network's on its inner constraints.
 
     All observations are linearised there. Where the step that is left is more than was promised,
     or observations notice the way to the inner constraints a little, as verticals on the curved
     Earth do, it is adjusted from there; so it is where points may fit on their other sides, see
-    `solve.second_minimum`, which the solution tells.
+    `solve.second_minimum`, which the solution names.
     """
     if (adjusted := system.adjusted_solution) is not None:
         return adjusted
@@ -400,7 +400,7 @@ def solution_of(ledger: Ledger, system: LinearSystem, rules: Options) -> Solutio
 def _with_second_places(
     ours: Solution, adjusted: Solution, images: Mapping[int, Array]
 ) -> Solution:
-    """Return a solution that tells where points fit as well, or better, on their other sides.
+    """Return a solution that names points that fit as well, or better, on their other sides.
 
     Args:
         ours: where everything is.
@@ -412,8 +412,8 @@ def _with_second_places(
         np.linalg.norm(there[n] - here[n]) > np.linalg.norm(middle - here[n])
         for n, middle in images.items()
     ]
-    told = (describe_other_minimum(ours, adjusted),) if any(aside) else adjusted.second_places
-    return replace(ours, second_places=told)
+    places = (describe_other_minimum(ours, adjusted),) if any(aside) else adjusted.second_places
+    return replace(ours, second_places=places)
 
 
 def _left(solution: Solution) -> float:

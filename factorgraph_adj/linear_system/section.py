@@ -1,7 +1,7 @@
 """What a section of a large network knows of the rest, and how the rest follows its movement.
 
 A photo that arrives in a block of thousands touches some hundred points. With all observations of
-these points it is a small network of its own; what everything else says of its cameras stands in
+these points it is a small network of its own; what everything else says of its cameras is in
 the last adjustment of the whole (`factorgraph_adj.solve.added_factors`). Its adjustment is that of
 the whole network, where the rest is linear, and the rest follows the cameras of the section:
 
@@ -62,7 +62,7 @@ class Attempts(NamedTuple):
 
 
 class Looked(NamedTuple):
-    """A look at how far the linear forms of the whole hold."""
+    """An examination of how far the linear forms of the whole are valid."""
 
     movement: Array | None
     """Movement of the whole at that moment, (n_columns,); none: it had not moved."""
@@ -95,7 +95,7 @@ class Section:
     work: int
     """Rays of all sections that have been adjusted since the whole was."""
     looked: Looked | None = None
-    """The last look at how far the linear forms of the whole hold; none: there was none."""
+    """The last examination of the linear forms of the whole; none: there was none."""
     reached: Index = field(default_factory=lambda: NO_ROWS)
     """Columns of the whole outside the section that rows beside it touch."""
     slots: Mapping[int, int] = field(default_factory=dict)

@@ -36,7 +36,7 @@ def in_pieces(ledger: Ledger, n_rays: int, rows: Index) -> list[Index]:
     Other observations belong to the piece of the last photo that they name, or to the last piece.
 
     Args:
-        ledger: where the observations stand.
+        ledger: where the observations are stored.
         n_rays: number of image points in the graph.
         rows: what arrives.
 
@@ -72,7 +72,7 @@ def is_due(section: Section) -> bool:
 
 
 class UnknownsOfRest:
-    """Knows the unknowns whose weights stand in what is known of the rest."""
+    """Knows the unknowns whose weights are in what is known of the rest."""
 
     def __init__(self, outer: FrontSystem, inside: set[tuple[VariableKind, str]]) -> None:
         """Know some unknowns of a network."""

@@ -92,7 +92,7 @@ def _stepped(draft: Draft) -> tuple[Draft, Solver]:
 def _with(
     made: FrontSystem, ledger: Ledger, rows: Index, old: FrontSystem, rules: Options
 ) -> FrontSystem | None:
-    """Return a new base with what has come since; none where it does not stand beside it.
+    """Return a new base with what has come since; none where it does not fit beside it.
 
     Args:
         made: the base.

@@ -15,7 +15,7 @@ FULL_CIRCLE_RAD = 2 * pi * (1.0 + 1e-9)
 
 @dataclass(frozen=True, kw_only=True)
 class FaceReading(metaclass=ChecksArguments):
-    """One sight in one face, as it stands in the field book."""
+    """One sight in one face, as it is in the field book."""
 
     station: str
     """Point of the instrument."""
@@ -57,9 +57,9 @@ def checked_readings(readings: Iterable[FaceReading]) -> list[FaceReading]:
 
     Raises:
         InputError: all problems of readings: a face that is neither 1 nor 2 or that nothing
-        determines,
-            a zenith reading of the other face or beyond the circle, nothing read, a target read
-            twice in a face of a set, and what differs between the two faces of a target.
+            determines, a zenith reading of the other face or beyond the circle, nothing read, a
+            target read twice in a face of a set, and what differs between the two faces of a
+            target.
     """
     problems: list[Problem] = []
     out = []
@@ -95,7 +95,7 @@ def _face(r: FaceReading) -> tuple[list[str], FaceReading]:
             return [f"{what}: state the unit in which it was read"], r
     if r.face is None:
         if r.zenith is None:
-            return ["the face is missing: give 1 or 2, or a zenith reading, which tells it"], r
+            return ["the face is missing: give 1 or 2, or a zenith reading, which implies it"], r
         return [], replace(r, face=1 if r.zenith <= pi else 2)
     if r.face not in (1, 2):
         return [f"the face must be 1 or 2, not {r.face!r}"], r

@@ -36,7 +36,7 @@ SigmaOfReading: TypeAlias = "float | StandardDeviation"
 TargetReadings: TypeAlias = dict[int, FaceReading]
 """The readings of a target by face."""
 FacesChoice: TypeAlias = Literal["means", "both"]
-"""What becomes of the two faces of a target: one mean, or two observations."""
+"""Treatment of the two faces of a target: one mean, or two observations."""
 KINDS_OF_CIRCLE_ERRORS = ("index_error", "collimation_error")
 """Kinds of unknowns that observations of both faces name."""
 
@@ -84,7 +84,7 @@ class ReducedFaces(Shown):
         Index and collimation errors that the observations name, and the network does not state,
         become free unknowns; those for which no target was read in both faces are doubted. The
         network keeps the doubts, which `factorgraph-adj check` and the
-        protocol of the adjustment tell.
+        report of the adjustment state.
 
         Raises:
             InputError: names that the network does not have, all of them; nothing is added.
@@ -178,7 +178,7 @@ def reduce_faces(
         index = _errors(targets, "zenith", constant_part(sigma_zenith), doubts)
         collimation = _errors(targets, "direction", constant_part(sigma_direction), doubts)
         large = list(_large(station, number, index[0], collimation[0]))
-        # In another unit no two faces agree: the unit is the reason, and stands alone.
+        # In another unit no two faces agree: the unit is the reason, and is reported alone.
         doubts = large[:1] if _unit(index[0]) else [*doubts, *large]
         doubts += _distances(targets, constant_part(sigma_distance))
         both = sum(len(t) == 2 for t in targets.values())
@@ -205,7 +205,7 @@ def _in_one_face(
         if all(len(read) == 1 for read in of_targets.values()):
             noun = UNKNOWNS[kind].noun
             text = (
-                f"no target was read in both faces: only the geometry of the network tells this "
+                f"no target was read in both faces: only the geometry of the network gives this "
                 f"{noun}; read targets in both faces, weight or hold it, or use means"
             )
             yield Doubt(text, f"{noun} {name!r}")

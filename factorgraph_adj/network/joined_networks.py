@@ -199,8 +199,10 @@ def _component(given: Sequence[_Stated], where: str, axis: str, problems: list[P
     binding = [c for c in given if c.binds]
     for other in binding[1:]:
         if not other.alike(binding[0]):
-            told = " and ".join(f"{_told(c)} in {c.label!r}" for c in (binding[0], other))
-            what = f"{axis} is {told}: let one network hold or weight it"
+            statements = " and ".join(
+                f"{_statement(c)} in {c.label!r}" for c in (binding[0], other)
+            )
+            what = f"{axis} is {statements}: let one network hold or weight it"
             problems.append(Problem(what, where))
     if binding:
         return binding[0]
@@ -208,7 +210,7 @@ def _component(given: Sequence[_Stated], where: str, axis: str, problems: list[P
     return next((c for c in used if c.value == c.value), used[0])
 
 
-def _told(c: _Stated) -> str:
+def _statement(c: _Stated) -> str:
     """Return a held or weighted value as text."""
     return f"{c.value:.10g} m, {'held' if c.fixed else f'σ {1e3 * c.sigma:.4g} mm'}"
 
@@ -333,8 +335,8 @@ def _as_named(o: Observation, out: Network, label: str, new: Mapping[SetUp, str]
     for (kind, attribute), (_, key) in zip(o.record.parameters, o.parameters(), strict=False):
         renamed = _renamed(key, new)
         if renamed != key:
-            told = UNKNOWNS[kind].absent == "found"
-            changes[attribute] = renamed[1] if told else str(renamed)
+            found = UNKNOWNS[kind].absent == "found"
+            changes[attribute] = renamed[1] if found else str(renamed)
     return replace(o, **changes) if changes else o
 
 

@@ -222,7 +222,7 @@ class Network(StatedUnknowns, Shown):
             sigma_position: standard deviation of a weighted centre, metres.
             sigma_attitude: standard deviation of a weighted attitude, radians.
             carrier: name of the photo that carries it: the reference camera of its rig at the same
-                moment, or any photo, with or without image points, that stands for the carrier. The
+                moment, or any photo, with or without image points, that represents the carrier. The
                 member gets a pose of its own, and two observations of value zero tie it to the
                 carrier: a `RelativeRotation` and a `RelativePosition`.
             mount: its mount on the carrier, see `set_mount`; needed with a carrier.
@@ -375,8 +375,8 @@ class Network(StatedUnknowns, Shown):
                 file = unknown.table.file if unknown.table else ""
                 hint = f"; rows of {file}.csv state them, or functions of Network" if file else ""
                 required(name, stated, unknown.noun, where, hint)
-                told = record.in_frame != "nothing"
-                if told and stated[name].origin and stated[name].origin in o.points():
+                refers = record.in_frame != "nothing"
+                if refers and stated[name].origin and stated[name].origin in o.points():
                     what = (
                         f"point {stated[name].origin!r} is the origin of {unknown.noun} {name!r}, "
                         "so that its coordinates there are minus the offset: state or weight that "

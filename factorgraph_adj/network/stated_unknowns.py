@@ -25,11 +25,13 @@ def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:
         raise InputError(Problem(f"duplicate name of a {what}", f"{what} {name!r}"))
 
 
-def required(name: str, names: Mapping[Any, object], what: str, where: str, told: str = "") -> None:
-    """Refuse a name that is not there; ``told`` follows where no name that is there is like it."""
+def required(
+    name: str, names: Mapping[Any, object], what: str, where: str, advice: str = ""
+) -> None:
+    """Refuse a name that is not there; ``advice`` follows where no known name is like it."""
     if name not in names:
         unknown = unknown_name(what, name, names)
-        raise InputError(Problem(unknown + told * ("; did you mean" not in unknown), where))
+        raise InputError(Problem(unknown + advice * ("; did you mean" not in unknown), where))
 
 
 class StatedUnknowns(StatedShapes):
@@ -425,7 +427,7 @@ class StatedUnknowns(StatedShapes):
     def _set_one(
         self, kind: VariableKind, name: str, value: float | None, sigma: float | None, fixed: bool
     ) -> None:
-        """State an unknown of one component; NaN stands for a value to be found."""
+        """State an unknown of one component; NaN represents a value to be found."""
         if value is None and (fixed or sigma is not None):
             where = f"{unknown_kind(kind).noun} {name!r}"
             raise InputError(Problem("it is held or weighted, and has no value", where))

@@ -351,5 +351,5 @@ def _finish_parts(
         job.own.write_arrays(JUNCTIONS_FILE, {"covariances": mine})
         whole.workers.sent += mine.nbytes
     finished = whole.workers.all(finish_part, [(at, totals)] * len(whole.workers.jobs))
-    told = whole.workers.all(ambiguous_places, [(at,)] * len(begun)) if ended.converged else []
-    return WholeQuality(totals, n, u, tuple(finished), tuple(chain.from_iterable(told)))
+    places = whole.workers.all(ambiguous_places, [(at,)] * len(begun)) if ended.converged else []
+    return WholeQuality(totals, n, u, tuple(finished), tuple(chain.from_iterable(places)))

@@ -186,9 +186,9 @@ class IterationPoint:
     damping: Damping = field(default_factory=Damping)
     """The damping of the next step."""
     expecting: bool = False
-    """Whether the last step is expected to have come to rest."""
+    """Whether the last step is expected to have converged."""
     ended: IterationEnd | None = None
-    """How the run ended at rest; none: it goes on."""
+    """How the run ended converged; none: it goes on."""
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,7 @@ def iterate_parts(
     note: Callable[[IterationPoint], None],
     progress: Progress | None,
 ) -> tuple[IterationPoint, IterationEnd]:
-    """Step until the unknowns are at rest.
+    """Step until the unknowns have converged.
 
     Args:
         whole: the network.
@@ -361,7 +361,7 @@ def _end_at_smallest_step(
 def _end_without_step(
     whole: WholeNetwork, point: IterationPoint, stop: StepRecord[int], known: dict[int, float]
 ) -> tuple[IterationPoint, IterationEnd]:
-    """End where no damping leads to a step: at rest if the undamped step is small."""
+    """End where no damping leads to a step: converged if the undamped step is small."""
     at = IterationState(point.state, point.weights)
     vtpv, left = np.inf, np.inf
     try:

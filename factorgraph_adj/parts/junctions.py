@@ -106,7 +106,7 @@ class PartStart:
     n_unknowns: int = 0
     """Number of free components that no other part has."""
     positions: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    """Where each junction stands, (k, 3) metres."""
+    """Place of each junction, (k, 3) metres."""
     spread: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Whether each junction touches everything in the part, such as a calibration, (k,)."""
 
@@ -164,7 +164,7 @@ class PartQuality:
     largest: tuple[TestedObservation, ...]
     """Observations with the largest |w|, the largest first."""
     memory: int
-    """Largest memory of the process so far, bytes; 0 where the system does not tell."""
+    """Largest memory of the process so far, bytes; 0 where the system does not report it."""
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ class LoadedPart:
         return PartSurvey(keys, frame, self.network.datum == "free", digest.hexdigest())
 
     def stamp(self) -> tuple[str, str]:
-        """Return what tells the results of this part from those of another run."""
+        """Return what distinguishes the results of this part from those of another run."""
         return self.job.run, self.surveyed().digest
 
     def shared(self, keys: Keys) -> list[SharedVariable]:
@@ -264,7 +264,7 @@ class LoadedPart:
 
     @cached_property
     def setup(self) -> JunctionSetup:
-        """What the root has told about the junctions."""
+        """Results of the root for the junctions."""
         return read_setup(self.job.own)
 
     @cached_property

@@ -148,11 +148,11 @@ def _reaching(path: Path) -> Iterator[None]:
         if path.with_suffix(".pickle").exists():
             what = (
                 "is missing: the folder is of an earlier version, whose pickled objects could run "
-                "code and are not read; give an empty folder, in which the run begins anew"
+                "code and are not read; give an empty folder, in which the run begins again"
             )
         raise InputError(Problem(what, str(path))) from None
     except (BadZipFile, ValueError, EOFError, KeyError):
-        what = "is damaged: give an empty folder, in which the run begins anew"
+        what = "is damaged: give an empty folder, in which the run begins again"
         raise InputError(Problem(what, str(path))) from None
 
 

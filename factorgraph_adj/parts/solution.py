@@ -42,7 +42,7 @@ class Totals:
     variance_factor: float
     """Scale of covariances: 1, or σ̂0²."""
     converged: bool
-    """Whether the iteration came to rest."""
+    """Whether the iteration converged."""
     reason: str
     """Why the iteration ended."""
     iterations: int
@@ -238,7 +238,7 @@ class PartsSolution(Shown):
 
     @property
     def converged(self) -> bool:
-        """Whether the iteration came to rest."""
+        """Whether the iteration converged."""
         return self.quality.totals.converged
 
     @property

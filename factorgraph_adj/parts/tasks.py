@@ -168,7 +168,7 @@ def step_part(part: LoadedPart, at: IterationState, junctions: Array, to: int) -
 
 @_task
 def has_ambiguous_points(part: LoadedPart, at: IterationState) -> bool:
-    """Return whether points of this part alone are between two places, where all is at rest."""
+    """Return whether points of this part alone are between two places, where all has converged."""
     return _state_without_ambiguity(part, at) is not None
 
 
@@ -193,7 +193,7 @@ def _state_without_ambiguity(part: LoadedPart, at: IterationState) -> State | No
 
 @_task
 def ambiguous_places(part: LoadedPart, at: IterationState) -> tuple[str, ...]:
-    """Return what is to be told of points of this part alone that fit as well elsewhere.
+    """Return messages on points of this part alone that fit as well elsewhere.
 
     The junctions are held where they are, as such a point moves none of them.
     """
@@ -309,7 +309,7 @@ def _limit() -> float:
 
 
 def _resident() -> float:
-    """Return the bytes of memory of this process; 0 where the system does not tell."""
+    """Return the bytes of memory of this process; 0 where the system does not report it."""
     return _status("VmRSS:")
 
 

@@ -56,7 +56,7 @@ class PartAssignment:
     of_rows: Index
     """Part of each scalar observation, (n,)."""
     homes: Mapping[VariableKind, Index]
-    """Part where each variable stands, by kind; −1: none, or several."""
+    """Part of each variable, by kind; −1: none, or several."""
 
 
 def cut_network(network: Network, regions: Regions, folder: RunFolder) -> list[Part]:
@@ -475,7 +475,7 @@ def adjust_cut(
     except AdjustmentError:
         if not leave_out_undetermined:
             raise
-    # Parts do not tell what of all is open: a junction may be open in one of them alone.
+    # Parts do not determine what of all is open: a junction may be open in one of them alone.
     rest = adjustment.determined_part(network)
     left_out = tuple(rest.unknowns_left_out)
     return replace(attempt(rest), temporary=temporary, unknowns_left_out=left_out)

@@ -98,7 +98,7 @@ def test_a_photo_is_oriented_against_photos_that_stand():
     assert not arrival.oriented
     arrival = inc.add([*own["F0"][:20], *own["F1"][20:40]])
     words = arrival.oriented["F2"]
-    assert "1 of which stood" in words
+    assert "1 of which had poses" in words
     inc.settle()
     at = inc.solution().pose("F2").position
     assert np.linalg.norm(at - block.centres[2]) < 0.05

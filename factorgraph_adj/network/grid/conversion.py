@@ -91,7 +91,7 @@ def from_grid(
             the ``ellipsoid`` or to the ``grid`` with the scale of the projection. From reduced ones
             S the part of the sight in the horizon of the station is (1 + h/R) (1 − S²/6R²) S/k,
             with the height h of the target and the mean scale k (of a grid) at both ends.
-        sources: file and line by kind and name of points, for observations that stand for their
+        sources: file and line by kind and name of points, for observations that represent their
             coordinates.
 
     Raises:
@@ -159,8 +159,8 @@ def _check(network: Network, options: GridOptions) -> None:
     for name, valid in CHOICES.items():
         given = getattr(options, name)
         if given not in valid:
-            told = known([v for v in valid if v is not None], meant=str(given))
-            problems.append(Problem(f"unknown {name} {given!r}; valid: {told}"))
+            valid_names = known([v for v in valid if v is not None], meant=str(given))
+            problems.append(Problem(f"unknown {name} {given!r}; valid: {valid_names}"))
     d = options.deflections
     if isinstance(d, str):
         if d not in ("none", "held"):

@@ -185,7 +185,7 @@ def _at(c: Context, o: ControlPoint, value: Array, number: int) -> Moved:
 
 
 def _named(o: Observation, found: list[Observation]) -> list[Observation]:
-    """Return observations of which the first has the id of the one that they stand for."""
+    """Return observations of which the first has the id of the one that they represent."""
     ident = o.id
     return [replace(f, id=ident) if i == 0 else f for i, f in enumerate(found)]
 

@@ -33,7 +33,7 @@ Deflections: TypeAlias = "Literal['none', 'held'] | float"
 
 @dataclass(frozen=True)
 class GridOptions:
-    """What the coordinates of a grid do not tell."""
+    """What the coordinates of a grid do not determine."""
 
     deflections: Deflections = "none"
     """Deflections at stations."""
@@ -88,7 +88,7 @@ class GridMove:
     new: GeocentricFrame | TopocentricFrame
     """Frame on the Earth."""
     options: GridOptions = field(default_factory=GridOptions)
-    """What the coordinates do not tell."""
+    """What the coordinates do not determine."""
 
     @cached_property
     def axes(self) -> Array:

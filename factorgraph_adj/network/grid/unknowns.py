@@ -4,7 +4,7 @@ A component of the grid is no component of the frame. Points that are held in al
 A weighted position is an observation along east, north and up with the covariance K Σ Kᵀ,
 K = ∂(e, n, u)/∂(E, N, H). Easting and northing without a height are one along
 east and north, whatever the height. A height is one of the height above the ellipsoid, or above a
-level surface that stands for the offset of the geoid.
+level surface that represents the offset of the geoid.
 
 ω, φ, κ of a photo in a grid count from its easting, its northing and the vertical at the photo.
 """
