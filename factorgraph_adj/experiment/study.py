@@ -205,7 +205,7 @@ def _factors(factors: object, problems: list[Problem]) -> dict[str, tuple[Level,
         if not good:
             problems.append(Problem("has no levels", where))
         problems += [
-            Problem(f"level {written(cell[name])!r} is there twice", where)
+            Problem(f"level {written(cell[name])!r} occurs twice", where)
             for cell in _twice([{name: level[0]} for level in good if level])
         ]
         found[name] = tuple(level[0] for level in good if level)
@@ -234,7 +234,7 @@ def _cells(cells: object, problems: list[Problem]) -> tuple[Levels, ...]:
         levels = {n: _checked(cell[n], f"{where}, {n}", problems) for n in names}
         if all(levels.values()):
             found.append({n: level[0] for n, level in levels.items()})
-    problems += [Problem(f"is there twice: {said(cell)}", "cells") for cell in _twice(found)]
+    problems += [Problem(f"occurs twice: {said(cell)}", "cells") for cell in _twice(found)]
     return tuple(found)
 
 

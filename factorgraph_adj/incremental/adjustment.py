@@ -1,4 +1,4 @@
-"""`IncrementalAdjustment`, which users call: its commands, written to the journal."""
+"""`IncrementalAdjustment`, the class for users: commands in, verdicts out, a journal."""
 
 from __future__ import annotations
 
@@ -35,11 +35,12 @@ from .worklist import IncrementalState
 class IncrementalAdjustment(StateQueries):
     """A network that is adjusted while its observations arrive.
 
-    Every observation is predicted from all others and tested before it counts; what is not
-    determined yet waits and enters by itself; estimates and covariances are at any time within
-    ``accuracy`` of a batch adjustment of the same observations, and after `settle` the same.
+    Every observation is predicted from all others and tested before it enters; an observation whose
+    unknowns are not determined yet waits and enters by itself. Estimates and covariances are at any
+    time within ``accuracy`` of a batch adjustment of the same observations, and equal to it after
+    `settle`.
 
-    Several threads may use one adjustment: each call is a whole, and calls of other threads wait
+    Several threads may use one adjustment: each call is atomic, and calls of other threads wait
     until it has ended.
 
     Example:
@@ -75,25 +76,25 @@ class IncrementalAdjustment(StateQueries):
         """Start from a network; it is copied.
 
         Args:
-            network: points, cameras, photos and what is known of other unknowns; observations, if
-                there are any, enter without a test, those that are not determined yet wait.
-            policy: treatment of an observation beyond the critical value: ``accept`` (it is in, its
-                verdict has the test), ``flag`` (suspect: left out until it is accepted or
+            network: points, cameras, photos and other stated unknowns. Its observations, if there
+                are any, enter without a test; those that are not determined yet wait.
+            policy: treatment of an observation beyond the critical value: ``accept`` (it enters,
+                and its verdict has the test), ``flag`` (suspect: left out until it is accepted or
                 discarded) or ``reject``.
             alpha: probability of a false alarm of one test.
             accuracy: largest deviation from the batch adjustment, relative to each standard
                 deviation, until `settle` removes it.
             datum: as in `adjust`.
-            engine: what carries the arrivals: ``isam2``, ``fronts``, or ``auto``: iSAM2 where the
-                network has few image points and a given datum. Results do not depend on it.
-            keep: number of photos, the last ones, that are kept: points, photos and orientations
-                that nothing later touches are retired by themselves, several photos at once, see
-                `retire`. Every photo sees only points of the last ``keep`` photos then; a photo
-                stays as long as a point of it does, though no longer than twice as many photos. By
-                default nothing is retired.
+            engine: what holds the linear system: ``isam2``, ``fronts``, or ``auto``: iSAM2 where
+                the network has few image points and a given datum. Results do not depend on it.
+            keep: number of the latest photos that are kept: points, photos and orientations that
+                nothing later touches are retired automatically, several photos at once, see
+                `retire`. Every photo then sees only points of the last ``keep`` photos; a photo
+                stays as long as one of its points does, though no longer than twice as many photos.
+                By default nothing is retired.
             keep_seconds: the same as a time: what nothing has touched in the last seconds is
-                retired. `add` then takes the time of what arrives.
-            start: a solution of the network, which saves adjusting it.
+                retired. `add` then needs the time of each arrival.
+            start: a solution of the network, which saves an adjustment.
             journal: a new file to which every change is appended before it counts.
 
         Raises:
@@ -102,7 +103,7 @@ class IncrementalAdjustment(StateQueries):
         (network,) = listed([network], "fga.Network: fga.read_project(FOLDER) reads one", Network)
         chosen = network.datum if datum is None else datum
         self.resumed = ""
-        """What `resume` found torn at the end of its journal; empty if nothing."""
+        """What `resume` found incomplete at the end of its journal; empty if nothing."""
         self._lock = RLock()
         self._rules = Options(policy, alpha, accuracy, chosen, engine, keep, keep_seconds)
         self._journal: Journal | None = None
@@ -133,16 +134,16 @@ class IncrementalAdjustment(StateQueries):
         geoids: Collection[str] = (),
         allow_outside: bool = False,
     ) -> IncrementalAdjustment:
-        """Rebuild the state from a journal, and go on with it.
+        """Rebuild the state from a journal, and continue it.
 
-        A torn last line, of an arrival in hand when the process ended, is left out; ``resumed``
-        says so. The network, what waits and why, suspects and rejected observations are as they
-        were; estimates have converged.
+        An incomplete last line, of an arrival that was being written when the process ended, is
+        left out; ``resumed`` says so. The network, the waiting observations with their reasons,
+        suspects and rejected observations are as they were; estimates have converged.
 
         Args:
             journal: the file.
-            engine: what carries the arrivals from now on; by default what the journal was begun
-                with. Every journal resumes under either engine.
+            engine: what holds the linear system from now on; by default the engine with which the
+                journal was begun. Every journal resumes under either engine.
             geoids: paths of geoids that may be read although they lie outside the folder of the
                 journal, which may come from anybody.
             allow_outside: whether the geoid may lie anywhere.
@@ -181,7 +182,7 @@ class IncrementalAdjustment(StateQueries):
 
     @property
     def keep(self) -> int | float | None:
-        """What is kept: a whole number of photos, or seconds; none: everything."""
+        """What is kept: a number of photos, or of seconds; None: everything."""
         return self._rules.keep if self._rules.keep_seconds is None else self._rules.keep_seconds
 
     def _changed(
@@ -190,7 +191,7 @@ class IncrementalAdjustment(StateQueries):
         result: tuple[IncrementalState, Arrival],
         fields: Mapping[str, Any] | None = None,
     ) -> Arrival:
-        """Write the difference of two ledgers to the journal, then take the new state over."""
+        """Write the difference of two ledgers to the journal, then take over the new state."""
         state, arrival = result
         if do != "add":
             self._told_of_suspects = None
@@ -215,30 +216,30 @@ class IncrementalAdjustment(StateQueries):
         factors: Mapping[str, MakesFactor] | None = None,
         time: float | None = None,
     ) -> Arrival:
-        """Test observations and absorb them; what they lack, they wait for.
+        """Test observations and let them enter; those that lack something wait.
 
         Each is compared with its prediction from everything else, see
-        `factorgraph_adj.ledger.verdicts`. Of several that are beyond the critical value the
-        worst goes first, as in data snooping. Suspects that fit with what has entered come back at
-        once, see `factorgraph_adj.incremental.readmission`. The arrival has a verdict on each
-        observation given, then on those that entered by themselves.
+        `factorgraph_adj.ledger.verdicts`. Of several that are beyond the critical value the worst
+        is left out first, as in data snooping. Suspects that fit with what has entered are
+        readmitted at once, see `factorgraph_adj.incremental.readmission`. The arrival has a verdict
+        on each given observation, then on those that entered by themselves.
 
         Args:
-            observations: one or many, of any kind, correlated groups among them.
+            observations: one or several, of any kind, correlated groups among them.
             points: new points, or approximate coordinates of points that have none yet.
             photos: new photos.
             cameras: new cameras.
             unknowns: new frames, mounts, shapes, drifts and unknowns of any other kind, by kind and
                 name, as a scratch network states them: ``unknowns=scratch.parameters``.
-            factors: factors of your own by id, each as a function of ``key(kind, name)`` that
-                makes it, such as ``lambda key: gtsam.RangeFactor3(key("point", "A"), …)``. They
-                are observations of the kind ``factor`` from then on. Not with a journal.
-            time: when all of this came, in seconds from any moment, such as the exposure of the
-                photos; not before anything earlier. None: with the latest arrival that stated a
-                time. Only with ``keep_seconds``.
+            factors: your own factors by id, each as a function of ``key(kind, name)`` that makes
+                it, such as ``lambda key: gtsam.RangeFactor3(key("point", "A"), …)``. They are
+                observations of the kind ``factor`` from then on. Not with a journal.
+            time: time of this arrival, in seconds from any epoch, such as the exposure of the
+                photos; not earlier than that of any arrival before. None: that of the latest
+                arrival with a time. Only with ``keep_seconds``.
 
         Raises:
-            InputError: everything that is wrong with the input; nothing has changed then.
+            InputError: all problems of the input; nothing has changed then.
         """
         given = Input.of(observations, points, photos, cameras, unknowns, factors)
         if self._journal is not None:
@@ -254,26 +255,27 @@ class IncrementalAdjustment(StateQueries):
 
     @one_at_a_time
     def remove(self, ids: str | Iterable[str]) -> Arrival:
-        """Take observations out, wherever they are: in the graph, waiting, suspect or rejected.
+        """Take observations out: from the graph, or waiting, suspect or rejected ones.
 
-        What they alone determined waits again, with all observations of it. Suspects and rejected
-        observations that fit by now come back, see `factorgraph_adj.incremental.readmission`.
+        Unknowns that they alone determined wait again, with all their observations. Suspects and
+        rejected observations that fit now are readmitted, see
+        `factorgraph_adj.incremental.readmission`.
 
         Args:
             ids: ids; ``photo/point`` for image points; names such as ``"point P1 x"`` for weighted
-                unknowns, which are free without their given values.
+                unknowns, which become free without their given values.
 
         Raises:
-            InputError: every id that there is not; nothing has changed then.
+            InputError: all ids that do not exist; nothing has changed then.
         """
         return self._changed("remove", commands.remove(self._state, ids, self._rules))
 
     @one_at_a_time
     def replace(self, id: str, observation: Observation) -> Arrival:
-        """Put a new observation in the place of another, under the same id; it is tested.
+        """Put a new observation in the place of another, under the same id, and test it.
 
         Raises:
-            InputError: no such id, or what is wrong with the observation; nothing has changed.
+            InputError: no such id, or problems of the observation; nothing has changed.
         """
         result = commands.replace_observation(self._state, id, observation, self._rules)
         return self._changed("replace", result)
@@ -296,37 +298,37 @@ class IncrementalAdjustment(StateQueries):
 
     @one_at_a_time
     def accept(self, ids: str | Iterable[str]) -> Arrival:
-        """Put suspects, or rejected observations, in after all.
+        """Let suspects or rejected observations enter without regard to their tests.
 
-        Others that fit by now come back, as after `remove`.
+        Others that fit now are readmitted, as after `remove`.
 
         Raises:
-            InputError: every id that is neither; nothing has changed then.
+            InputError: all ids that are neither; nothing has changed then.
         """
         return self._changed("accept", commands.accept(self._state, ids, self._rules))
 
     @one_at_a_time
     def discard(self, ids: str | Iterable[str]) -> None:
-        """Reject suspects. Accepted observations: see `remove`.
+        """Reject suspects. For accepted observations see `remove`.
 
         Raises:
-            InputError: every id that is not a suspect; nothing has changed then.
+            InputError: all ids that are not suspects; nothing has changed then.
         """
         self._changed("discard", (commands.discard(self._state, ids), Arrival()))
 
     @one_at_a_time
     def snoop(self, /, **options: Any) -> Snooping:
-        """Search the whole network for gross errors, and take out what is found.
+        """Search the whole network for gross errors, and reject the observations found.
 
         Args:
             options: as those of `factorgraph_adj.snoop`.
 
-        What it takes out is then among ``rejected``; only what is returned has its figures. What
-        fits without it comes back, as after `remove`: ``latest`` has the verdicts, while the
-        solution that is returned is the one without these.
+        These observations are then among ``rejected``; only the returned result has their figures.
+        Observations that fit without them are readmitted, as after `remove`: ``latest`` has their
+        verdicts, while the returned solution is the one without them.
 
         Raises:
-            InputError: nothing is in the graph; something was retired.
+            InputError: nothing is in the graph, or something was retired.
         """
         if self.retired is not None:
             raise InputError(
@@ -348,23 +350,24 @@ class IncrementalAdjustment(StateQueries):
         photos: str | Iterable[str] = (),
         before: str | None = None,
     ) -> None:
-        """Let points and photos go that nothing new will touch, with all their observations.
+        """Retire points and photos that nothing new will touch, with all their observations.
 
-        What these say of everything else remains as linear rows, so that all that
-        remains keeps its estimates and covariances, while memory and time are those of what
-        remains. Orientations of sets that nothing else observes go too. What arrives later and
-        names something that was retired is refused. `settle` takes everything back.
+        The information of these observations on everything else is kept as linear rows, so that the
+        remaining unknowns keep their estimates and covariances, while memory and time are those of
+        the remaining network. Orientations of sets that nothing else observes are retired too. A
+        later observation that names something retired is refused. `settle` takes everything back.
 
         Args:
-            points: names of points; held ones may be among them: ``retired`` names these, as no
-                new observation can use them.
+            points: names of points; held ones may be among them: ``retired`` names these, as no new
+                observation can use them.
             photos: names of photos.
             before: id of an observation, or name of a photo: what nothing has touched since before
-                it came is retired, too, given points apart; photos of which points remain stay.
+                its arrival is retired as well, except given points; photos whose points remain
+                stay.
 
         Raises:
-            InputError: every name that there is not or that is retired already, and points of
-                which something else was stated; in a free network; nothing would remain.
+            InputError: all names that do not exist or are retired already, and points for which
+                something else was stated; a free network; nothing would remain.
             AdjustmentError: there is no minimum. Nothing has changed then.
         """
         wanted: list[Variable] = [("point", name) for name in ids_in(points)]
@@ -384,7 +387,7 @@ class IncrementalAdjustment(StateQueries):
         reached = retirement_window.extent(ledger, rules)
         if not rules.forgets or reached < self._next_try:
             return
-        if rules.keep_seconds is not None:  # time goes on, whatever is retired
+        if rules.keep_seconds is not None:  # time passes, whatever is retired
             self._next_try = reached + retirement_window.lot_of(rules)
         (found, between), arrival = retirement_window.due_for_retirement(ledger, rules), self.latest
         if not found:
@@ -410,20 +413,20 @@ class IncrementalAdjustment(StateQueries):
 
     @one_at_a_time
     def settle(self, *, all: bool = False) -> None:
-        """Iterate to rest: no estimate is further than 1e-6 σ from the batch adjustment's.
+        """Iterate to convergence: no estimate is further than 1e-6 σ from the batch adjustment's.
 
-        Where rounding hides more than that, as in networks that are hardly determined, it is no
-        further than batch adjustments from nearby starts are from one another.
-        In a free network the coordinates are then on the inner constraints over all datum points.
-        Where something was retired, this holds of the batch adjustment of what remains with the
-        linear rows in the place of the rest.
+        Where rounding errors are larger than that, as in networks that are hardly determined, the
+        distance is no larger than that between batch adjustments from nearby start values. In a
+        free network the coordinates are then on the inner constraints over all datum points. Where
+        something was retired, the batch adjustment is that of the remaining observations with the
+        linear rows of the retired ones.
 
         Args:
-            all: take everything back that was retired, first.
+            all: take back everything that was retired first.
 
         Raises:
-            AdjustmentError: there is no minimum with what was retired; it stays retired.
-            InputError: another observation has the id of one that was retired, which stays so.
+            AdjustmentError: there is no minimum with the retired observations; they stay retired.
+            InputError: another observation has the id of a retired one, which stays retired.
         """
         if all and self._state.ledger.retired is not None:
             before = self._state

@@ -1,4 +1,4 @@
-"""The result of a command: verdicts, points, and what waiting observations lack."""
+"""Result of a command: verdicts, affected points, reasons of waiting observations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..models.unknown_registry import UNKNOWNS
 from ..types import Index
 from .worklist import IncrementalState, Verdicts
 
-ALONE = "all that it touches is given, and nothing else is determined yet"
+ALONE = "everything that it touches is given, and nothing else is determined yet"
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,9 +23,9 @@ class Arrival:
     """Result of an arrival, or of a change."""
 
     verdicts: tuple[Verdict, ...] = ()
-    """Of every observation given, then of those that entered by themselves."""
+    """Verdicts on every given observation, then on those that entered by themselves."""
     waits: tuple[str, ...] = ()
-    """Ids of observations that wait again: something is not determined any more."""
+    """Ids of observations that wait again, because something is no longer determined."""
 
     oriented: Mapping[str, str] = field(default_factory=dict)
     """How photos that came without poses were oriented, by name."""
@@ -65,7 +65,7 @@ def arrival_of(
         after: the state after.
         tested: verdicts on the tested observations.
         given: ids of the observations that were given.
-        command: the command, for verdicts on what came back.
+        command: the command, for verdicts on readmitted observations.
     """
     ledger, then = after.ledger, before.ledger
     ids = dict.fromkeys(given)
@@ -77,7 +77,7 @@ def arrival_of(
     waited = then.ids_of(others[np.isin(then.rows.status[others], out)])
     rows = ledger.find(waited)
     changed = ledger.rows.status[rows] != OUTCOME_CODE["waiting"]
-    # A suspect that was tested again, and is still one, is not reported again.
+    # A suspect that was tested again and remains one is not reported again.
     still = np.isin(rows, then.having("suspect")) & (
         ledger.rows.status[rows] == OUTCOME_CODE["suspect"]
     )

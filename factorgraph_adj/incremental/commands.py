@@ -1,7 +1,7 @@
-"""Commands on a state: add, remove, replace, reweight, accept, discard, reject and settle.
+"""Commands on an incremental state: add, remove, replace, reweight, accept, reject, settle.
 
-Each is a function of a state, and returns another state and what it came to. After a removal, what
-the removed observations alone determined waits again.
+Each is a function of a state, and returns another state and its result. After a removal, unknowns
+that only the removed observations determined wait again.
 """
 
 from __future__ import annotations
@@ -49,34 +49,35 @@ from .worklist import IncrementalState, Task, Verdicts, worked_off
 MAX_WEIGHT_FACTOR = 1e12
 """Largest factor by which a weight may be multiplied; its inverse is the smallest."""
 WEIGHT_OF_GIVEN_VALUE = (
-    "is a given value with a σ of its own, and no observation: remove it, and observe the unknown "
-    "with the σ that is meant (ControlPoint for a point)"
+    "is a given value with its own σ, and not an observation: remove it, and observe the unknown "
+    "with the intended σ (ControlPoint for a point)"
 )
 MAX_SETTLING_ROUNDS = 5
-"""Largest number of times that what waits is examined before everything has converged."""
+"""Largest number of times that waiting observations are examined before everything has
+converged."""
 
 
 class Removal(NamedTuple):
-    """What is left to do once observations have been taken out."""
+    """What remains to be done after observations have been taken out."""
 
     state: IncrementalState
     """The state without them."""
     tasks: tuple[Task, ...]
-    """Observations to be looked at: the rest of groups, what waits again, what had waited."""
+    """Observations to be examined: the rest of groups, what waits again, what had waited."""
     start: Solution | None
-    """Where everything was, if all of it has to be found out anew."""
+    """The solution before, if determinability has to be examined again from the beginning."""
 
 
 def remove_observations(
     state: IncrementalState, ids: Sequence[str], rules: Options, cause: str = "removed"
 ) -> Removal:
-    """Take observations out, wherever they are.
+    """Take observations out, whatever their outcome.
 
     Args:
         state: the state.
         ids: their ids, and names of weighted unknowns, which lose their weights.
         rules: the options.
-        cause: why.
+        cause: the cause, for their verdicts.
     """
     ledger = state.ledger
     rows = ledger.find(ids)
@@ -115,10 +116,10 @@ def remove_observations(
 def _ledger_without(
     ledger: Ledger, system: FrontSystem, ids: Sequence[str], rules: Options
 ) -> tuple[Ledger, FrontSystem | None, Index, Solution | None]:
-    """Return ledger and system without observations that no update can take out of it.
+    """Return ledger and system without observations that no update can remove from the system.
 
     Returns:
-        Ledger and system, what waits again, and where everything was if that is found out again.
+        Ledger and system, what waits again, and the solution before if that is examined again.
     """
     if system.section is not None:
         with suppress(AdjustmentError):
@@ -136,11 +137,12 @@ def _ledger_without(
             found = Draft.of(ledger, system, rules.datum, dropped=loose).adjusted(rules.datum)
         except AdjustmentError:
             found = None
-        # Without redundancy there is a minimum, v = 0, where everything is determined.
+        # Without redundancy there is a minimum, v = 0, wherever everything is determined.
         if isinstance(found, FrontSystem) and (found.converged or found.redundancy):
             return ledger, found, again, None
         if isinstance(found, NoMinimum) and found.loose is None:
-            # What is gone may have led everything so far off that nothing leads back from there.
+            # The removed observations may have moved the state too far for the others to move it
+            # back.
             smaller, anew = adjusted(ledger, rules, None)
             if isinstance(anew, FrontSystem) and anew.converged:
                 left = np.setdiff1d(ledger.having("accepted"), smaller.having("accepted"))
@@ -152,24 +154,24 @@ def _ledger_without(
         smaller, found = adjusted(ledger, rules, where)
         if isinstance(found, FrontSystem):
             return smaller, found, np.setdiff1d(inside, smaller.having("accepted")), None
-    # What is determined is found out anew.
+    # Determinability is examined again.
     ledger = ledger.moved(inside, "waiting", "anew")
     return ledger, None, np.union1d(inside, again), where
 
 
 def at_time(state: IncrementalState, time: float | None, rules: Options) -> IncrementalState:
-    """Return the state at the time of what arrives; none: that of the latest arrival.
+    """Return the state at the time of an arrival; None: that of the latest arrival.
 
     Raises:
-        InputError: the time is wrong, or nothing examines it; or the first arrival lacks it.
+        InputError: the time is wrong, or no option uses it, or the first arrival lacks it.
     """
     looks = rules.keep_seconds is not None
     if time is not None and not looks:
-        raise InputError("time= is of use with keep_seconds only, which this adjustment has not")
+        raise InputError("time= needs keep_seconds, which this adjustment does not have")
     if time is not None:
         return replace(state, ledger=state.ledger.at(time))
     if looks and state.ledger.time is None:
-        what = "keep_seconds needs the time of what arrives, of the first arrival at least"
+        what = "keep_seconds needs the time of arrivals, at least that of the first"
         raise InputError(f"{what}: add(…, time=SECONDS)")
     return state
 
@@ -178,7 +180,7 @@ def add(state: IncrementalState, given: Input, rules: Options) -> tuple[Incremen
     """Take observations, points, photos, cameras and other unknowns in.
 
     Raises:
-        InputError: everything that is wrong with them.
+        InputError: all their problems.
     """
     ledger = state.ledger
     observations, points = given.observations, given.points
@@ -206,7 +208,7 @@ def add(state: IncrementalState, given: Input, rules: Options) -> tuple[Incremen
 def _refuse_wrong_partials(
     state: IncrementalState, made: Sequence[OwnFactor], keyed: Unknowns, rules: Options
 ) -> None:
-    """Refuse factors whose Jacobians contradict their errors, where all is known that they join."""
+    """Refuse factors whose Jacobians contradict their errors, if their variables are known."""
     if state.system is None:
         return
     solution = solution_of(state.ledger, state.system, rules)
@@ -224,10 +226,10 @@ def _refuse_wrong_partials(
 def remove(
     state: IncrementalState, ids: str | Iterable[str], rules: Options
 ) -> tuple[IncrementalState, Arrival]:
-    """Take observations out, wherever they are.
+    """Take observations out, whatever their outcome.
 
     Raises:
-        InputError: every id that there is not.
+        InputError: all ids that do not exist.
     """
     weights = weighted_unknowns(state.ledger.network)
     after, verdicts = _without(state, known_ids(state, ids_in(ids), weights), rules)
@@ -241,7 +243,7 @@ def replace_observation(
     """Put a new observation in the place of another, under the same id.
 
     Raises:
-        InputError: no such id, or what is wrong with the observation.
+        InputError: no such id, or problems of the observation.
     """
     known_ids(state, ids_in([ident]))
     (observation,) = listed([observation], "single observation", Observation)
@@ -285,10 +287,10 @@ def reweight(
 def accept(
     state: IncrementalState, ids: str | Iterable[str], rules: Options
 ) -> tuple[IncrementalState, Arrival]:
-    """Put suspects, or rejected observations, in after all.
+    """Let suspects or rejected observations enter without regard to their tests.
 
     Raises:
-        InputError: every id that is neither.
+        InputError: all ids that are neither.
     """
     ledger, wanted = state.ledger, ids_in(ids)
     problems = [
@@ -315,7 +317,7 @@ def discard(state: IncrementalState, ids: str | Iterable[str]) -> IncrementalSta
     """Reject suspects.
 
     Raises:
-        InputError: every id that is not a suspect.
+        InputError: all ids that are not suspects.
     """
     ledger, wanted = state.ledger, ids_in(ids)
     every = ledger.ids_of(ledger.having("suspect"))
@@ -325,7 +327,7 @@ def discard(state: IncrementalState, ids: str | Iterable[str]) -> IncrementalSta
             or (
                 "is accepted: remove() takes it out"
                 if ledger.is_accepted(i)
-                else f"is no suspect; suspects: {known(every, meant=i)}"
+                else f"is not a suspect; suspects: {known(every, meant=i)}"
             ),
             f"observation {i!r}",
         )
@@ -372,7 +374,7 @@ def snooped(
     rules: Options,
     options: Mapping[str, Any],
 ) -> tuple[IncrementalState, Arrival, Snooping]:
-    """Search a whole network for gross errors; what is found is rejected.
+    """Search a whole network for gross errors; reject the observations found.
 
     Args:
         state: the state.
@@ -391,7 +393,7 @@ def snooped(
 
 
 def settle(state: IncrementalState, rules: Options) -> tuple[IncrementalState, Arrival]:
-    """Go to rest, and look once more at everything that waits, and at what was left out."""
+    """Iterate to convergence, and examine again all waiting and left-out observations."""
     after, verdicts = settled(state, rules), Verdicts()
     for _ in range(MAX_SETTLING_ROUNDS):
         waiting = after.ledger.having("waiting")
@@ -423,7 +425,7 @@ def known_ids(
         weights: names of weighted unknowns, which may be among them.
 
     Raises:
-        InputError: every id that there is not.
+        InputError: all ids that do not exist.
     """
     wanted = list(dict.fromkeys(ids))
     missing = [i for i in state.ledger.missing(wanted) if i not in weights]
@@ -441,7 +443,7 @@ def known_ids(
 def _without(
     state: IncrementalState, ids: Sequence[str], rules: Options, *, cause: str = "removed"
 ) -> tuple[IncrementalState, Verdicts]:
-    """Take observations out, and examine what is left to be examined."""
+    """Take observations out, and process what remains to be examined."""
     out = remove_observations(state, ids, rules, cause)
     return worked_off(out.state, out.tasks, rules, start=out.start)
 
@@ -449,7 +451,7 @@ def _without(
 def _with_weighted(
     state: IncrementalState, new: Sequence[Variable], rules: Options
 ) -> IncrementalState:
-    """Return the state with those of new unknowns in the solution that weights determine."""
+    """Return the state in which those of new unknowns are known that weights determine."""
     system, network = state.system, state.ledger.network
     if system is None:
         return state

@@ -1,13 +1,13 @@
-"""Determinability of waiting observations and unknowns, start values, and reasons to wait.
+"""Determinability of waiting unknowns: which may enter, their start values, reasons of the others.
 
-A waiting variable enters with all observations that join it to what enters or is known. Counts
-come first, then approximate values, then the rank: with known variables held, the partials by
-the others must have full column rank, because nothing else can hold them. What the null space
-moves stays, with its observations, and the rest is examined again. So does a point that may be
-anywhere, see `factorgraph_adj.solve.doubtful_points`.
+A waiting variable enters with all observations that join it to known or entering variables. Counts
+of observations come first, then approximate values, then the rank: with known variables held, the
+partials by the others must have full column rank, because nothing else can hold them. Variables
+that the null space moves stay, with their observations, and the rest is examined again. So does a
+point that may be anywhere, see `factorgraph_adj.solve.doubtful_points`.
 
-What is left in the end is the largest set of variables that determines itself. It does not depend
-on the order in which its observations came: more observations make it larger, never smaller.
+The result is the largest set of variables that determines itself. It does not depend on the order
+in which its observations arrived: more observations make it larger, never smaller.
 
 """
 
@@ -63,10 +63,10 @@ NOWHERE = "has no datum yet: nothing that it is connected with is known, held or
 
 @dataclass(frozen=True)
 class Enterable:
-    """What may enter."""
+    """Observations and unknowns that may enter."""
 
     rows: Index
-    """Observations that enter; none: nothing does."""
+    """Observations that may enter; empty: none."""
     solution: Solution | None
     """Their adjustment with what is known held; none: there is none, or nothing enters."""
     lacks: Mapping[Variable | str, str]
@@ -78,19 +78,19 @@ class Enterable:
     parts: tuple[Index, ...] = ()
     """The observations, in unconnected parts."""
     equations: Equations | None = None
-    """They and the observations between known variables that enter too, with what is known as it
-    was described; none: that has not been compiled."""
+    """These and the observations between known variables that enter too, with known variables as
+    they were described; None: not compiled."""
 
     @property
     def is_disturbed(self) -> bool:
-        """Whether gross errors, or weak variables that were held, have moved it."""
+        """Whether gross errors, or weak variables that were held, have displaced it."""
         return self.solution is not None and self.solution.sigma0 > LIMITS.disturbed
 
     def without_blunders(self, alpha: float) -> Enterable:
-        """Return it where it is without what is significant, as a place to start from.
+        """Return it with start values from an adjustment without significant observations.
 
         Args:
-            alpha: probability of a false alarm of the tests that find what is significant.
+            alpha: probability of a false alarm of the tests that find them.
         """
         if self.solution is None or not self.is_disturbed:
             return self
@@ -106,7 +106,7 @@ class ApproximateNetwork(NamedTuple):
     state: State
     """The values."""
     solver: Solver | None
-    """How it is eliminated, with its normal equations there; none: it is small."""
+    """Its elimination, with its normal equations at the values; None: the network is small."""
     rows: Index
     """Its observations."""
 
@@ -122,19 +122,20 @@ class DeterminabilitySearch:
     lacks: dict[Variable | str, str]
     """What variables lack that do not enter, and observations, by their first ids."""
     several: bool = False
-    """Whether these are several parts, none of which is connected with another."""
+    """Whether there are several parts, none of which is connected with another."""
     block: BlockStart | None = None
     """Photos that were oriented from image points; none: there was no need, or no way."""
     _reached: ApproximateNetwork | None = None
     """The local network with its approximate values; none: something has none."""
 
     def find(self, *, start: Solution | None) -> Enterable | None:
-        """Find what may enter, and where it is.
+        """Find what may enter, and its values.
 
-        None: one of several parts disagrees, or is disturbed, and they have to be examined apart.
+        None: one of several parts disagrees, or is disturbed, and each has to be examined
+            separately.
 
         Args:
-            start: where everything was, if it was; none: approximate values are found.
+            start: the solution before, if there was one; None: approximate values are computed.
         """
         while len(self.counted().rows):
             local = self._excerpt()
@@ -148,7 +149,7 @@ class DeterminabilitySearch:
                 equations = compile_rows(local)
                 lost = self._unreachable(equations)
                 if lost and self.several and not any(v[0] in ("point", "pose") for v in lost):
-                    return None  # what has no value in one part keeps values from the others
+                    return None  # one part without values keeps values from the others
                 if not lost and len(bad := self._mismatches()):
                     self.left = self.left.only(np.setdiff1d(self.left.rows, bad))
                     continue
@@ -161,8 +162,8 @@ class DeterminabilitySearch:
                         and not (solution.converged and is_undisturbed(solution))
                     ):
                         return None
-                    # What disagrees may converge without its gross errors, what creeps where
-                    # everything else moves too.
+                    # Disagreeing observations may converge without their gross errors, slow ones
+                    # where everything else moves too.
                     disturbed = solution.sigma0 > LIMITS.disturbed
                     alone = isinstance(self.left.known, NothingKnown)
                     if not lost and (solution.converged or disturbed or not alone):
@@ -191,8 +192,8 @@ class DeterminabilitySearch:
     def at_once(self, ready: Index = NO_ROWS) -> Enterable:
         """Find what may enter without an adjustment of its own, because all of it is determined.
 
-        Its readings lead to approximate values of everything, from what is known. Nothing enters
-        where something takes a closer look, and where cameras see it: see `find`.
+        Approximate values of everything follow from its readings and from known variables. Nothing
+        enters where a part of it needs closer examination, and where cameras see it: see `find`.
 
         Args:
             ready: observations between known variables that are to be compiled with them.
@@ -253,7 +254,7 @@ class DeterminabilitySearch:
     def counted(self, about: Collection[Variable] | None = None) -> Candidates:
         """Let those wait whose open variables have fewer rows than components; return the rest.
 
-        Args:
+        about: variables for which a reason is recorded; None: all.
             about: variables of which it is said what they lack; none: all.
         """
         first, needs = self.left, self.left.ledger.needs
@@ -270,7 +271,7 @@ class DeterminabilitySearch:
     # -- steps --------------------------------------------------------------------------------
 
     def _excerpt(self) -> Network | None:
-        """Return the local network; none where nothing says where it is."""
+        """Return the local network; None where nothing determines its position."""
         local = self._local()
         return local if self.datum == "free" or has_datum(local) else None
 
@@ -278,7 +279,7 @@ class DeterminabilitySearch:
         return excerpt(self.left.ledger, self.left.known, self.left.rows, datum=self.datum)
 
     def _leave_out_unplaced(self) -> None:
-        """Leave out the parts of which nothing says where they are: they need no search."""
+        """Leave out the parts whose position nothing determines: they need no search."""
         left = self.counted(())
         parts = left.parts(by_geometry=True)
         if len(parts) < 2:
@@ -288,7 +289,7 @@ class DeterminabilitySearch:
         self.left = left.only(np.sort(np.concatenate([NO_ROWS, *stay])))
 
     def _adjusted(self, local: Network, start: Solution | None) -> Solution:
-        """Adjust from where everything was; from approximate values where that leads nowhere."""
+        """Adjust from the solution before; from approximate values where that fails."""
         tolerance = LIMITS.at_rest if self.datum == "free" else 1e-4
         if start is not None:
             with suppress(AdjustmentError):
@@ -298,7 +299,7 @@ class DeterminabilitySearch:
         return self._adjusted_from(local, self._begun(), tolerance)
 
     def _begun(self) -> Start | None:
-        """Return the start that image points led to; none: approximate values are found."""
+        """Return the start values from image points; None: approximate values are computed."""
         return None if self.block is None else self.block.start
 
     def _mismatches(self) -> Index:
@@ -316,7 +317,7 @@ class DeterminabilitySearch:
         return adjust_from_start(equations, begin, free=free, tolerance=bound)
 
     def _anywhere(self, solution: Solution) -> set[Variable]:
-        """Return waiting points of which their readings do not say where they are."""
+        """Return waiting points whose readings do not determine where they are."""
         lost: set[Variable] = set()
         for point in vague_points(solution):
             if not self.left.known.known("point", point.name):
@@ -325,9 +326,10 @@ class DeterminabilitySearch:
         return lost
 
     def _disagreeing(self, reason: str) -> dict[Variable, str]:
-        """Return what is said of the variables whose observations come to no rest together.
+        """Return the reasons of the variables whose observations do not converge together.
 
-        Their approximate values are found, and lead to no minimum: one may be grossly wrong.
+        They have approximate values, which lead to no minimum: one observation may be grossly
+            wrong.
         """
         return {
             v: f"{_noun(v)} has {self.left.describe(v)}, which agree nowhere: {reason}"
@@ -338,7 +340,7 @@ class DeterminabilitySearch:
         """Return variables without approximate values, or that the observations do not determine.
 
         What the null space moves stays undetermined without the others, too. In a free network the
-        largest part that it moves as a whole is the network.
+        largest part that it moves as a whole is the network itself.
         """
         state, problems = partial_approximation(equations, datum=self.datum, apart=self.several)
         self._reached = None
@@ -375,7 +377,7 @@ class DeterminabilitySearch:
     def _oriented(
         self, equations: Equations, state: State, problems: list[Problem]
     ) -> tuple[State, list[Problem], set[Variable]]:
-        """Return a state from image points, what has no value, and what cannot be oriented."""
+        """Return a state from image points, variables without a value, and those not oriented."""
         begun = self._begun()
         if (found := None if begun is None else begun.for_unknowns(equations.unknowns)) is not None:
             return found.state, [], set()
@@ -392,7 +394,7 @@ class DeterminabilitySearch:
         return block.start.state, [], lost
 
     def _named(self, error: AdjustmentError) -> tuple[set[Variable], Index]:
-        """Return the waiting points that an error is about; observations that have none."""
+        """Return the waiting points that an error names; observations without such points."""
         lost: set[Variable] = set()
         bad: list[int] = []
         if isinstance(error, DatumError):
@@ -453,8 +455,8 @@ def determined_in_parts(
 def well_determined(left: Candidates) -> Index:
     """Return candidates without those of points that have hardly more readings than they need.
 
-    These add next to nothing to what else enters, and a wrong one keeps all of it from a solution.
-    Nothing is returned where there are no such points, or nothing else.
+    These readings add next to nothing to what else enters, and a wrong one prevents a solution of
+    all of it. Nothing is returned where there are no such points, or nothing else.
     """
     weak = set()
     for v, n in left.counts.items():
@@ -471,7 +473,7 @@ def _noun(variable: Variable) -> str:
 
 
 def _points_first(variables: Iterable[Variable]) -> set[Variable]:
-    """Return the points of them, if there are any: a photo may do without one of its points."""
+    """Return the points of variables, if any: a photo may do without one of its points."""
     found = set(variables)
     return {v for v in found if v[0] == "point"} or found
 

@@ -1,16 +1,17 @@
-"""Doubts about a result: no minimum, suspects that share an unknown, photos of many suspects.
+"""Doubts about an incremental result, as sentences: no minimum, contradicting suspects and photos.
 
-Without a minimum everything is at the last one, and what came since is not in it. The
-solution has ``converged`` false then; here it is said what contradicts that place most.
+Without a minimum the estimates are those of the last one, without the observations that came since.
+The solution then has ``converged`` false; here the observations are named that contradict these
+estimates most.
 
-Nothing tests the first reading of a point. If it is wrong, later ones are suspects, however right
-they are: where several suspects share a point, a station or another unknown, the readings of it
-that are in are left out in turn, with the suspects in, and the one is named without which most of
-them fit. Where there is none, an error that they share may be the reason (`causes`).
+Nothing tests the first reading of a point. If it is wrong, later ones become suspects, however
+right they are: where several suspects share a point, a station or another unknown, its accepted
+readings are left out in turn, with the suspects in, and the reading is named without which most of
+them fit. Where there is none, the suspects may share an error (`causes`).
 
-Three image points leave up to four places of a photo. One that came by few of them may be at the
-wrong one, and its other image points are then suspects for good, however right they are: only
-points are looked for at other places (`nonlinear_tests`).
+Three image points leave up to four positions of a photo. A photo with few of them may be at the
+wrong one, and its other image points then remain suspects, however right they are: only points are
+tried at other positions (`nonlinear_tests`).
 """
 
 from __future__ import annotations
@@ -41,13 +42,15 @@ MIN_SUSPECTS_TOGETHER = 2
 MIN_SUSPECTS_SHARING = 3
 """Smallest number of suspects of an unknown that may share an error."""
 MIN_SHARE_OF_SUSPECTS = 0.1
-"""Smallest share that they have of its observations: single gross errors are fewer."""
+"""Smallest share of suspects among the observations of an unknown: single gross errors are
+fewer."""
 MAX_SUSPECTS_TOGETHER = 12
 """Largest number of suspects of an unknown that are examined: the latest."""
 MAX_UNKNOWNS_LOOKED_AT = 5
 """Largest number of unknowns that suspects share that are examined: those of most suspects."""
 MAX_READINGS_BESIDE = 12
-"""Largest number of readings of it that are in, and examined with them: the first."""
+"""Largest number of accepted readings of an unknown that are examined with its suspects: the
+first."""
 SHARED_ERROR = (
     "causes() looks for an error that several share, such as wrong given "
     "coordinates or a wrong height of an instrument"
@@ -101,8 +104,8 @@ def minimum_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
 def suspects_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
     """Return sentences on suspects that share an unknown.
 
-    They name the reading that is in and without which several suspects fit, as they control each
-    other then; or how many suspects share what, for an error that they may have in common.
+    They name the accepted reading without which several suspects fit, since these then control each
+    other; or how many suspects share an unknown, for an error that they may have in common.
     """
     ledger, system = state.ledger, state.system
     rows = ledger.having("suspect")
@@ -124,7 +127,7 @@ def suspects_doubts(state: IncrementalState, rules: Options) -> tuple[str, ...]:
 
 
 def _shared(suspects: Candidates) -> list[Variable]:
-    """Return the points and unknowns that several suspects share, those of most first."""
+    """Return the points and unknowns that several suspects share, those of most suspects first."""
     every = suspects.links.variables
     number = np.bincount(suspects.links.variable, minlength=len(every)).tolist()
     needs = suspects.ledger.needs
@@ -139,7 +142,7 @@ def _shared(suspects: Candidates) -> list[Variable]:
 def _contradicted_by(
     state: IncrementalState, variable: Variable, suspects: Index, inside: Index, rules: Options
 ) -> str:
-    """Return a sentence on the suspects of a variable; empty: there is nothing to say."""
+    """Return a sentence on the suspects of a variable; empty: there is no doubt."""
     ledger = state.ledger
     ids = ledger.ids_of(suspects)
     found = _contradicted(state, suspects[-MAX_SUSPECTS_TOGETHER:], inside, rules)
@@ -162,7 +165,7 @@ def _contradicted_by(
 def _contradicted(
     state: IncrementalState, suspects: Index, inside: Index, rules: Options
 ) -> tuple[str, list[str]] | None:
-    """Return the reading that is in and without which most of some suspects fit, and these."""
+    """Return the accepted reading without which most of some suspects fit, and these suspects."""
     ledger = state.ledger
     rows = inside[ledger.rows.photo[inside] == NO_PHOTO][:MAX_READINGS_BESIDE]
     if state.system is None or not len(rows):
@@ -185,9 +188,9 @@ def _contradicted(
 def _fitting_without(
     tested: LeaveOneOutTests, wrong: int, suspects: list[int], alpha: float
 ) -> list[int]:
-    """Return which suspects fit, each against all others, where a reading is left out.
+    """Return which suspects fit, each against all others, if a reading is left out.
 
-    None where other readings do not fit then. What nothing controls fits anything.
+    None where other readings do not fit then. An uncontrolled observation fits anything.
     """
     tested.leave_out(wrong)
     left = list(suspects)
@@ -203,5 +206,5 @@ def _fitting_without(
 
 
 def _listed(ids: list[str]) -> str:
-    """Return ids, the first of many."""
+    """Return ids as text: all, or the first of many."""
     return known(map(repr, ids), most=MAX_OBSERVATIONS_NAMED)

@@ -1,8 +1,8 @@
-"""Entry of observations into the linear system, judged before and after it is adjusted.
+"""Entry of waiting observations into the linear system: tested before and after its adjustment.
 
-They are judged on linear forms before anything moves, as a gross error bends everything that it
-touches; then everything is adjusted, and they are judged once more. What is left without a test
-of its own, because two observations contradict each other, waits on.
+They are tested on linear forms before anything moves, because a gross error displaces every unknown
+that it touches; then everything is adjusted, and they are tested once more. Observations that are
+left without a test of their own, because two of them contradict each other, wait on.
 
 """
 
@@ -45,16 +45,16 @@ from .local_network import LIMITS
 from .nonlinear_tests import smaller_minimum
 
 MAX_JUDGEMENTS = 5
-"""Number of times that what enters together is judged, each time without what did not fit."""
+"""Number of times that entering observations are tested, each time without those that failed."""
 MAX_UNKNOWNS_ADJUSTED_FIRST = 1500
-"""Largest number of unknowns of a network with which arrivals that look disturbed are adjusted
-before a search for what is significant among them, which takes as long there."""
+"""Largest number of unknowns of a network in which disturbed arrivals are adjusted before a search
+for significant observations among them, which takes as long there."""
 CONTRADICT = (
     "its observations contradict each other, and it is not known yet which of them is wrong"
 )
 PARALLEL = "its rays are parallel by now: there is no minimum at a finite distance"
-DISAGREE = "what enters together does not agree"
-NO_SOLUTION = "no solution is reached with it: is it near to where its kind has no answer?"
+DISAGREE = "the observations that enter together do not agree"
+NO_SOLUTION = "no solution is reached with it: is its geometry nearly degenerate?"
 
 
 _J = TypeVar("_J", bound=JointTest)
@@ -79,43 +79,43 @@ class EntryRefusal:
     """No solution was reached; nothing has changed."""
 
     loses_datum: bool
-    """Whether parts of a free network are not determined any more with what enters."""
+    """Whether parts of a free network are no longer determined with what enters."""
     noticing: Index
-    """What then notices motions that the datum left open."""
+    """Observations that are sensitive to motions left open by the datum."""
 
 
 @dataclass
 class Entry:
-    """Observations on their way."""
+    """Observations that are about to enter."""
 
     ledger: Ledger
-    """Where they wait."""
+    """The ledger in which they wait."""
     system: LinearSystem | None
-    """Where everything is; none: nothing is known."""
+    """The system; None: nothing is known."""
     ready: Index
     """Observations between known variables."""
     found: Sequence[Enterable]
     """Observations with variables that enter."""
     fixed: Index
-    """Observations that are in without a test."""
+    """Observations that enter without a test."""
     rules: Options
     """The options."""
     given: Collection[str]
     """Ids of observations that did not wait before."""
     stay: Index = field(default_factory=lambda: NO_ROWS)
-    """Observations that are still in."""
+    """Observations that have not been left out."""
     new: set[Variable] = field(default_factory=set)
     """Variables that enter."""
     dropped: set[Variable] = field(default_factory=set)
     """Variables that are not known any more."""
     verdicts: list[Verdict] = field(default_factory=list)
-    """Verdicts on what was left out."""
+    """Verdicts on observations that were left out."""
 
     def run(self) -> EntryResult | EntryRefusal:
-        """Put everything in, and test it, until nothing is left out.
+        """Let everything enter, and test it, until nothing is left out.
 
         Raises:
-            InputError: names observations between known variables whose geometry has no answer.
+            InputError: names observations between known variables with degenerate geometry.
         """
         before, asked = self.ledger, self.system
         self._begin()
@@ -151,10 +151,10 @@ class Entry:
         return self._refused(before, NoMinimum(DISAGREE))
 
     def at_once(self) -> EntryResult | None:
-        """Put everything in without a local adjustment; none where it takes one.
+        """Let everything enter without a local adjustment; None where it needs one.
 
-        All of it is tested, whatever the policy: where something is significant, it takes a closer
-        look at what enters to find out why.
+        All of it is tested, whatever the policy: where something is significant, only a closer
+        examination of what enters finds the reason.
         """
         assert self.system is not None
         self._begin()
@@ -173,7 +173,7 @@ class Entry:
         return bool((tested.ratios(self.rules.alpha) <= 1.0).all())
 
     def _begin(self) -> None:
-        """Take everything in."""
+        """Start with all observations."""
         before = self.ledger
         for e in self.found:
             self.new |= Candidates(before, known_in(self.system), e.rows).counts.keys()
@@ -182,16 +182,16 @@ class Entry:
         self.ledger = self.ledger.moved(self.stay, "accepted", "arrival")
 
     def _starts(self) -> list[Start]:
-        """Return where the variables are that enter."""
+        """Return the start values of the variables that enter."""
         return [e.start for e in self.found if e.start is not None]
 
     def _fronts(self) -> FrontSystem | None:
-        """Return the network in fronts, from which everything goes on."""
+        """Return the network in fronts, on which everything else is based."""
         self.system = found = engines.in_fronts(self.system)
         return found
 
     def _joined(self, base: LinearSystem) -> EntryResult | None:
-        """Join everything to a system and judge it there, until nothing is left out.
+        """Join everything to a system and test it there, until nothing is left out.
 
         None: only a new base can take it in; everything is as it was before then.
         """
@@ -203,11 +203,11 @@ class Entry:
             try:
                 found = self._agreed_beside(base) if disturbed else None
                 if disturbed and found is None and is_small(base):
-                    break  # a new base takes little time, and looks for other minima too
+                    break  # a new base takes little time, and searches for other minima too
                 joint = self._join(base) if found is None else None
             except AdjustmentError:
                 if base.engine == "fronts" and not self.found:
-                    raise  # the engine for all networks says what is wrong with them
+                    raise  # the adjustment of all networks names what is wrong with them
                 break
             with suppress(AdjustmentError):
                 if joint is not None:
@@ -225,16 +225,16 @@ class Entry:
         return None
 
     def _join(self, base: LinearSystem) -> JointTest | None:
-        """Join what is still in to a system, to be tested; none where it cannot take it."""
+        """Join what is still in to a system, to be tested; None where the system cannot take it."""
         return engines.joined_on_trial(base, self.ledger, self.stay, self._starts(), self.new)
 
     def _absorbed(
         self, base: LinearSystem, joint: JointTest
     ) -> tuple[LinearSystem, JointTest] | None:
-        """Return the system with what has joined it; none where a new base has to take it in.
+        """Return the system with what has joined it; None where a new base has to take it in.
 
-        What brings unknowns is judged where everything is by then. What lies between known
-        variables is judged by its prediction, before anything moves.
+        Observations that bring unknowns are tested at the values reached with them. Those between
+        known variables are tested by their predictions, before anything moves.
         """
         found = None if base.doubt else engines.committed(base, joint, self.ledger, self.rules)
         if found is not None:
@@ -259,7 +259,7 @@ class Entry:
     def _prepared(
         self, base: FrontSystem | None, doubted: bool
     ) -> tuple[Draft, FrontSystem | None]:
-        """Return what is to be adjusted, judged before it moves, and its base if there is one."""
+        """Return the network to be adjusted, tested before it moves, and its base if any."""
         draft = self._draft(base)
         if doubted or not self._tests() or not self._stands_out():
             return draft, None
@@ -271,10 +271,10 @@ class Entry:
         return draft, agreed
 
     def _agrees_first(self) -> bool:
-        """Return whether what looks disturbed is adjusted with everything, to see if it agrees.
+        """Return whether disturbed observations are adjusted with everything, to see if they agree.
 
-        In a network that is not large that takes less time than a search for what is significant
-        among image points, and where these bend what they touch a new base is needed anyway.
+        In a network that is not large this takes less time than a search for significant image
+        points, and a new base is needed anyway where these displace what they touch.
         """
         system = self.system
         if not isinstance(system, FrontSystem) or system.doubt or not self._tests():
@@ -284,12 +284,12 @@ class Entry:
         return few and any(len(self.ledger.rows.images(rows)) for rows in disturbed)
 
     def _without_blunders(self) -> None:
-        """Let what is disturbed begin where it is without what is significant."""
+        """Start disturbed unknowns at their values without significant observations."""
         if self.rules.policy != "accept":
             self.found = [e.without_blunders(self.rules.alpha) for e in self.found]
 
     def _stands_out(self) -> bool:
-        """Return whether something may be so wrong that it would bend what it touches."""
+        """Return whether an observation may be so wrong that it would displace what it touches."""
         solutions = [e.solution for e in self.found if e.solution is not None]
         residuals = (s.equations.residuals(s.state) for s in solutions)
         return (
@@ -306,7 +306,7 @@ class Entry:
     def _agreed(self, draft: Draft) -> FrontSystem | None:
         """Return the base where what looked disturbed beside known variables agrees with them.
 
-        Known variables may be so weak that holding them, for a start, contradicts what enters.
+        Known variables may be so weak that holding them at first contradicts what enters.
         """
         if self.system is None or not self._is_disturbed():
             return None
@@ -317,16 +317,16 @@ class Entry:
         return found if likely else None
 
     def _is_disturbed(self) -> bool:
-        """Return whether what enters does not agree with known variables, which are held."""
+        """Return whether what enters contradicts known variables, which are held."""
         return any(e.is_disturbed for e in self.found)
 
     def _draft(self, base: FrontSystem | None, *, section: bool = True) -> Draft:
-        """Return what is to be adjusted: a section of a large network, if that is allowed."""
+        """Return the network to be adjusted: a section of a large network, if that is allowed."""
         found = self._starts()
         ledger, new, dropped = self.ledger, self.new, self.dropped
         part = None
         tries = base is None or not base.attempts.waits
-        arrived = not np.isin(self.stay, self.fixed).all()  # or all was there at the beginning
+        arrived = not np.isin(self.stay, self.fixed).all()  # or all was there at the start
         if section and tries and arrived and self.rules.datum == "given":
             part = Draft.of_section(ledger, base, new=new, dropped=dropped, found=found)
         if part is not None:
@@ -342,22 +342,22 @@ class Entry:
             return _with(self._of_whole(draft, doubted), attempts.passed())
         found = draft.adjusted(self.rules.datum, doubted=doubted)
         if isinstance(found, NoMinimum) and self.found and not found.singular:
-            return found  # it waits: the whole, which has the same values, would creep as long
-        with suppress(AdjustmentError):  # an observation of the rest may have no answer there
+            return found  # it waits: the whole has the same values and would converge as slowly
+        with suppress(AdjustmentError):  # an observation of the rest may be degenerate there
             if isinstance(found, FrontSystem) and (held := with_rest(found, self.rules.accuracy)):
                 return held
         whole = self._of_whole(self._draft(base, section=False), doubted)
         return _with(whole, attempts.failed())
 
     def _of_whole(self, draft: Draft, doubted: bool) -> FrontSystem | NoMinimum:
-        """Adjust the whole; after a time without a minimum, the better one that there is."""
+        """Adjust the whole; after a period without a minimum, keep the better of two."""
         found = draft.adjusted(self.rules.datum, doubted=doubted)
         if doubted and isinstance(found, FrontSystem):
             return smaller_minimum(draft, found, self.rules.datum, tolerances=(EFFORT.close,))
         return found
 
     def _fill(self) -> None:
-        """Write approximate values that were found into the ledger, where none were given."""
+        """Write computed approximate values into the ledger, where none were given."""
         for e in self.found:
             assert e.start is not None
             for kind in ("point", "pose"):
@@ -367,7 +367,7 @@ class Entry:
                 values = {n: start[number[n]].tolist() for n in new}
                 self.ledger = self.ledger.with_values(kind, values)
 
-    # -- judging ------------------------------------------------------------------------------
+    # -- tests --------------------------------------------------------------------------------
 
     def _untested(self) -> Mask:
         """Return which observations stay whatever their tests say: conditions among them."""
@@ -387,7 +387,7 @@ class Entry:
         return RowsInBase.of_system(base, self.ledger.units(self.stay))
 
     def _judged_before(self, draft: Draft, base: FrontSystem | None) -> bool:
-        """Judge on linear forms before anything moves; return whether anything was left out."""
+        """Test on linear forms before anything moves; return whether anything was left out."""
         held = self.found[0].solution if self.found and base is None else None
         held = base.datum_solution if base is not None else held
         try:
@@ -395,7 +395,7 @@ class Entry:
             factor = normal.factorise(constraint)
             return self._leave_out(RowsInBase.of(normal, factor, self.ledger.units(self.stay)))
         except AdjustmentError:
-            return False  # the adjustment says what is wrong
+            return False  # the adjustment reports what is wrong
 
     def _leave_out(self, joint: JointTest) -> bool:
         """Leave out what fails its test; return whether anything was left out."""
@@ -425,10 +425,10 @@ class Entry:
     # -- where there is no solution -----------------------------------------------------------
 
     def _let_go(self, failure: NoMinimum) -> bool:
-        """Let points wait whose rays run parallel; return whether there were any.
+        """Let points with parallel rays wait; return whether there were any.
 
-        Two rays on a short base meet somewhere until the photos turn by a little more. Other
-        observations give a point a place, wherever a wild reading takes the network.
+        Two rays on a short base intersect until the photos turn by a little more. Other
+        observations determine the point, wherever a gross error takes the network.
         """
         rays = sole_rays(self.ledger, failure.loose or ())
         if not len(rays):
@@ -443,7 +443,7 @@ class Entry:
         return True
 
     def _refused(self, before: Ledger, failure: NoMinimum) -> EntryResult | EntryRefusal:
-        """Return the outcome of observations without a solution."""
+        """Return the result for observations without a solution."""
         system = self._fronts()
         free = system is not None and system.is_free
         loses_datum = free and failure.loose is not None
@@ -462,7 +462,7 @@ class Entry:
         return EntryResult(ledger, system, tuple(verdicts))
 
     def _noticing(self) -> Index:
-        """Return what notices motions that the datum of a free network leaves open."""
+        """Return the observations sensitive to motions left open by a free network's datum."""
         system = self._fronts()
         if system is None:
             return NO_ROWS

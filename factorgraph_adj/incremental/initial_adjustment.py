@@ -1,4 +1,4 @@
-"""The initial state from a network's own observations, and the convergence of any state."""
+"""Initial incremental state of a network with observations; convergence of any state."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from .nonlinear_tests import smaller_minimum
 from .worklist import IncrementalState, Task, in_chosen_engine, worked_off
 
 MAX_REDUCTIONS = 5
-"""Largest number of adjustments at the start, each without points that the one before named."""
+"""Largest number of adjustments at the start, each without points that the previous one named."""
 
 
 @without_collections
 def initial_state(ledger: Ledger, rules: Options, start: Solution | None) -> IncrementalState:
-    """Put a network's own observations in, without a test; what they do not determine waits.
+    """Let a network's own observations enter without a test; those that are not determined wait.
 
     Args:
-        ledger: everything, all of it accepted.
+        ledger: the ledger, with all observations accepted.
         rules: the options.
-        start: a solution of the network, or of one like it.
+        start: a solution of the network, or of a similar one.
     """
     inside = ledger.having("accepted")
     if not len(inside):
@@ -67,7 +67,7 @@ def initial_state(ledger: Ledger, rules: Options, start: Solution | None) -> Inc
 
 
 class _Whole(DeterminabilitySearch):
-    """A search among all observations of a network, which is that of its adjustment."""
+    """A search among all observations of a network; its local network is the adjusted one."""
 
     def _local(self) -> Network:
         left = self.left
@@ -77,9 +77,9 @@ class _Whole(DeterminabilitySearch):
 def _determined(every: Candidates, rules: Options) -> tuple[Candidates, ApproximateNetwork | None]:
     """Return observations that determine what they touch, and their network.
 
-    Those of points that only nearly parallel rays determine are not among them: an adjustment in
-    which photos move creeps along such rays for tens of iterations. Beside photos that are known
-    these points are found at once.
+    Observations of points that only nearly parallel rays determine are not among them: an
+    adjustment in which photos move converges slowly along such rays, in tens of iterations. Beside
+    photos that are known these points are found at once.
     """
     stay, reached = _Whole(every, rules.datum, {}).determined()
     if reached is None or reached.solver is None or not reached.equations.n_rays:
@@ -96,17 +96,17 @@ def adjusted(
     stay: Candidates | None = None,
     reached: ApproximateNetwork | None = None,
 ) -> tuple[Ledger, FrontSystem | NoMinimum | None]:
-    """Adjust what is in, without what is not determined: that waits.
+    """Adjust the accepted observations that are determined; the others wait.
 
     Args:
-        ledger: what is in.
+        ledger: the ledger with the accepted observations.
         rules: the options.
-        start: where everything was, or may be; none: approximate values are found.
-        stay: what of it is determined at approximate values; none: that has not been examined.
-        reached: the network of that, or of some more, if it has been compiled.
+        start: the solution before, or a likely one; None: approximate values are computed.
+        stay: observations that are determined at approximate values; None: not examined.
+        reached: the network of these, or of some more, if it has been compiled.
 
     Returns:
-        The ledger, and the system; why there is none, if that can be said.
+        The ledger, and the system or the reason why there is none, if it is known.
     """
     inside = ledger.having("accepted")
     if stay is None:
@@ -133,7 +133,7 @@ def adjusted(
 
 
 def _without(ledger: Ledger, inside: Index, stay: Index) -> Ledger:
-    """Return the ledger where only some of a network's observations are in."""
+    """Return the ledger in which only some of a network's observations are accepted."""
     ledger = ledger.moved(np.setdiff1d(inside, stay), "waiting", "undetermined")
     return ledger.moved(ledger.rows.among(stay, "waiting"), "accepted", "arrival")
 
@@ -151,14 +151,14 @@ def _entered(state: IncrementalState, inside: Index, rules: Options) -> Incremen
 
 
 def settled(state: IncrementalState, rules: Options) -> IncrementalState:
-    """Return a converged state; where there is no minimum the system says why."""
+    """Return a converged state; without a minimum its system has the reason."""
     if state.system is None:
         return state
     draft = replace(Draft.of(state.ledger, state.system, rules.datum), looked={})
     found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
     if isinstance(found, NoMinimum):
         return state.on_fronts()
-    if state.ledger.retired is None:  # what was retired says where everything is
+    if state.ledger.retired is None:  # linear rows hold only near them
         found = smaller_minimum(draft, found, rules.datum, tolerances=EFFORT.at_rest)
     return IncrementalState(state.ledger, engines.converged(state.system, found), settled=True)
 
@@ -194,12 +194,12 @@ def adjusted_once(
     """Return the system of a network's adjustment; none where it ends in an error.
 
     Args:
-        ledger: what is in.
-        stay: what of it is adjusted.
+        ledger: the ledger.
+        stay: its observations that are adjusted.
         rules: the options.
-        start: where everything was, or may be.
+        start: the solution before, or a likely one.
         reached: the network, if it has been compiled.
-        there: values of unknowns from which it begins.
+        there: values of unknowns as start values.
     """
     with suppress(AdjustmentError):
         if len(stay.rows):
@@ -217,14 +217,14 @@ def at_its_start(
     start: Solution | None = None,
     there: Mapping[Variable, Array] | None = None,
 ) -> FrontSystem | None:
-    """Return the system at the values with which it begins; none: it is not determined there.
+    """Return the system at its start values; None: it is not determined there.
 
     Args:
-        ledger: what is in.
-        stay: what of it is determined.
+        ledger: the ledger.
+        stay: its observations that are determined.
         rules: the options.
         failure: why there is no minimum.
-        start: where everything was, or may be.
+        start: the solution before, or a likely one.
         there: values of unknowns.
     """
     reason = "no minimum was found" if failure is None else failure.reason
@@ -232,7 +232,7 @@ def at_its_start(
         if len(stay.rows):
             draft = _draft(ledger, stay, rules, start, there=there)
             free = rules.datum == "free"
-            steps = 1 if free else 0  # with which the datum is found
+            steps = 1 if free else 0  # which finds the datum
             solution = adjust_from_start(
                 draft.equations, draft.start, free=free, max_iterations=steps
             )
@@ -241,7 +241,7 @@ def at_its_start(
 
 
 def _with_values(state: IncrementalState) -> IncrementalState:
-    """Write approximate values that were found into the ledger, where none were given."""
+    """Write computed approximate values into the ledger, where none were given."""
     ledger = state.ledger
     kinds: tuple[VariableKind, ...] = ("point", "pose")
     for unknowns, _, start in () if state.system is None else state.system.places():

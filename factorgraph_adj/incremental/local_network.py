@@ -1,9 +1,9 @@
-"""Local networks of arrivals: limits, datum, steps, gross errors and orientation of photos.
+"""Local networks of arrivals: their limits, datum and Gauss-Newton steps, and oriented photos.
 
-Photos may arrive without poses. Resection from known points and what observes a pose come first, as
-approximate values. Photos for which these do not suffice are oriented from image points, against
-oriented photos and among themselves, as a block is; the part takes its place in the frame from
-the known photos and points that it touches. What cannot be oriented waits.
+Photos may arrive without poses. Resection from known points and observations of a pose come first,
+as approximate values. Photos for which these do not suffice are oriented from image points, against
+oriented photos and among themselves, as a block is; known photos and points that it touches
+determine its place in the frame. Photos that cannot be oriented wait.
 """
 
 from __future__ import annotations
@@ -33,35 +33,35 @@ from ..solve.solution import Solution
 from ..types import Mask
 
 DISAGREES = "fewer than two of its image points agree with the photos that were oriented"
-"""What a point lacks."""
+"""Reason of a point without enough agreeing image points."""
 MISMATCH = "it does not agree with the block that its photo was oriented in"
-"""Why an image point waits until its point is known."""
+"""Reason of an image point that waits until its point is known."""
 _FRAMES = tuple(k.name for k in parameter_kinds() if k.rotates and k.connects)
 """Kinds of parameters that place what is measured in them, once they are known."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the search."""
+    """Limits of the search for determined unknowns."""
 
     disturbed: float = 3.0
-    """Value of σ̂0 of a local adjustment above which gross errors have moved it."""
+    """Value of σ̂0 of a local adjustment above which gross errors have displaced it."""
     gross: float = 50.0
-    """Largest whitened residual of a local adjustment that is tested after everything has moved:
-    linear forms then still hold, and the tests leave out one error after the other."""
+    """Largest whitened residual of a local adjustment whose tests may wait until everything has
+    moved: up to it linear forms hold, and the tests leave out one error after the other."""
     rounds: int = 30
     """Largest number of rounds of snooping in a local network."""
     iterations: int = 30
     """Largest number of iterations of each adjustment in the snooping of a local network."""
     spare: int = 1
-    """Readings beyond the number of its components that a point may have and still wait on."""
+    """A point with at most this many redundant readings may be postponed."""
     share: float = 1e-6
-    """Part of the squared length of a null vector from which on a variable is moved by it."""
+    """Share of the squared length of a null vector from which a variable counts as moved by it."""
     steps: int = 5
-    """Largest number of steps of what enters without an adjustment of its own."""
+    """Largest number of steps of entering unknowns without an adjustment of their own."""
     near: float = 1.0
-    """Largest movement, in conditional standard deviations, after which it makes no further step:
-    partials then hold far better than to the accuracy that is promised."""
+    """Largest movement, in conditional standard deviations, after which they make no further step:
+    partials then hold far better than to the promised accuracy."""
     at_rest: float = 1e-7
     """Bound of the last step of the local adjustment that begins a free network."""
     small: int = 64
@@ -74,7 +74,7 @@ LIMITS = Limits()
 
 
 def gauss_newton_steps(system: LinearisedEquations) -> State | None:
-    """Return the state after a few Gauss-Newton steps; none where they do not become short."""
+    """Return the state after a few Gauss-Newton steps; None where these do not become short."""
     equations, state = system.equations, system.state
     for _ in range(LIMITS.steps):
         a = system.sparse(np.arange(equations.n_rows)).toarray()
@@ -93,7 +93,7 @@ def gauss_newton_steps(system: LinearisedEquations) -> State | None:
 
 
 def is_undisturbed(solution: Solution) -> bool:
-    """Return whether no part of a network is disturbed: σ̂0 of each."""
+    """Return whether no part of a network is disturbed, by σ̂0 of each."""
     equations = solution.equations
     unknowns, label = equations.unknowns, parts_of(equations)
     of_rows = [
@@ -112,7 +112,7 @@ def is_undisturbed(solution: Solution) -> bool:
 
 
 def has_datum(local: Network) -> bool:
-    """Return whether anything says where a local network is; its rank need not be examined."""
+    """Return whether anything determines where a local network is, without its rank."""
     return (
         any(p.sigma is not None or any(p.fixed) for p in local.points.values())
         or any(f.sigma_position is not None or any(f.fixed[3:]) for f in local.photos.values())
@@ -122,13 +122,13 @@ def has_datum(local: Network) -> bool:
 
 
 def may_have_datum(local: Network) -> bool:
-    """Return whether an observation may say where a local network is; by its rank."""
+    """Return whether an observation may determine the position of a local network, by its rank."""
     every = local.observations.values()
     return any(isinstance(o, OwnFactor) or o.record.fixes != "nothing" for o in every)
 
 
 def without_blunders(solution: Solution, alpha: float) -> Solution:
-    """Return the solution where the network is without what is significant."""
+    """Return the solution of the network without significant observations."""
     try:
         clean = snoop(
             solution.network,
@@ -153,7 +153,7 @@ def oriented_block(
         equations: a local network; known variables are held.
         datum: ``free`` for the beginning of a free network.
         state: approximate values as far as they were found, NaN elsewhere.
-        problems: what has none.
+        problems: variables without approximate values.
 
     Returns:
         None: no photo without a pose has `MIN_PAIR_POINTS` points in common with another one, or
@@ -182,7 +182,7 @@ def _common(network: Network, lost: Mask) -> bool:
 
 
 def orientation_methods(local: Network, block: BlockStart | None) -> Mapping[str, str]:
-    """Return in words how the photos of a local network that enter were oriented.
+    """Return in words how the entering photos of a local network were oriented.
 
     Args:
         local: the local network, in which known photos and points are held.

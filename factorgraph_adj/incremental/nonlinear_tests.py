@@ -1,35 +1,35 @@
-"""Tests by readjustment, points of which one reading determines the side, smaller minima.
+"""Tests of incoming observations by readjustment, at mirror images of points, at other minima.
 
 Some readings alone determine on which of two sides a point is. Where a point fits as well at its
 mirror image, one reading that fits on the other side only moves it there. If it is wrong, so is the
-place, and nothing shows it: the reading is accepted with a doubt, which lasts until another reading
-determines the side as well. vᵀPv of the two sides, both without the reading, then differ by more
-than the critical value of one degree of freedom. A later reading that contradicts may be the right
-one of the two: its verdict names the one that it contradicts.
+position, and no test shows it: the reading is accepted with a doubt, which lasts until another
+reading determines the side as well. vᵀPv of the two sides, both without the reading, then differ by
+more than the critical value of one degree of freedom. A later reading that contradicts may be the
+right one of the two: its verdict names the one that it contradicts.
 
-A test value is as good as its linear form. Where an unknown is determined
-weakly, the observation may bend over the range that its σ leaves open by as much as its innovation
-is: a distance from a station at the height of a point, whose height only a weak weight holds, has
-no derivative by the height, and still depends on it. Such an observation is tested by adjusting
-with it and without:
+A test value is as good as its linear form. Where an unknown is weakly determined, the observation
+may be nonlinear over the range of the unknown's σ by as much as its innovation: a distance from a
+station at the height of a point whose height only a weak weight holds has no derivative by the
+height, and still depends on it. Such an observation is tested by adjusting with it and without:
 
     T² = vᵀPv with − vᵀPv without,
 
-with the same degrees of freedom and the same critical value. The adjustment with it begins where
-the points are, or from a place at which vᵀPv is smaller: moved both ways along the direction in
-which they are weakest, or at the mirror image that fits the other observations as well (see
+with the same degrees of freedom and the same critical value. The adjustment with it begins at the
+present points, or at a place where vᵀPv is smaller: moved both ways along the direction in which
+they are weakest, or at the mirror image that fits the other observations as well (see
 `solve.second_minimum`). Both vᵀPv are those of one side: those of the two sides without the
 observation may differ by the critical value of one degree of freedom, which chance exceeds with a
-probability of α/2 at most. An observation that moves a point to its other side, which nothing
-else determines, is accepted with a doubt, as above.
+probability of α/2 at most. An observation that moves a point to its other side, which nothing else
+determines, is accepted with a doubt, as above.
 
-Observations that arrive one by one find an unknown from the first few of them, which several values
-may fit, as a frame does that two points leave on either side; a gross error that was in for a time
-may have led an unknown there, too. Later observations show which it is, and the iteration from the
-other one may end in a minimum of its own, at any distance. After convergence the network is
-therefore adjusted from approximate values of all that is in as well, as `adjust` does it. The
-smaller vᵀPv counts, and the solution names the other one. In large networks, where this takes as
-long as the rest, it is done where vᵀPv exceeds what chance explains.
+Observations that arrive one by one determine an unknown from the first few of them, which several
+values may fit, such as those of a frame that two points leave on either side; a gross error that
+was accepted for a time may have led an unknown there, too. Later observations show which value is
+right, and the iteration from the other one may end in a minimum of its own, at any distance. After
+convergence the network is therefore also adjusted from approximate values of all accepted
+observations, as `adjust` does it. The smaller vᵀPv counts, and the solution names the other one. In
+large networks, where this takes as long as the rest, it is done where vᵀPv exceeds what chance
+explains.
 """
 
 from __future__ import annotations
@@ -63,28 +63,29 @@ from ..types import Array, Index
 MIN_MOVE_IN_SIGMA = 3.0
 """Smallest move of a point, relative to its largest σ, that takes it to another side."""
 MIN_PART_THAT_STAYS = 0.5
-"""Part of that move which is left once the reading is out: with less there is no second side."""
+"""Part of that move that remains without the reading: with less there is no second side."""
 MAX_MOVE_IN_SIGMA = 3.0
-"""Largest move of a point, relative to its largest σ, over which an observation may bend."""
+"""Largest move of a point, relative to its largest σ, over which an observation may be
+nonlinear."""
 MAX_MOVE_IN_EXTENTS = 10.0
-"""Largest move, relative to the extent of the network: where a σ is larger, nothing holds the
+"""Largest move, relative to the extent of the network: a larger σ means that nothing determines the
 point there."""
 MIN_BEND_TO_RESIDUAL = 0.5
-"""Smallest change of an observation by its bend, relative to its residual, from which on a test on
-its linear form says nothing."""
+"""Smallest change of an observation by its nonlinearity, relative to its residual, from which a
+test on its linear form is meaningless."""
 MAX_RESIDUAL_IN_SIGMA = 1e12
-"""Residual relative to σ from which no place of a point explains a reading."""
+"""Residual relative to σ from which no position of a point explains a reading."""
 MAX_UNITS_TESTED = 8
-"""Largest number of units that are tested so after one command: each takes an adjustment."""
+"""Largest number of units tested in this way after one command: each takes an adjustment."""
 MAX_CHANCE_EXCESS = 4.0
-"""Excess of vᵀPv over the redundancy r, in units of its standard deviation √(2r), from which on a
-network is adjusted from approximate values."""
+"""Excess of vᵀPv over the redundancy r, in units of its standard deviation √(2r), from which a
+network is also adjusted from approximate values."""
 MIN_RELATIVE_DECREASE = 1e-6
 """Decrease of vᵀPv, relative to 1 + vᵀPv, from which another minimum counts as better."""
 LARGE_NETWORK_UNKNOWNS = 3_000
-"""Number of unknowns from which on a network is large."""
+"""Number of unknowns from which a network is large."""
 MOVES_TO_TRY = tuple(3.0**-k for k in range(13))
-"""Moves at which vᵀPv is computed, relative to the farthest likely one."""
+"""Moves at which vᵀPv is computed, relative to the farthest probable one."""
 
 
 def with_points_at(start: Start, places: Mapping[str, Iterable[float]]) -> Start:
@@ -102,9 +103,10 @@ def adjusted_without(
     datum: DatumChoice,
     places: Mapping[str, Iterable[float]],
 ) -> FrontSystem | None:
-    """Return the system without some readings, adjusted with points at other places to begin with.
+    """Return the system without some readings, adjusted with points starting at other places.
 
-    Points stay on the side where they begin, whichever fits better. None: it has no minimum there.
+    Points stay on the side where they start, whichever fits better. None: there is no minimum
+    there.
     """
     try:
         draft = Draft.of(ledger.moved(rows, "waiting", "side"), system, datum)
@@ -141,9 +143,9 @@ def changed_sides(
 
 
 def with_current_sides(ledger: Ledger, system: FrontSystem | None, rules: Options) -> Ledger:
-    """Return the ledger after a command, with which of its readings still determine a side alone.
+    """Return the ledger after a command, noting which of its readings still determine a side alone.
 
-    Sides of points are examined of which anything has come, left or changed.
+    Sides are examined of points whose observations the command has added, removed or changed.
     """
     if not ledger.sides:
         return ledger
@@ -158,7 +160,7 @@ def with_current_sides(ledger: Ledger, system: FrontSystem | None, rules: Option
 
 
 def _alone(ledger: Ledger, system: FrontSystem, ident: str, side: Side, rules: Options) -> bool:
-    """Return whether nothing but a reading determines the side of a point."""
+    """Return whether no other reading determines the side of a point."""
     row = ledger.find([ident])
     here = adjusted_without(ledger, system, row, rules.datum, {})
     other = adjusted_without(ledger, system, row, rules.datum, {side.point: side.other})
@@ -203,20 +205,20 @@ def side_doubts(ledger: Ledger) -> tuple[str, ...]:
 def tested_by_readjustment(
     ledger: Ledger, system: FrontSystem, rows: Index, rules: Options, given: Collection[str]
 ) -> tuple[Ledger, FrontSystem, list[Verdict]]:
-    """Let observations enter that failed a linear test and fit once everything is adjusted again.
+    """Let observations enter that failed a linear test and fit after a readjustment.
 
-    T² = vᵀPv with − vᵀPv without ≤ χ²(1 − α, dof), on one side; see the head of the module.
+    T² = vᵀPv with − vᵀPv without ≤ χ²(1 − α, dof), on one side; see the module's docstring.
 
     Args:
-        ledger: where they were left out.
-        system: where everything is without them.
-        rows: observations that failed a test on linear forms; those that do not bend, and those
-            between unknowns that are not known any more, stay as they are.
+        ledger: the ledger in which they were left out.
+        system: the system without them.
+        rows: observations that failed a test on linear forms; nearly linear ones, and those between
+            unknowns that are no longer known, stay as they are.
         rules: the options.
         given: ids of observations that did not wait before.
 
     Returns:
-        Ledger and system, and the verdicts on what has entered.
+        Ledger and system, and the verdicts on the observations that have entered.
     """
     accepted: list[Verdict] = []
     if system.doubt or system.section is not None:
@@ -242,13 +244,13 @@ def tested_by_readjustment(
 
 
 def may_bend(ledger: Ledger, system: ISAM2System, rows: Index) -> bool:
-    """Return whether observations that failed may bend as far as a test by adjusting asks.
+    """Return whether failed observations may be nonlinear enough for a test by readjustment.
 
-    Where none does, `tested_by_readjustment` would leave all as they are; fronts take longer.
+    If none is, `tested_by_readjustment` would leave all as they are, and fronts take longer.
 
     Args:
-        ledger: where they were left out.
-        system: where everything is without them.
+        ledger: the ledger in which they were left out.
+        system: the system without them.
         rows: the observations.
     """
     ready = Candidates(ledger, known_in(system), rows).ready[-MAX_UNITS_TESTED:]
@@ -257,7 +259,7 @@ def may_bend(ledger: Ledger, system: ISAM2System, rows: Index) -> bool:
         return False
     points = [("point", name) for row in last for name in ledger.unit(row).points]
     inside = Candidates(ledger, NothingKnown(), ledger.having("accepted"))
-    try:  # weights of points, which could only refuse an image, are not asked
+    try:  # weights of points, which could only refuse an image, are not examined
         beside = compile_rows(excerpt(ledger, system, inside.touching(points), hold=False))
         images = _mirror_images(ledger, beside, beside.unknowns.start(), ready)
     except AdjustmentError:
@@ -266,7 +268,7 @@ def may_bend(ledger: Ledger, system: ISAM2System, rows: Index) -> bool:
 
 
 def _weakest(system: FrontSystem | ISAM2System, name: str) -> Array | None:
-    """Return the farthest probable movement of a point, (3,) metres; none: it is held."""
+    """Return the farthest probable movement of a point, (3,) metres; None: it is held."""
     if not system.known("point", name) or not len(system.columns("point", name)):
         return None
     values, vectors = np.linalg.eigh(system.cofactors(("point", name), ("point", name)))
@@ -280,7 +282,7 @@ def _weakest(system: FrontSystem | ISAM2System, name: str) -> Array | None:
 def _images(ledger: Ledger, system: FrontSystem, rows: Index, rules: Options) -> dict[str, Array]:
     """Return the movements of points of observations to their mirror images, (3,) metres each.
 
-    Everything in the graph counts, and nothing that has left it.
+    All observations in the graph count, and none that has left it.
     """
     if (solution := system.adjusted_solution) is not None:
         equations, state = solution.equations, solution.state
@@ -309,9 +311,9 @@ def _mirror_images(
 def _bends(
     ledger: Ledger, system: FrontSystem | ISAM2System, row: int, images: Mapping[str, Array]
 ) -> bool:
-    """Return whether an observation bends by as much as it contradicts, within reach of a point.
+    """Return whether an observation is nonlinear by as much as it contradicts, near a point.
 
-    So does one that fits at the mirror image of a point: its form holds on one side only.
+    So is one that fits at the mirror image of a point: its form holds on one side only.
     """
     try:
         forms = system.forms(ledger, np.array([row]))
@@ -323,7 +325,7 @@ def _bends(
         return False
     for name in forms.units[0].points:
         if name in images:
-            with suppress(AdjustmentError):  # a station may be where the image is
+            with suppress(AdjustmentError):  # a station may be at the image
                 if forms.misfit(name, images[name]) < MIN_BEND_TO_RESIDUAL * size:
                     return True
         step = _weakest(system, name)
@@ -334,14 +336,14 @@ def _bends(
                 if forms.bend(name, moved) > MIN_BEND_TO_RESIDUAL * size:
                     return True
             except AdjustmentError:
-                return True  # it has no answer there: nothing is less linear
+                return True  # it is degenerate there: nothing is less linear
     return False
 
 
 def _with(
     ledger: Ledger, system: FrontSystem, rows: Index, rules: Options, images: Mapping[str, Array]
 ) -> tuple[Ledger, FrontSystem] | None:
-    """Return ledger and system with observations; none where they do not fit."""
+    """Return ledger and system with observations; None where they do not fit."""
     units = ledger.units(rows)
     points = dict.fromkeys(n for u in units for n in u.points)
     ledger = ledger.moved(rows, "accepted", "tested by adjusting")
@@ -382,14 +384,14 @@ def _told_alone(
 
 
 def _moved(draft: Draft, name: str, ways: Iterable[Array]) -> Start:
-    """Return the start with a point moved in one of the ways, if vᵀPv is smaller there."""
+    """Return the start values with a point moved in one direction, if vᵀPv is smaller there."""
     at = draft.start.state["point"][draft.equations.unknowns["point"].number[name]]
     places = (with_points_at(draft.start, {name: at + way}) for way in ways)
     return min((draft.start, *places), key=lambda start: _vtpv(draft, start))
 
 
 def _vtpv(draft: Draft, start: Start) -> float:
-    """Return vᵀPv at a start; infinite where an observation has no answer."""
+    """Return vᵀPv at start values; infinite where an observation is degenerate."""
     try:
         v = draft.equations.weighted_at(start.state).residuals(start.state)
     except AdjustmentError:
@@ -402,10 +404,10 @@ def smaller_minimum(
 ) -> FrontSystem:
     """Return the system with the smaller vᵀPv: as found, or adjusted from approximate values.
 
-    It names the other, if these are two.
+    It names the other, if these are two minima.
 
     Args:
-        draft: the whole network, from where everything was.
+        draft: the whole network, with the previous estimates as start values.
         found: its converged system.
         datum: given or free.
         tolerances: bounds of the last step, as for `Draft.adjusted`.

@@ -1,26 +1,26 @@
-"""Readmission of suspects and rejected observations that fit by now.
+"""Readmission of suspects and rejected observations that fit after a command; verdicts on them.
 
-An observation that was left out fits where T² of its innovation, computed from everything that is
-in − observed, is below its critical value: first alone, then together with the others that come
-back. Several gross errors that agree with one another do not outvote what is in, as each has to fit
-without the others. When it is examined:
+An observation that was left out fits if T² of its innovation (computed from everything accepted −
+observed) is below its critical value: first alone, then together with the others that are
+readmitted. Several gross errors that agree with one another do not outvote accepted observations,
+as each has to fit without the others. The times of examination:
 
-- Suspects after every arrival of which something has entered. All of them are predicted, the
-  latest `MAX_SUSPECTS_PREDICTED` where there are more; those whose innovations are within
-  √critical · σ of their last tests, beyond which they contradict whatever has entered since, are
-  tested, the nearest `MAX_SUSPECTS_TESTED` first; where one comes back, so are the others once
-  more. Rejected observations have been decided on: arrivals leave them where they are.
-- Suspects and rejected observations, all of them, after a command that takes observations out,
-  puts them in or changes them, which may have removed what others contradicted, and at `settle`.
-  What then lost everything that determined its variables is examined like an arrival. A suspect
-  may wait again. A rejected observation comes back only where something else tests it, and stays
-  rejected otherwise: nothing says that what it contradicted was the wrong one. Suspects that bend
-  too much for a test on linear forms are tested by adjusting (`nonlinear_tests`), which takes too
-  long after each arrival.
+- Suspects after every arrival of which something has entered. All of them are predicted, the latest
+  `MAX_SUSPECTS_PREDICTED` where there are more; those whose innovations are within √critical · σ of
+  their last tests, beyond which they contradict whatever has entered since, are tested, the nearest
+  `MAX_SUSPECTS_TESTED` first; where one is readmitted, the others are tested once more. Rejected
+  observations have been decided on: arrivals do not change them.
+- All suspects and rejected observations after a command that takes observations out, lets them
+  enter or changes them, which may have removed what others contradicted, and at `settle`. Those
+  that have lost everything that determined their variables are examined like an arrival. A suspect
+  may wait again. A rejected observation is readmitted only where something else tests it, and stays
+  rejected otherwise: nothing indicates that the observation it contradicted was the wrong one.
+  Suspects that are too nonlinear for a test on linear forms are tested by readjustment
+  (`nonlinear_tests`), which takes too long after each arrival.
 
-What data snooping judges, it judges again in the same way: after `snoop` no component of what
-comes back has a test value |w| beyond the limit of that search, and what a search threw out has to
-fit within the limit of that search, too, whenever it is examined. Otherwise another command, or
+Data snooping applies its own limit again: after `snoop` no component of a readmitted observation
+has a test value |w| beyond the limit of that search, and an observation that a search rejected has
+to fit within the limit of that search, too, whenever it is examined. Otherwise another command, or
 the next search, would undo a search with a stricter level.
 
 Observations that were discarded by hand, or that have been measured again since, stay out.
@@ -51,9 +51,9 @@ MAX_RETESTED_TOGETHER = 50
 MAX_SUSPECTS_PREDICTED = 250
 """Largest number of suspects that are predicted after an arrival: the latest ones."""
 MAX_SUSPECTS_TESTED = 10
-"""Largest number of them that are tested in one look: each takes covariances of its own."""
+"""Largest number of them that are tested in one round: each needs covariances of its own."""
 MAX_READMISSION_ROUNDS = 5
-"""Largest number of looks after one command; each begins from what the one before let in."""
+"""Largest number of rounds after one command; each begins with the observations of the last one."""
 
 
 def readmitted(
@@ -64,17 +64,17 @@ def readmitted(
     but: Collection[str] = (),
     limit: float = np.inf,
 ) -> tuple[IncrementalState, Verdicts]:
-    """Let suspects and rejected observations come back that fit by now.
+    """Readmit suspects and rejected observations that fit after a command.
 
     Args:
         state: the state after a command.
-        known: verdicts of the command; what it has tested is not examined again.
+        known: verdicts of the command; observations that it has tested are not examined again.
         rules: the options.
         but: ids of observations that the command has rejected.
-        limit: largest |w| of what comes back, beside its T².
+        limit: largest |w| of readmitted observations, beside their T².
 
     Returns:
-        The state, and the verdicts of the command and on what came back.
+        The state, and the verdicts of the command and on readmitted observations.
     """
     known = dict(known)
     state, bent = _bent(state, {*known, *but}, rules)
@@ -108,15 +108,15 @@ def readmitted(
 def readmitted_suspects(
     state: IncrementalState, known: Verdicts, rules: Options
 ) -> tuple[IncrementalState, Verdicts]:
-    """Let suspects come back that fit by now, after an arrival of which something has entered.
+    """Readmit suspects that fit after an arrival of which something has entered.
 
     Args:
         state: the state after the arrival.
-        known: verdicts of the arrival; what it has tested is not examined again.
+        known: verdicts of the arrival; observations that it has tested are not examined again.
         rules: the options.
 
     Returns:
-        The state, and the verdicts of the arrival and on what came back.
+        The state, and the verdicts of the arrival and on readmitted observations.
     """
     known, tested = dict(known), set(known)
     latest = known
@@ -140,7 +140,7 @@ def readmitted_suspects(
 def _bent(
     state: IncrementalState, tested: Collection[str], rules: Options
 ) -> tuple[IncrementalState, Verdicts]:
-    """Let suspects enter that fit when everything is adjusted with them, see `nonlinear_tests`."""
+    """Let suspects enter that fit after a readjustment with them, see `nonlinear_tests`."""
     ledger = state.ledger
     suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(tested))
     if not len(suspects) or (system := state.fronts) is None:
@@ -162,7 +162,7 @@ def remeasured(ledger: Ledger, chosen: Index) -> Index:
 
 
 def _left_out(ledger: Ledger) -> Index:
-    """Return suspects and rejected observations that may come back."""
+    """Return suspects and rejected observations that may be readmitted."""
     rejected = ledger.having("rejected")
     by_hand = [
         row
@@ -174,14 +174,14 @@ def _left_out(ledger: Ledger) -> Index:
 
 
 def with_what_was_left_out(state: IncrementalState) -> Network:
-    """Return the network with suspects and rejected observations that may come back, put in."""
+    """Return the network with all suspects and rejected observations that may be readmitted."""
     ledger = state.ledger
     rows = Candidates(ledger, known_in(state.system), _left_out(ledger)).ready
     return known_network(ledger.moved(rows, "accepted", "causes"), state.system)
 
 
 def _limits(ledger: Ledger, rows: Index, limit: float) -> Mapping[int, float]:
-    """Return the largest |w| with which each of some observations comes back, by rows."""
+    """Return the largest |w| with which each of some observations is readmitted, by rows."""
     out = {}
     for row in rows.tolist():
         former = ledger.rows.verdicts.get(row, ())
@@ -195,7 +195,7 @@ def _fitting(
 ) -> tuple[IncrementalState, Index]:
     """Return those of some observations between known variables that fit, each alone.
 
-    Verdicts on those that have no test say so, as long as they have none.
+    Verdicts on observations without a test say so, as long as they have none.
     """
     assert state.system is not None
     ledger = state.ledger
@@ -217,16 +217,17 @@ def _doubt(verdict: Verdict, test: InnovationTest) -> str:
     return verdict.doubt or UNANSWERED
 
 
-# -- entering -------------------------------------------------------------------------------------
+# -- entry
+# ----------------------------------------------------------------------------------------
 
 
 def _entered(
     state: IncrementalState, rows: Index, rules: Options, limits: Mapping[int, float]
 ) -> tuple[IncrementalState, Verdicts]:
-    """Let observations enter that were left out; return the state, and verdicts.
+    """Let left-out observations enter; return the state, and verdicts.
 
-    What does not enter is where it was, with its first verdict. What is beyond its limit, and a
-    rejected observation that nothing tests, is taken from among them; the others enter without it.
+    Those that do not enter keep their outcome, with their first verdicts. Those beyond their
+    limits, and rejected ones that nothing tests, are left out; the others enter without them.
     """
     before = state.ledger
     rejected = before.having("rejected")
@@ -256,7 +257,7 @@ def _largest(verdict: Verdict) -> float:
 def _as_before(
     before: Ledger, after: IncrementalState, rows: Index, known: Verdicts
 ) -> tuple[IncrementalState, Verdicts]:
-    """Put what has failed its test again back where it was, with its first verdict."""
+    """Restore outcomes and first verdicts of observations that have failed again."""
     ledger = after.ledger
     failed = np.union1d(ledger.rows.among(rows, "suspect"), ledger.rows.among(rows, "rejected"))
     outcomes: tuple[Outcome, ...] = ("suspect", "rejected")

@@ -1,15 +1,15 @@
-"""Resumption from a journal: estimates in its lines, and their comparison with an adjustment.
+"""Resumption from a journal: the estimates in its lines, and the adjusted state that they lead to.
 
-The adjustment begins at the estimates that the lines have. It must reach the vᵀPv of the last line;
-a larger one belongs to another minimum, as where a later observation has moved everything, so that
-estimates of different lines do not fit one another. The network is then adjusted at lines before,
-at half of the way again and again, and each adjustment begins where the one before has ended, as
-the journal's own did. What is left of a difference is a doubt of the solution.
+The adjustment begins at the estimates of the lines. It must reach the vᵀPv of the last line; a
+larger one belongs to another minimum, for example where a later observation has moved everything,
+so that estimates of different lines do not fit one another. The network is then adjusted at earlier
+lines, by repeated bisection, and each adjustment begins where the previous one has ended, as those
+of the journal did. A remaining difference is a doubt of the solution.
 
 A line has the estimates of unknowns that became known with it, and of points that readings have
-moved to their other sides. Once more observations have changed than unknowns are known, when the
-adjustment settles and when something is retired, a line has all estimates: these take less room
-than the observations. Every line has vᵀPv, with which `resumption` compares what it reaches.
+moved to their other sides. When more observations have changed than unknowns are known, when the
+adjustment settles and when something is retired, a line has all estimates: these take less space
+than the observations. Every line has vᵀPv, with which `resumption` compares its own.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ Estimates: TypeAlias = dict[Variable, Array]
 MAX_ORTHOGONALITY_ERROR = 1e-6
 """Largest deviation of R Rᵀ from I of a rotation in a journal."""
 MAX_ADJUSTED_LINES = 100
-"""Largest number of lines at which the network is adjusted on the way."""
+"""Largest number of earlier lines at which the network is adjusted."""
 VTPV_TOLERANCE = 1e-4
-"""Difference of two vᵀPv of one minimum, relative to 100 + vᵀPv: what is left until everything
+"""Difference of two vᵀPv of one minimum, relative to 100 + vᵀPv: what remains until everything
 settles."""
 
 
 class RecordedLine(NamedTuple):
-    """What the next line says of estimates."""
+    """Estimates in the next line."""
 
     estimates: Estimates
     """The estimates."""
@@ -69,7 +69,7 @@ class RecordedLine(NamedTuple):
 
 
 class RecordedEstimates:
-    """Which estimates a journal has."""
+    """Estimates that a journal has."""
 
     def __init__(self) -> None:
         """Begin with a journal that has none."""
@@ -79,7 +79,7 @@ class RecordedEstimates:
     def next_line(
         self, before: Ledger, after: IncrementalState, *, everything: bool = False
     ) -> RecordedLine:
-        """Return what the next line says; `written` takes it over.
+        """Return the estimates of the next line; `written` records that it was written.
 
         Args:
             before: the ledger of the line before.
@@ -102,14 +102,14 @@ class RecordedEstimates:
         return RecordedLine(_estimates(system, wanted), system.vtpv, lost, changed)
 
     def written(self, line: RecordedLine) -> None:
-        """Take over what a line says that has been written."""
+        """Record that a line was written."""
         self._known -= {*line.lost}
         self._known |= line.estimates.keys()
         self._changed = line.changed
 
 
 def _changed(before: Ledger, after: Ledger) -> Index:
-    """Return the rows of which something else has become."""
+    """Return the rows whose outcomes have changed."""
     was = np.full(after.rows.n, REMOVED, dtype=np.int8)
     was[: before.rows.n] = before.rows.status
     return np.flatnonzero(was != after.rows.status)
@@ -119,7 +119,7 @@ def read_estimates(line: Mapping[str, Any]) -> Estimates:
     """Return the estimates of a line.
 
     Raises:
-        ValueError: rotations are none, or vᵀPv is no number.
+        ValueError: a rotation is not orthogonal, or vᵀPv is not a number.
         TypeError, AttributeError: these are no estimates.
     """
     out: Estimates = {}
@@ -127,14 +127,14 @@ def read_estimates(line: Mapping[str, Any]) -> Estimates:
         for name, given in values.items():
             value: Array = np.array(given, dtype=float)
             if value.ndim != 1 or not np.isfinite(value).all():
-                raise ValueError(f"{given!r:.40} is no estimate of {name!r}")
+                raise ValueError(f"{given!r:.40} is not an estimate of {name!r}")
             if UNKNOWNS[kind].rotates:
                 r = value[:ROTATION].reshape(3, 3)
                 if not np.abs(r @ r.T - np.eye(3)).max() < MAX_ORTHOGONALITY_ERROR:
                     raise ValueError(f"the estimate of {name!r} has no rotation")
             out[kind, name] = value
     if not math.isfinite(line.get("vtpv", 0.0)):
-        raise ValueError("vtpv is no number")
+        raise ValueError("vtpv is not a number")
     return out
 
 
@@ -161,7 +161,7 @@ def _estimates(system: LinearSystem, variables: Iterable[Variable]) -> Estimates
 
 
 class Moment(NamedTuple):
-    """What a journal says up to a line."""
+    """State of a journal up to a line."""
 
     line: int
     """Number of lines."""
@@ -188,7 +188,7 @@ def resumed(
         journal: its name.
 
     Raises:
-        InputError: a line that does not follow from those before.
+        InputError: a line that does not follow from the previous ones.
     """
     ledger, first = Ledger.of(network), header.get("start")
     if first is not None:
@@ -212,7 +212,7 @@ class _Lines:
     """The lines of a journal."""
 
     lines: Sequence[Mapping[str, Any]]
-    """What they say, that on the start first."""
+    """Contents of the lines, the first one first."""
     rules: Options
     """The options."""
     journal: str
@@ -222,7 +222,7 @@ class _Lines:
         """Return the last moment of the journal, and its network adjusted.
 
         Args:
-            moment: a moment before.
+            moment: an earlier moment.
         """
         ends, found = [len(self.lines)], None
         for n in range(1, MAX_ADJUSTED_LINES + len(self.lines).bit_length() + 1):
@@ -242,7 +242,7 @@ class _Lines:
         return moment, found
 
     def compared(self, state: IncrementalState) -> IncrementalState:
-        """Return a converged state whose solution names a minimum that is not the journal's."""
+        """Return a converged state whose solution reports a minimum that is not the journal's."""
         system, said = state.system, self.lines[-1].get("vtpv")
         if not isinstance(system, FrontSystem) or said is None:
             return state
@@ -255,7 +255,7 @@ class _Lines:
         return replace(state, system=system.with_second_place(message))
 
     def _excess(self, line: int, found: FrontSystem | NoMinimum | None) -> float:
-        """Return by how much vᵀPv exceeds what a line says, beyond what is left to settle."""
+        """Return by how much vᵀPv exceeds that of a line, beyond what remains until it settles."""
         said = self.lines[line - 1].get("vtpv")
         if said is None:
             return 0.0

@@ -1,7 +1,7 @@
-"""Retirement of unknowns: linear rows in their place, their archive, and their return.
+"""Retirement of unknowns: linear rows in their place, and their archive, from which they return.
 
-A retired unknown leaves with all observations that touch it, whatever became of them. What its
-observations in the graph say of the unknowns that remain remains as linear rows
+A retired unknown leaves with all observations that touch it, whatever their outcome. The
+information of its accepted observations on the remaining unknowns is kept as linear rows
 (`factorgraph_adj.solve.marginalisation`), at the values of that moment. Its last estimate and its
 observations are kept in an archive, from which everything can be taken back.
 """
@@ -50,7 +50,7 @@ NO_MINIMUM = "there is no minimum at which retired observations could be linear 
 
 
 class Leaving(NamedTuple):
-    """What leaves."""
+    """Unknowns and rows that are to be retired."""
 
     variables: tuple[Variable, ...]
     """The unknowns."""
@@ -63,10 +63,10 @@ class Leaving(NamedTuple):
     def of(
         cls, ledger: Ledger, variables: Iterable[Variable], between: Collection[str] = ()
     ) -> Leaving:
-        """Return some unknowns with what nothing else needs: their orientations, calibrations.
+        """Return some unknowns with orientations and calibrations of no further use.
 
         Args:
-            ledger: where their rows are.
+            ledger: the ledger with their rows.
             variables: the unknowns.
             between: ids of further observations, which touch only what is given.
         """
@@ -86,22 +86,22 @@ class Leaving(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """What the retired observations say of what remains."""
+    """Information of the retired observations on the remaining unknowns."""
 
     prior: Prior
     """Linear rows."""
     missed: MissedStep = NO_MISSED_STEP
-    """What they miss."""
+    """Deviation of the linear rows."""
 
     @classmethod
     def of(cls, retired: Retired | None) -> Rest:
-        """Return what was said until now."""
+        """Return the linear rows until now."""
         if retired is None:
             return cls(Prior(r=np.zeros((0, 0)), z=np.zeros(0), name=RETIRED_ROWS_NAME))
         return cls(retired.prior, retired.missed)
 
     def fields(self) -> dict[str, Any]:
-        """Return what the journal says of it."""
+        """Return the fields of the journal for it."""
         r, z = self.prior.r, self.prior.z
         assert r is not None and z is not None
         groups = [
@@ -118,7 +118,7 @@ class Rest(NamedTuple):
 
     @classmethod
     def read(cls, fields: Mapping[str, Any]) -> Rest:
-        """Return it as the journal has it."""
+        """Return it from the fields of the journal."""
         groups = tuple(
             UnknownGroup(
                 g["kind"],
@@ -135,7 +135,7 @@ class Rest(NamedTuple):
 
 
 def _fields_of(missed: MissedStep) -> dict[str, Any]:
-    """Return what the journal says of what rows miss; nothing where it is not known."""
+    """Return the fields of the journal for a deviation of rows; none where it is not known."""
     if not missed.is_known:
         return {}
     most, quadratic = packed_symmetric(missed.quadratic)
@@ -145,7 +145,7 @@ def _fields_of(missed: MissedStep) -> dict[str, Any]:
 
 
 def _missed_of(fields: Mapping[str, Any], width: int) -> MissedStep:
-    """Return what rows miss as the journal has it."""
+    """Return the deviation of rows from the fields of the journal."""
     if not fields:
         return unknown_missed_step(width)
     k = int(fields["rank"])
@@ -163,7 +163,7 @@ def retire(
     rules: Options,
     between: Collection[str] = (),
 ) -> tuple[IncrementalState, dict[str, Any]]:
-    """Retire unknowns; return the state without them, and what the journal says of it.
+    """Retire unknowns; return the state without them, and the journal's record of it.
 
     Args:
         state: the state.
@@ -184,7 +184,7 @@ def retire(
     inside = ledger.rows.among(leaving.rows, "accepted")
     problems = [
         Problem(
-            "a factor of your own cannot be kept, and so not be retired", f"factor {u.ids[0]!r}"
+            "your own factor cannot be kept, and therefore not be retired", f"factor {u.ids[0]!r}"
         )
         for _, u in ledger.rows.units(leaving.rows)
         for o in u.observations
@@ -222,7 +222,7 @@ def retire(
 
 
 def retired_again(ledger: Ledger, line: Mapping[str, Any]) -> Ledger:
-    """Return the ledger after a retirement of which the journal says this."""
+    """Return the ledger after a retirement that the journal records."""
     variables: list[Variable] = [(kind, name) for kind, name in line["unknowns"]]
     every = Candidates(ledger, NothingKnown(), np.flatnonzero(ledger.rows.status != REMOVED))
     rows = np.union1d(every.touching(variables), ledger.find(line["between"]))
@@ -288,7 +288,7 @@ def missed_step(state: IncrementalState) -> float:
 
 
 def doubt(state: IncrementalState, rules: Options) -> str:
-    """Say that the linear rows of what was retired may miss more than is promised; or nothing."""
+    """Return a sentence where linear rows may miss more than promised; empty otherwise."""
     if state.system is None or state.system.doubt:
         return ""
     missed = missed_step(state)
@@ -307,7 +307,7 @@ def doubt(state: IncrementalState, rules: Options) -> str:
 
 
 def whole_network(state: IncrementalState) -> Network:
-    """Return the network of all that is in the graph, and was when it was retired."""
+    """Return the network of all observations in the graph, now or when they were retired."""
     retired = state.ledger.retired
     assert retired is not None
     values = dict(retired.archive.determined(retired.number))
@@ -325,14 +325,14 @@ def _with_values(ledger: Ledger, values: Mapping[Variable, Array]) -> Ledger:
 
 
 def with_everything(ledger: Ledger) -> Ledger:
-    """Return a ledger with everything that was retired, or raise where an id is there twice."""
+    """Return a ledger with everything that was retired; raise where an id occurs twice."""
     retired, clock = ledger.retired, ledger.clock
     if retired is None:
         return ledger
     ledger = replace(ledger, retired=None)
     for line in retired.archive.lines(retired.number):
         if twice := ledger.ids_of(ledger.find(journal_entries.ids_of(line))):
-            what = "has the id of one that is retired, which is not taken back beside it: remove it"
+            what = "has the id of a retired one, which cannot be taken back beside it: remove it"
             raise InputError([Problem(what, f"observation {i!r}") for i in twice])
         ledger = journal_entries.replay(line, ledger, where="what was retired")
         ledger = replace(ledger, clock=clock)
@@ -343,7 +343,7 @@ def with_everything(ledger: Ledger) -> Ledger:
 
 
 def _marginal(draft: Draft, leaving: Leaving, before: Retired | None) -> Rest:
-    """Return what observations say of other unknowns than those which leave."""
+    """Return the information of observations on the unknowns that do not leave."""
     normal, _ = draft.normal(None)
     equations = normal.system.equations
     unknowns = equations.unknowns
@@ -378,13 +378,13 @@ def _rows_of(equations: Equations, variables: Collection[Variable]) -> Index:
 def without(
     ledger: Ledger, leaving: Leaving, rest: Rest, estimates: Collection[LastEstimate]
 ) -> Ledger:
-    """Return the ledger without what is retired, which goes to the archive.
+    """Return the ledger without retired unknowns and rows, which go to the archive.
 
     Args:
-        ledger: what is there.
-        leaving: what is retired.
-        rest: what it says of the rest.
-        estimates: what was known of it.
+        ledger: the ledger before.
+        leaving: unknowns and rows that are retired.
+        rest: their information on the remaining unknowns.
+        estimates: last estimates of the retired unknowns.
     """
     before = ledger.retired
     archive = Retired(rest.prior) if before is None else before
@@ -425,7 +425,7 @@ def without(
 def _shrunk(
     ledger: Ledger, leaving: Leaving, points: set[str], photos: set[str], retired: Retired
 ) -> Ledger:
-    """Return the ledger without rows and unknowns, with numbers as there are names left."""
+    """Return the ledger without rows and unknowns, with the names that are left renumbered."""
     network = ledger.network.copy()
     keep_entities(
         network,
@@ -464,7 +464,7 @@ def _shrunk(
 
 
 def moment_of(ledger: Ledger) -> str:
-    """Say when something is retired: after which photo or point."""
+    """Return the moment of a retirement in words: after which photo or point."""
     for noun, names in (("photo", ledger.names.photos), ("point", ledger.names.points)):
         if names:
             return f"when {noun} {names[-1]!r} was the last that had come"
@@ -472,7 +472,7 @@ def moment_of(ledger: Ledger) -> str:
 
 
 def _last_estimate(state: IncrementalState, variable: Variable, ledger: Ledger) -> LastEstimate:
-    """Return what is known of an unknown."""
+    """Return the last estimate of an unknown."""
     system, moment = state.system, moment_of(ledger)
     value = None if system is None else system.value(*variable)
     if system is None or value is None:
@@ -480,11 +480,12 @@ def _last_estimate(state: IncrementalState, variable: Variable, ledger: Ledger) 
     return LastEstimate(*variable, moment, value, system.cofactors(variable, variable))
 
 
-# -- what cannot be retired -----------------------------------------------------------------------
+# -- refusals
+# -------------------------------------------------------------------------------------
 
 
 def _refuse(ledger: Ledger, variables: Collection[Variable]) -> None:
-    """Refuse what is not there, and points of which something else was stated."""
+    """Refuse names that do not exist, and points for which something else was stated."""
     network = ledger.network
     problems: list[Problem] = []
     for kind, name in (v for v in variables if v[0] in ("point", "pose")):

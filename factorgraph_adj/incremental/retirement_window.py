@@ -1,4 +1,4 @@
-"""The retirement window: which unknowns are due, by the last photos or seconds that are kept."""
+"""Retirement window: the unknowns due for retirement, where the last photos or seconds are kept."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..network.network import Network
 from ..types import Array
 
 BATCH_SHARE = 0.25
-"""Part of what is kept that is retired together: each time all that remains is adjusted again."""
+"""Share of the window that is retired together: each time all that remains is adjusted again."""
 
 
 def untouched(ledger: Ledger, since: int, *, later: int | None = None) -> list[Variable]:
@@ -24,9 +24,9 @@ def untouched(ledger: Ledger, since: int, *, later: int | None = None) -> list[V
     A photo stays as long as one of its points does: the linear rows would join all of these.
 
     Args:
-        ledger: what has arrived.
-        since: number of the command from which on something is new.
-        later: the same for photos of which points remain; none: they stay.
+        ledger: the ledger.
+        since: number of the command from which an observation is new.
+        later: the same for photos whose points remain; None: they stay.
     """
     rows, names = ledger.rows, ledger.names
     there = np.flatnonzero(rows.status != REMOVED)
@@ -75,7 +75,7 @@ def observations_between_given(ledger: Ledger, since: int) -> list[str]:
 
 
 def extent(ledger: Ledger, options: Options) -> float:
-    """Return how far the window reaches: its photos, or the time of the latest arrival."""
+    """Return the length of the window: its photos, or the time of the latest arrival."""
     if options.keep_seconds is None:
         return float(len(ledger.names.photos))
     return 0.0 if ledger.time is None else ledger.time
@@ -89,10 +89,10 @@ def lot_of(options: Options) -> float:
 
 
 def due_for_retirement(ledger: Ledger, options: Options) -> tuple[list[Variable], list[str]]:
-    """Return what is to be retired where the last photos or seconds are kept, several at once.
+    """Return the unknowns to be retired where the last photos or seconds are kept, several at once.
 
     Returns:
-        The unknowns, and ids of observations between given points; none where nothing is due.
+        The unknowns, and ids of observations between given points; empty where nothing is due.
     """
     if options.keep_seconds is not None:
         end, least = extent(ledger, options), 0.0
@@ -140,7 +140,7 @@ def command_of(ledger: Ledger, before: str) -> int:
 
 
 def stated_at(network: Network, point: str) -> str:
-    """Say what was stated of a point beside itself; empty where nothing was."""
+    """Return what was stated for a point by something else; empty where nothing was."""
     for kind in parameter_kinds():
         for key, parameter in network.of_kind(kind.name).items():
             name = parameter_name(key)
@@ -153,6 +153,6 @@ def stated_at(network: Network, point: str) -> str:
 
 
 def is_stated(network: Network, kind: VariableKind, name: str) -> bool:
-    """Return whether somebody has stated an unknown that need not be."""
+    """Return whether an unknown was stated that need not be."""
     stated = [p for k, p in network.of_kind(kind).items() if parameter_name(k) == name]
     return any(any(p.fixed) or np.isfinite(p.sigma).any() for p in stated)

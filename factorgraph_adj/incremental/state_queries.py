@@ -1,4 +1,4 @@
-"""Queries of a state: estimates, precision, waiting and left-out observations, doubts, solution."""
+"""Queries of the incremental state: estimates, precision, waiting and rejected ones, doubts."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def _require(state: IncrementalState, name: str, kind: Literal["point", "pose"] 
 
 
 class StateQueries(metaclass=ChecksArguments):
-    """What an adjustment says of what has arrived, and of what it comes to."""
+    """Queries of an adjustment: what has arrived, and the results."""
 
     _lock: RLock
     _rules: Options
@@ -139,17 +139,17 @@ class StateQueries(metaclass=ChecksArguments):
     _next_try: float = 0.0
     _not_retired: str = ""
     _told_of_suspects: tuple[tuple[str, ...], tuple[str, ...]] | None = None
-    """Ids of suspects, and what was said of them; none: a command has changed what is in."""
+    """Ids of suspects, and the doubts about them; None: a command has changed the network."""
 
     @property
     @one_at_a_time
     def retired(self) -> Retired | None:
-        """What was retired; none: nothing was, or everything was taken back."""
+        """What was retired; None: nothing was, or everything was taken back."""
         return self._state.ledger.retired
 
     @one_at_a_time
     def last_estimate(self, name: str, *, kind: VariableKind = "point") -> LastEstimate:
-        """Return what was known of a point, or another unknown, when it was retired.
+        """Return the estimate of a point, or another unknown, at its retirement.
 
         Raises:
             InputError: it was not retired.
@@ -164,12 +164,12 @@ class StateQueries(metaclass=ChecksArguments):
     @property
     @one_at_a_time
     def waiting(self) -> tuple[Waiting, ...]:
-        """What waits, and what it lacks."""
+        """Waiting observations, with what they lack."""
         return tuple(waiting_of(self._state, self._state.ledger.having("waiting")))
 
     @one_at_a_time
     def latest_waiting(self, most: int) -> tuple[Waiting, ...]:
-        """Return what began to wait last, the latest first: ``most`` units at most."""
+        """Return the latest waiting observations, the last one first: up to ``most`` units."""
         last = self._state.ledger.having("waiting")[-most:]
         return tuple(waiting_of(self._state, last))[::-1][:most]
 
@@ -182,7 +182,7 @@ class StateQueries(metaclass=ChecksArguments):
     @property
     @one_at_a_time
     def suspects(self) -> tuple[Verdict, ...]:
-        """Observations beyond the critical value that are left out until they are decided on."""
+        """Observations beyond the critical value that are left out until a decision on them."""
         return tuple(self._state.ledger.verdicts("suspect"))
 
     @property
@@ -194,9 +194,9 @@ class StateQueries(metaclass=ChecksArguments):
     @property
     @one_at_a_time
     def doubts(self) -> tuple[str, ...]:
-        """Why the result may be wrong: no minimum, suspects that agree, wrong places, and copies.
+        """Why the result may be wrong: no minimum, agreeing suspects, wrong positions, copies.
 
-        The solution names the places, and with ``converged`` of the minimum.
+        The solution names the positions, and ``converged`` says whether there is a minimum.
         """
         inside = self._state.ledger.is_accepted
         copied = self._copies.told(inside, lambda ident, _: repr(ident))
@@ -205,7 +205,7 @@ class StateQueries(metaclass=ChecksArguments):
         return (*found, *self._doubts_of_retired(), *copied)
 
     def _doubts_of_suspects(self) -> tuple[str, ...]:
-        """Say what several suspects contradict; it is looked for when others are suspects."""
+        """Return what several suspects contradict; computed again when these change."""
         ids = tuple(v.id for v in self.suspects)
         if self._told_of_suspects is None or self._told_of_suspects[0] != ids:
             self._told_of_suspects = ids, doubts.suspects_doubts(self._state, self._rules)
@@ -214,10 +214,10 @@ class StateQueries(metaclass=ChecksArguments):
     @property
     @one_at_a_time
     def missed_step(self) -> float:
-        """Bound, to second order, of what the linear rows of all that was retired miss.
+        """Bound, to second order, of the deviation of the linear rows of all retired observations.
 
-        No estimate is further from what it was with everything in the graph, relative to its σ;
-        see `solve.marginalisation`. Infinite where it is not known.
+        No estimate is further from its value with everything in the graph, relative to its σ; see
+        `solve.marginalisation`. Infinite where it is not known.
 
         Raises:
             AdjustmentError: there is no minimum.
@@ -225,7 +225,7 @@ class StateQueries(metaclass=ChecksArguments):
         return retirement.missed_step(self._state)
 
     def _doubts_of_retired(self) -> tuple[str, ...]:
-        """Say where linear rows do not hold, and where something could not be retired."""
+        """Return where linear rows do not hold, and what could not be retired."""
         why = [self._not_retired] if self._not_retired else []
         if message := retirement.doubt(self._state, self._rules):
             why.append(message)
@@ -237,10 +237,10 @@ class StateQueries(metaclass=ChecksArguments):
 
     @one_at_a_time
     def network(self) -> Network:
-        """Return the network as it is: what is in the graph, to save or to adjust in batch.
+        """Return the network as it is: observations in the graph, to save or to adjust in batch.
 
-        Approximate values that were found are given ones in it. What was retired is in it,
-        too, which takes the memory of all that there has been.
+        Computed approximate values are given ones in it. Everything retired is in it, too, which
+        takes the memory of all observations that there have been.
         """
         if self._state.ledger.retired is not None:
             return retirement.whole_network(self._state)
@@ -250,8 +250,8 @@ class StateQueries(metaclass=ChecksArguments):
     def solution(self) -> Solution:
         """Return the solution: the same as that of the batch adjustment.
 
-        What was retired is not in it but for the linear rows in its place, which count as rows of
-        a factor; its ``network`` alone is not that of the whole adjustment.
+        Retired observations are not in it except as linear rows, which count as rows of a factor;
+        its ``network`` alone is not that of the whole adjustment.
 
         Raises:
             InputError: nothing is in the graph.
@@ -266,7 +266,7 @@ class StateQueries(metaclass=ChecksArguments):
 
     @one_at_a_time
     def reliability(self, *, alpha: float | None = None, power: float = 0.80) -> Reliability:
-        """Return the reliability of every observation, linearised where everything is by now.
+        """Return the reliability of every observation, linearised at the present estimates.
 
         Raises:
             InputError: a bad probability, or nothing is in the graph.
@@ -278,24 +278,25 @@ class StateQueries(metaclass=ChecksArguments):
 
     @one_at_a_time
     def causes(self, *, alpha: float | None = None) -> Causes | None:
-        """Look for causes that several observations share, such as a wrong instrument height.
+        """Search for causes that several observations share, such as a wrong instrument height.
 
-        Everything is examined in batch, as by `factorgraph_adj.snoop`: what is in, suspects, and
-        rejected observations that may come back; it takes several adjustments. Nothing changes.
+        Everything is examined in batch, as by `factorgraph_adj.snoop`: accepted observations,
+        suspects, and rejected ones that may be readmitted; it takes several adjustments. Nothing
+        changes.
 
         Args:
             alpha: probability of a false alarm of one test; none: that of this adjustment.
 
         Returns:
-            The causes, first the most probable (``most_probable`` explains more than single
-            readings and all others); none where nothing misfits.
+            The causes, the most probable first (``most_probable`` explains more than single
+            readings and all others); None where there is no misfit.
 
         Raises:
             InputError: nothing is in the graph; something was retired.
             AdjustmentError: errors of `factorgraph_adj.snoop`.
         """
         if self.retired is not None:
-            raise InputError("causes are looked for among all observations: settle(all=True) first")
+            raise InputError("a search for causes needs all observations: settle(all=True) first")
         if self._state.system is None:
             raise InputError("nothing is determined yet: there are no causes of misfits")
         network = readmission.with_what_was_left_out(self._state)
@@ -305,7 +306,7 @@ class StateQueries(metaclass=ChecksArguments):
     def estimate(self, name: str) -> Array:
         """Return the coordinates of a point, (3,) metres.
 
-        In a free network they belong to the inner constraints, which takes a whole solution.
+        In a free network they refer to the inner constraints, for which the whole is solved.
 
         Raises:
             InputError: no such point, or it is not determined yet.
@@ -348,7 +349,7 @@ class StateQueries(metaclass=ChecksArguments):
     @property
     @one_at_a_time
     def described(self) -> Network:
-        """Everything that was described, with the observations in the graph; not to be changed."""
+        """The network as described, with the observations in the graph; not to be changed."""
         return self._state.ledger.described
 
     @one_at_a_time
@@ -361,7 +362,7 @@ class StateQueries(metaclass=ChecksArguments):
     def n_observations(self) -> int:
         """Number of scalar rows in the graph, weighted unknowns among them.
 
-        Rows that were retired count less the unknowns that they determined.
+        Rows that were retired count, minus the unknowns that they determined.
         """
         system = self._state.system
         if system is None:
@@ -380,10 +381,10 @@ class StateQueries(metaclass=ChecksArguments):
     @property
     @one_at_a_time
     def vtpv(self) -> float:
-        """VᵀPv, of the linear forms; without a minimum, of everything in the graph as it is.
+        """VᵀPv of the linear forms; without a minimum, of everything in the graph as it is.
 
         See `doubts`, and ``converged`` and ``reason`` of the solution. Infinite where an
-        observation has no answer there, or its residual no finite square.
+        observation is degenerate there, or its residual has no finite square.
         """
         system = self._state.system
         if system is None:
@@ -411,7 +412,7 @@ class StateQueries(metaclass=ChecksArguments):
     @property
     @one_at_a_time
     def engine(self) -> Literal["isam2", "fronts"]:
-        """What carries the network now: iSAM2, or fronts."""
+        """Engine that holds the linear system now: iSAM2, or fronts."""
         return "fronts" if self._state.system is None else self._state.system.engine
 
     @property
@@ -423,18 +424,18 @@ class StateQueries(metaclass=ChecksArguments):
         and `factorgraph_adj.Isam`.
 
         Raises:
-            InputError: fronts carry the network, see `engine`.
+            InputError: the network is in fronts, see `engine`.
         """
         if (found := engines.copied_isam2(self._state.system)) is None:
             raise InputError(
-                "fronts carry this network, and no iSAM2: engine='isam2' lets iSAM2 do it where "
-                "nothing is free and few image points are there; fga.Isam takes any network"
+                "this network is in fronts, not in iSAM2: engine='isam2' takes iSAM2 where "
+                "the network is not free and has few image points; fga.Isam takes any network"
             )
         return found
 
     @one_at_a_time
     def __repr__(self) -> str:
-        """Say what is in the graph, and what is not."""
+        """Return the numbers of observations in the graph, waiting, suspect and rejected."""
         return (
             f"<IncrementalAdjustment of {self._state.ledger.network.name!r}: {len(self)} "
             f"observations, redundancy {self.redundancy}, {self.n_waiting} waiting, "

@@ -1,9 +1,9 @@
-"""The incremental state, and the worklist by which observations enter, wait or fail tests.
+"""Worklist of tasks by which observations enter the incremental state, wait, or fail their tests.
 
-A worklist holds tasks: observations to be examined. Each round takes a task, finds what of it,
-and of what waits with it, is determined (`determinability`), puts that in, and tests it. Where no
-solution is reached, something waits on, and smaller tasks come onto the list. States are values;
-what goes wrong leaves the state from which the loop began.
+A task is a set of observations to be examined. Each round takes a task, finds which of its
+observations, and of those that wait with them, are determined (`determinability`), lets these
+enter, and tests them. Where no solution is reached, observations wait on, and smaller tasks come
+onto the list. States are values: after an error the state from which the loop began is unchanged.
 
 """
 
@@ -54,18 +54,18 @@ OPEN = (
 
 @dataclass(frozen=True, eq=False)
 class IncrementalState:
-    """Everything that an incremental adjustment is; every command returns another one."""
+    """State of an incremental adjustment; every command returns another one."""
 
     ledger: Ledger
-    """What has arrived."""
+    """Everything that has arrived."""
     system: LinearSystem | None = None
-    """Where everything is; none: nothing is determined."""
+    """The linear system; None: nothing is determined."""
     settled: bool = True
     """Whether nothing has changed since it converged."""
     renewal: Renewal | None = None
-    """A new base in the making; none: there is none."""
+    """A new base under construction; None: there is none."""
     refused: engines.RefusedNetwork | None = None
-    """What there was of the network when iSAM2 refused it; none: it has not."""
+    """The network that iSAM2 refused; None: it has not."""
 
     @cached_property
     def fronts(self) -> FrontSystem | None:
@@ -99,30 +99,30 @@ class Task(NamedTuple):
     rows: Index
     """The observations; they wait."""
     fixed: Index = NO_ROWS
-    """Those that are in without a test."""
+    """Those that enter without a test."""
     asked: bool = False
-    """Whether they have just arrived: it is an error if the geometry of one has no answer,
-    otherwise that one waits; and no other task takes them in before."""
+    """Whether they have just arrived: degenerate geometry of one of them is an error then,
+    otherwise it waits; and no other task takes them in before."""
     most: float = np.inf
-    """Number of rows of what it was split from, because no solution was reached with all of it; it
-    is then examined alone. Infinite: it was not split."""
+    """Number of rows of the task from which it was split, because no solution was reached with all
+    of it; it is then examined alone. Infinite: it was not split."""
 
 
 class StateBeforeRestart(NamedTuple):
-    """Where a run stood before everything was started again."""
+    """State of a run before everything was started again."""
 
     state: IncrementalState
     """The state."""
     verdicts: Verdicts
-    """What had been said."""
+    """The verdicts until then."""
     tasks: list[Task]
-    """What was left to be examined."""
+    """The remaining tasks."""
     fixed: Index
-    """What was in without a test."""
+    """Observations without a test."""
     task: Task
-    """What arrived."""
+    """The task that arrived."""
     noticing: Index
-    """What of it notices motions that the datum had left open."""
+    """Its observations that are sensitive to motions left open by the datum."""
 
 
 def worked_off(
@@ -137,13 +137,13 @@ def worked_off(
 
     Args:
         state: the state; the observations of the tasks wait in its ledger.
-        tasks: what is to be examined first.
+        tasks: the observations to be examined first.
         rules: the options.
-        start: where everything was, if that has been; approximate values are found otherwise.
-        growing: whether they arrive, so that the engine of the rules takes them.
+        start: the solution before, if there is one; otherwise approximate values are computed.
+        growing: whether they are arrivals, so that the engine of the options takes them.
 
     Raises:
-        InputError: names observations whose geometry has no answer.
+        InputError: names observations with degenerate geometry.
     """
     begun = in_chosen_engine(state, rules) if growing else state
     after, verdicts = Worklist(begun, list(tasks), rules, start, growing).run()
@@ -151,7 +151,7 @@ def worked_off(
 
 
 def in_chosen_engine(state: IncrementalState, rules: Options) -> IncrementalState:
-    """Return a state whose network is in the engine that the options choose, if it suits it."""
+    """Return a state whose network is in the engine that the options choose, if it is suitable."""
     system, refused = engines.in_chosen_engine(state.system, state.ledger, rules, state.refused)
     if system is state.system and refused == state.refused:
         return state
@@ -175,7 +175,7 @@ class Worklist:
         self._first = state.ledger, tuple(tasks)
         self.fixed: Index = np.concatenate([NO_ROWS, *(t.fixed for t in tasks)])
         self.over: StateBeforeRestart | None = None
-        """What there was before everything was started again; none: it was not."""
+        """State before everything was started again; None: it was not."""
         self.anew = rules.datum == "free"
         """Whether everything may be started again: once in a run."""
 
@@ -209,7 +209,7 @@ class Worklist:
                 self._decide_whether_anew()
 
     def _test_by_adjusting(self, ids: Collection[str]) -> None:
-        """Test again by adjusting what failed on linear forms that do not hold that far."""
+        """Test again, by readjustment, observations that failed beyond linear range."""
         verdicts = [self.verdicts[i] for i in ids if i in self.verdicts]
         failed = [v.id for v in verdicts if v.verdict == self.rules.failed and v.dof]
         ledger, system = self.state.ledger, self.state.system
@@ -242,7 +242,7 @@ class Worklist:
         self.state = replace(self.state, ledger=ledger)
 
     def _merge(self) -> None:
-        """Adjust the whole network where its sections have taken as long by now."""
+        """Adjust the whole network once its sections have taken as much time."""
         ledger, system = self.state.ledger, self.state.system
         if not isinstance(system, FrontSystem) or system.section is None:
             return
@@ -261,7 +261,7 @@ class Worklist:
     # -- one task -----------------------------------------------------------------------------
 
     def _look_at(self, task: Task) -> None:
-        """Find what of a task, and of what waits with it, is determined, and put it in."""
+        """Let those observations of a task, and of waiting ones, enter that are determined."""
         ledger, system = self.state.ledger, self.state.system
         rows = ledger.rows.among(task.rows, "waiting")  # an earlier task may have taken some in
         if not len(rows):
@@ -282,7 +282,7 @@ class Worklist:
                 self._enter(task, ready, found)
 
     def _enters_at_once(self, task: Task, candidates: Candidates) -> bool:
-        """Put a task into a tree without a local adjustment, if all of it fits there."""
+        """Let a task enter a tree without a local adjustment, if all of it fits there."""
         system, ready, late = self.state.system, candidates.ready, candidates.late
         if system is None or system.engine == "fronts" or self.start is not None or not len(late):
             return False
@@ -308,14 +308,14 @@ class Worklist:
         *,
         at_once: bool = False,
     ) -> list[Enterable]:
-        """Return what of observations with open variables, and of what waits, may enter.
+        """Return which observations with open variables, and which waiting ones, may enter.
 
         Args:
             task: the task.
             candidates: its observations.
             late: those with open variables.
             datum: ``free`` for the beginning of a free network.
-            at_once: whether only that is asked for which needs no adjustment of its own.
+            at_once: whether only those are asked for that need no adjustment of their own.
         """
         if not len(late):
             return []
@@ -337,7 +337,7 @@ class Worklist:
         else:
             found = determined_in_parts(
                 left,
-                parts,  # of which something has just come
+                parts,  # those with an observation that has just arrived
                 datum,
                 lacks,
                 start=self.start,
@@ -346,7 +346,7 @@ class Worklist:
         return found
 
     def _enter(self, task: Task, ready: Index, found: list[Enterable]) -> None:
-        """Put observations in with what enters with them; see `entry`."""
+        """Let observations enter with those that depend on them; see `entry`."""
         before = self.state
         fixed = np.append(task.fixed, self.fixed)
         entering = Entry(before.ledger, before.system, ready, found, fixed, self.rules, self.given)
@@ -366,14 +366,14 @@ class Worklist:
     def _entered(
         self, task: Task, ready: Index, found: list[Enterable], result: EntryResult
     ) -> None:
-        """Take over what has entered, and examine what that awakes."""
+        """Take over what has entered, and examine the waiting observations that it joins."""
         before = self.state
         self.verdicts |= {v.id: v for v in result.verdicts}
         self.state = IncrementalState(_with_oriented(result, found), result.system, settled=False)
         if result.system is None:
             return
-        # What lies between constants has waited for anything, and while there was no minimum
-        # whatever came with an unknown of its own has waited.
+        # Observations between constants have waited for anything, and those with unknowns of
+        # their own for a minimum.
         if before.system is None or (before.system.doubt and not result.system.doubt):
             self.tasks.append(Task(result.ledger.having("waiting")))
         else:
@@ -382,7 +382,7 @@ class Worklist:
             self.tasks.insert(0, Task(ready, task.fixed))  # those that still wait
 
     def _impossible(self, task: Task, ready: Index, error: InputError) -> bool:
-        """Let those wait whose geometry has no answer; return whether there are any."""
+        """Let observations with degenerate geometry wait; return whether there are any."""
         ledger = self.state.ledger
         about: dict[str, str] = {}
         for p in error.problems:  # they name an observation, or one of its components
@@ -401,7 +401,7 @@ class Worklist:
         return bool(bad)
 
     def _awake(self, new: Collection[Variable]) -> None:
-        """Examine what waits and touches what has become known."""
+        """Examine waiting observations that touch variables that have become known."""
         if not new:
             return
         ledger = self.state.ledger
@@ -410,7 +410,7 @@ class Worklist:
             self.tasks.append(Task(touching))
 
     def _wait_on(self, task: Task, ready: Index, found: Sequence[Enterable]) -> None:
-        """Let what was to enter wait; try what is ready alone, and what is left in parts."""
+        """Let entering observations wait; try the ready ones alone, and the others in parts."""
         ledger, system = self.state.ledger, self.state.system
         entering = np.unique(np.concatenate([NO_ROWS, *(e.rows for e in found)]))
         if len(ready) and found:
@@ -419,14 +419,14 @@ class Worklist:
         lacks = dict.fromkeys(candidates.counts, _why_no_solution(candidates))
         self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
         doubted = system is not None and bool(system.doubt)
-        # Fewer each time, or it would not end; and nothing helps where there was no minimum before.
+        # Fewer each time, or it would not end; without a minimum before, nothing helps.
         if not doubted and len(entering) < task.most:
             for part in self._fewer(candidates, found):
                 self.tasks.append(Task(part, task.fixed, most=len(entering)))
 
     @staticmethod
     def _fewer(candidates: Candidates, found: Sequence[Enterable]) -> list[Index]:
-        """Split what reached no solution together: what is firm before the rest, or in halves."""
+        """Split a task without a solution: well-determined part first, or in halves."""
         parts = [p for e in found for p in e.parts]
         if len(parts) > 1:
             half = len(parts) // 2
@@ -437,9 +437,9 @@ class Worklist:
     # -- starting again -----------------------------------------------------------------------
 
     def _begin_anew(self, task: Task, noticing: Index) -> None:
-        """Determine again what is determined, now that something notices what the datum left open.
+        """Examine determinability again, since an observation is sensitive to motions left open.
 
-        Parts of a free network that do not notice it are loose then.
+        Parts of a free network without such observations are loose then.
         """
         self.over = StateBeforeRestart(
             self.state, dict(self.verdicts), self.tasks, self.fixed, task, noticing
@@ -453,9 +453,9 @@ class Worklist:
         self.tasks = [Task(ledger.having("waiting"))]
 
     def _decide_whether_anew(self) -> None:
-        """Keep what was found again where it is more than before.
+        """Keep the result of the restart where more is determined than before.
 
-        Otherwise what notices motions that the datum left open waits, and the rest is examined.
+        Otherwise the observations sensitive to motions left open wait, and the rest is examined.
         """
         assert self.over is not None
         (before, verdicts, tasks, fixed, task, noticing), self.over = self.over, None
@@ -471,10 +471,10 @@ class Worklist:
 
 
 def _why_no_solution(candidates: Candidates) -> str:
-    """Return why no solution was reached with observations, by how many there are.
+    """Return why no solution was reached with observations, by their number.
 
-    Where there are more than their unknowns take, these are not weak: something is wrong, and a
-    gross error of given coordinates is what all of them contradict.
+    Where there are more than their unknowns need, these are not weak: something is wrong, such as a
+    gross error of given coordinates that all of them contradict.
     """
     ledger = candidates.ledger
     opened = candidates.counts
@@ -492,7 +492,7 @@ def _why_no_solution(candidates: Candidates) -> str:
 
 
 def _with_oriented(result: EntryResult, found: Sequence[Enterable]) -> Ledger:
-    """Return the ledger with how the photos that have entered were oriented."""
+    """Return the ledger with the ways in which the photos that have entered were oriented."""
     entered = {name for kind, name in result.new if kind == "pose"}
     how = {name: words for e in found for name, words in e.oriented.items() if name in entered}
     ledger = result.ledger

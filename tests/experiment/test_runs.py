@@ -614,7 +614,7 @@ def test_bad_factors_are_named_together():
         ("factor 'seed'", "another name is needed"),
         ("factor 'size'", "NaN is no level"),
         ("factor 'size'", "{2} is of type set"),
-        ("factor 'size'", "level '1.0' stands twice"),
+        ("factor 'size'", "level '1.0' occurs twice"),
         ("factor 'control'", "its levels must be a list, not 'full'"),
         ("factor 'none'", "has no levels"),
         ("factor ''", "its name must be a text that is not empty"),
@@ -644,7 +644,7 @@ def test_cells_can_be_listed():
     assert table == (
         f"kind,size,repetition,seed,a,b,error,message\na,3,0,{seed},3.0,,,\nb,1,0,{seed},,1.0,,\n"
     )
-    with pytest.raises(InputError, match="cells: stands twice: size = 3"):
+    with pytest.raises(InputError, match="cells: occurs twice: size = 3"):
         Experiment("x", trials.normal, cells=[{"size": 3}, {"size": 3.0}])
     with pytest.raises(InputError, match="cell 2: has the factors kind; others have size"):
         Experiment("x", trials.normal, cells=[{"size": 3}, {"kind": 1}])

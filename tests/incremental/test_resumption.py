@@ -168,7 +168,7 @@ def test_all_estimates_stand_in_a_line_when_as_many_observations_have_changed(dr
 @pytest.mark.parametrize(
     ("estimates", "told"),
     [
-        ({"point": {"P": [1.0, None, 2.0]}}, "no estimate of 'P'"),
+        ({"point": {"P": [1.0, None, 2.0]}}, "not an estimate of 'P'"),
         ({"pose": {"F": [1.0] * 12}}, "the estimate of 'F' has no rotation"),
         ({"pose": {"F": [1.0]}}, "damaged"),
         ({"tone": {"F": [1.0]}}, "damaged"),

@@ -219,7 +219,7 @@ def test_ids_of_retired_image_points_name_nothing_else():
     other = f"{rays[1].photo}/P23"
     inc.add(replace(near, id=other))
     said = repr(inc)
-    with pytest.raises(fga.InputError, match=f"observation '{other}': has the id of one"):
+    with pytest.raises(fga.InputError, match=f"observation '{other}': has the id of a retired one"):
         inc.settle(all=True)
     assert repr(inc) == said
     inc.remove(other)
@@ -358,13 +358,15 @@ def test_a_journal_resumes_with_the_times_of_arrivals(tmp_path):
 def test_times_of_arrivals_are_those_of_a_window_of_seconds():
     network, found = traverse(POINTS), next(iter(observed(POINTS)))[1]
     inc = fga.IncrementalAdjustment(network, keep_seconds=60)
-    with pytest.raises(fga.InputError, match="needs the time of what arrives, of the first"):
+    with pytest.raises(
+        fga.InputError, match="needs the time of arrivals, at least that of the first"
+    ):
         inc.add(found)
     for time in (-1.0, np.nan, np.inf, "10", True):
         with pytest.raises(fga.InputError, match="must be from 0 to 1e\\+11 seconds"):
             inc.add(found, time=time)
     assert len(inc) == 0
-    with pytest.raises(fga.InputError, match="of use with keep_seconds only"):
+    with pytest.raises(fga.InputError, match="time= needs keep_seconds"):
         fga.IncrementalAdjustment(network, keep=5).add(found, time=1.0)
 
 

@@ -96,11 +96,11 @@ WRONG = {
             "readings.csv:2): give the second reading another set"
         ],
     ),
-    "a face that nothing tells": (
+    "a face that nothing implies": (
         READINGS.replace("S,A,,212.3040,294.6980", "S,A,,212.3040,"),
         [
             "readings.csv:3: S – A, set 1: the face is missing: give 1 or 2, or a zenith reading, "
-            "which tells it"
+            "which implies it"
         ],
     ),
     "a column": (

@@ -112,5 +112,5 @@ def test_what_waits_is_tested_after_its_weights_have_changed() -> None:
     )
     (verdict,) = inc.reweight("BC", 4.0).verdicts
     assert verdict.verdict == "waiting"
-    with pytest.raises(fga.InputError, match="weighted point B x: is a given value with a σ"):
+    with pytest.raises(fga.InputError, match="weighted point B x: is a given value with its own σ"):
         inc.reweight("point B x", 2.0)

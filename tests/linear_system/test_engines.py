@@ -43,7 +43,7 @@ def test_a_levelling_network_is_in_isam2_from_the_beginning_and_after_it_has_set
 def test_fronts_carry_it_where_they_are_asked_for() -> None:
     inc = levels(engine="fronts")
     assert inc.engine == "fronts" and repr(inc).endswith("fronts>")
-    with pytest.raises(InputError, match="fronts carry this network"):
+    with pytest.raises(InputError, match="this network is in fronts"):
         _ = inc.isam
 
 

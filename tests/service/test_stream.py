@@ -304,7 +304,7 @@ def test_a_weighted_coordinate_cannot_be_reweighted_and_it_is_said_what_can(empt
     network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
     network.add_point("C", (10.0, 0.0, 0.0), fixed="yz", sigma=(0.01, np.inf, np.inf))
     inc = IncrementalAdjustment(network)
-    with pytest.raises(fga.InputError, match="weighted point C x: is a given value with a σ"):
+    with pytest.raises(fga.InputError, match="weighted point C x: is a given value with its own σ"):
         inc.reweight("point C x", 2.0)
 
 
@@ -614,7 +614,7 @@ def test_all_that_is_wrong_with_a_line_is_told_at_once(yard):
         ({"do": "remove", "ids": {"s1": 1}}, "ids must be a list of ids"),
         ({"do": "accept", "ids": "s1"}, "is neither suspect nor rejected"),
         ({"do": "discard", "ids": ["s1"]}, "is accepted: remove() takes it out"),
-        ({"do": "discard", "ids": ["X"]}, "is no suspect"),
+        ({"do": "discard", "ids": ["X"]}, "is not a suspect"),
         ({"do": "replace", "id": "s1"}, "observation is missing"),
         ({"do": "replace", "observation": SIGHT}, "id is missing"),
         ({"do": "replace", "id": "X", "observation": SIGHT}, "unknown observation"),
