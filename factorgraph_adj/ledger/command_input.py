@@ -1,6 +1,6 @@
-"""Checked input of an incremental adjustment: options, observations, factors, names, times.
+"""Checked input of the commands of an incremental adjustment: options, observations, times, ids.
 
-Options, observations, names and times.
+Options, observations, factors, names and times that are wrong are refused, all of them at once.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ def checked(time: object, latest: float | None) -> float:
 
     Args:
         time: the time.
-        latest: that of the latest arrival; none: no other stated one.
+        latest: that of the latest arrival; None: no other stated one.
 
     Raises:
-        InputError: it is no time, or before the latest arrival.
+        InputError: it is not a time, or before the latest arrival.
     """
     if not isinstance(time, Real) or not is_seconds(time):
         what = f"the time of an arrival must be from 0 to {MAX_SECONDS:g} seconds"
@@ -62,11 +62,11 @@ def ticks(seconds: float) -> int:
 
 
 Thing = TypeVar("Thing")
-"""What is given to a command, alone or with others."""
+"""An argument of a command, one or several of which are given."""
 
 
 class Input(NamedTuple):
-    """What is given to an adjustment at once."""
+    """Everything given to an adjustment at once."""
 
     observations: list[AnyObservation]
     """Observations."""
@@ -118,10 +118,10 @@ class Input(NamedTuple):
         unknowns: object,
         factors: Mapping[str, MakesFactor] | None,
     ) -> Input:
-        """Return things, of each sort one or several; factors by name.
+        """Return the arguments as lists; factors by name.
 
         Raises:
-            InputError: everything that is of another sort.
+            InputError: all arguments of another type.
         """
         noun = "observation: see factorgraph_adj.observations"
         return cls(
@@ -160,7 +160,9 @@ def listed(given: object, noun: str, *kinds: type[Thing]) -> list[Thing]:
     """
     several = isinstance(given, Iterable) and not isinstance(given, str)
     items: list[Any] = list(given) if several else [given]  # type: ignore[call-overload]
-    problems = [Problem(f"is no {noun}", repr(i)[:80]) for i in items if not isinstance(i, kinds)]
+    problems = [
+        Problem(f"is no {noun}", repr(i)[:80]) for i in items if not isinstance(i, kinds)
+    ]
     if problems:
         raise InputError(problems)
     return items
@@ -170,13 +172,13 @@ def ids_in(given: str | Iterable[str]) -> list[str]:
     """Return ids as a list.
 
     Raises:
-        InputError: everything that is no text.
+        InputError: all ids that are not texts.
     """
     return listed(given, "id: an id is a text", str)
 
 
 Engine: TypeAlias = Literal["auto", "isam2", "fronts"]
-"""What carries the arrivals."""
+"""Engine that holds the linear system."""
 ENGINES = get_args(Engine)
 
 
@@ -185,7 +187,7 @@ class Options:
     """The options of an incremental adjustment."""
 
     policy: Policy
-    """What becomes of an observation beyond the critical value."""
+    """Treatment of an observation beyond the critical value."""
     alpha: float
     """Probability of a false alarm of one test."""
     accuracy: float
@@ -193,14 +195,14 @@ class Options:
     datum: DatumChoice
     """Datum of the network."""
     engine: Engine = "auto"
-    """What carries the arrivals: iSAM2, fronts, or what suits the network."""
+    """Engine that holds the linear system: iSAM2, fronts, or the one that suits the network."""
     keep: int | None = None
-    """Number of photos that are kept, the last ones; none: all are."""
+    """Number of the latest photos that are kept; None: all are."""
     keep_seconds: float | None = None
-    """Seconds, the last ones, whose arrivals are kept; none: all are."""
+    """Seconds before the latest arrival whose arrivals are kept; None: all are."""
 
     def __post_init__(self) -> None:
-        """Refuse options that make no sense, all together."""
+        """Refuse invalid options, all together."""
         problems = []
         if self.policy not in POLICIES:
             valid = known(POLICIES, meant=self.policy)
@@ -220,7 +222,7 @@ class Options:
             raise InputError(problems)
 
     def _problems_of_window(self) -> Iterator[Problem]:
-        """Yield what is wrong with what is kept."""
+        """Yield the problems of the retirement window."""
         keep, seconds = self.keep, self.keep_seconds
         if keep is not None and (not isinstance(keep, int) or isinstance(keep, bool) or keep < 1):
             what = "a whole number of photos, 1 or more, or None: all are kept"
@@ -236,10 +238,10 @@ class Options:
 
     @property
     def forgets(self) -> bool:
-        """Whether anything is retired by itself."""
+        """Whether anything is retired automatically."""
         return self.keep is not None or self.keep_seconds is not None
 
     @property
     def failed(self) -> Outcome:
-        """What becomes of an observation that fails its test."""
+        """Outcome of an observation that fails its test."""
         return "rejected" if self.policy == "reject" else "suspect"

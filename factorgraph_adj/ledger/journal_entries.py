@@ -1,17 +1,16 @@
-"""Lines of a journal: their fields, the change of a ledger, its replay, packed numbers.
+"""Entries of a journal: a change of the ledger as one line, and its replay; packed numbers.
 
 The first line has the options and the network at the start as the files of a project. Every other
-line is one change that counts: what was asked (``do``), the ``time`` of an arrival, new points,
-photos, cameras and other ``unknowns`` (records with their ``kind``), the observations that are new
-or changed, the ids that
+line is one change: the command (``do``), the ``time`` of an arrival, new points, photos, cameras
+and other ``unknowns`` (records with their ``kind``), new or changed observations, the ids that
 became ``gone``, ``accepted``, ``waiting``, ``suspect`` or ``rejected``, and why (``causes``); what
-is said of what waits (``lacks``); how photos without poses were oriented (``oriented``); which
-readings have moved points to their other sides (``sides``, all of them where that has changed);
-what was retired (``retired``), or that all of it was taken back (``taken_back``), see
-`retirement`; ``estimates`` of unknowns, by kind and name, and ``vtpv``, see
-`incremental.resumption`. The first line has the result of its network in ``start``, with the
-same fields. Image points are in ``images``, those of a photo with the same outcome together.
-Reading back needs no test again.
+waiting observations and unknowns lack (``lacks``); how photos without poses were oriented
+(``oriented``); readings that have moved points to their other sides (``sides``, all of them where
+that has changed); what was retired (``retired``), or that all of it was taken back
+(``taken_back``), see `retirement`; ``estimates`` of unknowns, by kind and name, and ``vtpv``, see
+`incremental.resumption`. The first line has the result of its network in ``start``, with the same
+fields. Image points are in ``images``, those of a photo with the same outcome together. Replay
+needs no tests.
 """
 
 from __future__ import annotations
@@ -99,12 +98,12 @@ def start_of(
 
 
 def entities(before: Network, after: Network, given: Input) -> dict[str, Any]:
-    """Return the fields of what is new beside observations, as a network has checked it.
+    """Return the fields of new entities beside observations, as a network has checked them.
 
     Args:
         before: the network before.
-        after: the network with what is new.
-        given: what is new, and approximate values of points that were there.
+        after: the network with the new entities.
+        given: the new entities, and approximate values of points that were there.
     """
     new = [after.points[p.name] for p in given.points if p.name not in before.points]
     found = {
@@ -124,7 +123,7 @@ def entities(before: Network, after: Network, given: Input) -> dict[str, Any]:
 
 
 def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
-    """Return what a line says of a change: everything that is not where or what it was.
+    """Return the fields of a change: everything whose outcome or definition differs.
 
     Args:
         before: the ledger of the last line.
@@ -163,10 +162,10 @@ def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
 def everything_of(
     ledger: Ledger, rows: Index, points: Collection[str], photos: Collection[str]
 ) -> dict[str, Any]:
-    """Return the line that takes some rows, points and photos in again, as they are.
+    """Return the line that adds some rows, points and photos again, as they are.
 
     Args:
-        ledger: where they are.
+        ledger: the ledger with them.
         rows: the rows.
         points: names of the points.
         photos: names of the photos.
@@ -194,7 +193,7 @@ def everything_of(
 def _lacks(before: Ledger, after: Ledger) -> list[list[str]]:
     """Return why variables (kind, name, why) and observations (id, why) wait, where that is new.
 
-    The reason is empty where it is none any more.
+    The reason is empty where there is none any more.
     """
     was, now = before.lacks, after.lacks
     if was is now:
@@ -210,7 +209,7 @@ def _images(after: Ledger, changed: Index, first: int) -> list[dict[str, Any]]:
     Args:
         after: the ledger now.
         changed: rows of the image points.
-        first: the first row that the last line did not have.
+        first: the first row that is not in the last line.
     """
     rows, names = after.rows, after.names
     parts: dict[tuple[int, int, str, bool], list[int]] = {}
@@ -269,8 +268,8 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
     """Return the ledger after a line.
 
     Raises:
-        InputError: it has a field that no line has, names observations that no line before it
-            has, or something is wrong with what it defines.
+        InputError: it has an unknown field, names observations that no earlier line has, or a
+            definition in it is wrong.
     """
     if unknown := [name for name in line if name not in FIELDS]:
         raise InputError(
@@ -297,7 +296,7 @@ def ids_of(line: Mapping[str, Any]) -> list[str]:
 
 @contextmanager
 def reading(where: str) -> Iterator[None]:
-    """Say in every error the place of the line that is read.
+    """Name the place of the line that is read in every error.
 
     Raises:
         InputError: what is wrong with the line.
@@ -381,7 +380,7 @@ def _replay_images(ledger: Ledger, record: Mapping[str, Any], where: str) -> Led
     names, photo = ledger.names, record["photo"]
     points = [names.point.get(n, -1) for n in record["points"]]
     if photo not in names.photo or -1 in points:
-        what = f"photo {photo!r} or a point of its is not known: a line before is missing"
+        what = f"photo {photo!r} or one of its points is not known: a line before is missing"
         raise InputError(Problem(what, where))
     if "xy" in record:
         table = ImageTable()
@@ -448,9 +447,9 @@ def unpacked(text: str, *shape: int) -> Array:
 
 
 def packed_symmetric(a: Array) -> tuple[float, str]:
-    """Return the largest number of a tensor (k, k, k), and all as text, relative to it.
+    """Return the largest number of a tensor (k, k, k), and all numbers as text, relative to it.
 
-    The tensor is symmetric in all its places; numbers have three digits.
+    The tensor is symmetric in all its indices; numbers have three digits.
     """
     most = float(np.abs(a).max(initial=0.0))
     each = a[_places(len(a))] / (most or 1.0)
@@ -467,6 +466,6 @@ def unpacked_symmetric(most: float, text: str, k: int) -> Array:
 
 
 def _places(k: int) -> tuple[Index, ...]:
-    """Return the places of the numbers of a symmetric tensor that differ."""
+    """Return the indices of the numbers of a symmetric tensor that differ."""
     i = np.arange(k)
     return np.nonzero((i[:, None, None] <= i[:, None]) & (i[:, None] <= i))

@@ -1,7 +1,7 @@
-"""The ledger as an immutable value: arrived observations, their outcomes, and the causes.
+"""Ledger of all arrived observations and their outcomes, an immutable value, and its changes.
 
-A ledger is a value: every change returns another one, and notes the change with its cause. What is
-noted becomes a line of the journal.
+Every change returns another ledger, and notes the change with its cause. The noted changes become a
+line of the journal.
 
 """
 
@@ -47,11 +47,11 @@ class Ledger:
     lacks: Mapping[Variable | str, str] = field(default_factory=dict)
     """Why variables are not determined, and why observations, by their first ids, still wait."""
     next: int = 1
-    """Number from which ids are given where there is none, beyond all ids that ever were."""
+    """Number from which ids are assigned where there is none, beyond all ids that ever were."""
     causes: Mapping[int, str] = field(default_factory=dict)
     """Why rows have changed since the last line of the journal."""
     filled: Mapping[VariableKind, Mapping[str, Sequence[float]]] = field(default_factory=dict)
-    """Approximate values that were found since then."""
+    """Approximate values that were computed since then."""
     unweighted: tuple[str, ...] = ()
     """Weighted unknowns that lost their weights since then."""
     oriented: Mapping[str, str] = field(default_factory=dict)
@@ -59,13 +59,13 @@ class Ledger:
     sides: Mapping[str, Side] = field(default_factory=dict)
     """Points that readings have moved to their other sides, by the first id of the reading."""
     sizes: dict[Variable, tuple[int, int]] = field(default_factory=dict)
-    """What `needs` has found for this network."""
+    """Results of `needs` for this network."""
     clock: int = 1
-    """Number of the command in hand; where arrivals have times, not less than `ticks` of its."""
+    """Number of the current command; where arrivals have times, at least their `ticks`."""
     time: float | None = None
     """Time of the latest arrival that stated one, seconds."""
     retired: Retired | None = None
-    """What represents all that was retired; none: nothing was."""
+    """Linear rows and archive of everything retired; None: nothing was."""
 
     @classmethod
     @without_collections
@@ -90,7 +90,7 @@ class Ledger:
     # -- arrivals -----------------------------------------------------------------------------
 
     def at(self, time: float) -> Ledger:
-        """Return the ledger when something arrives at a time, see `checked`."""
+        """Return the ledger at the time of an arrival, see `checked`."""
         found = checked(time, self.time)
         return replace(self, time=found, clock=max(self.clock, ticks(found)))
 
@@ -103,12 +103,12 @@ class Ledger:
     ) -> Ledger:
         """Return the ledger with new points, photos, cameras and other unknowns.
 
-        A point that is there without coordinates takes those of one that has nothing else, as
-        approximate values.
+        A point that is there without coordinates takes those of a given one without other fields,
+        as approximate values.
 
         Raises:
-            InputError: every other name that is there already, unknown cameras and points, and
-                unknowns that observations that are there would notice.
+            InputError: all other names that are there already, unknown cameras and points, and
+                unknowns that would change observations that are there.
         """
         network = self.network.copy()
         placed = {p.name: p for p in points if self._places(p)}
@@ -132,7 +132,7 @@ class Ledger:
             yield unit.ids[0], [*now, *unit.variables]
 
     def _places(self, point: Point) -> bool:
-        """Return whether a point only has approximate values for one without coordinates."""
+        """Return whether a point only gives approximate values to one without coordinates."""
         there = self.network.points.get(point.name)
         if there is None or not any(map(isnan, there.coordinates)):
             return False
@@ -145,12 +145,12 @@ class Ledger:
         """Take new observations in as waiting, each with an id; return their rows in order.
 
         Raises:
-            InputError: unknown names, ids that are there, points measured twice in a photo: all.
+            InputError: all unknown names, ids that are there, and points measured twice in a photo.
         """
         self._refuse(observations)
         items, number = self._numbered(observations)
         ids = (identity(o) or "" for item in items for o in _members(item))
-        again = self.find(ids)  # rejected, or `_refuse` had refused it
+        again = self.find(ids)  # rejected, otherwise `_refuse` would have refused it
         ledger = replace(self, next=number).moved(again, None, "replaced")
         return ledger.appended(items, "arrival")
 
@@ -176,7 +176,7 @@ class Ledger:
         return items, number_beyond([i for i in ids if i is not None], number)
 
     def appended(self, items: Sequence[AnyObservation], cause: str) -> tuple[Ledger, Index]:
-        """Take observations in as waiting, which bear their ids; return their rows in order."""
+        """Take observations with ids in as waiting; return their rows in order."""
         is_ray = np.array([isinstance(item, ImagePoint) for item in items], dtype=bool)
         table = ImageTable()
         if is_ray.any():
@@ -219,7 +219,7 @@ class Ledger:
         return out
 
     def _refuse(self, observations: Sequence[AnyObservation]) -> None:
-        """Refuse bad observations, all together."""
+        """Refuse invalid observations, all together."""
         problems: list[Problem] = []
         seen: set[str] = set()
         there: dict[str, set[str]] = {}
@@ -268,7 +268,7 @@ class Ledger:
         )
 
     def _measured(self, photo: str) -> set[str]:
-        """Return the points that are measured in a photo, rejected image points apart."""
+        """Return the points that are measured in a photo, without rejected image points."""
         status, number = self.rows.status, self.names.photo[photo]
         there = (self.rows.photo == number) & (status != REMOVED)
         there &= status != OUTCOMES.index("rejected")
@@ -283,12 +283,12 @@ class Ledger:
         cause: str,
         verdicts: Mapping[str, Verdict] | None = None,
     ) -> Ledger:
-        """Return the ledger where some rows have an outcome.
+        """Return the ledger with a new outcome of some rows.
 
         Args:
             rows: the rows.
-            outcome: their new outcome; none: they are taken out.
-            cause: why.
+            outcome: their new outcome; None: they are taken out.
+            cause: the cause of the change.
             verdicts: verdicts on suspects and rejected observations by id.
         """
         if not len(rows):
@@ -302,18 +302,18 @@ class Ledger:
         return replace(self, rows=self.rows.moved(rows, outcome, moved), causes=causes)
 
     def without_weights(self, ids: Sequence[str]) -> Ledger:
-        """Return the ledger where weighted unknowns have lost their weights, by their names."""
+        """Return the ledger where weighted unknowns, by name, have lost their weights."""
         if not ids:
             return self
         network = without(self.network, list(ids))
         return replace(self, network=network, unweighted=(*self.unweighted, *ids), sizes={})
 
     def with_lacks(self, lacks: Mapping[Any, str]) -> Ledger:
-        """Return the ledger where variables, or observations, lack what is said of them."""
+        """Return the ledger with reasons why variables, or observations, wait."""
         return replace(self, lacks={**self.lacks, **lacks}) if lacks else self
 
     def without_lacks(self, gone: Index) -> Ledger:
-        """Return the ledger without what is said of variables that nothing observes any more."""
+        """Return the ledger without reasons of variables that nothing observes any more."""
         of_ids = {u.ids[0] for u in self.units(gone)} & self.lacks.keys()
         lost = {v for u in self.units(gone) for v in u.variables if v in self.lacks}
         if not lost and not of_ids:
@@ -343,7 +343,7 @@ class Ledger:
         return replace(self, network=network, filled=filled)
 
     def recorded(self) -> tuple[Ledger, Index | None]:
-        """Return the ledger without what was noted for the journal, and new numbers of its rows."""
+        """Return the ledger without changes noted for the journal, and new numbers of rows."""
         rows, new = self.rows.compacted()
         noted: dict[str, Any] = {"causes": {}, "filled": {}, "unweighted": (), "oriented": {}}
         return replace(self, **noted, rows=rows, clock=self.clock + 1), new
@@ -385,11 +385,11 @@ class Ledger:
         return Problem(f"unknown observation{meant}", f"observation {ident!r}")
 
     def retirement_note(self, ident: str) -> str:
-        """Say that an observation was retired, and what to do; empty where it was not."""
+        """Return that an observation was retired, and what to do; empty where it was not."""
         return "" if self.retired is None else self.retired.of_id(ident)
 
     def status(self, ident: str) -> str:
-        """Return what became of an id; ``gone`` where there is none."""
+        """Return the outcome of an id; ``gone`` where there is none."""
         rows = self.find([ident])
         return OUTCOMES[int(self.rows.status[rows[0]])] if len(rows) else "gone"
 
@@ -427,7 +427,7 @@ class Ledger:
         return unit.observations[unit.ids.index(ident)]
 
     def observations(self, first: int = 0) -> list[tuple[str, Observation]]:
-        """Return ids and observations of rows from a number on, in their order, no image points."""
+        """Return ids and observations of rows from a number on, except image points."""
         rows = np.arange(first, self.rows.n)
         rows = rows[self.rows.status[rows] != REMOVED]
         return [
@@ -443,7 +443,7 @@ class Ledger:
 
     @property
     def everything(self) -> Network:
-        """Everything that was described or is named by an observation; it has no observations."""
+        """Everything that was described or that an observation names, without observations."""
         out = self.network.copy()
         for _, unit in self.rows.units(np.flatnonzero(self.rows.status != REMOVED)):
             for o in unit.observations:
@@ -471,13 +471,13 @@ def _members(item: AnyObservation) -> tuple[Observation, ...]:
 
 
 def _filled(entity: Point | Photo, value: Sequence[float]) -> Point | Photo | None:
-    """Return a point or photo with an approximate value; none where all of it is given."""
+    """Return a point or photo with an approximate value; None where it has all values."""
     if isinstance(entity, Point):
         given = entity.coordinates
         if not isnan(sum(given)):
             return None
         found = tuple([v if isnan(g) else g for g, v in zip(given, value, strict=True)])
-        other = object.__new__(Point)  # all else is as it was
+        other = object.__new__(Point)  # all other attributes are unchanged
         vars(other).update(vars(entity), coordinates=found)
         return other
     if entity.position is not None and entity.rotation is not None:

@@ -1,8 +1,8 @@
-"""The archive of retired unknowns: last estimates, observations, and messages about them.
+"""Archive of retired unknowns: their last estimates and observations, and messages that name them.
 
-It has the last estimate and covariance of every retired unknown, by name, and what was observed of
-them, as a line of the journal that takes them in again. It goes when the adjustment goes: the
-journal has the same, and fills another archive when it is resumed.
+It has the last estimate and covariance of every retired unknown, by name, and the observations of
+them, as a line of the journal that adds them again. It is deleted with the adjustment: the journal
+has the same, and fills another archive when it is resumed.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TAKES_BACK = "settle(all=True) takes everything back"
 
 
 class LastEstimate(NamedTuple):
-    """What was known of an unknown when it was retired."""
+    """Estimate of an unknown at its retirement."""
 
     kind: VariableKind
     """Its kind."""
@@ -47,9 +47,9 @@ class LastEstimate(NamedTuple):
     moment: str
     """When it was retired, in words."""
     value: Array | None
-    """Its value as in a state; none: it was not determined."""
+    """Its value as in a state; None: it was not determined."""
     covariance: Array | None
-    """Covariance of its components, σ0 = 1; none: it was not determined."""
+    """Covariance of its components, σ0 = 1; None: it was not determined."""
 
 
 class Archive:
@@ -57,7 +57,7 @@ class Archive:
 
     def __init__(self) -> None:
         """Begin an empty archive."""
-        # A name that is empty is that of a file which goes with the connection.
+        # An empty name is that of a temporary file, which is deleted with the connection.
         self._database = sqlite3.connect("", check_same_thread=False, isolation_level=None)
         self._database.executescript(TABLES)
 
@@ -78,14 +78,14 @@ class Archive:
         ids: Collection[str],
         line: Mapping[str, Any],
     ) -> None:
-        """Keep what is retired; what had a number from this one on is forgotten.
+        """Store what is retired; records from this number on are deleted.
 
         Args:
             number: number of the retirement.
-            moment: when it is, in words.
+            moment: moment of the retirement, in words.
             unknowns: the unknowns.
-            ids: ids of their observations, image points without ids of their own apart.
-            line: what takes all of it in again.
+            ids: ids of their observations, without image points that have no ids of their own.
+            line: the line that adds all of it again.
         """
         run = self._database.execute
         run("BEGIN")
@@ -110,7 +110,7 @@ class Archive:
         run("COMMIT")
 
     def find(self, variable: Variable, upto: int) -> LastEstimate | None:
-        """Return what was known of an unknown; none where it was not retired.
+        """Return the estimate of an unknown at its retirement; None where it was not retired.
 
         Args:
             variable: the unknown.
@@ -129,7 +129,7 @@ class Archive:
         return LastEstimate(*variable, row[0], value, covariance)
 
     def moment_of(self, ident: str, upto: int) -> str:
-        """Return when an observation with an id of its own was retired; empty: it was not."""
+        """Return when an observation with its own id was retired; empty: it was not."""
         row = self._database.execute(
             "SELECT moment FROM observation JOIN retirement USING (number) "
             "WHERE id = ? AND number <= ?",
@@ -138,9 +138,9 @@ class Archive:
         return "" if row is None else str(row[0])
 
     def lines(self, upto: int) -> Iterator[dict[str, Any]]:
-        """Iterate over what takes everything in again, the last retirement first.
+        """Iterate over the lines that add everything again, the last retirement first.
 
-        What was retired may name what remained then, and was retired later.
+        Retired observations may name unknowns that remained then and were retired later.
         """
         for (line,) in self._database.execute(
             "SELECT line FROM retirement WHERE number <= ? ORDER BY number DESC", (upto,)
@@ -161,12 +161,12 @@ def _packed(x: Array | None) -> bytes | None:
 
 @dataclass(frozen=True, eq=False)
 class Retired:
-    """All that was retired."""
+    """Everything that was retired."""
 
     prior: Prior
-    """What its observations say of the unknowns that remain."""
+    """Information of the retired observations on the unknowns that remain."""
     archive: Archive = field(default_factory=Archive)
-    """Where it is kept."""
+    """Archive of the retired unknowns and observations."""
     number: int = 0
     """Number of retirements."""
     points: int = 0
@@ -180,19 +180,19 @@ class Retired:
     found: tuple[tuple[VariableKind, Key], ...] = ()
     """Unknowns of the prior that nobody has to state, such as orientations."""
     missed: MissedStep = NO_MISSED_STEP
-    """What the linear rows miss."""
+    """Deviation of the linear rows."""
 
     def last_estimate(self, variable: Variable) -> LastEstimate | None:
-        """Return what was known of an unknown when it was retired; none: it was not."""
+        """Return the estimate of an unknown at its retirement; None: it was not retired."""
         return self.archive.find(variable, self.number)
 
     def retirement_note(self, variable: Variable) -> str:
-        """Say that an unknown was retired, and what to do; empty where it was not."""
+        """Return that an unknown was retired, and what to do; empty where it was not."""
         found = self.last_estimate(variable)
         return "" if found is None else f"was retired {found.moment}; {TAKES_BACK}"
 
     def of_id(self, ident: str) -> str:
-        """Say that an observation was retired, and what to do; empty where it was not."""
+        """Return that an observation was retired, and what to do; empty where it was not."""
         if moment := self.archive.moment_of(ident, self.number):
             return f"was retired {moment}; {TAKES_BACK}"
         at = ident.find("/")
@@ -205,11 +205,11 @@ class Retired:
         return ""
 
     def named_by(self, o: Observation, network: Network) -> list[Problem]:
-        """Return the problems that an observation names what was retired, or has its id.
+        """Return the problems of an observation that names a retired unknown, or has a retired id.
 
         Args:
             o: the observation.
-            network: what remains.
+            network: the network that remains.
         """
         variables: list[Variable] = [("point", n) for n in o.points() if n not in network.points]
         variables += [("pose", name) for name in o.photos() if name not in network.photos]
@@ -230,7 +230,7 @@ class Retired:
         return out
 
     def named_again(self, points: Iterable[Point], photos: Iterable[Photo]) -> list[Problem]:
-        """Return the problems that new points or photos have names of retired ones."""
+        """Return the problems of new points or photos with names of retired ones."""
         new: list[Variable] = [("point", p.name) for p in points]
         new += [("pose", f.name) for f in photos]
         return [
@@ -248,7 +248,7 @@ class Retired:
             network.of_kind(kind).setdefault(key, FREE_ORIENTATION)
 
     def __str__(self) -> str:
-        """Say what was retired, and which held points, which no new observation can use."""
+        """Return the numbers of retired points, photos and observations, and the held points."""
         held = f" (held: {known(self.held_points)})" if self.held_points else ""
         return (
             f"{self.observations} observations with {self.points} points{held} and {self.photos} "

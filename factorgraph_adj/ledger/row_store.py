@@ -1,8 +1,8 @@
-"""Rows of arrived units and image points in shared columns, with outcomes, ids and names.
+"""Store of arrived observations as rows: units and image points in columns, with ids and outcomes.
 
-A unit is what arrives together or not at all: an observation, or a correlated group. Image points
-are in arrays, so that millions of them need no objects. An image point of a correlated group
-belongs to its group.
+A unit is an observation, or a correlated group, which arrives as a whole. Image points are in
+arrays, so that millions of them need no objects. An image point of a correlated group belongs to
+its group.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from ..types import Array, Index, Mask
 from .verdicts import OUTCOMES, Outcome, Verdict
 
 REMOVED = -1
-"""Status of a row that was taken out; its room is given back by `Rows.compacted`."""
+"""Status of a row that was taken out; `Rows.compacted` reuses its space."""
 OUTCOME_CODE: dict[Outcome, int] = {outcome: number for number, outcome in enumerate(OUTCOMES)}
-"""Status of a row by what became of it."""
+"""Status of a row by its outcome."""
 NO_PHOTO = -1
 """Number of the photo of rows that are no image points."""
 
@@ -41,24 +41,24 @@ class Unit:
     ids: tuple[str, ...]
     """Ids of its observations."""
     observations: tuple[Observation, ...]
-    """They, each with its id (image points: where it has one of its own)."""
+    """These, each with its id (image points: where it has one of its own)."""
     covariance: Array | None
     """Joint covariance of a group."""
     variables: tuple[Variable, ...]
-    """What they depend on."""
+    """Variables that they depend on."""
 
     @classmethod
     def of(
         cls, network: Network, observations: Iterable[Observation], covariance: Array | None
     ) -> Unit:
-        """Return the unit of observations that bear their ids."""
+        """Return the unit of observations that have ids."""
         return cls.of_each(network, [(tuple(observations), covariance)])[0]
 
     @classmethod
     def of_each(
         cls, network: Network, groups: Sequence[tuple[tuple[Observation, ...], Array | None]]
     ) -> list[Unit]:
-        """Return the units of observations that bear their ids, each with its covariance."""
+        """Return the units of observations that have ids, each with its covariance."""
         each = iter(variables_of_each(network, [o for own, _ in groups for o in own]))
         out = []
         for own, covariance in groups:
@@ -90,7 +90,7 @@ class Unit:
         return Correlated(self.observations, self.covariance)
 
     def without(self, network: Network, gone: set[str]) -> Unit | None:
-        """Return what remains of a group without some ids; none where nothing does."""
+        """Return what remains of a group without some ids; None where nothing does."""
         stays = [i not in gone for i in self.ids]
         if self.covariance is None or not any(stays):
             return None
@@ -124,7 +124,7 @@ def insert_units(network: Network, units: Iterable[Unit]) -> None:
         if unit.covariance is not None:
             network.clusters.append((unit.ids, unit.covariance))
     by_kind: dict[str, list[int]] = {}
-    first: set[int] = set()  # observations that name unknowns which none before them has named
+    first: set[int] = set()  # observations that name unknowns which no earlier one has named
     for place, o in enumerate(every):
         by_kind.setdefault(o.kind, []).append(place)
         if o.further:
@@ -175,7 +175,7 @@ class Names:
 
 
 class RowColumns:
-    """What rows hold, shared by several tables: each uses the rows up to its own end.
+    """Columns of rows, shared by several tables: each uses the rows up to its own end.
 
     A table appends in place if no other table has used the rows after its end, otherwise to a
     copy. Rows in use are never changed.
@@ -195,15 +195,15 @@ class RowColumns:
         self.units: dict[int, Unit] = {}
         """Observations and groups by row."""
         self.rows: dict[str, list[int]] = {}
-        """Rows by all ids but photo/point, the latest last."""
+        """Rows by all ids except photo/point, the latest last."""
         self.made: dict[int, Unit] = {}
-        """Image points that have been made units since the last line of the journal."""
+        """Image points that have been made into units since the last line of the journal."""
         for row, ident in self.ids.items():
             self.rows.setdefault(ident, []).append(row)
 
     @classmethod
     def of_units(cls, units: Iterable[Unit]) -> RowColumns:
-        """Return the room of units."""
+        """Return the columns of units."""
         found = list(units)
         out, n = cls(), len(found)
         nobody = np.full(n, NO_PHOTO, dtype=np.intp)
@@ -216,7 +216,7 @@ class RowColumns:
     def _name(
         self, n: int, units: Mapping[int, Unit], ids: Mapping[int, str], sources: Mapping[int, str]
     ) -> None:
-        """Take over what rows hold beside numbers, by their places after row n."""
+        """Take over what rows have beside numbers, by their places after row n."""
         for row, source in sources.items():
             self.sources[n + row] = source
         for row, ident in ids.items():
@@ -228,7 +228,7 @@ class RowColumns:
                 self.rows.setdefault(ident, []).append(n + row)
 
     def kept(self, there: Mask) -> RowColumns:
-        """Return a room with some of the first rows, (n,)."""
+        """Return columns with some of the first rows, (n,)."""
         new = (np.cumsum(there) - 1).tolist()
         out = RowColumns()
         out.columns = [c[: len(there)][there] for c in self.columns]
@@ -241,7 +241,7 @@ class RowColumns:
         return out
 
     def appended(self, n: int, more: RowColumns) -> RowColumns:
-        """Return a room with more rows after the first n."""
+        """Return columns with more rows after the first n."""
         end = n + more.used
         room = self if self.used == n else self.kept(np.ones(n, dtype=bool))
         if end > len(room.columns[0]):
@@ -259,18 +259,18 @@ class RowColumns:
 
 @dataclass(frozen=True, eq=False)
 class RowStore:
-    """Rows and what became of them; a value: every change returns another table."""
+    """Rows with their outcomes; a value: every change returns another table."""
 
     status: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
-    """What became of each, `OUTCOME_CODE` or `REMOVED`, (n,)."""
+    """Outcome of each row, `OUTCOME_CODE` or `REMOVED`, (n,)."""
     room: RowColumns = field(default_factory=RowColumns)
-    """What they hold."""
+    """Their columns."""
     verdicts: Mapping[int, tuple[Verdict, ...]] = field(default_factory=dict)
     """Verdicts on suspect and rejected rows."""
 
     @property
     def n(self) -> int:
-        """Number of rows, taken out ones among them."""
+        """Number of rows, including those that were taken out."""
         return len(self.status)
 
     @property
@@ -295,7 +295,7 @@ class RowStore:
 
     @property
     def arrived(self) -> Index:
-        """When each arrived, a number that grows, (n,)."""
+        """Number of the command with which each row arrived, (n,)."""
         return np.asarray(self.room.columns[4][: self.n])
 
     def having(self, outcome: Outcome) -> Index:
@@ -327,7 +327,7 @@ class RowStore:
     def moved(
         self, rows: Index, outcome: Outcome | None, moved: Mapping[int, tuple[Verdict, ...]]
     ) -> RowStore:
-        """Return the table with another outcome of some rows; none: they are taken out."""
+        """Return the table with another outcome of some rows; None: they are taken out."""
         status = self.status.copy()
         status[rows] = REMOVED if outcome is None else OUTCOME_CODE[outcome]
         verdicts = self.verdicts
@@ -337,10 +337,10 @@ class RowStore:
         return replace(self, status=status, verdicts=verdicts)
 
     def compacted(self) -> tuple[RowStore, Index | None]:
-        """Return the table without the rows that were taken out, where these are many.
+        """Return the table without the rows that were taken out, if these are many.
 
         Returns:
-            The table, and the new numbers of its rows; none: they are as they were.
+            The table, and the new numbers of its rows; None: they are unchanged.
         """
         self.room.made.clear()
         there = self.status != REMOVED
@@ -372,7 +372,7 @@ class RowStore:
         return out
 
     def find(self, names: Names, ids: Iterable[str]) -> Index:
-        """Return the rows of ids, in ascending order; ids without a row are passed over."""
+        """Return the rows of ids, in ascending order; ids without a row are ignored."""
         out: list[int] = []
         wanted: dict[int, list[int]] = {}
         for ident in ids:
@@ -397,7 +397,7 @@ class RowStore:
         return np.unique(np.concatenate(found))
 
     def measured(self, photo: int, points: Index) -> Index:
-        """Return the rows of some points in a photo, those that were taken out apart."""
+        """Return the rows of some points in a photo, without those that were taken out."""
         rows = np.flatnonzero((self.photo == photo) & (self.status != REMOVED))
         return np.asarray(rows[np.isin(self.point[rows], points)])
 
@@ -426,7 +426,7 @@ class RowStore:
         return self.note_image(network, row, o)
 
     def note_image(self, network: Network, row: int, o: ImagePoint) -> Unit:
-        """Note the unit of an image point, which takes longer to make from the arrays."""
+        """Store the unit of an image point, which takes longer to make from the arrays."""
         lens = calibration_name(network, o.photo)
         variables = ("pose", o.photo), ("calibration", lens), ("point", o.point)
         unit = Unit((o.id or f"{o.photo}/{o.point}",), (o,), None, variables)

@@ -14,27 +14,27 @@ Policy: TypeAlias = Literal["accept", "flag", "reject"]
 """Treatment of an observation whose test value is beyond the critical value."""
 Outcome: TypeAlias = Literal["accepted", "suspect", "rejected", "waiting"]
 SNOOPED = "snooping"
-"""Cause of what data snooping threw out."""
+"""Cause of observations that data snooping rejected."""
 REST = "rest of a group"
-"""Cause of what a correlated group left behind when one of its members was taken out."""
+"""Cause of observations left over from a correlated group when one of its members was taken out."""
 DISCARDED = "discarded"
-"""Cause of what was rejected by hand: it does not come back by itself."""
+"""Cause of observations that were rejected by hand: they are not readmitted automatically."""
 TOLD_CAUSES = (DISCARDED, SNOOPED, REST)
-"""Causes that the verdicts on observations that were left out state."""
+"""Causes that the verdicts on left-out observations state."""
 OUTCOMES: tuple[Outcome, ...] = ("accepted", "waiting", "suspect", "rejected")
 """Every outcome, in the order in which a line of the journal lists them."""
 
 
 @dataclass(frozen=True)
 class Gain:
-    """What an observation adds to a point."""
+    """Gain in precision of a point by an observation."""
 
     point: str
     """Name of the point."""
     before: Array
     """Standard deviations without the observation, metres (3,); infinite where it is new."""
     after: Array
-    """With it, (3,)."""
+    """Standard deviations with the observation, (3,)."""
 
 
 @dataclass(frozen=True)
@@ -51,16 +51,16 @@ class Side:
     """Whether nothing but the reading determines the side."""
 
     def __str__(self) -> str:
-        """Say so."""
+        """Return the move, and whether no other reading determines the side."""
         moves = f"moves {self.point!r} by {self.moved:.3g} m to its other side"
         return moves + "; no other reading determines the side" * self.alone
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict(ChiSquareTest):
-    """What became of an observation, and why; arrays over its k scalar components.
+    """Verdict on an observation: its outcome and tests; arrays over its k scalar components.
 
-    Figures are none where nothing was tested: while it waits, and after `snoop`.
+    Figures are None where nothing was tested: while the observation waits, and after `snoop`.
     """
 
     id: str
@@ -86,20 +86,20 @@ class Verdict(ChiSquareTest):
     dof: int = 0
     """Degrees of freedom of T²."""
     critical: float = np.nan
-    """Critical value of T²; of what data snooping threw out, the square of its limit of |w|."""
+    """Critical value of T²; for data snooping, the square of its limit of |w|."""
     entered: bool = False
     """Whether it had been waiting, or left out."""
     lacks: str = ""
-    """What it waits for."""
+    """Reason of a waiting observation."""
     points: tuple[str, ...] = ()
     """Points that it touches."""
     cause: str = ""
-    """Why it is out, or in, where no test on its arrival says it: ``discarded``, ``snooping`` or
-    ``rest of a group``, or ``came back after snoop()`` or another command."""
+    """Why it is out, or in, where no test on its arrival is the reason: ``discarded``, ``snooping``
+    or ``rest of a group``, or ``came back after snoop()`` or another command."""
     doubt: str = ""
     """Why the verdict may be wrong: an accepted observation that moved a point to its other side,
-    that nothing else determines; one that failed, and fits without such an observation; or one of
-    which rounding has left no test when it was examined again."""
+    which nothing else determines; one that failed, and fits without such an observation; or one
+    that rounding has left without a test when it was examined again."""
     gains: tuple[Gain, ...] = ()
-    """What it adds to its points; empty for observations that are left out, and in free networks
-    (there the standard deviations belong to all datum points together)."""
+    """Gain of each of its points; empty for observations that are left out, and in free networks
+    (there the standard deviations refer to all datum points together)."""

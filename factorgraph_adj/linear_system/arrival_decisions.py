@@ -1,4 +1,4 @@
-"""Which arriving units stay by the policy, their verdicts, and the interface of joint tests."""
+"""Decisions on jointly tested units: which stay by the policy, and their verdicts and gains."""
 
 from __future__ import annotations
 
@@ -15,19 +15,18 @@ from ..quality.group_tests import LeaveOneOutFigures, LeaveOneOutTests, critical
 from ..types import Array, Index, Mask
 
 MAX_GAINS = 300
-"""Largest number of units of one arrival for which it is worked out what each adds to its points.
-"""
+"""Largest number of units of one arrival for which the gain in precision of points is computed."""
 ROUNDING = 1e-9
-"""Eigenvalue of M, and part of σ, that are rounding."""
+"""Eigenvalue of M, and share of σ, below which only rounding errors are left."""
 SINGULAR_REDUNDANCY = 1e-5
-"""Eigenvalue of M up to which rows are all that determines something: without them its standard
-deviation would be more than 300 times as large."""
+"""Eigenvalue of M up to which rows alone determine something: without them its standard deviation
+would be more than 300 times as large."""
 ALIKE = 1e-6
-"""Relative difference of test values up to which they are equal: of units that control each other
-alone the first one fails, however numbers are rounded."""
+"""Relative difference of test values up to which they are equal: of units that only control each
+other the first one fails, however numbers are rounded."""
 MIN_MOTION = 1e-2
-"""Movement relative to the conditional standard deviation from which on a variable takes part in a
-motion that nothing determines."""
+"""Movement relative to the conditional standard deviation from which a variable takes part in an
+undetermined motion."""
 
 
 class PointCovariance(NamedTuple):
@@ -55,11 +54,11 @@ class JointTest(Protocol):
         ...
 
     def tested(self) -> LeaveOneOutTests:
-        """Return the units, to be tested against everything else."""
+        """Return the tests of the units against everything else."""
         ...
 
     def anew(self) -> JointTest:
-        """Return the units, to be tested where everything is by now."""
+        """Return the units, to be tested at the present estimates."""
         ...
 
     def spread(self, i: int, columns: Index) -> Array:
@@ -71,22 +70,22 @@ class JointTest(Protocol):
         ...
 
     def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
-        """Return which of new variables combinations (d, n) of a unit's rows determine."""
+        """Return those of new variables that combinations (d, n) of a unit's rows determine."""
         ...
 
 
 @dataclass
 class Decision:
-    """What happens to tested units, by their numbers."""
+    """Decision on tested units, by their numbers."""
 
     stay: list[int]
     """Units that stay."""
     out: dict[int, LeaveOneOutFigures] = field(default_factory=dict)
     """Units that failed their test, with their figures at that moment."""
     back: list[int] = field(default_factory=list)
-    """Units that contradict each other: the next ones may decide which is wrong."""
+    """Units that contradict each other: later ones may decide which is wrong."""
     loose: set[Variable] = field(default_factory=set)
-    """Variables that only those determined."""
+    """Variables that only those units determined."""
 
 
 def decide(
@@ -121,7 +120,7 @@ def decide(
         if gone:
             out.back += gone
             out.loose |= lost
-        else:  # what nothing joins any more was lost with others before
+        else:  # a variable that no unit joins any more was lost with others before
             gone = [i]
             out.out[i] = tested.figures(joint.raw, np.array([i]))
         for j in gone:
@@ -155,8 +154,8 @@ def accepted_verdicts(
         joint: the units.
         alpha: probability of a false alarm of one test.
         given: ids of observations that did not wait before.
-        gains: whether verdicts say what each unit adds to its points; not for more than
-            `MAX_GAINS` units.
+        gains: whether verdicts have the gain of each unit's points; not for more than `MAX_GAINS`
+            units.
     """
     if not joint.units:
         return
@@ -221,7 +220,7 @@ def _tested(
 
 
 def _gains(joint: JointTest, i: int, m: Array) -> Iterator[Gain]:
-    """Iterate over what a unit adds to its points: without it, Q + Q Aᵀ M⁻¹ A Q.
+    """Iterate over the gains of a unit's points: without it, Q + Q Aᵀ M⁻¹ A Q.
 
     Args:
         joint: all units.

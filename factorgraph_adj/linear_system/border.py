@@ -1,9 +1,9 @@
-"""New unknowns that border a base: their values, and the check of their rows' linear forms.
+"""Border of a base: unknowns that it does not have, and the validity of their rows' linear forms.
 
-They border the low-rank update, see `factorgraph_adj.solve.low_rank_update`: nothing is known of
-them but what the rows say that touch them. Each has the value where these rows were
-linearised; the update says how far it has moved since. Rows are watched: what their linear forms
-miss moves estimates by at most √Σ|Δv|² of σ.
+The unknowns border the low-rank update, see `factorgraph_adj.solve.low_rank_update`: only their own
+rows determine them. Each has the value at which these rows were linearised; the update gives its
+movement since. Rows are checked: the error of their linear forms moves estimates by at most √Σ|Δv|²
+of σ.
 
 """
 
@@ -22,7 +22,7 @@ from ..types import NO_ROWS, Array, Index
 from .linear_system import LinearForms
 
 PREDICTION_MARGIN = 4.0
-"""Factor by which what forms miss may grow faster with movement than where they were examined."""
+"""Factor by which errors of forms may grow faster with movement than where they were examined."""
 
 
 class NewUnknown(NamedTuple):
@@ -39,12 +39,12 @@ class NewUnknown(NamedTuple):
 
 
 class LinearisationCheck(NamedTuple):
-    """How far linear forms were found to hold."""
+    """Range in which linear forms were found to hold."""
 
     movement: Array
     """Movement of new unknowns that they touch, (n,)."""
     gap: float
-    """What they missed, |Δv|."""
+    """Their error, |Δv|."""
     change: float
     """Bound of the relative change of variances by the change of their partials."""
 
@@ -60,17 +60,17 @@ class WatchedRows:
     place: Index
     """Numbers of these, (n,)."""
     last: LinearisationCheck | None = None
-    """The last examination of them; none: there was none."""
+    """Their last examination; None: there was none."""
     half: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """R⁻¹ with the cofactors R Rᵀ of the new unknowns at the first look, (n, n)."""
+    """R⁻¹ with the cofactors R Rᵀ of the new unknowns at the first examination, (n, n)."""
     bend: float = 0.0
-    """What the forms miss after a movement of σ."""
+    """Error of the forms after a movement of σ."""
     turn: float = 0.0
-    """The change of variances after it."""
+    """Change of variances after it."""
 
     @classmethod
     def of(cls, forms: LinearForms, border: Border, first: int) -> WatchedRows:
-        """Watch forms.
+        """Return forms with their columns in a border, to be checked.
 
         Args:
             forms: the forms.
@@ -82,7 +82,7 @@ class WatchedRows:
         return cls(forms, mine[place >= 0], place[place >= 0])
 
     def ahead(self, movement: Array) -> LinearisationCheck | None:
-        """Return the check to expect after a movement (m,); none: that is not known yet."""
+        """Return the expected check after a movement (m,); None: not known yet."""
         last, here = self.last, movement[self.new]
         if last is None:
             return None
@@ -161,7 +161,7 @@ class Border:
         return replace(self, unknowns=found, place=place.astype(np.intp))
 
     def watching(self, rows: WatchedRows) -> Border:
-        """Return the border with more rows that are watched, if they touch it."""
+        """Return the border with more rows to be checked, if they touch it."""
         return replace(self, watched=(*self.watched, rows)) if len(rows.new) else self
 
     def value(self, variable: Variable, movement: Array) -> Array:
@@ -198,7 +198,7 @@ class Border:
     def looked(
         self, moved: Callable[[Index], Array], cofactors: Array, gap: float, change: float
     ) -> tuple[Border, float, float]:
-        """Examine the rows, as long as it is not known that their forms hold.
+        """Examine the rows, unless their forms are known to hold.
 
         Args:
             moved: returns the movement of columns.
@@ -207,11 +207,11 @@ class Border:
             change: largest relative change of variances.
 
         Returns:
-            The border that knows how far the forms hold, √Σ|Δv|², and a bound of the relative
+            The border with the range in which the forms hold, √Σ|Δv|², and a bound of the relative
             change of variances.
 
         Raises:
-            InputError: names observations whose geometry has no answer there.
+            InputError: names observations that are degenerate there.
         """
         watched = list(self.watched)
         movements = [moved(w.forms.columns) for w in watched]

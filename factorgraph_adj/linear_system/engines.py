@@ -1,7 +1,7 @@
-"""Changes of a linear system in either engine, and its choice: rows join or leave, convergence.
+"""Operations on a linear system in either engine: its choice, rows that join or leave, convergence.
 
-Functions of a system, which stays as it is; they return another one, or none where only a new batch
-adjustment can do it.
+The functions do not change a system; they return another one, or None where this takes a new batch
+adjustment.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def downdated(system: FrontSystem, ids: Sequence[str]) -> FrontSystem | None:
-    """Return a system without observations; none where an update cannot determine it.
+    """Return a system without observations; None where an update cannot determine it.
 
     Args:
         system: the system.
@@ -49,10 +49,10 @@ def downdated(system: FrontSystem, ids: Sequence[str]) -> FrontSystem | None:
 
 
 def determined_only_by(system: FrontSystem, ids: Sequence[str]) -> set[Variable] | None:
-    """Return the variables that observations alone determine; none where that is not known.
+    """Return the variables that observations alone determine; None where that is not known.
 
-    With M of the rows that leave, a null vector z of M is a motion x = Q Aᵀ z that only these
-    rows see.
+    With M of the rows that leave, a null vector z of M is a motion x = Q Aᵀ z that only these rows
+    determine.
     """
     found = _reduced(system, ids)
     if found is None:
@@ -79,7 +79,7 @@ def determined_only_by(system: FrontSystem, ids: Sequence[str]) -> set[Variable]
 
 
 def _reduced(system: FrontSystem, ids: Sequence[str]) -> FrontSystem | None:
-    """Return a system without observations, determined or not; none: they are too many."""
+    """Return a system without observations, determined or not; None: they are too many."""
     joined = dict(system.joined)
     gone = [joined.pop(i) for i in ids if i in joined]
     update = system.update
@@ -116,10 +116,10 @@ def _reduced(system: FrontSystem, ids: Sequence[str]) -> FrontSystem | None:
 
 
 class RefusedNetwork(NamedTuple):
-    """What there was of a network when iSAM2 refused it, without which it would do so again.
+    """Size of a network when iSAM2 refused it, without growth of which it would do so again.
 
-    Cholesky's factorisation in iSAM2 refuses a weak datum: further observations between what is
-    known do not strengthen it, as long as they say nothing of where the network is.
+    Cholesky's factorisation in iSAM2 refuses a weak datum: further observations between known
+    variables do not strengthen it, unless they determine the position of the network.
     """
 
     n_variables: int
@@ -127,11 +127,11 @@ class RefusedNetwork(NamedTuple):
     n_free: int
     """Number of its unknown components."""
     n_placing: int
-    """Number of observations and weights that say where it is."""
+    """Number of observations and weights that determine its position."""
 
     @classmethod
     def of(cls, system: FrontSystem, ledger: Ledger) -> RefusedNetwork:
-        """Return what there is of a network."""
+        """Return the size of a network."""
         equations = system.base.equations
         beside = [unit for _, unit in ledger.rows.units(ledger.find(system.joined))]
         touched: set[Variable] = {v for unit in beside for v in unit.variables}
@@ -154,12 +154,12 @@ def in_chosen_engine(
 
     Args:
         system: the system.
-        ledger: what is in it.
+        ledger: its observations.
         rules: the options.
-        refused: what there was of the network when iSAM2 refused it last; none: it has not.
+        refused: size of the network when iSAM2 refused it last; None: it has not.
 
     Returns:
-        The system, and what there is of it where iSAM2 refuses it.
+        The system, and its size where iSAM2 refuses it.
     """
     if isinstance(system, ISAM2System) and system.outgrown:
         with suppress(AdjustmentError):
@@ -176,7 +176,7 @@ def in_chosen_engine(
 
 
 def in_fronts(system: LinearSystem | None) -> FrontSystem | None:
-    """Return a system in fronts; none: nothing is known.
+    """Return a system in fronts; None: nothing is known.
 
     Raises:
         AdjustmentError: there is no minimum.
@@ -201,7 +201,7 @@ def with_border_adjusted(system: LinearSystem | None, ledger: Ledger) -> FrontSy
 
 
 def converged(system: LinearSystem, found: FrontSystem) -> LinearSystem:
-    """Return a system that has converged, in its engine if that comes to the same place.
+    """Return a converged system, in its engine if that converges at the same values.
 
     Args:
         system: the system.
@@ -212,11 +212,11 @@ def converged(system: LinearSystem, found: FrontSystem) -> LinearSystem:
 
 
 def copied_isam2(system: LinearSystem | None) -> gtsam.ISAM2 | None:
-    """Return a copy of the tree of a system; none: it is in fronts."""
+    """Return a copy of the tree of a system; None: it is in fronts."""
     return system.tree.copied() if isinstance(system, ISAM2System) else None
 
 
-# -- rows enter -----------------------------------------------------------------------------------
+# -- rows that enter ------------------------------------------------------------------------------
 
 
 def joined_on_trial(
@@ -226,18 +226,18 @@ def joined_on_trial(
     starts: Sequence[Start],
     new: Collection[Variable],
 ) -> JointTest | None:
-    """Return observations joined to a system, to be tested; none where it cannot take them.
+    """Return observations joined to a system, to be tested; None where it cannot take them.
 
     Args:
         system: the system.
         ledger: the ledger with them.
         rows: the observations.
         starts: values of the variables that enter with them.
-        new: these. iSAM2 does not take points that may be on the other side of their readings: a
-            batch adjustment looks there too.
+        new: these variables. iSAM2 does not take points that may be on the other side of their
+            readings: a batch adjustment examines both sides.
 
     Raises:
-        InputError: names observations whose geometry has no answer.
+        InputError: names observations with degenerate geometry.
     """
     if isinstance(system, ISAM2System):
         joint = system.entered(ledger, rows, starts)
@@ -248,10 +248,10 @@ def joined_on_trial(
 
 
 def rows_beside(system: FrontSystem, ledger: Ledger, rows: Index) -> RowsBesideBase | None:
-    """Return observations between known variables beside a base; none where it cannot take them.
+    """Return observations between known variables beside a base; None where it cannot take them.
 
     Raises:
-        InputError: names observations whose geometry has no answer.
+        InputError: names observations with degenerate geometry.
     """
     if system.section is not None:
         variables = Candidates(ledger, NothingKnown(), rows).links.variables
@@ -272,8 +272,8 @@ def _bordered(
 ) -> RowsBesideBase | None:
     """Put new unknowns beside a base with the rows that determine them.
 
-    A small network gets a new base: it takes little time there, and is linearised where everything
-    is.
+    A small network gets a new base: this takes little time there, and it is linearised at the
+    present estimates.
     """
     if system.section is not None or system.doubt or system.is_free or is_small(system):
         return None
@@ -291,16 +291,16 @@ def _bordered(
 def committed(
     system: LinearSystem, joint: JointTest, ledger: Ledger, rules: Options
 ) -> LinearSystem | None:
-    """Return a system at its minimum with what has joined it; none where it is not near enough.
+    """Return a system at its minimum with observations that joined; None: it is not near enough.
 
     Args:
-        system: the system without it.
-        joint: what has joined.
-        ledger: the ledger with it.
+        system: the system without them.
+        joint: the observations that joined.
+        ledger: the ledger with them.
         rules: the options.
 
     Raises:
-        InputError: names observations whose geometry has no answer at the present state.
+        InputError: names observations that are degenerate at the present state.
     """
     if isinstance(joint, RowsBesideBase):
         return near_minimum(ledger, joint.after, rules, joint.forms)
@@ -320,16 +320,16 @@ def joined_directly(
 ) -> tuple[LinearSystem, JointTest] | None:
     """Join observations with new variables that need no local adjustment before: in iSAM2 alone.
 
-    None: they need one, as something does not fit or may be on the other side of its readings.
+    None: they need one, because one does not fit or may be on the other side of its readings.
 
     Args:
         system: the system.
         ledger: the ledger with them.
         rows: the observations.
         starts: values of the variables that enter with them.
-        new: these.
+        new: these variables.
         fits: returns whether tests show no gross error.
-        equations: the observations alone; none: they have not been compiled.
+        equations: the observations alone; None: they have not been compiled.
     """
     if not isinstance(system, ISAM2System):
         return None
@@ -343,13 +343,13 @@ def joined_directly(
     return (after, anew) if anew is joint or fits(anew.tested()) else None
 
 
-# -- rows leave -----------------------------------------------------------------------------------
+# -- rows that leave ------------------------------------------------------------------------------
 
 
 def reduced(
     system: LinearSystem, ids: Sequence[str], ledger: Ledger, rules: Options
 ) -> LinearSystem | None:
-    """Return a system at its minimum without observations; none where something is lost with them.
+    """Return a system at its minimum without observations; None where it loses more.
 
     Args:
         system: the system.

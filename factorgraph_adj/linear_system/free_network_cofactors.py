@@ -1,4 +1,4 @@
-"""Cofactors of a base after a low-rank update; those of a free network are in one datum.
+"""Cofactors of a base after a low-rank update, with those of a free network in one datum.
 
 A free network is solved in a minimal datum, and so are the columns G = Q Bᵀ of its update. With the
 basis B_0 of the motions that its datum leaves open, and B_D, the same at the datum points alone,
@@ -7,9 +7,9 @@ S = I − B_0 B_Dᵀ transforms cofactors onto the inner constraints of the base
 
     Q′ = S (Q − G P Gᵀ) Sᵀ,    S G = G − B_0 (Gᵀ B_D)ᵀ
 
-Every block is in that datum. Blocks of two datums make no cofactor matrix: A Q′ Aᵀ of rows that
-notice no motion is the same in each datum, but wrong, and perhaps not positive, where variances are
-of one datum and covariances of another.
+Every block is in that datum. Blocks of two datums make no cofactor matrix: A Q′ Aᵀ of rows that are
+insensitive to every motion is the same in each datum, but wrong, and perhaps not positive, where
+variances refer to one datum and covariances to another.
 """
 
 from __future__ import annotations

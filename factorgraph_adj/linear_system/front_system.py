@@ -1,9 +1,10 @@
-"""The linear system in fronts: an adjusted network or section, and rows that joined or left it.
+"""Linear system in fronts: an adjusted network or section, and rows that joined or left it since.
 
-The base is a batch solution at a minimum. With it goes one low-rank update
-(`factorgraph_adj.solve.low_rank_update`) with the rows of arrivals between known variables and of
-removals. Estimates and cofactors are those of both together, to first order; `linearisation_error`
-says how far that is valid. A system is a value: every change returns another one.
+The base is a batch solution at a minimum. A low-rank update
+(`factorgraph_adj.solve.low_rank_update`) beside it has the rows of arrivals between known variables
+and of removals. Estimates and cofactors are those of both together, to first order;
+`linearisation_error` computes how far that is valid. A system is a value: every change returns
+another one.
 
 """
 
@@ -33,12 +34,12 @@ from .linear_system import EngineName, LinearForms, block_by_block
 from .section import Attempts, Section, renumbered
 
 MAX_UPDATE_ROWS = 256
-"""Largest number of rows beside a base: with more of them it costs less on average to make a new
-base, from 400 to 1 000 points."""
+"""Largest number of rows beside a base: with more of them a new base costs less on average, from
+400 to 1 000 points."""
 MAX_UPDATE_ROWS_LARGE = 512
 """The same for large networks, measured with 10 000 points."""
 LARGE_SYSTEM_UNKNOWNS = 10_000
-"""Number of unknowns of the reduced system from which on a network is large."""
+"""Number of unknowns of the reduced system from which a network is large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +57,20 @@ class FrontSystem:
     slots: Mapping[int, int] = field(default_factory=dict)
     """Slots of points that only cameras see, by their numbers in the first layer."""
     offset: Array | None = None
-    """Movement of the base itself, which followed its gradient, (n_columns,); none: it did not."""
+    """Movement of the base itself, which followed its gradient, (n_columns,); None: it did not."""
     followed: Array | None = None
     """The gradient that it followed, (n_columns,)."""
     shifted: float = 0.0
-    """Bound of its length, relative to σ."""
+    """Bound of the length of that movement, relative to σ."""
     drift: LinearisationDrift | None = None
-    """The last examination of how far the linear forms of the base hold; none: there was none."""
+    """The last examination of how far the linear forms of the base hold; None: there was none."""
     doubt: str = ""
     """Why this is not the minimum of everything in the graph; empty if it is."""
     rows: Index = field(default_factory=lambda: NO_ROWS)
     """Rows of the ledger in the base."""
     section: Section | None = None
-    """What the base knows of the rest, if it is a section of the network; none: it is the whole."""
+    """Information of the rest on the base, if it is a section of the network; None: it is the
+    whole."""
     attempts: Attempts = field(default_factory=Attempts)
     """Attempts to adjust a section instead of the whole."""
     border: Border = field(default_factory=Border)
@@ -93,7 +95,7 @@ class FrontSystem:
 
     @cached_property
     def whole(self) -> FrontSystem:
-        """The whole network as it was adjusted last; of a section without what has come since."""
+        """The whole network at its last adjustment; of a section without later observations."""
         section = self.section
         if section is None:
             return self
@@ -125,9 +127,9 @@ class FrontSystem:
         return replace(self, rows=renumbered(self.rows, new), section=section)
 
     def prepared(self) -> FrontSystem:
-        """Work out now what the first arrival would wait for.
+        """Compute now what the first arrival would wait for.
 
-        Covariances of all points of photos are left: few of them are ever asked for.
+        Covariances of all points of photos are not computed: few of them are ever needed.
         """
         _ = self.lifted.sigma
         if self.base.factor.points is None:
@@ -156,7 +158,7 @@ class FrontSystem:
         return new or any(s.unknowns["pose"].number for s in (self, self.whole))
 
     def places(self) -> list[tuple[Unknowns, State, State]]:
-        """Return unknowns, state and start values: what is later has been adjusted later."""
+        """Return unknowns, state and start values; those of a later entry were adjusted later."""
         own = self.unknowns, self.state, self.base.start
         if self.section is None:
             return [own]
@@ -169,7 +171,7 @@ class FrontSystem:
 
     @property
     def solution(self) -> Solution:
-        """The whole network where everything is by now, without new unknowns since it was made."""
+        """The whole network at the present estimates, without new unknowns since it was made."""
         if self.section is None:
             return solution_at(self.base, self.state)
         rest = self.rest
@@ -182,7 +184,7 @@ class FrontSystem:
         return self.section is None or all(name in unknowns[k].number for k, name in variables)
 
     def value(self, kind: VariableKind, name: str) -> Array | None:
-        """Return the value of a variable as in a state; none: it is not known."""
+        """Return the value of a variable as in a state; None: it is not known."""
         table = self.base.equations.unknowns[kind]
         number = table.number.get(name)
         if (kind, name) in self.border.unknowns:
@@ -226,7 +228,7 @@ class FrontSystem:
         return 3 * len(slots) + n_own <= 3 * self.lifted.slots
 
     def columns(self, kind: VariableKind, name: str) -> Index:
-        """Return the columns of a variable; none for constants.
+        """Return the columns of a variable; empty for constants.
 
         Those of a variable outside the section are its columns of the whole, after all columns of
         the base, where those of new unknowns are too.
@@ -248,7 +250,7 @@ class FrontSystem:
     def expand(self, columns: Index, a: Array) -> ReducedFunctions:
         """Return functions of unknowns (k, m) as functions of the coordinates.
 
-        Unknowns outside the section are functions of T and u; what else they have of their own is
+        Unknowns outside the section are functions of T and u; their remaining independent part is
         left out.
         """
         n = self.unknowns.n_columns
@@ -333,7 +335,7 @@ class FrontSystem:
 
     @property
     def engine(self) -> EngineName:
-        """What has the system."""
+        """Engine that holds the system."""
         return "fronts"
 
     @property
@@ -356,7 +358,7 @@ class FrontSystem:
         return FrontSystem.of(base, rows=self.rows, section=self.section)
 
     def forget(self) -> None:
-        """Let what was computed of the base go."""
+        """Delete what was computed of the base."""
         forget_normal_equations(self.base)
 
     @property
@@ -367,7 +369,7 @@ class FrontSystem:
 
     @property
     def datum_solution(self) -> Solution | None:
-        """The solution whose minimal datum holds a free network; none: the datum is given."""
+        """The solution whose minimal datum holds a free network; None: the datum is given."""
         return self.base if self.is_free else None
 
     @property
@@ -375,7 +377,7 @@ class FrontSystem:
         """VᵀPv of the linear forms."""
         rest = 0.0 if self.section is None else self.section.vtpv
         found = self.base.vtpv + self.update.vtpv + rest
-        return max(found, 0.0)  # a sum of squares, but for the rounding of what has left
+        return max(found, 0.0)  # a sum of squares, except for the rounding of rows that have left
 
     @property
     def redundancy(self) -> int:
@@ -450,7 +452,7 @@ class FrontSystem:
         """Linearise observations between known variables at the present state.
 
         Raises:
-            InputError: names observations whose geometry has no answer.
+            InputError: names observations with degenerate geometry.
         """
         equations = compile_rows(excerpt(ledger, self, rows, hold=False))
         state = equations.unknowns.start()
@@ -461,7 +463,7 @@ class FrontSystem:
     ) -> tuple[FrontSystem, LinearForms] | None:
         """Return the system with new unknowns of observations, and their linear forms.
 
-        None: something has no value. The rows have yet to determine the new unknowns.
+        None: an unknown has no value. The rows have yet to determine the new unknowns.
 
         Args:
             ledger: where the observations are stored.
@@ -469,7 +471,7 @@ class FrontSystem:
             values: returns a state of given unknowns with values of the new ones.
 
         Raises:
-            InputError: names observations whose geometry has no answer.
+            InputError: names observations with degenerate geometry.
         """
         equations = compile_rows(excerpt(ledger, self, rows, hold=False))
         unknowns = equations.unknowns

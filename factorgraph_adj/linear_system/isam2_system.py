@@ -1,8 +1,7 @@
-"""The linear system in iSAM2: networks that suit it, rows that enter or leave, joint tests.
+"""Linear system in iSAM2: networks that suit it, rows that enter or leave, joint tests in the tree.
 
-A system in a tree answers what an arrival asks. Whatever else is asked takes the network's fronts,
-see `front_system`: they are adjusted from where everything is, once, when something first asks for
-them.
+The tree answers the queries of an arrival. All other queries need the network in fronts, see
+`front_system`: these are adjusted from the present estimates, once, when they are first needed.
 
 """
 
@@ -44,11 +43,11 @@ MAX_UNKNOWNS_CHOSEN = 2_500
 grids of total stations: a single reading takes as long in fronts with 1 600 unknowns, and a third
 of the time with 4 100, where new stations take as long; with 40 000 these take half."""
 MAX_IMAGE_POINTS = 64
-"""Largest number of image points that arrive together in a tree; more of them are for fronts."""
+"""Largest number of image points that arrive together in a tree; more are adjusted in fronts."""
 SAMPLED_SIGMA_FACTOR = 1.5
-"""Factor that makes upper bounds of standard deviations that come from samples."""
+"""Factor that turns standard deviations from samples into upper bounds."""
 LINEARISATION_SHARE = 0.5
-"""Part of the promised accuracy that gaps of rows may have: their bound is of first order."""
+"""Share of the promised accuracy that errors of forms may have: their bound is of first order."""
 
 
 class ISAM2System:
@@ -61,9 +60,9 @@ class ISAM2System:
 
         Args:
             tree: the tree.
-            ledger: what is in.
+            ledger: the ledger of its observations.
             rules: the options.
-            beside: the network adjusted at once, where it has been; none: it has not.
+            beside: the network adjusted at once, if it has been; None: it has not.
         """
         self._tree, self._ledger, self._rules, self._beside = tree, ledger, rules, beside
         self._version = tree.version
@@ -74,7 +73,7 @@ class ISAM2System:
 
     @staticmethod
     def suits(system: FrontSystem, rules: Options) -> bool:
-        """Return whether a network is one for iSAM2."""
+        """Return whether a network suits iSAM2."""
         base = system.base
         return not (
             system.section is not None
@@ -88,7 +87,7 @@ class ISAM2System:
 
     @classmethod
     def of(cls, system: FrontSystem, ledger: Ledger, rules: Options) -> ISAM2System | None:
-        """Put a network into iSAM2; none where iSAM2 refuses it, or linear forms do not hold."""
+        """Put a network into iSAM2; None where iSAM2 refuses it, or linear forms do not hold."""
         base = system.base
         tree = LinearISAM2(
             base.equations.network.frame, accuracy=LINEARISATION_SHARE * rules.accuracy
@@ -110,7 +109,7 @@ class ISAM2System:
 
     @property
     def tree(self) -> LinearISAM2:
-        """The tree as this system has it: what came since is undone."""
+        """The tree in the state of this system: later changes are undone."""
         if self._tree.version != self._version:
             assert self._mark is not None
             self._tree.restore(self._mark)
@@ -119,7 +118,7 @@ class ISAM2System:
 
     @cached_property
     def fronts(self) -> FrontSystem:
-        """The network's fronts, adjusted from where everything is; linearised there, if that fails.
+        """The network in fronts, adjusted from the present estimates, or linearised there.
 
         Raises:
             AdjustmentError: the network is singular to working precision.
@@ -162,7 +161,7 @@ class ISAM2System:
         """Linearise observations between known variables at the present state.
 
         Raises:
-            InputError: names observations whose geometry has no answer.
+            InputError: names observations with degenerate geometry.
         """
         equations = compile_rows(excerpt(ledger, self, rows, hold=False))
         state = equations.unknowns.start()
@@ -175,11 +174,11 @@ class ISAM2System:
         return set() if table is None else set(table.number)
 
     def value(self, kind: VariableKind, name: str) -> Array | None:
-        """Return the value of a variable as in a state; none: it is not known."""
+        """Return the value of a variable as in a state; None: it is not known."""
         return self.tree.value(kind, name) if self.known(kind, name) else None
 
     def places(self) -> list[tuple[Unknowns, State, State]]:
-        """Return unknowns, state and start values: nothing; see `carried`."""
+        """Return unknowns, state and start values: none; see `carried`."""
         return []
 
     def carried(self, unknowns: Unknowns, state: State) -> State:
@@ -244,7 +243,7 @@ class ISAM2System:
 
     @property
     def engine(self) -> EngineName:
-        """What has the system."""
+        """Engine that holds the system."""
         return "isam2"
 
     @property
@@ -255,12 +254,12 @@ class ISAM2System:
 
     @property
     def outgrown(self) -> bool:
-        """Whether fronts would be faster by now."""
+        """Whether fronts would be faster now."""
         return outgrown(self.tree.n_unknowns, self._rules, has_poses=self.has_poses)
 
     @property
     def adjusted_solution(self) -> Solution | None:
-        """The batch solution of everything; none: something has changed since there was one."""
+        """The batch solution of everything; None: something has changed since there was one."""
         return None if self._beside is None else self._beside.adjusted_solution
 
     @property
@@ -275,10 +274,10 @@ class ISAM2System:
         return self
 
     def prepared(self) -> ISAM2System:
-        """Return the system: its first arrival waits for nothing."""
+        """Return the system: there is nothing to prepare."""
         return self
 
-    # -- what arrives -------------------------------------------------------------------------
+    # -- arrivals -----------------------------------------------------------------------------
 
     def entered(
         self,
@@ -287,16 +286,16 @@ class ISAM2System:
         found: Sequence[Start],
         equations: Equations | None = None,
     ) -> EnteredRows | None:
-        """Put observations into the tree; none where it cannot take them.
+        """Let observations enter the tree; None where it cannot take them.
 
         Args:
             ledger: the ledger with them.
             rows: the observations.
-            found: where the variables are that enter with them.
-            equations: the observations alone; none: they have not been compiled.
+            found: start values of the variables that enter with them.
+            equations: the observations alone; None: they have not been compiled.
 
         Raises:
-            InputError: names observations whose geometry has no answer.
+            InputError: names observations with degenerate geometry.
         """
         if self.tree.lost or len(ledger.rows.images(rows)) > _most_rays(self._rules):
             return None
@@ -317,11 +316,11 @@ class ISAM2System:
         with suppress(AdjustmentError):
             tree.enter([Arriving(equations, state)])
             return EnteredRows.of(tree, equations, tuple(units))
-        _ = self.tree  # it goes back
+        _ = self.tree  # which undoes the changes
         return None
 
     def without(self, ids: Sequence[str], ledger: Ledger) -> ISAM2System | None:
-        """Return the system without units; none where they alone determine something.
+        """Return the system without units; None where they alone determine something.
 
         Args:
             ids: first ids of the units.
@@ -340,11 +339,11 @@ class ISAM2System:
             tree.leave(units, redundancy)
             if tree.follow_to_rest():
                 return ISAM2System(tree, ledger, self._rules)
-        _ = self.tree  # it goes back
+        _ = self.tree  # which undoes the changes
         return None
 
     def converged(self, beside: FrontSystem) -> ISAM2System | None:
-        """Return the system converged; none where the tree converges elsewhere, or does not.
+        """Return the system converged; None where the tree converges elsewhere, or does not.
 
         Args:
             beside: the network adjusted at once.
@@ -354,11 +353,11 @@ class ISAM2System:
         with suppress(AdjustmentError):
             if tree.settle() < MAX_TURNS and tree.agrees(beside.unknowns, beside.state):
                 return ISAM2System(tree, self._ledger, self._rules, beside)
-        _ = self.tree  # it goes back
+        _ = self.tree  # which undoes the changes
         return None
 
     def after(self, entered: EnteredRows, ledger: Ledger) -> ISAM2System | None:
-        """Return the system with what has entered; none where linear forms come to no rest."""
+        """Return the system with the units that have entered; None where it does not converge."""
         tree, ids = entered.tree, tuple(unit.ids[0] for unit in entered.units)
         if ids != self._refused:
             tree.bound_new(entered.together)
@@ -366,7 +365,7 @@ class ISAM2System:
                 if tree.follow_to_rest():
                     return ISAM2System(tree, ledger, self._rules)
         self._refused = ids
-        _ = self.tree  # it goes back
+        _ = self.tree  # which undoes the changes
         return None
 
 
@@ -399,7 +398,7 @@ class EnteredRows:
     """The units alone."""
     together: JointCovariance
     """The units with the joint covariance of what they touch, before anything is evaluated again: a
-    gross error bends everything that it touches, and linear forms do not hold that far."""
+    gross error displaces everything that it touches, beyond the range of linear forms."""
     version: int
     """Version of the tree in which they are tested."""
 
@@ -413,11 +412,11 @@ class EnteredRows:
         )
 
     def tested(self) -> LeaveOneOutTests:
-        """Return the units, to be tested against everything else."""
+        """Return the tests of the units against everything else."""
         return self.together.tested()
 
     def anew(self) -> EnteredRows:
-        """Return the units, to be tested where everything is by now."""
+        """Return the units, to be tested at the present estimates."""
         if self.tree.version == self.version:
             return self
         together = self.tree.joint_covariance(self.numbers)
@@ -453,7 +452,7 @@ class EnteredRows:
         return bool(mirror_midpoints(equations, state, candidates))
 
     def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
-        """Return which of new variables combinations (d, n) of a unit's rows determine."""
+        """Return those of new variables that combinations (d, n) of a unit's rows determine."""
         out: set[Variable] = set()
         mine = set(self.units[i].variables)
         for kind, name in new:

@@ -1,4 +1,4 @@
-"""Joint tests of units as rows beside a base, or as rows in an adjusted network.
+"""Joint tests of units as rows beside a base, or as rows of an adjusted network.
 
 `RowsBesideBase` has incoming units beside a base, between known variables or with new ones;
 `RowsInBase` has units inside an adjusted network, or in one that is linearised before it moves.
@@ -29,11 +29,11 @@ from .front_system import FrontSystem
 from .linear_system import LinearForms, rows_of, stacked
 
 MAX_DENSE_ROWS = 300
-"""Number of rows up to which all columns of M are solved for at once."""
+"""Number of rows up to which all columns of M are computed at once."""
 MAX_DENSE_NUMBERS = 3_000_000
 """Largest number of rows times unknowns for which this is done."""
 ROWS_PER_SOLUTION = 64
-"""Number of rows that are solved for at once beyond that."""
+"""Number of rows that are computed at once in larger systems."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class RowsBesideBase:
 
     @classmethod
     def of(cls, system: FrontSystem, forms: LinearForms) -> RowsBesideBase | None:
-        """Put forms beside a system; none where a new base has to take them in."""
+        """Put forms beside a system; None where a new base has to take them in."""
         own = forms.columns[forms.columns < system.unknowns.n_columns]
         slots = system.lifted.with_slots(own, system.slots)
         too_many = len(system.update.signs) + len(forms.v) > system.most_beside
@@ -92,7 +92,7 @@ class RowsBesideBase:
         return self.forms.raw
 
     def tested(self) -> LeaveOneOutTests:
-        """Return the units, to be tested against everything else."""
+        """Return the tests of the units against everything else."""
         new = len(self.system.update.signs) + np.arange(len(self.forms.v))
         inverse = self.update.inverse
         m = inverse[np.ix_(new, new)]
@@ -118,9 +118,9 @@ class RowsBesideBase:
         return PointCovariance(columns, self.after.free(columns), variance)
 
     def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
-        """Return which of new variables combinations (d, n) of a unit's rows determine.
+        """Return those of new variables that combinations (d, n) of a unit's rows determine.
 
-        What was known stays known without them.
+        Variables that were known stay known without them.
         """
         system, rows = self.system, len(self.system.update.signs) + self.forms.rows[i]
         out: set[Variable] = set()
@@ -142,7 +142,7 @@ class RowsInBase:
     normal: NormalEquations
     """The normal equations, the units among them."""
     factor: Factorisation
-    """They, factorised."""
+    """These, factorised."""
     base: Solution | None
     """The solution, if the network is at its minimum."""
     units: tuple[Unit, ...]
@@ -177,7 +177,7 @@ class RowsInBase:
         return cls.of(base.normal(), base.factor, units, base)
 
     def tested(self) -> LeaveOneOutTests:
-        """Return the units; residuals are those after the Gauss-Newton step, if any is left."""
+        """Return the tests of the units, with residuals after a remaining Gauss-Newton step."""
         v = self.normal.system.residual[self.every]
         if self.base is None:
             v = v - self.a @ self.factor.solve(self.normal.gradient[:, None])[:, 0]
@@ -262,7 +262,7 @@ class RowsInBase:
         return PointCovariance(columns, unknowns.free[columns], variance)
 
     def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
-        """Return which of new variables combinations (d, n) of a unit's rows determine."""
+        """Return those of new variables that combinations (d, n) of a unit's rows determine."""
         unknowns = self.normal.system.unknowns
         weight = np.sqrt(np.where(unknowns.free, self.normal.diagonal, 0.0))
         motion = self.factor.solve(self.a[self.rows[i]].toarray().T @ combinations)

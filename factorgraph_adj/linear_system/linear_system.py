@@ -1,8 +1,9 @@
-"""The interface of linear systems in either engine, and the linear forms of observations.
+"""Interface of the linear system in either engine, and the linear forms of observations.
 
-`isam2_system.ISAM2System` has them in iSAM2, `front_system.FrontSystem` in fronts. What happens to
-observations above knows neither; `engines` has what changes a system: rows enter and leave. A
-linear form of an observation has its whitened residuals and its partials by the unknowns of a base.
+`isam2_system.ISAM2System` implements it with iSAM2, `front_system.FrontSystem` with fronts. Higher
+modules use the interface alone; `engines` has the operations that change a system: rows enter and
+leave. The linear form of an observation is its whitened residuals and its partials by the unknowns
+of a base.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class LinearForms:
     a: Array
     """Partials, (k, m)."""
     raw: tuple[Array, ...]
-    """L of each unit with Σ = L Lᵀ: what whitening is undone with, (d, d)."""
+    """L of each unit with Σ = L Lᵀ, which undoes the whitening, (d, d)."""
     at: LinearisedEquations
     """The excerpt of the network, linearised."""
     chosen: Index
@@ -51,7 +52,7 @@ class LinearForms:
     own: Index
     """Columns of the excerpt that they touch, (m,)."""
     movement: Array
-    """Movement of the columns from the base where they were linearised, (m,)."""
+    """Movement of the columns from the base to the state where they were linearised, (m,)."""
 
     @classmethod
     def of(
@@ -72,7 +73,7 @@ class LinearForms:
             state: values of its unknowns.
 
         Raises:
-            InputError: names observations whose geometry has no answer.
+            InputError: names observations with degenerate geometry.
         """
         state = state_off_lines(equations, state)
         system = LinearisedEquations(equations.weighted_at(state), state)
@@ -109,13 +110,13 @@ class LinearForms:
         )
 
     def missed(self, movement: Array) -> tuple[float, Array]:
-        """Return √Σ|Δv|² and the change of the partials (k, m) where the unknowns are by now.
+        """Return √Σ|Δv|² and the change of the partials (k, m) at the present estimates.
 
         Args:
             movement: movement of the columns from the base, (m,).
 
         Raises:
-            InputError: names observations whose geometry has no answer there.
+            InputError: names observations that are degenerate there.
         """
         step = movement - self.movement
         unknowns = self.at.unknowns
@@ -134,14 +135,14 @@ class LinearForms:
         return float(np.linalg.norm(change / size[:, None]))
 
     def bend(self, name: str, step: Array) -> float:
-        """Return √Σ|Δv|² of what the forms miss where a point is moved, and nothing else.
+        """Return the error √Σ|Δv|² of the forms where a point is moved, and nothing else.
 
         Args:
             name: the point.
             step: its movement from where they were linearised, (3,).
 
         Raises:
-            InputError: names observations whose geometry has no answer there.
+            InputError: names observations that are degenerate there.
         """
         whole = self._movement(name, step)
         there = self._residuals_after(whole)
@@ -209,7 +210,7 @@ def _root(equations: Equations, rows: Index) -> Array:
 
 
 EngineName: TypeAlias = Literal["isam2", "fronts"]
-"""What has a linear system."""
+"""Engine that holds a linear system."""
 
 
 class LinearSystem(Known, Protocol):
@@ -217,7 +218,7 @@ class LinearSystem(Known, Protocol):
 
     @property
     def engine(self) -> EngineName:
-        """What has it."""
+        """Engine that holds it."""
         ...
 
     @property
@@ -257,12 +258,12 @@ class LinearSystem(Known, Protocol):
 
     @property
     def adjusted_solution(self) -> Solution | None:
-        """The batch solution of everything; none: something has changed since there was one."""
+        """The batch solution of everything; None: something has changed since there was one."""
         ...
 
     @property
     def datum_solution(self) -> Solution | None:
-        """The solution whose minimal datum holds a free network; none: the datum is given."""
+        """The solution whose minimal datum holds a free network; None: the datum is given."""
         ...
 
     def names(self, kind: VariableKind) -> set[str]:
@@ -274,7 +275,7 @@ class LinearSystem(Known, Protocol):
         ...
 
     def carried(self, unknowns: Unknowns, state: State) -> State:
-        """Return a state with the values of what `places` does not have."""
+        """Return a state with the values of variables that `places` does not have."""
         ...
 
     def cofactors(self, a: Variable, b: Variable) -> Array:

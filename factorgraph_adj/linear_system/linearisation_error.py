@@ -1,12 +1,12 @@
-"""Errors of linear forms: when a state moves by the missed gradient or needs a new base.
+"""Errors of linear forms: whether estimates follow the gradient, or need a new base.
 
-A look (`factorgraph_adj.solve.linear_base`) says what the linear forms of a base miss of the
-gradient, and by how much variances have changed; between two looks both are predicted. Where the
-step that is left comes near the promise, the state follows the gradient; where variances do, or
-where that is not enough, only a new base is near enough to the minimum.
+An examination (`factorgraph_adj.solve.linear_base`) computes the error of the gradient by the
+linear forms of a base, and the change of variances; between two examinations both are predicted.
+Where the remaining step comes near the promised accuracy, the state follows the gradient; where
+variances do, or where that is not enough, only a new base is near enough to the minimum.
 
 In small networks all observations are linearised again after every change: the Gauss-Newton step
-from there is what the system lacks, and its cofactors are compared with those of that place.
+from there is the error of the system, and its cofactors are compared with those of that state.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from .rebase import Draft
 from .section import Looked
 
 STEP_SHARE = 0.5
-"""Part of the promised accuracy that the step that is left may be, where σ̂0 is 1 or less. Where
+"""Largest remaining step as a share of the promised accuracy, where σ̂0 is 1 or less. Where
 residuals are large the minimum is further away than such a step, as second partials count too:
-there it is this divided by σ̂0."""
+there it is this share divided by σ̂0."""
 TURNED = 1.3
-"""Part of the promised accuracy that the relative error of a variance may be. The error of a
-standard deviation is half of it; the rest is room for what the power iteration misses."""
+"""Largest relative error of a variance as a share of the promised accuracy. The error of a standard
+deviation is half of it; the rest is a margin for what the power iteration misses."""
 OF_BORDER = 0.3
-"""Part of the step that may be left which the rows of new unknowns may miss without a look."""
+"""Share of the remaining step by which rows of new unknowns may be wrong without an examination."""
 LOOK = 0.1
 """Work of an examination of the whole, relative to an adjustment of it."""
 MAX_SMALL_UNKNOWNS = 250
@@ -43,9 +43,9 @@ MAX_SMALL_UNKNOWNS = 250
 examination of its linear forms would take as long."""
 VANISHED = 1e-12
 """Variance relative to the conditional one up to which it is zero: a given datum leaves no smaller
-one than that, and inner constraints none to a single datum point."""
+one, and inner constraints none to a single datum point."""
 SIGMA_SHARE = 0.9
-"""Part of the promised accuracy by which a standard deviation may differ there."""
+"""Share of the promised accuracy by which a standard deviation may differ there."""
 
 
 def within_accuracy(
@@ -59,26 +59,26 @@ def within_accuracy(
     Args:
         system: the system.
         accuracy: largest deviation, relative to σ.
-        arrived: forms that the system has just taken in.
+        arrived: forms that have just joined the system.
 
     Raises:
-        InputError: names observations whose geometry has no answer at the present state.
+        InputError: names observations that are degenerate at the present state.
     """
     found = _within(system, accuracy, arrived)
     return None if found is None else with_rest(found, accuracy)
 
 
 def with_rest(system: FrontSystem, accuracy: float) -> FrontSystem | None:
-    """Return a system where the linear forms hold of what its section leaves out.
+    """Return a system whose linear forms hold for the unknowns outside its section.
 
     None: the whole has to be adjusted.
 
     Args:
         system: the system.
-        accuracy: as for `within`.
+        accuracy: as for `within_accuracy`.
 
     Raises:
-        InputError: as `within`.
+        InputError: as for `within_accuracy`.
     """
     section = system.section
     if section is None:
@@ -102,11 +102,11 @@ def with_rest(system: FrontSystem, accuracy: float) -> FrontSystem | None:
         looked = Looked(rest.movement, drift, u)
         work = section.work + int(LOOK * section.base.equations.n_rays)
         return replace(system, section=replace(section, looked=looked, work=work))
-    return None  # neither are figures that are not finite
+    return None  # nor if figures are not finite
 
 
 def largest_step(system: FrontSystem, accuracy: float) -> float:
-    """Return the largest step, relative to σ, that may be left."""
+    """Return the largest step, relative to σ, that may remain."""
     r = system.redundancy
     sigma0 = float(np.sqrt(system.vtpv / r)) if r > 0 else 1.0
     return STEP_SHARE * accuracy / max(1.0, sigma0)
@@ -115,7 +115,7 @@ def largest_step(system: FrontSystem, accuracy: float) -> float:
 def _within(
     system: FrontSystem, accuracy: float, arrived: LinearForms | None
 ) -> FrontSystem | None:
-    """Return a system, see `within`; what a section leaves out is not examined."""
+    """Return a system, see `within_accuracy`; unknowns outside its section are not examined."""
     bound, gained = largest_step(system, accuracy), _gained(system)
     largest = TURNED * accuracy
     # Without the rows that left, cofactors are at most this much larger: N' ≥ M_min N.
@@ -151,12 +151,12 @@ def _within(
 def _look(
     system: FrontSystem, gained: float, part: FrontSystem | None = None
 ) -> tuple[FrontSystem, Array]:
-    """Examine the linear forms; return the system that knows how far they hold, and g.
+    """Examine the linear forms; return the system that stores how far they hold, and g.
 
     Args:
         system: the system.
         gained: largest factor by which a variance is smaller than that of the base.
-        part: a section of the system, whose rows are not examined; none: there is none.
+        part: a section of the system, whose rows are not examined; None: there is none.
     """
     apart = NO_ROWS if part is None or part.section is None else part.section.rows
     here = system.base.normal().system
@@ -215,7 +215,7 @@ def _by_section(system: FrontSystem, g: Array) -> Array:
 def _gained(system: FrontSystem) -> float:
     """Return the largest factor by which rows that joined make a variance smaller.
 
-    It is ‖D₊‖ of what they say without new unknowns, whose rows are independent combinations of
+    It is ‖D₊‖ of their information without new unknowns, whose rows are independent combinations of
     them: with new unknowns it is no larger.
     """
     joined = system.update.signs > 0
@@ -228,7 +228,7 @@ def _of_rest(system: FrontSystem, root: Array) -> float:
     """Return the largest factor by which a section makes a variance of the rest smaller.
 
     With the cofactors L Lᵀ of T and u in the rest it is the largest eigenvalue of (L⁻¹ Q' L⁻ᵀ)⁻¹;
-    as what is outside follows them, none of its variances becomes smaller by more.
+    as the unknowns outside follow them, none of their variances becomes smaller by more.
     """
     at = system.of_rest
     free = np.ones(len(at), dtype=bool)
@@ -243,7 +243,7 @@ def _of_rest(system: FrontSystem, root: Array) -> float:
 
 
 def _following(system: FrontSystem, g: Array) -> FrontSystem:
-    """Return a system moved by the step that a gradient asks for, with the cofactors as is.
+    """Return a system moved by the step of a gradient, with unchanged cofactors.
 
     The gradient moves the base by −Q g, where its rows have other residuals.
     """
@@ -285,13 +285,13 @@ def near_minimum(
     None: only a new base is.
 
     Args:
-        ledger: what is in the graph.
-        system: the system of that.
+        ledger: the ledger.
+        system: the system of the observations in the graph.
         rules: the options.
-        arrived: forms that the system has just taken in.
+        arrived: forms that have just joined the system.
 
     Raises:
-        InputError: names observations whose geometry has no answer at the present state.
+        InputError: names observations that are degenerate at the present state.
     """
     if system.section is not None or not is_small(system):
         return within_accuracy(system, rules.accuracy, arrived)
@@ -302,7 +302,7 @@ def near_minimum(
 
 
 def _is_near(ledger: Ledger, system: FrontSystem, rules: Options) -> bool:
-    """Return whether step and standard deviations are within what is promised."""
+    """Return whether step and standard deviations are within the promised accuracy."""
     draft = Draft.of(ledger, system, rules.datum)
     unknowns = draft.equations.unknowns
     normal, constraint = draft.normal(system.base)

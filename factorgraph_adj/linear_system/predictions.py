@@ -1,20 +1,21 @@
-"""Tests of left-out observations by their innovations, predicted from all that is accepted.
+"""Predictions of observations that are left out from all accepted ones; tests of their innovations.
 
-With the whitened innovation d of an observation or a correlated group (computed from where
-everything is by now − observed), its whitened partials A and the joint covariance Q of what it
+With the whitened innovation d of an observation or a correlated group (computed from the present
+estimates − observed), its whitened partials A and the joint covariance Q of the variables it
 touches:
 
     C = I + A Q Aᵀ              covariance of d
     T² = dᵀ C⁻¹ d               χ² with as many degrees of freedom as d has components
     w_i = (L⁻ᵀ C⁻¹ d)_i/√(L⁻ᵀ C⁻¹ L⁻¹)_ii
 
-with Σ = L Lᵀ: w has the components of the observation, which are not the whitened ones in a group
-that is correlated. These are the figures of the observation in an adjustment with it
-(`quality.group_tests`), as M = C⁻¹. Nothing is asked of a linear system but values and cofactors:
-both engines have them.
+with Σ = L Lᵀ: w has the components of the observation, which are not the whitened ones in a
+correlated group. These are the figures of the observation in an adjustment with it
+(`quality.group_tests`), as M = C⁻¹. They need only values and cofactors of a linear system: both
+engines have them.
 
-What enters makes C smaller, so that d_i²/C_ii ≤ T² with C_ii of any earlier moment is necessary for
-T² to be small: most of what still contradicts is recognised by its innovation alone.
+Additional observations make C smaller, so that d_i²/C_ii ≤ T² with C_ii of any earlier moment is
+necessary for T² to be small: most observations that still contradict are recognised by their
+innovations alone.
 """
 
 from __future__ import annotations
@@ -38,13 +39,13 @@ from .linear_system import LinearForms, LinearSystem, rows_of
 from .rebase import notices_motion
 
 SIGMA_SLACK = 1.05
-"""Factor by which a σ may have grown since it was computed, as unknowns have moved."""
+"""Factor by which a σ may have grown since it was computed, because unknowns have moved."""
 MAX_LINEARISED_TOGETHER = 32
-"""Number of observations that are linearised and solved for together: of more of them, solutions of
-a large network take much memory."""
+"""Number of observations that are linearised and solved for together: solutions of more of them
+take much memory in a large network."""
 MIN_INNOVATION_VARIANCE = 0.99
-"""Smallest eigenvalue of C from which on a test is right: C − I is a covariance, and smaller ones
-come from cofactors of which rounding has left nothing."""
+"""Smallest eigenvalue of C with which a test is valid: C − I is a covariance, and smaller ones come
+from cofactors that rounding has spoiled."""
 UNANSWERED = (
     "what it touches is determined too weakly: rounding leaves no covariance of its innovation, "
     "and no test"
@@ -71,11 +72,11 @@ class InnovationTest(NamedTuple):
 def near_enough(ledger: Ledger, system: LinearSystem, rows: Index) -> Index:
     """Return which of some observations may fit by now, the nearest first.
 
-    An innovation larger than √critical · σ of the last test contradicts all the same.
+    An innovation larger than √critical · σ of the last test still contradicts.
 
     Args:
-        ledger: where they are left out, with their verdicts.
-        system: where everything is; it knows all that they touch.
+        ledger: the ledger in which they are left out, with their verdicts.
+        system: the system; it knows all variables that they touch.
         rows: the observations.
     """
     distance: dict[int, float] = {}
@@ -98,7 +99,7 @@ def _distance(ledger: Ledger, row: int, innovation: Array) -> float:
 def _innovations(ledger: Ledger, system: LinearSystem, rows: Index) -> Iterator[tuple[int, Array]]:
     """Iterate over observations with their innovations, in the units of the observations.
 
-    What has no answer where everything is by now is left out.
+    Observations that are degenerate at the present estimates are left out.
     """
     if not len(rows):
         return
@@ -122,13 +123,14 @@ def innovation_tests(
 ) -> Iterator[InnovationTest]:
     """Iterate over the tests of observations between known variables, each alone.
 
-    What has no answer where everything is by now is left out, and so is what notices motions that
-    the datum of a free network leaves open: no test controls these. A test without figures is that
-    of an observation with unusable cofactors, see `InnovationTest.answered`.
+    Observations that are degenerate at the present estimates are left out, and so are those
+    sensitive to motions that the datum of a free network leaves open: no test controls these. A
+    test without figures is that of an observation with unusable cofactors, see
+    `InnovationTest.answered`.
 
     Args:
-        ledger: where they are left out.
-        system: where everything is.
+        ledger: the ledger in which they are left out.
+        system: the system.
         rows: the observations.
         alpha: probability of a false alarm of one test.
     """
@@ -140,7 +142,7 @@ def innovation_tests(
 def _parts(ledger: Ledger, system: LinearSystem, rows: Index) -> Iterator[_Forms]:
     """Iterate over observations in parts that are linearised together.
 
-    Only those are apart from the others, or left out, that have no answer where everything is.
+    Observations that are degenerate at the present estimates are separate, or left out.
     """
     try:
         yield _Forms.of(ledger, system, rows)
@@ -170,7 +172,7 @@ def _cofactors(system: LinearSystem, forms: _Forms, groups: Sequence[Index]) -> 
 
 
 class JoinedRows(NamedTuple):
-    """Units of which some are in and some are taken in, each against all others."""
+    """Accepted units and left-out units that are taken in, each against all others."""
 
     of_units: Sequence[Index]
     """Rows of each unit, in the order of the ledger."""
@@ -185,19 +187,19 @@ class JoinedRows(NamedTuple):
 
 
 def joined(ledger: Ledger, system: LinearSystem, out: Index, inside: Index) -> JoinedRows | None:
-    """Return units that are left out, as if they were in, and units that are in: each against all.
+    """Return left-out units, as if they were accepted, and accepted units: each against all others.
 
     With the rows S of what is left out and C = I + A_S Q A_Sᵀ:
 
         Q′ = Q − Q A_Sᵀ C⁻¹ A_S Q,   v′ = v − A Q A_Sᵀ C⁻¹ v_S,   M = I − A Q′ Aᵀ.
 
-    None: something has no answer, or says where a free network is.
+    None: an observation is degenerate, or determines the position of a free network.
 
     Args:
-        ledger: where they are stored.
-        system: where everything is, without what is left out.
+        ledger: the ledger.
+        system: the system, without the left-out units.
         out: observations that are left out, between known variables.
-        inside: observations that are in.
+        inside: accepted observations.
     """
     try:
         rows = np.union1d(out, inside)
@@ -227,7 +229,7 @@ class _Forms(NamedTuple):
     raw: Sequence[Array]
     """L of each unit with Σ = L Lᵀ."""
     v: Array
-    """Whitened residuals where everything is by now, (k,)."""
+    """Whitened residuals at the present estimates, (k,)."""
     a: Array
     """Whitened partials, (k, m)."""
     touched: Mapping[Variable, Index]
@@ -240,10 +242,10 @@ class _Forms(NamedTuple):
         """Linearise observations by the unknowns of their own excerpt.
 
         Partials in a free network are those at the solution with its datum: cofactors and open
-        motions belong to that state, and rows would seem to notice what has turned since then.
+        motions belong to that state, and rows would seem to be sensitive to later rotations.
 
         Raises:
-            AdjustmentError: names observations whose geometry has no answer.
+            AdjustmentError: names observations with degenerate geometry.
         """
         units = ledger.units(rows)
         equations = compile_rows(excerpt(ledger, system, rows, hold=False))
@@ -269,12 +271,12 @@ class _Forms(NamedTuple):
         return cls(rows, here.rows, here.raw, here.v, there.a, touched, motions)
 
     def say_where_network_is(self, rows: Index) -> bool:
-        """Return whether rows notice motions that the datum of a free network leaves open."""
+        """Return whether rows are sensitive to motions left open by the datum of a free network."""
         return notices_motion(self.a[rows], self.motions)
 
 
 def _touched(unknowns: Unknowns, columns: Index) -> dict[Variable, Index]:
-    """Return the components of variables that columns of an excerpt are, in their order."""
+    """Return the components of variables in the columns of an excerpt, in their order."""
     out: dict[Variable, Index] = {}
     for kind, number in unknowns.active():
         own = unknowns.columns(kind, number)

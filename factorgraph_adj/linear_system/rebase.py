@@ -1,4 +1,4 @@
-"""Batch adjustment to a new base, the network of what is known, and its present solution."""
+"""Batch adjustment of all accepted observations: the new base of a linear system."""
 
 from __future__ import annotations
 
@@ -37,32 +37,33 @@ from .section import Section
 from .section_choice import section_of
 
 MIN_NOTICED_MOTION = 1e-6
-"""|A g| relative to Σ|A||g| from which on a row notices a motion g of a free network."""
+"""|A g| relative to Σ|A||g| from which a row is sensitive to a motion g of a free network."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How far a new base goes, and how long it is looked for."""
+    """Convergence bounds and numbers of iterations of a new base."""
 
     close: float = 1e-4
     """Bound of the last step relative to σ after an arrival."""
     again: float = 1e-2
     """The same where the whole is adjusted again at values that its sections have found: such a
-    step leaves less than a tenth of its length."""
+    step leaves an error of less than a tenth of its length."""
     at_rest: tuple[float, ...] = (1e-7, 1e-6, 1e-5)
-    """The bounds that are tried to settle: rounding may keep weak networks from smaller ones."""
+    """Bounds that are tried one after the other to settle: rounding may keep weak networks from
+    smaller ones."""
     most: int = 200
     """Largest number of iterations."""
     quick: int = 20
-    """Number of iterations after which points with narrow rays are let go, if there are any."""
+    """Number of iterations after which points with narrow rays are left out, if there are any."""
     few: int = 20
-    """Smallest of the largest numbers of iterations where there was no minimum before."""
+    """Minimum number of iterations of an adjustment that starts without an earlier minimum."""
     work: int = 60_000
-    """Iterations times unknowns there, which small networks may take more of."""
+    """Iterations times unknowns of such an adjustment, by which small networks may have more."""
 
 
 EFFORT = Effort()
-"""The effort of every rebase."""
+"""Bounds of every new base."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +73,14 @@ class NoMinimum:
     reason: str
     """Why."""
     loose: tuple[Variable, ...] | None = None
-    """What is not determined, where that is why."""
+    """Variables that are not determined, if that is the reason."""
     singular: bool = False
-    """Whether it is not determined even to first order."""
+    """Whether they are undetermined even to first order."""
 
 
 @dataclass(frozen=True, eq=False)
 class Draft:
-    """A network that is to be adjusted, and where it starts."""
+    """A network to be adjusted, and its start values."""
 
     equations: Equations
     """The network."""
@@ -88,13 +89,13 @@ class Draft:
     rows: Index
     """Rows of the ledger in it."""
     section: Section | None = None
-    """What it knows of the rest, if it is a section of the network; none: it is the whole."""
+    """Information of the rest on it, if it is a section of the network; None: it is the whole."""
     looked: Mapping[str, ShapeMisfit] = field(default_factory=dict)
-    """Shapes that were fitted again in vain before, by name, see `solve.shape_minimum`; none: every
-    shape that does not fit is fitted again."""
+    """Shapes that were fitted again in vain before, by name, see `solve.shape_minimum`; empty:
+    every shape that does not fit is fitted again."""
     extra: AddedFactors = NO_ADDED_FACTORS
-    """What is known beside the observations: what the rest says of a section, which counts what was
-    retired, or what was retired says of the whole."""
+    """Linear information beside the observations: that of the rest on a section, which includes
+    retired observations, or that of retired observations on the whole."""
 
     @classmethod
     def of(
@@ -108,20 +109,20 @@ class Draft:
         found: Sequence[Solution | Start] = (),
         there: Mapping[Variable, Array] | None = None,
     ) -> Draft:
-        """Compile what is in the graph.
+        """Compile the observations in the graph.
 
         Args:
-            ledger: what is in the graph.
-            system: where the known variables are; none: nothing is known.
+            ledger: the ledger.
+            system: the system with the known variables; None: nothing is known.
             datum: given or free.
             new: variables that enter.
             dropped: variables that are not known any more.
-            found: where those are that enter.
-            there: values of variables that nothing else gives; none: there are none.
+            found: start values of those that enter.
+            there: values of variables that nothing else gives; None: there are none.
 
         Raises:
             InputError: there is nothing to adjust.
-            ApproximationError: something has no approximate value.
+            ApproximationError: a variable has no approximate value.
         """
         extra = NO_ADDED_FACTORS if ledger.retired is None else ledger.retired.prior
         there = there or {}
@@ -144,7 +145,7 @@ class Draft:
         dropped: Collection[Variable] = (),
         found: Sequence[Solution | Start] = (),
     ) -> Draft | None:
-        """Compile what arrivals touch; none where the whole has to be adjusted; see `of`."""
+        """Compile what arrivals touch; None where the whole has to be adjusted; see `of`."""
         if system is None or any(system.whole.known(*v) for v in dropped):
             return None
         made = section_of(ledger, system)
@@ -161,10 +162,10 @@ class Draft:
         return cls(equations, start, section.inside, section, extra=section.known.prior)
 
     def normal(self, constraint: Solution | None) -> tuple[NormalEquations, np.ndarray]:
-        """Return the normal equations at the start, and what a minimal datum adds to them.
+        """Return the normal equations at the start, and the addition of a minimal datum.
 
         Args:
-            constraint: a solution whose minimal datum holds a free network; none: there is none.
+            constraint: a solution whose minimal datum holds a free network; None: there is none.
         """
         equations, state = self.equations.weighted_at(self.start.state), self.start.state
         rows = self.extra.at(equations, state).rows
@@ -186,7 +187,7 @@ class Draft:
         return out
 
     def inner_constraints(self, base: Solution) -> FreeDatum | None:
-        """Return the inner constraints of a free network at the start; none: the datum is given."""
+        """Return the inner constraints of a free network at the start; None: the datum is given."""
         if base.datum is None:
             return None
         about = extent_of(base.state)
@@ -197,7 +198,7 @@ class Draft:
         return FreeDatum(motions, chosen > 0.0)
 
     def noticing(self, base: Solution, ids: Sequence[Sequence[str]]) -> list[bool]:
-        """Return which units notice a motion that the datum of a free network leaves open.
+        """Return which units are sensitive to a motion left open by a free network's datum.
 
         Args:
             base: the free network without them.
@@ -225,10 +226,10 @@ class Draft:
 
         Args:
             datum: given or free.
-            tolerances: bounds of the last step, of which the first that is reached is enough.
+            tolerances: bounds of the last step, tried one after the other until one is reached.
             doubted: whether there was no minimum before, and nothing has left since.
             other_sides: whether points may go to their other sides where vᵀPv is smaller there.
-            solver: the network in the order of its elimination; none: it is put in order.
+            solver: the network in the order of its elimination; None: not ordered yet.
         """
         n = self.equations.unknowns.n_columns
         most = EFFORT.most
@@ -248,7 +249,7 @@ class Draft:
                     other_sides=other_sides,
                     solver=solver,
                 )
-                # Where a free network lies changes no observation.
+                # The position of a free network changes no observation.
                 if solution.converged or solution.reason == NOT_ON_INNER_CONSTRAINTS:
                     return FrontSystem.of(solution, rows=self.rows, section=self.section)
             except DatumError as error:
@@ -260,7 +261,7 @@ class Draft:
             if slow and (
                 points := points_with_narrow_rays(solution.equations, solution.state, layers)
             ):
-                # Of rays that are nearly parallel, those of points that ran away are the reason.
+                # With nearly parallel rays the reason are those of points that ran away.
                 away = [p for p in _vague(solution) if p in points]
                 return NoMinimum(solution.reason, tuple(("point", n) for n in away or points))
             slow = False
@@ -269,7 +270,7 @@ class Draft:
 
 
 def _vague(solution: Solution) -> list[str]:
-    """Return the points that may be anywhere; none where an observation has no answer."""
+    """Return the points that may be anywhere; none where an observation is degenerate."""
     with suppress(AdjustmentError):
         return [p.name for p in vague_points(solution)]
     return []
@@ -282,7 +283,7 @@ def _started(
     found: Sequence[Solution | Start],
     there: Mapping[Variable, Array] | None = None,
 ) -> Start:
-    """Return values of the unknowns: those that are known, those that were found, or approximate.
+    """Return values of the unknowns: known, computed before, or approximate.
 
     Variables have the values of ``there`` where nothing else gives them.
 
@@ -311,7 +312,7 @@ def _started(
 def _placed(
     unknowns: Unknowns, state: State, moving: MaskState, there: Mapping[Variable, Array]
 ) -> State:
-    """Return a state with what may move of some variables where they are."""
+    """Return a state with the movable values of some variables at given ones."""
     out = {kind: values.copy() for kind, values in state.items()} if there else state
     for (kind, name), value in there.items():
         number = unknowns[kind].number[name]
@@ -329,14 +330,14 @@ def known_network(
     dropped: Collection[Variable] = (),
     rows: Index | None = None,
 ) -> Network:
-    """Return the network of what is in the graph, without what is not determined.
+    """Return the network of the observations in the graph, without undetermined variables.
 
     Args:
-        ledger: what is in the graph.
-        system: what is known; none: only ``new``.
+        ledger: the ledger.
+        system: the known variables; None: only ``new``.
         new: variables that enter.
         dropped: variables that are not known any more.
-        rows: observations of the network; none: those in the graph.
+        rows: observations of the network; None: those in the graph.
     """
     network = ledger.described if rows is None else ledger.with_rows(rows)
     inside: dict[VariableKind, set[str]] = {kind: set() for kind in UNKNOWNS}
@@ -348,7 +349,7 @@ def known_network(
         inside[kind].discard(name)
 
     def determined(kind: VariableKind, name: str) -> bool:
-        """Return whether nothing of an unknown needs an observation: all is held or weighted."""
+        """Return whether an unknown needs no observation: all of it is held or weighted."""
         if kind == "point" and (point := network.points[name]).sigma is None:
             return all(point.fixed)
         free, weighted = components(network, (kind, name))
@@ -360,10 +361,10 @@ def known_network(
 def solution_of(ledger: Ledger, system: LinearSystem, rules: Options) -> Solution:
     """Return the solution as it is; a free network's on its inner constraints.
 
-    All observations are linearised there. Where the step that is left is more than was promised,
-    or observations notice the way to the inner constraints a little, as verticals on the curved
-    Earth do, it is adjusted from there; so it is where points may fit on their other sides, see
-    `solve.second_minimum`, which the solution names.
+    All observations are linearised there. Where the remaining step is larger than promised, or
+    observations are a little sensitive to the motion onto the inner constraints, as verticals on
+    the curved Earth are, it is adjusted from there; so it is where points may fit on their other
+    sides, see `solve.second_minimum`, which the solution names.
     """
     if (adjusted := system.adjusted_solution) is not None:
         return adjusted
@@ -403,8 +404,8 @@ def _with_second_places(
     """Return a solution that names points that fit as well, or better, on their other sides.
 
     Args:
-        ours: where everything is.
-        adjusted: the adjustment from there, which may have gone to the other side of points.
+        ours: the present estimates.
+        adjusted: the adjustment from these, which may have gone to the other side of points.
         images: middles between points and their other sides, by number.
     """
     here, there = ours.state["point"], adjusted.state["point"]
@@ -417,7 +418,7 @@ def _with_second_places(
 
 
 def _left(solution: Solution) -> float:
-    """Return a bound √(gᵀQg) of the step of every unknown that is left, relative to its σ.
+    """Return a bound √(gᵀQg) of the remaining step of every unknown, relative to its σ.
 
     Where residuals are large the minimum is further away, see `linearisation_error.STEP_SHARE`.
     """
@@ -428,7 +429,7 @@ def _left(solution: Solution) -> float:
 
 
 def notices_motion(a: Array | csr_array, motions: Array) -> bool:
-    """Return whether rows notice motions: |A g| > `MIN_NOTICED_MOTION` Σ|A||g|.
+    """Return whether rows are sensitive to motions: |A g| > `MIN_NOTICED_MOTION` Σ|A||g|.
 
     Args:
         a: partials of the rows, (k, m).
@@ -440,5 +441,5 @@ def notices_motion(a: Array | csr_array, motions: Array) -> bool:
 
 
 def with_doubt(system: FrontSystem, reason: str) -> FrontSystem:
-    """Return a system that is not the minimum of everything in the graph."""
+    """Return a system that is not the minimum of all observations in the graph, with the reason."""
     return replace(system, doubt=reason)

@@ -1,20 +1,21 @@
-"""What a section of a large network knows of the rest, and how the rest follows its movement.
+"""Section of a large network: its linear prior from the rest, and how the rest follows it.
 
 A photo that arrives in a block of thousands touches some hundred points. With all observations of
-these points it is a small network of its own; what everything else says of its cameras is in
-the last adjustment of the whole (`factorgraph_adj.solve.added_factors`). Its adjustment is that of
-the whole network, where the rest is linear, and the rest follows the cameras of the section:
+these points it is a small network of its own; the information of all other observations on its
+cameras is in the last adjustment of the whole (`factorgraph_adj.solve.added_factors`). Its
+adjustment is that of the whole network, where the rest is linear, and the rest follows the cameras
+of the section:
 
     dx = K d,  K = Q_·T Q_TT⁻¹,   Q'_ab = Q_ab + K_a (Q'_TT − Q_TT) K_bᵀ.
 
-Everything that arrives after the adjustment of the whole belongs to the section, which therefore
-grows until the whole is adjusted again. Single rows need not make it grow: they may touch unknowns
-outside, which follow T and coordinates u of their own,
+All arrivals after the adjustment of the whole belong to the section, which therefore grows until
+the whole is adjusted again. Single rows need not make it grow: they may touch unknowns outside,
+which follow T and coordinates u of their own,
 
     dx = K d + G u,   Q_oo − K_o Q_TT K_oᵀ = G_o G_oᵀ,   G = (Q_·o − K Q_To) G_o⁻ᵀ,
 
-where u are independent of T and of one another and have the covariance I. Beside the section such
-rows are rows on T and u.
+where u are independent of T and of one another and have the covariance I. Such rows are rows on T
+and u beside the section.
 
 """
 
@@ -34,15 +35,15 @@ from ..solve.solution import Solution
 from ..types import NO_ROWS, Array, Index
 
 MAX_SECTION_WAITS = 15
-"""Largest number of adjustments of the whole from one attempt to adjust a section to the next."""
+"""Largest number of adjustments of the whole between two attempts to adjust a section."""
 ROUNDING = 1e-13
-"""A difference of variances that is less than this part of them is rounding."""
+"""Share of variances below which their difference is rounding."""
 
 
 class Attempts(NamedTuple):
     """Attempts to adjust sections while the whole moves farther than its linear forms hold.
 
-    A block that grows by much with every photo takes an adjustment of the whole for each, and that
+    A block that grows by much with every photo needs an adjustment of the whole for each, and that
     of a section is in vain. After k failures in a row the next 2ᵏ⁻¹ − 1 adjustments are of the
     whole without an attempt, at most `MAX_SECTION_WAITS`.
     """
@@ -62,46 +63,46 @@ class Attempts(NamedTuple):
 
 
 class Looked(NamedTuple):
-    """An examination of how far the linear forms of the whole are valid."""
+    """Examination of how far the linear forms of the whole are valid."""
 
     movement: Array | None
-    """Movement of the whole at that moment, (n_columns,); none: it had not moved."""
+    """Movement of the whole at that moment, (n_columns,); None: it had not moved."""
     drift: LinearisationDrift
-    """What was seen."""
+    """Its result."""
     u: Array = np.zeros(0)
     """Coordinates u at that moment, (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """What a section knows of the rest."""
+    """A section of a large network, with its prior from the rest."""
 
     base: Solution
-    """The whole network, as it was adjusted last."""
+    """The whole network at its last adjustment."""
     lifted: ReducedCofactors
     """Its cofactors."""
     inside: Index
     """Rows of the ledger in it."""
     drift: LinearisationDrift | None
-    """How far its linear forms were found to hold; none: that is not known."""
+    """How far its linear forms were found to hold; None: that is not known."""
     columns: Index
     """Columns of T in it, (m,)."""
     spread: Array
     """Cofactors of its coordinates with T, (size, m)."""
     known: MarginalPrior
-    """What everything but the observations of the section says of T."""
+    """Information of all observations except those of the section on T."""
     rows: Index
     """Rows of the whole network that the section has."""
     work: int
-    """Rays of all sections that have been adjusted since the whole was."""
+    """Rays of all sections that have been adjusted since the last adjustment of the whole."""
     looked: Looked | None = None
-    """The last examination of the linear forms of the whole; none: there was none."""
+    """The last examination of the linear forms of the whole; None: there was none."""
     reached: Index = field(default_factory=lambda: NO_ROWS)
     """Columns of the whole outside the section that rows beside it touch."""
     slots: Mapping[int, int] = field(default_factory=dict)
     """Slots of their points, as those of a system."""
     own: Array | None = None
-    """G, (size, n); none: there are no u."""
+    """G, (size, n); None: there are no u."""
 
     @property
     def vtpv(self) -> float:
@@ -151,7 +152,7 @@ class Section:
         if self.own is not None:
             q -= self.own @ (f.b @ self.own[f.at]).T
         c = f.b @ q[f.at]
-        # What T leaves may be far less than a weak datum makes of all of it together.
+        # The part independent of T may be far smaller than a weak datum makes all of it together.
         least = np.maximum(ROUNDING * before, np.finfo(float).tiny)
         sigma = np.sqrt(np.maximum(np.diag(c), least))
         c = c / np.outer(sigma, sigma)
@@ -191,6 +192,6 @@ class Section:
 
 
 def renumbered(rows: Index, new: Index) -> Index:
-    """Return rows by their new numbers (n,); none where one of them is no more in the ledger."""
+    """Return rows by their new numbers (n,); none where one of them has left the ledger."""
     found = new[rows]
     return NO_ROWS if (found < 0).any() else found

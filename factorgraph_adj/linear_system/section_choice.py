@@ -1,4 +1,4 @@
-"""Choice between the whole and a section of a large network, and the making of the section."""
+"""Choice of the section of a large network that is adjusted, or of the whole."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from .section import Looked, Section
 MAX_SECTION_UNKNOWNS = 600
 """Largest number of unknowns of the reduced system in a section: their cofactors are dense."""
 MIN_SIZE_RATIO = 3
-"""The whole network has at least this many times the rays of a section."""
+"""Smallest ratio of the rays of the whole network to those of a section."""
 MIN_NETWORK_RAYS = 10_000
 """Smallest number of rays of a network that is adjusted in sections: in smaller ones the whole is
 adjusted about as fast."""
 MAX_SECTION_WORK = 1.0
-"""The whole is adjusted again when the sections that have been adjusted since had this many times
-its rays together."""
+"""Ratio of the rays of all sections adjusted since the whole was, to those of the whole, from which
+the whole is adjusted again."""
 MAX_RAYS_PER_PIECE = 1_000
-"""Number of rays in one piece of what arrives in a large network, to the end of a photo: the search
-for gross errors among new rays takes more time than in proportion to their number."""
+"""Number of rays in one piece of an arrival in a large network, to the end of a photo: the time of
+a search for gross errors among new rays grows faster than their number."""
 
 
 def in_pieces(ledger: Ledger, n_rays: int, rows: Index) -> list[Index]:
-    """Divide what arrives in a large network into pieces of one or a few photos.
+    """Divide an arrival in a large network into pieces of one or a few photos.
 
     Other observations belong to the piece of the last photo that they name, or to the last piece.
 
     Args:
         ledger: where the observations are stored.
         n_rays: number of image points in the graph.
-        rows: what arrives.
+        rows: the arriving observations.
 
     Returns:
-        The pieces, in the order in which the photos came; one of everything in small networks.
+        The pieces, in the order in which the photos arrived; one of everything in small networks.
     """
     rays = ledger.rows.images(rows)
     if (
@@ -72,10 +72,10 @@ def is_due(section: Section) -> bool:
 
 
 class UnknownsOfRest:
-    """Knows the unknowns whose weights are in what is known of the rest."""
+    """Unknowns whose weights are in the information of the rest."""
 
     def __init__(self, outer: FrontSystem, inside: set[tuple[VariableKind, str]]) -> None:
-        """Know some unknowns of a network."""
+        """Store the unknowns of a network without those of its section."""
         self.outer, self.inside = outer, inside
 
     def known(self, kind: VariableKind, name: str) -> bool:
@@ -83,16 +83,16 @@ class UnknownsOfRest:
         return (kind, name) in self.inside
 
     def value(self, kind: VariableKind, name: str) -> Array | None:
-        """Return the value that an unknown has in the rest; none: the rest does not know it."""
+        """Return the value of an unknown in the rest; None: the rest does not know it."""
         return self.outer.value(kind, name) if self.known(kind, name) else None
 
 
 def section_of(ledger: Ledger, system: FrontSystem) -> tuple[Equations, Section] | None:
-    """Return the section of what has arrived; none where the whole has to be adjusted.
+    """Return the section of what has arrived; None where the whole has to be adjusted.
 
     Args:
-        ledger: what is in the graph by now.
-        system: what is known.
+        ledger: the ledger.
+        system: the known variables.
     """
     outer = system.whole
     rows, n = ledger.rows, ledger.rows.n
@@ -109,7 +109,7 @@ def section_of(ledger: Ledger, system: FrontSystem) -> tuple[Equations, Section]
     rays = rows.photo != NO_PHOTO
     changed = inside != before
     if (changed & before & ~rays).any():
-        return None  # what the rest says has changed
+        return None  # the information of the rest has changed
     unknowns = outer.unknowns
     points = {ledger.names.points[p] for p in np.unique(rows.point[changed & rays]).tolist()}
     units = [u for _, u in rows.units(np.flatnonzero(changed))]
@@ -123,7 +123,7 @@ def section_of(ledger: Ledger, system: FrontSystem) -> tuple[Equations, Section]
     of_points = np.zeros(len(ledger.names.points), dtype=bool)
     of_points[[ledger.names.point[name] for name in seen]] = True
     if (changed & before & ~of_points[rows.point]).any():
-        return None  # what the rest says of them has changed
+        return None  # the information of the rest on them has changed
     mine = inside & (changed | (rays & of_points[rows.point]))
     own = set(seen)
     mine[[row for row, u in rows.units(np.flatnonzero(inside)) if own & {*u.points}]] = True
@@ -148,16 +148,16 @@ def _joined(
     looked: Looked | None,
     before: Section | None,
 ) -> tuple[Equations, Section] | None:
-    """Return a section of some rows; none: it is too large.
+    """Return a section of some rows; None: it is too large.
 
     Args:
-        ledger: what is in the graph.
+        ledger: the ledger.
         outer: the whole network.
         rows: the rows.
         points: the points P.
         work: see `Section`.
         looked: see `Section`.
-        before: the section until now; none: there was none.
+        before: the section until now; None: there was none.
     """
     unknowns, base = outer.unknowns, outer.base
     table = unknowns["point"]
@@ -197,7 +197,7 @@ def _joined(
 
 
 def _spread(outer: FrontSystem, columns: Index, before: Section | None) -> Array:
-    """Return the cofactors of all coordinates with T (size, m); those that are there are kept."""
+    """Return the cofactors of all coordinates with T (size, m), keeping those computed before."""
     out = np.empty((outer.lifted.size, len(columns)))
     kept = np.zeros(len(columns), dtype=bool)
     if before is not None and before.lifted is outer.lifted:

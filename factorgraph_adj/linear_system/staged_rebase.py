@@ -1,8 +1,8 @@
-"""Stages of a new base, one with each arrival, before the room for rows beside it is full.
+"""New base in stages, one with each arrival, before the room for rows beside the old one is full.
 
-Every arrival with which rows beside the base have become many adds one stage: the network as it
-stands is compiled, then put in order for its elimination and moved by the first step, then
-adjusted; then what has come since is put beside it. No arrival waits for all of them.
+Every arrival after rows beside the base have become many adds one stage: the present network is
+compiled, then ordered for its elimination and moved by the first step, then adjusted; then the
+later observations are put beside it. No arrival waits for all stages.
 
 
 """
@@ -26,22 +26,22 @@ from .linearisation_error import near_minimum
 from .rebase import EFFORT, Draft
 
 RENEWAL_FILL = 0.65
-"""Part of the largest number of rows beside a base from which on a new one is made: there is room
-for some arrivals until it is there."""
+"""Share of the largest number of rows beside a base from which a new one is made: there is room for
+some arrivals until it is ready."""
 
 
 @dataclass(frozen=True, eq=False)
 class Renewal:
-    """A new base in the making."""
+    """A new base under construction."""
 
     old: FrontSystem
     """A system beside the base that it will replace."""
     draft: Draft
     """The network when it was begun."""
     solver: Solver | None = None
-    """It in the order of its elimination; none: that is the next stage."""
+    """The same in the order of its elimination; None: that is the next stage."""
     made: FrontSystem | None = None
-    """It adjusted; none: it is not yet."""
+    """The adjusted network; None: it is not adjusted yet."""
 
 
 def next_stage(
@@ -50,9 +50,9 @@ def next_stage(
     """Return the system and the renewal of its base after the next stage.
 
     Args:
-        renewal: the renewal; none: none has begun.
-        ledger: what is in the graph.
-        system: the system of that.
+        renewal: the renewal; None: none has begun.
+        ledger: the ledger.
+        system: its system.
         rules: the options.
     """
     many = len(system.update.signs) >= RENEWAL_FILL * system.most_beside
@@ -81,7 +81,7 @@ def next_stage(
 
 
 def _stepped(draft: Draft) -> tuple[Draft, Solver]:
-    """Return a network after a Gauss-Newton step, and its solver, which knows its order."""
+    """Return a network after a Gauss-Newton step, and its solver with its order."""
     normal, nothing = draft.normal(None)
     step = normal.factorise(nothing).solve(-normal.gradient[:, None])[:, 0]
     unknowns, start = draft.equations.unknowns, draft.start
@@ -92,13 +92,13 @@ def _stepped(draft: Draft) -> tuple[Draft, Solver]:
 def _with(
     made: FrontSystem, ledger: Ledger, rows: Index, old: FrontSystem, rules: Options
 ) -> FrontSystem | None:
-    """Return a new base with what has come since; none where it does not fit beside it.
+    """Return a new base with the later observations; None where they do not fit beside it.
 
     Args:
         made: the base.
-        ledger: what is in the graph.
-        rows: what has come since.
-        old: where everything is.
+        ledger: the ledger.
+        rows: the later observations.
+        old: the present estimates.
         rules: the options.
     """
     if not len(rows):

@@ -205,8 +205,8 @@ def _in_one_face(
         if all(len(read) == 1 for read in of_targets.values()):
             noun = UNKNOWNS[kind].noun
             text = (
-                f"no target was read in both faces: only the geometry of the network determines this "
-                f"{noun}; read targets in both faces, weight or hold it, or use means"
+                "no target was read in both faces: only the geometry of the network determines "
+                f"this {noun}; read targets in both faces, weight or hold it, or use means"
             )
             yield Doubt(text, f"{noun} {name!r}")
 

@@ -430,7 +430,8 @@ def _(p: Project) -> None:
     "both faces announced, one face read",
     CHECK,
     DOUBTFUL,
-    "index error 'S1/1': no target was read in both faces",
+    "index error 'S1/1': no target was read in both faces: only the geometry of the network "
+    "determines",
     book_of_both,
 )
 def _(p: Project) -> None:

@@ -359,7 +359,7 @@ def test_times_of_arrivals_are_those_of_a_window_of_seconds():
     network, found = traverse(POINTS), next(iter(observed(POINTS)))[1]
     inc = fga.IncrementalAdjustment(network, keep_seconds=60)
     with pytest.raises(
-        fga.InputError, match="needs the time of arrivals, at least that of the first"
+        fga.InputError, match="needs the time of arrivals, at least that"
     ):
         inc.add(found)
     for time in (-1.0, np.nan, np.inf, "10", True):
