@@ -68,13 +68,13 @@ class Enterable:
     rows: Index
     """Observations that may enter; empty: none."""
     solution: Solution | None
-    """Their adjustment with what is known held; none: there is none, or nothing enters."""
+    """Their adjustment with what is known held; None: there is none, or nothing enters."""
     lacks: Mapping[Variable | str, str]
     """What the waiting variables lack that do not enter, and observations, by first ids."""
     oriented: Mapping[str, str] = field(default_factory=dict)
     """How the photos without poses were oriented that enter, by name."""
     start: Start | None = None
-    """Where they are; none: nothing enters."""
+    """Where they are; None: nothing enters."""
     parts: tuple[Index, ...] = ()
     """The observations, in unconnected parts."""
     equations: Equations | None = None
@@ -124,9 +124,9 @@ class DeterminabilitySearch:
     several: bool = False
     """Whether there are several parts, none of which is connected with another."""
     block: BlockStart | None = None
-    """Photos that were oriented from image points; none: there was no need, or no way."""
+    """Photos that were oriented from image points; None: there was no need, or no way."""
     _reached: ApproximateNetwork | None = None
-    """The local network with its approximate values; none: something has none."""
+    """The local network with its approximate values; None: something has none."""
 
     def find(self, *, start: Solution | None) -> Enterable | None:
         """Find what may enter, and its values.
@@ -235,7 +235,7 @@ class DeterminabilitySearch:
         among themselves: `find` examines them more closely.
 
         Returns:
-            The observations; their network, none where photos were oriented.
+            The observations; their network, None where photos were oriented.
         """
         if self.datum == "given":
             self._leave_out_unplaced()
@@ -255,7 +255,7 @@ class DeterminabilitySearch:
         """Let those wait whose open variables have fewer rows than components; return the rest.
 
         about: variables for which a reason is recorded; None: all.
-            about: variables of which it is said what they lack; none: all.
+            about: variables of which it is said what they lack; None: all.
         """
         first, needs = self.left, self.left.ledger.needs
         self.left, few = first.counted()

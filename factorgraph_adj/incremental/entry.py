@@ -67,7 +67,7 @@ class EntryResult:
     ledger: Ledger
     """The ledger with them."""
     system: LinearSystem | None
-    """The system with them; none: nothing is determined."""
+    """The system with them; None: nothing is determined."""
     verdicts: tuple[Verdict, ...]
     """Verdicts on those that were tested."""
     new: frozenset[Variable] = frozenset()

@@ -191,7 +191,7 @@ def adjusted_once(
     reached: ApproximateNetwork | None = None,
     there: Mapping[Variable, Array] | None = None,
 ) -> FrontSystem | NoMinimum | None:
-    """Return the system of a network's adjustment; none where it ends in an error.
+    """Return the system of a network's adjustment; None where it ends in an error.
 
     Args:
         ledger: the ledger.

@@ -186,7 +186,7 @@ def orientation_methods(local: Network, block: BlockStart | None) -> Mapping[str
 
     Args:
         local: the local network, in which known photos and points are held.
-        block: the block that was oriented from image points; none: no photo was.
+        block: the block that was oriented from image points; None: no photo was.
     """
     out: dict[str, str] = {}
     of_block = {} if block is None else {f: p for p in block.parts for f in p.photos}

@@ -285,7 +285,7 @@ class StateQueries(metaclass=ChecksArguments):
         changes.
 
         Args:
-            alpha: probability of a false alarm of one test; none: that of this adjustment.
+            alpha: probability of a false alarm of one test; None: that of this adjustment.
 
         Returns:
             The causes, the most probable first (``most_probable`` explains more than single

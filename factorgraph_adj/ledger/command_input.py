@@ -160,9 +160,7 @@ def listed(given: object, noun: str, *kinds: type[Thing]) -> list[Thing]:
     """
     several = isinstance(given, Iterable) and not isinstance(given, str)
     items: list[Any] = list(given) if several else [given]  # type: ignore[call-overload]
-    problems = [
-        Problem(f"is no {noun}", repr(i)[:80]) for i in items if not isinstance(i, kinds)
-    ]
+    problems = [Problem(f"is no {noun}", repr(i)[:80]) for i in items if not isinstance(i, kinds)]
     if problems:
         raise InputError(problems)
     return items

@@ -40,7 +40,7 @@ class Known(Protocol):
         ...
 
     def value(self, kind: VariableKind, name: str) -> Array | None:
-        """Return the value of a variable as in a state; none: it is not known."""
+        """Return the value of a variable as in a state; None: it is not known."""
         ...
 
 
@@ -187,7 +187,7 @@ class NothingKnown:
 
 
 def known_in(system: Known | None) -> Known:
-    """Return what knows the variables of a system; none: nothing is known."""
+    """Return a system, or, if it is None, an object that knows no variable."""
     return NothingKnown() if system is None else system
 
 
@@ -203,7 +203,7 @@ class RetiredValues(NothingKnown):
         return (kind, name) in self.there
 
     def value(self, kind: VariableKind, name: str) -> Array | None:
-        """Return the value of a variable as in a state; none: the prior does not have it."""
+        """Return the value of a variable as in a state; None: the prior does not have it."""
         return self.there.get((kind, name))
 
 

@@ -363,7 +363,7 @@ class FrontSystem:
 
     @property
     def adjusted_solution(self) -> Solution | None:
-        """The batch solution of everything; none: something has changed since there was one."""
+        """The batch solution of everything; None: something has changed since there was one."""
         whole = self.section is None and not self.changed and not self.doubt
         return self.base if whole else None
 

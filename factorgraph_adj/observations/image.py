@@ -29,7 +29,7 @@ class ImagePoint(Observation):
 
 
 def identity(o: Observation) -> str | None:
-    """Return the id of an observation; none where the network has to number it."""
+    """Return the id of an observation; None where the network has to number it."""
     if o.id is None and isinstance(o, ImagePoint):
         return f"{o.photo}/{o.point}"
     return o.id

@@ -228,7 +228,7 @@ def residual_response(
 ) -> Array:
     """Return the columns of P Q_vv P = P − P A Q AᵀP at the rows (k,), (n_rows, k).
 
-    ``factor`` solves with another Q, that of an update; none: the solution's.
+    ``factor`` solves with another Q, that of an update; None: the solution's.
     """
     equations = solution.equations
     system = solution.normal().system

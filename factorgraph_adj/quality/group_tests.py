@@ -319,7 +319,7 @@ class LeaveOneOutTests:
             rows: rows of each item.
             v: residuals, (k,).
             m: returns the columns M_·u (k, u) of some rows u.
-            blocks: M_uu of every item, padded with zeros, (n, d, d); none: they come from ``m``.
+            blocks: M_uu of every item, padded with zeros, (n, d, d); None: they come from ``m``.
         """
         self.rows = rows
         self.v = v.copy()

@@ -216,7 +216,7 @@ def _ids_with_other_observations(network: Network, ids: tuple[str, ...]) -> tupl
 def start_without_exchanges(
     network: Network, found: tuple[TargetExchange, ...], options: dict[str, Any]
 ) -> Start | None:
-    """Return the start of data snooping without exchanged sights; none: they determine something.
+    """Return the start of data snooping without exchanged sights; None: they determine something.
 
     Args:
         network: the whole network.
@@ -252,7 +252,7 @@ def likely_causes(
 
     Args:
         solution: the adjustment, or where it ended.
-        rel: its reliability; none: it has none, and exchanges alone are looked up.
+        rel: its reliability; None: it has none, and exchanges alone are looked up.
         alpha: probability of a false alarm of one test.
         estimated: whether σ0 is estimated; otherwise it is 1.
     """

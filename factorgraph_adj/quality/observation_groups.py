@@ -267,7 +267,7 @@ class GroupRedundancy:
     project: Callable[[Array], Array]
     """Function that returns R Z (n_rows, m) for Z (n_rows, m)."""
     probed: ProbedInformation | None = None
-    """The probes; none: S is exact, or diag(r)."""
+    """The probes; None: S is exact, or diag(r)."""
 
     @property
     def unprobed(self) -> bool:

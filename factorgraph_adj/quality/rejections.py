@@ -173,7 +173,7 @@ class Snooping(Shown):
     whole: Solution | None = field(default=None, repr=False)
     """The adjustment of everything; None where it has no minimum."""
     look: Callable[[], Causes | None] | None = field(default=None, repr=False)
-    """Looks for the causes of the misfits; none: they were not asked for before pickling."""
+    """Looks for the causes of the misfits; None: they were not asked for before pickling."""
 
     def headline(self) -> str:
         """Return the numbers of observations and points set aside, and why the search ended."""
@@ -257,7 +257,7 @@ def group_losses(
     Args:
         found: the result of data snooping.
         original: the network before it.
-        whole: the adjustment of everything, against which points are compared; none: points count
+        whole: the adjustment of everything, against which points are compared; None: points count
             however far they moved.
     """
     aside = set(found.rejected_ids)
@@ -339,7 +339,7 @@ class RejectedCoordinates:
 
 
 def rejected_coordinates(found: Snooping, original: Network) -> RejectedCoordinates | None:
-    """Return the points whose weighted coordinates data snooping set aside; none: there are none.
+    """Return the points whose weighted coordinates data snooping set aside; None: there are none.
 
     Args:
         found: the result of data snooping.
@@ -381,7 +381,7 @@ class LostControl:
 
 
 def lost_control(found: Snooping, original: Network) -> LostControl | None:
-    """Return the points whose control data snooping has set aside; none: there are none.
+    """Return the points whose control data snooping has set aside; None: there are none.
 
     An observation has lost its control if others control it in the whole network, and none do in
     the clean one: then its error and that of what was rejected change all others alike. Points

@@ -299,7 +299,7 @@ def _search_from_given_values(
 
     Args:
         searching: what all searches have in common.
-        first: the adjustment of the whole network; none: a robust one is asked for.
+        first: the adjustment of the whole network; None: a robust one is asked for.
         start: where it began.
         robust: the robust estimator.
         extra: the user's factors.

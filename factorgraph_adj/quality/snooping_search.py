@@ -410,7 +410,7 @@ class SnoopingSearch:
         )
 
     def _causes(self) -> Causes | None:
-        """Return what may have caused the misfits; none where no test of a known σ0 is critical."""
+        """Return what may have caused the misfits; None where no test of a known σ0 is critical."""
         first = self.first
         if self.whole is None:  # a robust start hides causes that several share
             first = self.reliability  # where nothing is bent, if the whole has no minimum

@@ -172,7 +172,7 @@ class UpdatedTests:
         return self.reliability.solution
 
     def without(self, rows: Index) -> UpdatedTests | None:
-        """Return the test values without more observations; none: an update cannot give them.
+        """Return the test values without more observations; None: an update cannot give them.
 
         Args:
             rows: all rows of observations that are not members of clusters, (k,).
@@ -232,9 +232,9 @@ class SnoopingState:
     test: Test
     """The test that decides."""
     weights: Array | None = None
-    """Factors on the weights of the solution; none: no observation is withdrawn."""
+    """Factors on the weights of the solution; None: no observation is withdrawn."""
     updated: UpdatedTests | None = None
-    """Update of the solution; none: no observation has left it by an update."""
+    """Update of the solution; None: no observation has left it by an update."""
     withdrawn: int = 0
     """Redundancy that withdrawn observations, and those of the update, have taken along."""
 
@@ -305,7 +305,7 @@ class SnoopingState:
     # -- taking out --------------------------------------------------------------------------------
 
     def updated_without(self, chosen: Sequence[Outlier]) -> SnoopingState | None:
-        """Return the test values after a low-rank update; none: there are too many rows for it."""
+        """Return the test values after a low-rank update; None: there are too many rows for it."""
         own = self.solution.weights is None or self.weights is not None
         rows = self._rows(chosen)
         if not own or rows is None or any(c.point is not None for c in chosen):

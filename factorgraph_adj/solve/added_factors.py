@@ -1,10 +1,10 @@
-"""Users' factors at a state, and priors: what a solved network knows of some of its unknowns.
+"""Linear rows of users' factors at a state, and of priors on unknowns from a solved network.
 
-A user's factors are linearised at a state; a `Prior` states what a solved network knows of some of
-its unknowns, without the observations of some points.
+A user's factors are linearised at a state; a `Prior` is the information of a solved network on some
+of its unknowns, without the observations of some points.
 
 A section of a network is adjusted again: unknowns T of the reduced system, points P that only
-cameras see, all observations of P, and what has come since. All else that is known of T is in the
+cameras see, all observations of P, and later observations. All other information on T is in the
 solved network. With its cofactors Q_TT = L Lᵀ, and with N and g of the observations of P, reduced
 to T,
 
@@ -18,9 +18,9 @@ With I − Lᵀ S L = V diag(μ) Vᵀ they are rows R d + z of the movement d of
 
     R = μ^½ Vᵀ L⁻¹,   z = −μ^−½ Vᵀ Lᵀ h.
 
-A direction with μ = 0 is known from the observations of P alone. The sum vᵀPv of the section is
-that of the whole network but for a constant; the estimates and cofactors of the section are those
-of the whole network, where the other observations are linearised at the solution.
+A direction with μ = 0 is determined by the observations of P alone. The sum vᵀPv of the section is
+that of the whole network except for a constant; the estimates and cofactors of the section are
+those of the whole network, where the other observations are linearised at the solution.
 """
 
 from __future__ import annotations
@@ -65,26 +65,26 @@ class AddedFactors:
     """
 
     factors: tuple[gtsam.NonlinearFactor, ...] | None = ()
-    """The factors; none after pickling."""
+    """The factors; None after pickling."""
     rows: tuple[ExtraRows, ...] = ()
     """Rows of the factors."""
     names: tuple[str, ...] = ()
     """Names of the factors; empty: their numbers from 1, and their types."""
     keyed: Unknowns | None = None
-    """The unknowns that their keys belong to; none: those of the network that is adjusted first."""
+    """The unknowns that their keys belong to; None: those of the network that is adjusted first."""
     apart: int = 0
     """Number of further rows that count in the redundancy, and that no unknown changes."""
 
     @classmethod
     def of(cls, given: ExtraFactors, network: Network) -> AddedFactors:
-        """Return factors that a user gives: in order, or by name; rows that are there as they are.
+        """Return factors that a user gives: in order, or by name; given rows are kept as is.
 
         Args:
             given: factors, or functions by name that make them.
             network: network whose unknowns the keys belong to.
 
         Raises:
-            InputError: names that are no texts, or what is no factor.
+            InputError: names that are not texts, or an object that is not a factor.
         """
         if isinstance(given, AddedFactors):
             return given
@@ -112,7 +112,7 @@ class AddedFactors:
         return dict(zip(names, factors, strict=True))
 
     def without(self, names: Collection[str]) -> AddedFactors:
-        """Return the factors without some of them, by their names; rows are not taken along."""
+        """Return the factors without some of them, by their names; rows are left out."""
         left = {name: f for name, f in self.named().items() if name not in names}
         return AddedFactors(tuple(left.values()), (), tuple(left), self.keyed)
 
@@ -176,10 +176,10 @@ class AddedFactors:
 
 
 def _checked(given: Iterable[object]) -> list[gtsam.NonlinearFactor]:
-    """Return factors as they are.
+    """Return factors unchanged.
 
     Raises:
-        InputError: one is none.
+        InputError: one of them is not a factor.
     """
     out: list[gtsam.NonlinearFactor] = []
     for f in given:
@@ -216,7 +216,7 @@ class UnknownGroup(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Prior(AddedFactors):
-    """Rows R d + z of the movement of unknowns from where a network was solved."""
+    """Rows R d + z of the movement of unknowns from the solution of a network."""
 
     groups: tuple[UnknownGroup, ...] = ()
     """The unknowns."""
@@ -238,7 +238,7 @@ class Prior(AddedFactors):
         return tuple((group.kind, name) for group in self.groups for name in group.names)
 
     def references(self) -> dict[Variable, Array]:
-        """Return where each unknown was when the rows were made, as in a state."""
+        """Return the reference values of each unknown, as in a state."""
         return {
             (group.kind, name): value
             for group in self.groups
@@ -289,7 +289,7 @@ class Prior(AddedFactors):
 
 
 class MarginalPrior(NamedTuple):
-    """What is known of T, see the module."""
+    """Prior on T, see the module."""
 
     prior: Prior
     """The rows."""
@@ -307,9 +307,9 @@ class MarginalPrior(NamedTuple):
 def marginal_prior(
     normal: NormalEquations, columns: Index, cofactors: Array, points: Index, rows: Index
 ) -> MarginalPrior | None:
-    """Return what is known of unknowns of a solved network without the observations of points.
+    """Return the prior on unknowns of a solved network without the observations of points.
 
-    None: the rows touch something else, or T or P is not determined to working precision.
+    None: the rows touch another unknown, or T or P is not determined to working precision.
 
     Args:
         normal: its normal equations at the solution.

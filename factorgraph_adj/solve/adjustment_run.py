@@ -1,7 +1,7 @@
-"""A running adjustment: equations, state, datum; errors for what is undetermined or overflows.
+"""Adjustment in progress: equations, state and datum, and errors for undetermined unknowns.
 
-An adjustment searches for datum defects where it begins, and for undetermined unknowns after a poor
-pivot and where it ends without a minimum.
+Datum defects are searched for at its start, and undetermined unknowns after a poor pivot and where
+it ends without a minimum.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from .undetermined_unknowns import (
 from .unnoticed_motions import zero_length_blocks
 
 GROSS_RMS = 30.0
-"""Root mean square of v/σ above which a state is far from the minimum: nothing that is singular
-there tells what the observations determine."""
+"""Root mean square of v/σ above which a state is far from the minimum: a singular N there does not
+show what the observations determine."""
 FITTING_RMS = 3.0
 """Root mean square of v/σ up to which readings fit where an iteration ended. Above it gross errors
 or poor start values have led it there."""
@@ -41,7 +41,7 @@ or poor start values have led it there."""
 
 @dataclass(frozen=True)
 class ShapeMisfit:
-    """What a shape was like when it was fitted again without a smaller vᵀPv."""
+    """Misfit of a shape when it was fitted again without a smaller vᵀPv."""
 
     excess: float
     """Excess of vᵀPv of its rows over what chance explains, in units of its deviation."""
@@ -51,7 +51,7 @@ class ShapeMisfit:
 
 @dataclass(frozen=True, eq=False)
 class RunRecord:
-    """What a finished adjustment leaves to computations that go on from its solution."""
+    """Record of a finished adjustment for computations that continue from its solution."""
 
     solver: Solver
     """How the normal equations are factorised."""
@@ -80,7 +80,7 @@ class AdjustmentRun:
     began: State
     """Values at which the adjustment began."""
     free: bool
-    """Whether a free network is asked for."""
+    """Whether a free network is requested."""
     constraint: Array
     """Terms that a minimal datum adds to the diagonal of N, (n_columns,)."""
     datum: FreeDatum | None = None
@@ -88,7 +88,7 @@ class AdjustmentRun:
     defects: tuple[Defect, ...] = ()
     """Datum defects that were found."""
     at_solution: NormalEquations | None = None
-    """Normal equations at the state; none: they have not been made."""
+    """Normal equations at the state; None: they have not been made."""
     smallest_pivot: float = 0.0
     """Smallest pivot of the last undamped step, relative to its diagonal element of N; 0: there was
     no undamped step."""
@@ -99,13 +99,13 @@ class AdjustmentRun:
     damped: bool = False
     """Whether a step was damped, so that the start was not near the minimum."""
     may_end_undetermined: bool = False
-    """Whether an iteration that ends where something is not determined that was at the start has
+    """Whether an iteration that ends where an unknown is not determined that was at the start has
     not converged; otherwise it is a `DatumError`."""
     last: tuple[State, Mapping[int, Linearised]] | None = None
     """The state of the last vᵀPv and what `Equations.evaluated` returned for it, until a state is
     linearised: the evaluation of an accepted step is the next linearisation."""
     made: NormalEquations | None = None
-    """Normal equations at the state at which it begins; none: they have not been made."""
+    """Normal equations at the state at which it begins; None: they have not been made."""
     extrapolated: ExtrapolationRecord = NO_EXTRAPOLATIONS
     """The extrapolations that were taken."""
     looked: Mapping[str, ShapeMisfit] = field(default_factory=dict)
@@ -183,7 +183,7 @@ class AdjustmentRun:
 
 
 def misfits_grossly(normal: NormalEquations) -> bool:
-    """Return whether residuals say that a state is far from the minimum."""
+    """Return whether residuals show that a state is far from the minimum."""
     return normal.system.vtpv > GROSS_RMS**2 * normal.solver.equations.n_rows
 
 
@@ -216,13 +216,13 @@ def settle_datum(run: AdjustmentRun, normal: NormalEquations) -> None:
     motions = defects[0].motions
     columns = datum_columns(run.equations, motions)
     held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
-    run.constraint = np.zeros_like(run.constraint)  # a run that goes on chooses again
+    run.constraint = np.zeros_like(run.constraint)  # a run that continues chooses again
     run.constraint[held] = normal.diagonal[held]
     run.datum = FreeDatum(motions, columns)
 
 
 def refuse_shrinking(run: AdjustmentRun, normal: NormalEquations, known: int) -> None:
-    """Raise an error if a free network has no minimum, as its residuals in metres shrink with it.
+    """Raise an error if a free network has no minimum, because residuals in metres shrink with it.
 
     Args:
         run: the adjustment.
@@ -279,12 +279,12 @@ def raise_undetermined(
 
 
 def describe_lost_determinacy(run: AdjustmentRun, normal: NormalEquations) -> str:
-    """Return what nothing determines where an iteration ended; empty if all is determined.
+    """Return what is not determined where an iteration ended; empty if all is determined.
 
     Raises:
-        DatumError: the same is not determined where the iteration began, so that it is the network
-            that does not determine it, or the run may not go astray. Otherwise gross errors, or
-            poor start values, have led to a place where points lie upon one another, or far away.
+        DatumError: the same is undetermined at the start, so that the network does not determine
+            it; or the run may not end undetermined. Otherwise gross errors, or poor start values,
+            have led to a state in which points coincide, or are far away.
     """
     error = find_undetermined(run, normal)
     if error is None:
@@ -306,7 +306,7 @@ def describe_lost_determinacy(run: AdjustmentRun, normal: NormalEquations) -> st
 def find_undetermined(
     run: AdjustmentRun, normal: NormalEquations, known: Array | None = None
 ) -> DatumError | None:
-    """Return an error that names the undetermined unknowns; none: all are determined."""
+    """Return an error that names the undetermined unknowns; None: all are determined."""
     if run.datum is not None:
         free, defects = True, [d.at(run.equations, run.state) for d in run.defects]
     else:

@@ -1,13 +1,13 @@
-"""The largest part of a free network that the null vectors of its equations move as a whole.
+"""Largest part of a free network that the null vectors of its equations move as a whole.
 
-Null vectors of the observations move the largest part of a free network that hangs together as a
-whole: shifted, turned and scaled. With the motions G of
-`factorgraph_adj.solve.datum_defects.generators` and a basis Z of the null space, both scaled, a
-part C hangs together if
+Null vectors of the observations move the largest coherent part of a free network as a whole:
+shifted, turned and scaled. With the motions G of `factorgraph_adj.solve.datum_defects.generators`
+and a basis Z of the null space, both scaled, a part C is coherent if
 
     Z_C = G_C T        with one T (7, d).
 
-T is tried out from three variables that share observations; the part is what follows it.
+T follows from three variables that share observations; the part is the set of variables that fit
+it.
 """
 
 from __future__ import annotations

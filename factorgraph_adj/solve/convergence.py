@@ -36,12 +36,13 @@ class StoppingRule:
     that are rounded themselves has rounding errors of this size."""
     blind: float = 1e-9
     """Largest change relative to vᵀPv that may still be the rounding of a thousand steps; a larger
-    decrease shows that vᵀPv can tell again."""
+    decrease shows that vᵀPv resolves steps again."""
     coarse: float = 1e-4
     """Largest noise relative to vᵀPv, by the last digits of the unknowns, up to which a step may be
-    taken that vᵀPv cannot tell from one that descends."""
+    taken whose decrease vᵀPv does not resolve."""
     still: float = 1.0
-    """Step relative to σ from which the unknowns are never at rest, even if vᵀPv cannot tell."""
+    """Step relative to σ from which unknowns have never converged, even if vᵀPv does not resolve
+    it."""
     fast: float = 0.1
     """Ratio of a step to the last one below which convergence counts as quadratic: after a step b
     that follows a step a, the remaining way is b²/a."""
@@ -55,19 +56,19 @@ class StoppingRule:
     shrinking: float = 0.8
     """Ratio of a step to the last one below which steps still converge."""
     in_vain: int = 10
-    """Number of consecutive steps that do not shrink, where vᵀPv cannot tell, after which the
-    iteration ends: such steps are only rounding."""
+    """Number of consecutive steps that do not shrink, where vᵀPv does not resolve them, after which
+    the iteration ends: such steps are only rounding."""
     rounded: int = 5
     """As many steps in vain as one counts that does not shrink below the resolution of the
     coordinates: the next one is as short by chance alone."""
     creeping: float = 0.03
-    """Ratio of a step to the last one above which the distance from the minimum is looked at with
+    """Ratio of a step to the last one above which the distance from the minimum is computed with
     second derivatives: a direction in which steps shrink slowly may hide behind the others."""
     recent: int = 10
     """Number of last steps whose shrinking an end without success reports."""
     foreseeable: float = 10.0
     """Ratio of the iterations that are still needed to those that were taken, above which the rate
-    of the last steps foretells nothing."""
+    of the last steps predicts nothing."""
     divergent: float = 0.9
     """Largest ratio of a step to the last one with which the remaining way b r/(1 − r) is
     estimated."""
@@ -93,11 +94,11 @@ def is_hidden_by_rounding(bound: float, decrease: float, vtpv: float) -> bool:
 
 
 def convergence_reason(left: float, tolerance: float, resolution: float = 0.0) -> str:
-    """Return the reason of an adjustment that ended at rest.
+    """Return the reason of an adjustment that converged.
 
     Args:
         left: bound of the distance from the minimum, relative to σ.
-        tolerance: the bound that was asked for.
+        tolerance: the requested bound.
         resolution: bound of a movement by one unit in the last digit of every value.
     """
     if left < tolerance:
@@ -113,7 +114,7 @@ def iteration_limit_reason(iterations: int, bounds: Sequence[float], tolerance: 
     Args:
         iterations: number of iterations.
         bounds: bounds of the steps, relative to σ.
-        tolerance: the bound that was asked for.
+        tolerance: the requested bound.
     """
     last = bounds[-1] if len(bounds) else np.inf
     reason = f"stopped after {iterations} iterations: the last step was {last:.2g} σ"
@@ -147,11 +148,11 @@ class Judgement:
     accepted: bool
     """Whether the step is taken."""
     done: bool
-    """Whether the adjustment is at rest after it."""
+    """Whether the adjustment has converged after it."""
     expected: bool = False
-    """Whether it is expected to be at rest after it; the step from there verifies it."""
+    """Whether it is expected to have converged after it; the step from there verifies it."""
     arrived: bool = False
-    """Whether the adjustment was at rest before the step, which is not taken."""
+    """Whether the adjustment had converged before the step, which is not taken."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,7 @@ class SmallestStep(Generic[S]):
     bound: float = np.inf
     """Bound of the smallest step so far, relative to σ."""
     state: S | None = field(default=None, repr=False)
-    """The state from which the smallest step leads; none before the first step."""
+    """The state from which the smallest step leads; None before the first step."""
     in_vain: int = 0
     """Number of consecutive steps that did not shrink."""
 
@@ -203,11 +204,11 @@ class StepRecord(Generic[S]):
     resolution: float = 0.0
     """Bound of a movement by one unit in the last digit of every value, relative to σ."""
     expecting: bool = False
-    """Whether the last step is expected to have come to rest."""
+    """Whether the last step is expected to have converged."""
     creeping: bool = False
     """Whether a step near the minimum was not much shorter than the one before it."""
     trusting: bool = False
-    """Whether the expectation ends the iteration, because what comes after it looks anyway."""
+    """Whether the expectation ends the iteration, because the next stage verifies it anyway."""
 
     def judge(self, attempt: Attempt[S], before: float, *, damped: bool) -> Judgement:
         """Judge a step by the state after it.
@@ -249,10 +250,10 @@ class StepRecord(Generic[S]):
         return bound * rate / (1.0 - rate)
 
     def arrived(self, bound: float, *, damped: bool) -> bool:
-        """Return whether a step shows that the state from which it leads is at rest.
+        """Return whether a step shows that the state from which it leads has converged.
 
-        Where a state is expected to be at rest the iteration ends there without the step; so it
-        does where the step is shorter than the coordinates can tell.
+        Where convergence of a state is expected, the iteration ends there without the step; so it
+        does where the step is below the resolution of the coordinates.
         """
         there = self.expecting or self.resolution > self.tolerance
         near = bound if self.resolution > self.tolerance else self.ahead(bound)
@@ -272,7 +273,7 @@ class StepRecord(Generic[S]):
     ) -> StepRecord[S]:
         """Return the record with a step that is to be taken from a state."""
         rest = self.rest
-        if attempt.vtpv < before - STOPPING.blind * (1.0 + before):  # vᵀPv can tell again
+        if attempt.vtpv < before - STOPPING.blind * (1.0 + before):  # vᵀPv resolves steps again
             rest = SmallestStep()
         if judged.small and not judged.done:
             rest = rest.with_step(attempt.step.bound, state, self.resolution)
@@ -291,8 +292,8 @@ class StepRecord(Generic[S]):
         extrapolated = bound < STOPPING.still
         more = 2 if extrapolated else 1
         slow = self.slow + more if no_progress and bound > STOPPING.shrinking * self.last else 0
-        told = self.resolution < bound < STOPPING.still
-        creeps = told and (not plain or bound > STOPPING.creeping * self.last)
+        resolved = self.resolution < bound < STOPPING.still
+        creeps = resolved and (not plain or bound > STOPPING.creeping * self.last)
         creeping = self.creeping or creeps
         return replace(self, last=bound, plain=plain, slow=slow, creeping=creeping)
 

@@ -63,18 +63,18 @@ MAX_UNNOTICED = 1e-9
 """Ratio |A g| / |√diag(N) g| below which a motion g counts as unnoticed; the ratio is 1 if the
 unknowns are independent."""
 MAX_UNNOTICED_FREE = 1e-7
-"""Ratio as `MAX_UNNOTICED` where a free network is asked for, at least; see `unnoticed_ratio`."""
+"""Least ratio as `MAX_UNNOTICED` where a free network is requested; see `unnoticed_ratio`."""
 MAX_UNNOTICED_BY_AZIMUTH = 3e-6
-"""The same of azimuths on the curved Earth; geocentric coordinates round what tells less."""
+"""The same for azimuths on the curved Earth: rounding of geocentric coordinates hides less."""
 CONVERGENCE_FACTOR = 10.0
-"""Times D/R, what azimuths tell of a shift along the Earth, by the convergence of meridians,
-relative to what they tell of a rotation, at most: tan φ up to latitudes of 84°."""
+"""Factor on D/R: largest sensitivity of azimuths to a shift along the Earth, by the convergence of
+meridians, relative to that to a rotation: tan φ up to latitudes of 84°."""
 SAGITTA_FACTOR = 4.0
-"""Times D/R, what heights above a surface tell of a scale by the curvature of the surface, relative
-to what they tell of tilts, at most: the sagitta d²/2R of a distance d up to 8 D."""
+"""Factor on D/R: largest sensitivity of heights above a surface to a scale, by the curvature of the
+surface, relative to that to tilts: the sagitta d²/2R of a distance d up to 8 D."""
 EARTH_E2 = 6.7e-3
-"""Ratio of what the change of the vertical along an ellipsoid tells of a motion to what it would
-tell if it did not change likewise on a sphere: the square of the Earth's eccentricity."""
+"""Ratio of the sensitivity to a motion by the change of the vertical along an ellipsoid to the
+sensitivity without an equal change on a sphere: the square of the Earth's eccentricity."""
 Extent: TypeAlias = tuple[Array, float]
 """Centre (3,) of rotations and scale, and the mean distance from it, metres."""
 
@@ -88,7 +88,7 @@ def generators(equations: Equations, state: State, about: Extent | None = None) 
     Args:
         equations: the network.
         state: values of its variables.
-        about: centre and mean distance; none: those of the points.
+        about: centre and mean distance; None: those of the points.
 
     Returns:
         G, (n_columns, 7).
@@ -116,7 +116,7 @@ def generators(equations: Equations, state: State, about: Extent | None = None) 
 
 
 def motions_of(equations: Equations, state: State, about: Extent | None = None) -> Motions:
-    """Return the seven motions of a network about a centre; none: the centre of the points."""
+    """Return the seven motions of a network about a centre; None: the centre of the points."""
     unknowns = equations.unknowns
     centre, size = extent_of(state) if about is None else about
     verticals = unknowns["vertical"]
@@ -247,7 +247,7 @@ def find_defects(
         system: the linearised network.
         state: the state at which it was linearised.
         diagonal: diagonal of N, (n_columns,).
-        free: whether a free network is asked for.
+        free: whether a free network is requested.
         shrinking: whether a scale is unnoticed by residuals that only shrink with it.
     """
     unknowns = system.unknowns
@@ -285,20 +285,20 @@ def unnoticed_ratio(equations: Equations, about: Extent, *, free: bool) -> float
     """Return the ratio |A g| / |√diag(N) g| below which a motion g is a datum defect.
 
     A free network on the curved Earth may be shifted along it with all its verticals: on a sphere
-    no observation notices that, and on the ellipsoid they notice it by the square of its
-    eccentricity times size / R. Such a notice says nothing about where the network is, to within
-    hundreds of metres or more; in a free network it is a defect, as on a plane. Observations of
-    places (control, GNSS positions, astronomic ones, weighted values) and a user's factors count
-    from `MAX_UNNOTICED_FREE` on, however weak they are beside the sights. So do azimuths, from
-    `MAX_UNNOTICED_BY_AZIMUTH` on, for the direction of the network; what they tell of its latitude,
-    by the convergence of meridians, does not count. Nor does what heights above surfaces tell of
-    scale by the curvature of these, see `SAGITTA_FACTOR`, nor what levelled frames with constant
-    origins tell of it: their horizons differ by their distances / R, and do not turn with it.
+    no observation is sensitive to that, and on the ellipsoid only by the square of its eccentricity
+    times size / R. This determines the position only to within hundreds of metres or more; in a
+    free network it is a defect, as on a plane. Observations of places (control, GNSS positions,
+    astronomic ones, weighted values) and a user's factors count from `MAX_UNNOTICED_FREE` on,
+    however weak they are beside the sights. So do azimuths, from `MAX_UNNOTICED_BY_AZIMUTH` on, for
+    the direction of the network; their sensitivity to its latitude, by the convergence of
+    meridians, does not count. Nor does the sensitivity of heights above surfaces to scale by the
+    curvature of these, see `SAGITTA_FACTOR`, nor that of levelled frames with constant origins:
+    their horizons differ by their distances / R, and do not turn with it.
 
     Args:
         equations: the network.
         about: centre of its points, and their mean distance from it, metres.
-        free: whether a free network is asked for.
+        free: whether a free network is requested.
     """
     centre, size = about
     if not free:
@@ -344,12 +344,12 @@ def _unnoticed(
     radians = np.zeros((3, basis.shape[1]))
     turning = np.flatnonzero(real[3:6])
     radians[turning] = basis[np.cumsum(real)[3 + turning] - 1] / size
-    told = without_turns_about_axes(system, system.times(among))
-    told = without_turned_deflections(system, told, radians)
+    changes = without_turns_about_axes(system, system.times(among))
+    changes = without_turned_deflections(system, changes, radians)
     if shrinking:
         scale = basis[-1] / size if real[6] else np.zeros(basis.shape[1])
-        told = without_shrinking(system, told, scale)
-    noticed = ease[:, None] * told
+        changes = without_shrinking(system, changes, scale)
+    noticed = ease[:, None] * changes
     every = np.eye(basis.shape[1])
     across = rows_across_axes(system)
     if across.any():
@@ -360,24 +360,25 @@ def _unnoticed(
         null = unnoticed_motions(noticed, every, threshold)
     else:
         rows = _Rows.of(system)
-        null = unnoticed_motions(np.where(rows.told_apart[:, None], 0.0, noticed), every, threshold)
-        # What tells where the network is counts, however weak it is beside all else.
+        null = unnoticed_motions(np.where(rows.limited[:, None], 0.0, noticed), every, threshold)
+        # Rows that determine the position count, however weak they are beside all others.
         null = unnoticed_motions(noticed[rows.places], null, MAX_UNNOTICED_FREE)
-        # What azimuths and heights would tell if their own unknowns stayed.
+        # Sensitivity of azimuths and heights if their own unknowns did not move.
         held = noticed
         if rows.own.any():
             held = ease[:, None] * system.times(np.where(rows.own[:, None], 0.0, among))
         on_earth = size / system.equations.network.frame.radius
         middle_point = extent_of(system.state)[0][None]
         up = heights(system.equations.network.frame, middle_point)[1][0]
-        # Azimuths come last, as tilts that surfaces tell would mix with turns that these tell less.
+        # Azimuths come last, as tilts from surfaces would mix with turns that azimuths determine
+        # less.
         for which, factor, least in (
             (rows.surfaces, SAGITTA_FACTOR, threshold),
             (rows.azimuths & ~rows.constant, CONVERGENCE_FACTOR, MAX_UNNOTICED_BY_AZIMUTH),
             (rows.azimuths & rows.constant, CONVERGENCE_FACTOR, MAX_UNNOTICED_BY_AZIMUTH),
         ):
-            told = held[which] @ null
-            most = float(np.linalg.norm(told, 2)) if told.size else 0.0
+            sensitivity = held[which] @ null
+            most = float(np.linalg.norm(sensitivity, 2)) if sensitivity.size else 0.0
             limit = max(least, factor * on_earth * most)
             if np.any(which & rows.constant & rows.azimuths):
                 null = undirected_motions(noticed[which], null, radians, up, (least, limit))
@@ -392,10 +393,10 @@ def _unnoticed(
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows that tell little or much of where a network on the curved Earth is; extra rows last."""
+    """Sensitivity of rows to the position of a network on the curved Earth, extra rows last."""
 
     places: Mask
-    """Whether they may tell where it is: all but sights, heights and weighted tilts."""
+    """Whether they may determine the position: all but sights, heights and weighted tilts."""
     azimuths: Mask
     """Whether they are azimuths."""
     constant: Mask
@@ -406,8 +407,8 @@ class _Rows:
     """Columns, (n_columns,), of the constants of azimuths and of the surfaces."""
 
     @property
-    def told_apart(self) -> Mask:
-        """Rows whose limits follow from what they would tell if the own unknowns stayed."""
+    def limited(self) -> Mask:
+        """Rows whose limits follow from their sensitivity if the own unknowns did not move."""
         return self.azimuths | self.surfaces
 
     @classmethod
@@ -436,7 +437,7 @@ class _Rows:
 
 
 def _flat(equations: Equations) -> bool:
-    """Return whether a network stands on a plane."""
+    """Return whether a network is on a plane."""
     frame = equations.network.frame
     return isinstance(frame, LocalFrame) and not frame.curvature
 

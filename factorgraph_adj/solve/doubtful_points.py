@@ -1,12 +1,12 @@
 """Doubtful points: vague, at infinity or at a camera, of narrow rays, or with exchanged names.
 
-Vague points. Three standard deviations that reach the farthest station, or photo, reach infinity
-too. Partials at the place where such a point is assumed say nothing about any other; adjustments
-with it hardly converge, and right readings beside it look wrong.
+Vague points. If three standard deviations of a point reach the farthest station, or photo, they
+reach infinity too. Partials at its assumed position are valid for no other; adjustments with it
+hardly converge, and right readings beside it seem wrong.
 
-Points at infinity. A wrong image point makes rays that meet nowhere ahead of their cameras. vᵀPv
-may then fall without end as their point moves away, or towards the projection centre of the wrong
-one, where it has every direction: there is no minimum at a finite distance.
+Points at infinity. Rays of a wrong image point meet nowhere ahead of their cameras. vᵀPv may then
+decrease without end as the point moves away, or towards the projection centre of the wrong one,
+where it has every direction: there is no minimum at a finite distance.
 
 Exchanged points. Where two names are exchanged in all readings, nothing contradicts: the network
 fits, and each point is where the other one is. Only given approximate coordinates reveal it.
@@ -28,21 +28,21 @@ from .linearised_equations import LinearisedEquations
 from .solution import Solution
 
 CONFIDENCE_SIGMAS = 3.0
-"""Standard deviations of a point within which it may be."""
+"""Number of standard deviations of a point within which it may be."""
 
 
 MIN_RAY_EIGENVALUE = 1e-4
-"""1 − cos 0.8°: rays with a smaller angle let adjustments of blocks of photos creep."""
+"""1 − cos 0.8°: rays with a smaller angle make adjustments of blocks of photos converge slowly."""
 
 VAGUE_ROWS_AT_ONCE = 100_000
-"""Number of observations that are worked on at once."""
+"""Number of observations that are processed at once."""
 MIN_EXCHANGE_MOVEMENT_RATIO = 10.0
 """Smallest movement of such a point, and distance between two of them, relative to the median of
 the movements of all points from their given coordinates."""
 MAX_EXCHANGE_DISTANCE_RATIO = 0.1
 """Largest distance of a point from the other's given coordinates, relative to its movement."""
 MIN_GIVEN_POINTS = 5
-"""Smallest number of points with given coordinates whose median says how good these are."""
+"""Smallest number of points with given coordinates whose median measures the quality of these."""
 MAX_POINTS_COMPARED = 1000
 """Largest number of points that moved far and are compared with one another."""
 INFINITE_DISTANCE_RATIO, ZERO_DISTANCE_RATIO = 1e3, 1e-3
@@ -64,7 +64,7 @@ class VaguePoint:
     """Its farthest sight, metres."""
 
     def __str__(self) -> str:
-        """Say so."""
+        """Return the message."""
         if not math.isfinite(self.sigma):
             return (
                 f"point {self.name!r} may be anywhere: its observations leave a direction "
@@ -143,12 +143,12 @@ def points_with_narrow_rays(equations: Equations, state: State, layers: Layers) 
     """Return the points that only cameras see, with rays that are nearly parallel.
 
     The least eigenvalue of Σ(I − d dᵀ) over the directions d of the rays of a point, 1 − cos of
-    their angle for two of them, is below `MIN_RAY_EIGENVALUE`. An adjustment creeps along such rays
-    for tens of iterations where photos move too.
+    their angle for two of them, is below `MIN_RAY_EIGENVALUE`. An adjustment in which photos move
+    too converges slowly along such rays, in tens of iterations.
 
     Args:
         equations: the network.
-        state: where it is.
+        state: its values.
         layers: layers of its elimination.
     """
     own = np.zeros((len(state["point"]), 3, 3))
@@ -180,7 +180,7 @@ def describe_exchanged_points(equations: Equations, state: State) -> tuple[str, 
 
     Args:
         equations: the network.
-        state: where the adjustment has ended.
+        state: its values at the end of the adjustment.
     """
     table = equations.unknowns["point"]
     loose = table.free.all(axis=1) & ~np.isfinite(table.sigma).any(axis=1)

@@ -255,12 +255,12 @@ def _photos_of(equations: Equations, kind: VariableKind) -> Index:
 
 
 def _stands_nowhere(kind: VariableKind) -> bool:
-    """Return whether unknowns of a kind stand neither at a point nor in a photo."""
+    """Return whether unknowns of a kind are neither at a point nor in a photo."""
     return kind not in ("point", "pose", "calibration") and not UNKNOWNS[kind].at_point
 
 
 def first_point(block: Block) -> int | None:
-    """Return the place of the first point among the variables of a block; none: there is none.
+    """Return the place of the first point among the variables of a block; None: there is none.
 
     It is the one that may be in the first layer.
     """

@@ -30,9 +30,9 @@ class EliminationPlan:
     nodes: Nodes
     """Places in the second layer."""
     rays: PointRays | None
-    """Rays to the points of the first layer; none: it is empty."""
+    """Rays to the points of the first layer; None: it is empty."""
     rows: NodeRows | None
-    """Places of the observations in the second layer; none: it is one front by QR, whose nodes are
+    """Places of the observations in the second layer; None: it is one front by QR, whose nodes are
     all joined."""
 
     @classmethod
@@ -57,7 +57,7 @@ class EliminationPlan:
         return np.concatenate([self.rows.pair_codes, self.rays.pair_codes])
 
     def sums(self, system: LinearisedEquations) -> RaySums | None:
-        """Return the products of the rays of a linearisation; none: there is no first layer."""
+        """Return the products of the rays of a linearisation; None: there is no first layer."""
         return None if self.rays is None else RaySums(self.rays, system)
 
 
@@ -72,7 +72,7 @@ class Factorisation:
     """Relative error of variances by random probes, see `probed_variance_error`; zero before."""
     _inner: Array | None = None
     points: ReducedPoints | None = None
-    """The first layer; none: it is empty."""
+    """The first layer; None: it is empty."""
 
     def __init__(self, prepared: PreparedElimination, extra: Array) -> None:
         """Factorise.
@@ -148,7 +148,7 @@ class Factorisation:
 
         Args:
             y: right sides.
-            kept: solution of the columns that are not eliminated, (m, k); none: it follows from
+            kept: solution of the columns that are not eliminated, (m, k); None: it follows from
                 their covariances, where there are such columns.
         """
         y = np.where(self.free[:, None], y, 0.0)
@@ -249,7 +249,7 @@ class Factorisation:
 
     @with_one_thread
     def ray_covariances(self) -> RayCovariances | None:
-        """Return the joint covariances of the first layer with the second; none: it is empty.
+        """Return the joint covariances of the first layer with the second; None: it is empty.
 
         They have 24 numbers for each ray, and are not kept.
         """
@@ -278,9 +278,9 @@ class PreparedElimination:
     system: LinearisedEquations
     """The linearisation."""
     sums: RaySums | None
-    """Products of the rays; none: there is no first layer."""
+    """Products of the rays; None: there is no first layer."""
     rows: RowElements | None
-    """Rows of all observations by the places of the second layer, for QR; none: the fronts are
+    """Rows of all observations by the places of the second layer, for QR; None: the fronts are
     factorised by Cholesky."""
 
     @classmethod

@@ -127,7 +127,7 @@ def with_points_pulled_ahead(equations: Equations, state: State, may_move: Mask)
 
 
 def _rays_of_points_behind(equations: Equations, state: State, may_move: Mask) -> _Rays | None:
-    """Return the rays of all points that lie behind one of their cameras; none: there are none."""
+    """Return the rays of all points that lie behind one of their cameras; None: there are none."""
     found, depths = [], []
     behind = np.zeros(len(state["point"]), dtype=bool)
     for place, chunks in equations.rays.items():
@@ -178,7 +178,7 @@ def with_points_held_in_front(equations: Equations, state: State, moved: State) 
         moved: the state after the step.
 
     Returns:
-        The state after the step; none: the cameras themselves pass points, or shorten too much.
+        The state after the step; None: the cameras themselves pass points, or shorten too much.
     """
     if not _keeps_principal_distances(equations, state, moved):
         return None

@@ -130,7 +130,7 @@ class RootFront:
 
         Args:
             y: right sides.
-            kept: x at the kept columns, not scaled (m, r); none: Σ_kk s.
+            kept: x at the kept columns, not scaled (m, r); None: Σ_kk s.
         """
         half = solve_lower(self.own, y[self.eliminated])
         x = np.empty_like(y)
@@ -281,7 +281,7 @@ class Fronts:
         self.across: list[Array] = [across for _, across in factors]
         """B of each front below the root, (b, o)."""
         self.last = fronts[-1] if fronts else None
-        """The front of the root; none: there are no nodes."""
+        """The front of the root; None: there are no nodes."""
         self.root_places = _root_places(fronts, pattern)
         """Place of each column of the root."""
         self.root = root
@@ -301,7 +301,7 @@ class Fronts:
         Args:
             fronts: the fronts in the order of elimination; the last one has no border.
             matrix: the matrix.
-            kept: places (m,) in the last front and the border that are not eliminated; none: the
+            kept: places (m,) in the last front and the border that are not eliminated; None: the
                 whole matrix is factorised.
 
         Raises:
@@ -368,7 +368,7 @@ class Fronts:
 
         Args:
             y: right sides.
-            kept: solution at the kept places, (m, r); none: it follows from their covariances.
+            kept: solution at the kept places, (m, r); None: it follows from their covariances.
         """
         n, w = self.pattern.n, self.pattern.width
         r = y.shape[1]

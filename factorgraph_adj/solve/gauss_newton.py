@@ -128,9 +128,9 @@ def iterate(
     earlier: int = 0,
     progress: Progress | None = None,
 ) -> IterationEnd:
-    """Step until the unknowns are at rest; ``run.state`` is the last state.
+    """Step until the unknowns have converged; ``run.state`` is the last state.
 
-    Where steps shrank slowly Newton's steps are the last ones, and tell how far the minimum is.
+    If steps shrank slowly, Newton's steps are the last ones, and bound the distance to the minimum.
 
     Args:
         run: the adjustment.
@@ -167,12 +167,13 @@ def _gauss_newton(
         if not np.isfinite(before):
             raise_overflow(run)
         first = iteration == 1
-        # A robust estimate gives weights, and begins where another adjustment may have gone astray.
+        # A robust estimate gives weights, and begins where another adjustment may have ended
+        # wrongly.
         if first and run.state is run.began and not run.weighted:
             check_numerical_precision(normal.system, normal.resolution)
         if first and (run.free or bool(np.any(run.unobserved(normal)))):
             settle_datum(run, normal)
-        # A free network's motion onto its inner constraints begins with a look.
+        # A free network's motion onto its inner constraints begins with a check.
         trusting = run.datum is not None
         stop = replace(stop, resolution=normal.resolution, trusting=trusting)
         damping, found = _descend(run, normal, stop, damping, first=first)
@@ -217,7 +218,7 @@ def _descend(
     *,
     first: bool,
 ) -> tuple[Damping, tuple[Attempt[State], Judgement] | None]:
-    """Damp until a step is accepted; none: no damping leads to an accepted step."""
+    """Damp until a step is accepted; None: no damping leads to an accepted step."""
     while True:
         damped = damping.value > 0.0
         factor = _factorised(run, normal, damping.value, keep=stop.expecting)
@@ -248,7 +249,7 @@ def _descend(
 def step_from(
     run: AdjustmentRun, normal: NormalEquations, damping: float = 0.0, *, keep: bool = False
 ) -> Step | None:
-    """Return the step from a linearisation, with some damping; none: the system is singular.
+    """Return the step from a linearisation, with some damping; None: the system is singular.
 
     With ``keep`` the linearisation keeps its factorisation: it is probably that of the solution.
 
@@ -262,7 +263,7 @@ def step_from(
 def _factorised(
     run: AdjustmentRun, normal: NormalEquations, damping: float, *, keep: bool
 ) -> Factorised | None:
-    """Factorise N + λD; none: it is singular."""
+    """Factorise N + λD; None: it is singular."""
     if damping == 0.0:
         run.smallest_pivot = 0.0
     try:
@@ -364,7 +365,7 @@ def _movement(
 
 
 def _newton(run: AdjustmentRun, ended: IterationEnd, tolerance: float) -> IterationEnd:
-    """Take Newton's steps from a state at rest; end at the one that is nearest to the minimum."""
+    """Take Newton's steps from a converged state; end at the state nearest to the minimum."""
     nearest, last, taken = np.inf, np.inf, 0
     best = run.state, run.at_solution, ended.vtpv
     while True:
@@ -410,12 +411,12 @@ def _at_smallest_step(run: AdjustmentRun, stop: StepRecord[State], iteration: in
 def _no_way_on(
     run: AdjustmentRun, normal: NormalEquations, stop: StepRecord[State], iteration: int
 ) -> IterationEnd:
-    """End where no damping leads to a step: at rest if the undamped step is small."""
+    """End where no damping leads to a step: converged if the undamped step is small."""
     vtpv = normal.system.vtpv
     left = _undamped(run, normal)
     if stop.near_enough(left, vtpv):
         return IterationEnd.at_rest(stop, iteration, left, vtpv)
-    if stop.rest.state is not None:  # an earlier state was at rest, as near as vᵀPv can tell
+    if stop.rest.state is not None:  # an earlier state had converged to the resolution of vᵀPv
         return _at_smallest_step(run, stop, iteration)
     why = describe_lost_determinacy(run, normal)
     reason = "no step decreases vᵀPv any more, yet the solution has not converged"

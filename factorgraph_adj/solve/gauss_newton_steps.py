@@ -16,8 +16,8 @@ steps fₖ, and the movement dₖ of the unknowns after fₖ, the next movement 
 does not depend on units: ‖f‖²_N = |A f|².
 
 An extrapolation is taken only where vᵀPv is lower after it than after the step alone. Four limits
-bound how long they go on: after `MAX_VAIN_EXTRAPOLATIONS` in a row that are not taken only every
-other step is extrapolated, only steps below `StoppingRule.still` are, each of them that brings no
+bound their number: after `MAX_VAIN_EXTRAPOLATIONS` in a row that are not taken only every other
+step is extrapolated, only steps below `StoppingRule.still` are, each of them that brings no
 progress counts twice towards `StoppingRule.patience`, and every one is an iteration of
 ``max_iterations``.
 """
@@ -38,11 +38,11 @@ MAX_VAIN_EXTRAPOLATIONS = 5
 """Number of extrapolations in a row that are not taken, after which only some steps are
 extrapolated: each costs an evaluation of all observations."""
 STEPS_PER_TRIAL = 2
-"""Every how many steps an extrapolation is tried then."""
+"""Number of steps from one extrapolation to the next one then."""
 MIN_SINGULAR_VALUE_RATIO = 1e-8
 """Relative singular value of the matrix of differences of steps below which it counts as zero."""
 S = TypeVar("S")
-"""A state: the values themselves, or what tells where they are."""
+"""A state: the values themselves, or a reference to them."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Damping:
 
 @dataclass(frozen=True)
 class ExtrapolationRecord:
-    """The extrapolations that an adjustment has taken, and what they gained."""
+    """The extrapolations that an adjustment has taken, and their gain."""
 
     count: int = 0
     """Number of iterations that moved the unknowns by an extrapolation of steps."""
@@ -134,7 +134,7 @@ class Extrapolation:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all steps: the next step starts a new sequence."""
+        """Delete all steps: the next step starts a new sequence."""
         self.in_vain = 0
         """Number of steps in a row without an extrapolation that was taken."""
         self._step: Array | None = None
@@ -143,7 +143,7 @@ class Extrapolation:
         self._bends: list[Array] = []
 
     def beyond(self, step: Array, rows: Callable[[Array], Array]) -> Array | None:
-        """Return the extrapolated movement; none: no earlier step, or too many were in vain.
+        """Return the extrapolated movement; None: no earlier step, or too many were in vain.
 
         Args:
             step: Gauss-Newton step at the present state, (n_columns,).
@@ -215,6 +215,6 @@ class Attempt(Generic[S]):
     step: Step
     """The step."""
     state: S | None
-    """The state after the step; none: the step takes cameras past their points."""
+    """The state after the step; None: the step takes cameras past their points."""
     vtpv: float
     """Value of vᵀPv after the step; infinite where it cannot be computed."""

@@ -80,7 +80,7 @@ def solution_at_given_values(
         equations: the network.
         start: the values, and those from which they were found.
         constraint: what the minimal datum of a free network adds to the diagonal of N,
-            (n_columns,); none: the datum is given.
+            (n_columns,); None: the datum is given.
         reason: why the values are a minimum.
         within: bound of the distance of every unknown from the minimum, relative to its own σ.
         doubt: why they are none; empty if they are one.
@@ -97,7 +97,7 @@ def solution_at_given_values(
     if constraint is not None:
         moved, defects, datum = _on_datum(equations, values, start.origin)
         there = equations.residuals(moved)
-        # What no observation notices changes no residual.
+        # Motions that no observation is sensitive to change no residual.
         if abs(float(there @ there) - float(v @ v)) <= STOPPING.unchanged * (1.0 + float(v @ v)):
             values, v = moved, there
         else:

@@ -18,7 +18,7 @@ class GrowingMatrix:
     """
 
     def __init__(self, n: int, k: int = 0, room: Array | None = None) -> None:
-        """Take the first k columns of some room; none: there are no columns."""
+        """Take the first k columns of some room; None: there are no columns."""
         self._room = np.zeros((n, INITIAL_COLUMNS), order="F") if room is None else room
         self._k, self._taken = k, [k]
 

@@ -206,7 +206,7 @@ def datum_columns(
     Args:
         equations: the network.
         motions: G of the defect, (n_columns, d).
-        points: names of the datum points; none: the points with the datum flag, or all points if
+        points: names of the datum points; None: the points with the datum flag, or all points if
             no point has the flag.
 
     Raises:
@@ -315,7 +315,7 @@ def state_on_constraints(
 def _similarity(
     equations: Equations, state: State, start: State, defect: Defect, columns: Mask
 ) -> Array | None:
-    """Return the amounts of the similarity that makes |x − x₀|² least; none: it may not be used.
+    """Return the amounts of the similarity that makes |x − x₀|² least; None: it may not be used.
 
     The similarity is used where the network has all seven defects, where every datum point has all
     its coordinates, and where only points, photos and frames move.
@@ -367,10 +367,11 @@ def _bend(equations: Equations, state: State, r: Array, defect: Defect) -> Array
 def held_gradient(normal: NormalEquations, defects: tuple[Defect, ...], constraint: Array) -> Array:
     """Return AᵀPv with the forces that a minimal datum exerts on what it holds, (n_columns,).
 
-    Observations may notice a datum defect a little, such as a turn by the convergence of meridians.
-    A term on the diagonal of N does not hold the network against them: every step would follow them
-    a little, and none would be the last. The forces f on the held columns make Gᵀ (AᵀPv − f) = 0,
-    so that the network stays where it is held. Where nothing notices the defect they are zero.
+    Observations may be a little sensitive to a datum defect, such as a turn by the convergence of
+    meridians. A term on the diagonal of N does not hold the network against them: every step would
+    follow them a little, and none would be the last. The forces f on the held columns make Gᵀ (AᵀPv
+    − f) = 0, so that the network stays where it is held. Where no observation is sensitive to the
+    defect they are zero.
 
     Args:
         normal: the normal equations at a state.
@@ -393,15 +394,15 @@ class NetworkOnConstraints:
     state: State
     """Values of all variables."""
     normal: NormalEquations | None
-    """Normal equations at the state; none: they have not been made."""
+    """Normal equations at the state; None: they have not been made."""
     defects: tuple[Defect, ...]
     """Datum defect at the state, or the last one on the way."""
     datum: FreeDatum
     """The inner constraints."""
     at_rest: bool
-    """Whether the network is at rest, and on the constraints."""
+    """Whether the network has converged, on the constraints."""
     left: float = 0.0
-    """Bound of the step from the state relative to σ, where the network is at rest."""
+    """Bound of the step from the state relative to σ, where the network has converged."""
 
 
 def network_on_constraints(
@@ -429,11 +430,12 @@ def network_on_constraints(
         datum: the constraints; their columns are kept.
         defects: the defect at ``state``.
         normal_at: function that makes the normal equations at a state.
-        step: function that returns a step of the adjustment; none: the system is singular.
-        tolerance: bound of the step relative to σ at which a state is at rest.
-        at_rest: whether ``state`` is at rest, or as near as rounding lets tell; steps that do not
-            shrink, or that the coordinates have no digits for, are then accepted as rounding. A
-            state that is not at rest may have points on their way to infinity: it is moved once.
+        step: function that returns a step of the adjustment; None: the system is singular.
+        tolerance: bound of the step relative to σ at which a state has converged.
+        at_rest: whether ``state`` has converged, or as far as rounding allows; steps that do not
+            shrink, or that are below the resolution of the coordinates, are then accepted as
+            rounding. A state that has not converged may have points on their way to infinity: it is
+            moved once.
         free: as in `find_defects`.
     """
     enough, left = tolerance, 0.0

@@ -274,7 +274,7 @@ def _points_alone(
     factor: Factorisation,
     datum: FreeDatum | None,
 ) -> Factorisation | None:
-    """Return N22 of the points that are not in the first layer, factorised; none: there are none.
+    """Return N22 of the points that are not in the first layer, factorised; None: there are none.
 
     Points of the first layer that are sighted from such points are in it.
     """

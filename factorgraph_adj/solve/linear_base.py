@@ -39,23 +39,23 @@ from .solution import Solution
 POWER_ITERATION_SEED = 1
 """Seed of the first vector of the power iteration."""
 FIRST_POWER_STEPS = 4
-"""Number of steps of the power iteration at the first look. A later look makes one step, from the
-vector at which the look before it ended."""
+"""Number of steps of the power iteration at the first examination. A later one makes one step, from
+the vector at which the previous one ended."""
 REACH_FACTOR = 2.0
-"""Length, relative to the one that a look saw, from which on its prediction is enlarged."""
+"""Length, relative to that of an examined movement, from which its prediction is enlarged."""
 MAX_GAIN_GROWTH = 4.0
-"""Factor by which ``gained`` may grow since a look."""
+"""Factor by which ``gained`` may grow since an examination."""
 SIGMA_SAMPLES = 16
 """Number of samples from which standard deviations are estimated."""
 MAX_RANDOM_NUMBERS = 4_000_000
-"""Number of random numbers for which samples are worked out at once."""
+"""Number of random numbers for which samples are computed at once."""
 POINT_SLOTS = 256
 """Number of slots: a limit for rows beside a base, of which few touch two points each."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinearisationDrift:
-    """A look at the linear forms, and what it predicts."""
+    """Examined errors of the linear forms, and their prediction."""
 
     weights: Array
     """D⁻¹v of the update at that moment, (k,)."""
@@ -74,21 +74,21 @@ class LinearisationDrift:
     gained: float
     """Largest factor by which rows that joined had made a variance smaller."""
     direction: Array | None
-    """The last vector of the power iteration, (n_columns,); none: there was none."""
+    """The last vector of the power iteration, (n_columns,); None: there was none."""
 
     def predicted(self, ahead: float, gained: float, inner: float = np.inf) -> tuple[float, float]:
-        """Return bounds of left step and t after a movement since the look.
+        """Return bounds of left step and t after a movement since the examination.
 
         Both are infinite where a row has determined something that was known far less before: the
-        movement along it tells nothing of the curvature there. Where the movement is longer than
-        `REACH_FACTOR` times the one that was seen, both are multiplied by the square of what it is
-        longer by.
+        movement along it shows nothing of the curvature there. Where the movement is longer than
+        `REACH_FACTOR` times the examined one, both are multiplied by the square of the excess
+        ratio.
 
         Args:
             ahead: length of the movement.
             gained: largest factor by which rows that joined make a variance smaller.
-            inner: dxᵀN dx' of the movements before the look and since; infinite: they have one
-                direction.
+            inner: dxᵀN dx' of the movements before the examination and since; infinite: they have
+                one direction.
         """
         if gained > MAX_GAIN_GROWTH * self.gained or (ahead > 0 and not self.reach > 0):
             return np.inf, np.inf
@@ -103,7 +103,7 @@ class LinearisationDrift:
         return left * farther, float(np.sqrt(square)) * farther
 
     def anew(self) -> LinearisationDrift:
-        """Return what is expected of a new base of nearly the same observations."""
+        """Return the expected errors of a new base of nearly the same observations."""
         out = replace(self, left=0.0, turned=0.0, length=0.0, gained=1.0)
         return replace(out, weights=self.weights[:0], direction=None)
 
@@ -111,13 +111,13 @@ class LinearisationDrift:
 def missed_gradient(
     here: LinearisedEquations, there: LinearisedEquations, movement: Array, apart: Index = NO_ROWS
 ) -> Array:
-    """Return what the linear forms miss of the gradient, (n_columns,).
+    """Return the error of the gradient by the linear forms, (n_columns,).
 
     Args:
         here: the base, linearised.
         there: the same observations at the present state.
         movement: movement of the unknowns between them, (n_columns,).
-        apart: rows that are not looked at.
+        apart: rows that are not examined.
     """
     linear = here.every_residual + here.times(movement[:, None])[:, 0]
     now = there.every_residual
@@ -138,8 +138,8 @@ def largest_variance_error(
         here: the base, linearised.
         there: the same observations at the present state.
         factor: the factorised base.
-        start: the vector of an earlier look; none: there was none.
-        apart: rows that are not looked at.
+        start: the vector of an earlier examination; None: there was none.
+        apart: rows that are not examined.
     """
     steps = 1
     if start is None:

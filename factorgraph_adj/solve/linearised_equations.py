@@ -219,7 +219,7 @@ class LinearisedEquations:
             equations: the network.
             state: values of all variables.
             extra: rows of factors that the user added, at ``state``.
-            evaluated: what `Equations.evaluated` returns for ``state``; none: it is computed.
+            evaluated: what `Equations.evaluated` returns for ``state``; None: it is computed.
 
         Raises:
             InputError: observations cannot be computed at ``state``; the error names them.

@@ -197,8 +197,8 @@ class Update:
     """A system with rows that joined, left or are constraints; an immutable value.
 
     `Update.of` makes an update without rows; `with_rows` returns an update with further rows.
-    Columns of new unknowns stand behind the n columns of the system. Functions F (j, n) of the
-    unknowns of the system are given as F G (j, k).
+    Columns of new unknowns follow the n columns of the system. Functions F (j, n) of the unknowns
+    of the system are given as F G (j, k).
     """
 
     base: Cofactors
@@ -238,7 +238,7 @@ class Update:
             at: columns that the rows touch, each once, (m,).
             b: whitened partials by these columns, (k, m).
             v: whitened residuals at the minimum of the system given to `of`, and the values of the
-                new unknowns, (k,); none: zero.
+                new unknowns, (k,); None: zero.
             sign: 1 joins, −1 leaves, 0 is a constraint without error; only rows that join may
                 touch new unknowns.
         """
@@ -333,7 +333,7 @@ class Update:
 
         Args:
             f: F G of functions F, (..., i, k).
-            g: F' G of other functions F', (..., j, k); none: F' = F.
+            g: F' G of other functions F', (..., j, k); None: F' = F.
         """
         z, sigma = self.parts[:2]
         half = f @ z
@@ -420,7 +420,7 @@ class Update:
         """Test rows of the update against all other observations.
 
         Args:
-            rows: the rows to test among the k rows, all of one sign, +1 or −1; none: all.
+            rows: the rows to test among the k rows, all of one sign, +1 or −1; None: all.
 
         Returns:
             The statistics, and the degrees of freedom of T². The test value of a row that no

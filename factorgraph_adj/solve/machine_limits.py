@@ -27,7 +27,7 @@ MAX_ROUNDING = 0.1
 """Largest rounding error of a computed value, relative to its σ."""
 SAFE_ROUNDING = 0.01
 """Rounding error, relative to σ, with which an adjustment converges beside less precise readings;
-above it vᵀPv may be too rough to tell a step of these."""
+above it vᵀPv may be too coarse to resolve a step of these."""
 MAX_RATIO = 1e7
 """Largest ratio of the square roots of weights of two rows that share unknowns. At 1e8 the smaller
 one keeps a digit or two in normal equations, at 1e9 none."""
@@ -67,7 +67,7 @@ def check_numerical_precision(system: LinearisedEquations, resolution: float) ->
     """Refuse observations whose σ is below what double precision carries at their coordinates.
 
     The computed value of row i has a rounding error of ½ √(Σⱼ aᵢⱼ² δⱼ²) σ, with the whitened
-    partials a and the units δ in the last digits of the unknowns. Rows are looked at only where the
+    partials a and the units δ in the last digits of the unknowns. Rows are examined only where the
     sum of all squares is large.
 
     Args:
@@ -296,7 +296,7 @@ def estimate_memory(plan: EliminationPlan, equations: Equations, state: State) -
 
 
 def free_memory_bytes() -> float:
-    """Return the bytes of memory that are free; infinite where the system does not tell."""
+    """Return the bytes of memory that are free; infinite where the system does not report them."""
     try:
         with open("/proc/meminfo", encoding="ascii") as lines:
             for line in lines:
@@ -311,7 +311,7 @@ def refuse_too_large(plan: EliminationPlan, equations: Equations, state: State) 
     """Refuse an adjustment that takes more memory than there is.
 
     Raises:
-        InputError: the adjustment takes more memory than is free; both figures are told.
+        InputError: the adjustment takes more memory than is free; it states both figures.
     """
     # Pairs and fronts take long to count; small networks are let through without them.
     rays = sum(c.block.n for c in equations.rays.values())

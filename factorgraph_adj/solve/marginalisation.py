@@ -1,4 +1,4 @@
-"""Marginalisation: linear rows in the place of retired unknowns, and what these rows miss.
+"""Marginalisation: linear rows in the place of retired unknowns, and the errors of these rows.
 
 Unknowns R that nothing new will touch are eliminated, with all rows that touch them, where the
 network is. Their rows A_R dx_R + A_T dx_T + v, those of an earlier marginalisation that touch
@@ -150,7 +150,7 @@ def missed_step_of_rows(
         normal: the network, with the rows of an earlier marginalisation.
         rows: the rows that become linear.
         columns: columns of the unknowns of the new prior, (m,).
-        before: rows of an earlier marginalisation; none: there was none.
+        before: rows of an earlier marginalisation; None: there was none.
         known: what these and those before them miss.
     """
     here, unknowns = normal.system, normal.system.unknowns
@@ -247,10 +247,10 @@ def marginalise(
     """Eliminate unknowns.
 
     Args:
-        normal: the network where it stands, with the rows of an earlier marginalisation.
+        normal: the network at its state, with the rows of an earlier marginalisation.
         rows: all rows that touch the unknowns.
         gone: columns of each of the unknowns.
-        before: the earlier marginalisation; none: there was none.
+        before: the earlier marginalisation; None: there was none.
         missed: what its rows, and those before them, miss.
 
     Raises:

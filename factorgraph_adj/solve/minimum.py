@@ -85,7 +85,7 @@ def fits_badly(v: Array, factors: Array | None, n_determined: int, *, relative: 
 
     Args:
         v: residuals in units of their standard deviations with these factors, (n,).
-        factors: factors on the weights of the first observations, at most n; none: 1.
+        factors: factors on the weights of the first observations, at most n; None: 1.
         n_determined: number of unknowns that the observations determine, u.
         relative: whether s² is unknown; otherwise it is 1.
     """
@@ -157,11 +157,11 @@ def adjust_from_start(
     """Adjust compiled equations from start values; see `adjust`.
 
     ``extra`` are rows beside the observations. ``solver`` is that of the same network and rows with
-    other weights; none: it is made. With ``astray`` an iteration that ends where something is not
+    other weights; None: it is made. With ``astray`` an iteration that ends where something is not
     determined that was at the start is returned as not converged; otherwise it is a `DatumError`,
-    by which an incremental adjustment knows what to let wait. ``looked`` are shapes that an
-    adjustment before has fitted again in vain, which is not repeated where nothing has changed.
-    Without ``other_sides`` points stay on the side on which the iteration finds them.
+    from which an incremental adjustment takes the unknowns that have to wait. ``looked`` are shapes
+    that an earlier adjustment has fitted again in vain, which is not repeated where nothing has
+    changed. Without ``other_sides`` points stay on the side on which the iteration finds them.
     """
     attempt = partial(
         _adjust_from_one,
@@ -302,7 +302,7 @@ def _minimise(
 ) -> tuple[AdjustmentRun, IterationEnd]:
     """Iterate to the minimum of vᵀPv; repeat with the weights that follow from the new lengths."""
     state, iterations, extrapolated = start.state, 0, NO_EXTRAPOLATIONS
-    told: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
     weighed = equations.weighted_at(state)
     examine = _Iteration(tolerance, MAX_OTHER_SIDE_ITERATIONS)
     for _ in range(MAX_REWEIGHTINGS):
@@ -321,7 +321,7 @@ def _minimise(
         if ended.converged and other_sides:
             ended, found = resolve_ambiguous_points(run, ended, go_on, examine)
             # With the next weights the iteration begins at a place, and finds nothing between.
-            told = found or told
+            places = found or places
         if ended.converged:
             ended = refit_shapes(run, ended, go_on, examine.up_to)
         iterations, state = ended.iterations, run.state
@@ -341,7 +341,7 @@ def _minimise(
         ended = replace(ended, reason=f"{ended.reason}; {lost}")
     if not ended.converged and ended.vtpv > GROSS_RMS**2 * run.equations.n_rows:
         ended = replace(ended, reason=f"{ended.reason}; {GROSS_ERRORS_NOTE}")
-    return run, replace(ended, iterations=iterations, second_places=told)
+    return run, replace(ended, iterations=iterations, second_places=places)
 
 
 def describe_second_places(equations: Equations, state: State) -> tuple[str, ...]:
@@ -349,7 +349,7 @@ def describe_second_places(equations: Equations, state: State) -> tuple[str, ...
 
     Args:
         equations: a network, of which what is common with others is held.
-        state: where it is at rest.
+        state: its converged values.
     """
     if not mirror_midpoints(equations, state, points_without_rays(equations)):
         return ()
@@ -359,13 +359,16 @@ def describe_second_places(equations: Equations, state: State) -> tuple[str, ...
     here, vtpv = run.state["point"].copy(), ended.vtpv
     if not ended.converged:
         return ()
-    ended, told = resolve_ambiguous_points(run, ended, examine, examine)
+    ended, others = resolve_ambiguous_points(run, ended, examine, examine)
     if ended.vtpv > vtpv - MIN_VTPV_DECREASE or not ended.converged:
-        return told
+        return others
     apart = np.linalg.norm(run.state["point"] - here, axis=1)
     name = equations.unknowns["point"].names[int(np.argmax(apart))]
     at = ", ".join(f"{x:.4f}" for x in run.state["point"][int(np.argmax(apart))])
-    return (*told, f"point {name!r} fits better at {at}: give that as its approximate coordinates")
+    return (
+        *others,
+        f"point {name!r} fits better at {at}: give that as its approximate coordinates",
+    )
 
 
 def _fits_badly(run: AdjustmentRun, weights: Array | None, *, relative: bool) -> bool:
@@ -389,7 +392,7 @@ def _with_points_pulled_ahead(
 
 @dataclass(frozen=True)
 class _Iteration:
-    """The iteration of runs, which may go on several times."""
+    """Iteration of runs, which may be continued several times."""
 
     tolerance: float
     most: int

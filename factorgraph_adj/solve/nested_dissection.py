@@ -235,7 +235,7 @@ def _divide(graph: _Graph, nodes: Index, positions: Array) -> Front:
 
 
 def _separate(graph: _Graph, nodes: Index, positions: Array) -> tuple[Index, Index, Index] | None:
-    """Return the smallest separator found and the two parts; none: no division pays."""
+    """Return the smallest separator found and the two parts; None: no division pays."""
     centred = positions[nodes] - positions[nodes].mean(axis=0)
     scale, axes = np.linalg.eigh(centred.T @ centred)
     keys = [centred @ axis for axis, s in zip(axes.T, scale, strict=True) if s > 1e-6 * scale[-1]]

@@ -30,7 +30,7 @@ from .reduced_system import Nodes
 
 @dataclass(frozen=True)
 class NodeSlot:
-    """One node of each observation of a block, with the variables that stand in it."""
+    """One node of each observation of a block, with the variables in it."""
 
     node: Index
     """Node of each observation, −1 where it is none, (m,)."""
@@ -45,7 +45,7 @@ class NodeSlot:
         )
 
     def without(self, variables: Collection[int]) -> NodeSlot:
-        """Return the same nodes without some of the variables that stand in them."""
+        """Return the same nodes without some of their variables."""
         return NodeSlot(self.node, tuple(v for v in self.variables if v[0] not in variables))
 
     def partials(self, arrays: tuple[Array, ...], width: int) -> Array:
@@ -58,7 +58,7 @@ class NodeSlot:
                 continue
             for c in range(arrays[j].shape[2]):
                 low, high = int(position[:, c].min()), int(position[:, c].max())
-                if low == high:  # the usual case: all stand at the same position
+                if low == high:  # the usual case: all are at the same position
                     if low >= 0:
                         out[:, :, low] = arrays[j][:, :, c]
                     continue
@@ -288,7 +288,7 @@ def find_spokes(
         first: number of rays, which come before the spokes.
 
     Returns:
-        The spokes, none if there are none; the observations of points of the first layer that are
+        The spokes, None if there are none; the observations of points of the first layer that are
         no images; and the node of each spoke, (n_spokes,).
     """
     layers = nodes.layers

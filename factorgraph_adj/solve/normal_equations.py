@@ -65,7 +65,7 @@ def estimates_from_noise(
         system: the linearised network.
         factor: its normal equations, factorised, with a minimal datum where it has a defect.
         n: number of estimates.
-        source: of the noise; none: one that begins again.
+        source: of the noise; None: one that begins again.
     """
     rows = system.equations.n_rows + sum(len(e.residual) for e in system.extra)
     source = np.random.default_rng(PROBE_SEED) if source is None else source
@@ -307,7 +307,7 @@ class NormalEquations:
         Args:
             constraint: terms that the minimal datum of the iteration adds to the diagonal of N,
                 (n_columns,).
-            datum: inner constraints of a free network; none: the datum is given.
+            datum: inner constraints of a free network; None: the datum is given.
 
         Raises:
             SingularError: an unknown is not determined, or so weakly that covariances would be

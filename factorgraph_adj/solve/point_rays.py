@@ -31,7 +31,7 @@ class RayPart(Spokes):
     number: int
     """Number of the chunk in the block."""
     chosen: Index | None
-    """Numbers of the rays in the chunk, (m,); none: all of them."""
+    """Numbers of the rays in the chunk, (m,); None: all of them."""
     in_block: Index | slice
     """Numbers of the rays in the block."""
     camera: int
@@ -98,7 +98,7 @@ class PointRays:
             self.n_rays += len(spokes.points)
             points = np.concatenate([points, spokes.points.astype(np.int32)])
         self.spokes = spokes
-        """Spokes; none: there are none."""
+        """Spokes; None: there are none."""
         self.node_of_ray = np.concatenate([of_ray, of_spoke.astype(np.int32)])
         """Node of every ray and spoke, (n_rays,)."""
         self._pairs(points, self.node_of_ray)

@@ -299,8 +299,8 @@ class Nodes(NodePlaces):
     def positions(self, state: State) -> Array:
         """Return the projection centres and points of the nodes, (n, 3) metres.
 
-        A node without a point stands in the middle of the points that its observations join, or
-        of their photos.
+        A node without a point is in the middle of the points that its observations join, or of
+        their photos.
         """
         at = {"point": state["point"], "pose": state["pose"][:, 9:]}
         middles = []

@@ -5,7 +5,7 @@ its photo or its carrier better than to centimetres.
 
 Damping, the search for datum defects and that for undetermined unknowns compare with the diagonal
 of N: what holds an unknown if all others are held. Damping by the diagonal with mounts would keep
-the whole rig where it is, and everything would look undetermined. Here no tie of a member to its
+the whole rig where it is, and everything would seem undetermined. Here no tie of a member to its
 carrier counts for more than what holds the best photo otherwise.
 
 The linear step keeps a mount; its finite form leaves a remainder of second order, 10⁻⁶ rad for a

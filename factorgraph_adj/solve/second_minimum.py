@@ -3,9 +3,9 @@
 Where observations are symmetric about a plane through a point, as slope distances from stations of
 one height are, vᵀPv has no gradient across the plane: its partial derivatives are zero, and
 Gauss-Newton steps stay in it, even if vᵀPv is smaller on both sides. A weak weight may then be all
-that determines the point. Such a point has a direction in which N is much weaker than in
-another. At the end, vᵀPv is computed at points moved to both sides along it; where it decreases,
-the adjustment goes on from there.
+that determines the point. Such a point has a direction in which N is much weaker than in another.
+After convergence, vᵀPv is computed at points moved to both sides along it; where it decreases, the
+adjustment continues from there.
 
 Distances from stations in a plane, or in plan from stations on a line, are the same at the mirror
 image of their point. A minimum of vᵀPv lies at both places, and only a start decides which one is
@@ -41,7 +41,7 @@ MAX_EXCESS = 100.0
 """Increase of vᵀPv at the image up to which an adjustment from there is worth while."""
 WEAK_EIGENVALUE_RATIO = 1e-6
 """Smallest eigenvalue of N of a point, relative to its largest, below which both sides of the point
-are looked at: its σ are then in a ratio of 1000."""
+are examined: its σ are then in a ratio of 1000."""
 TRIAL_DISTANCES = tuple(10.0**-k for k in range(6))
 """Distances at which vᵀPv is computed, relative to the extent of the network."""
 MIN_VTPV_DECREASE, MIN_VTPV_DECREASE_RATIO = 1e-6, 1e-9
@@ -51,7 +51,7 @@ MAX_EQUAL_VTPV_DIFFERENCE = 1.0
 MIN_SEPARATION_SIGMAS = 3.0
 """Distance of two places, in units of their σ without the others, from which they are two."""
 MAX_RESUMPTIONS = 20
-"""Largest number of times that an adjustment goes on; all points that may move do so at once."""
+"""Largest number of times that an adjustment continues; all points that may move do so at once."""
 MAX_POINTS_EXAMINED = 20
 """Largest number of points of which the other side is examined one by one."""
 MAX_OTHER_SIDE_ITERATIONS = 100
@@ -73,7 +73,7 @@ def mirror_midpoints(equations: Equations, state: State, candidates: Mask) -> di
 
     Args:
         equations: a network.
-        state: where it is at rest.
+        state: its converged values.
         candidates: which points may have images, (points,).
     """
     out: dict[int, Array] = {}
@@ -205,13 +205,13 @@ def resolve_ambiguous_points(
     ``run.state`` and ``run.at_solution`` become those of the place that was chosen.
 
     Args:
-        run: an adjustment at rest.
+        run: a converged adjustment.
         ended: how it ended.
         go_on: function that iterates from ``run.state`` after a number of iterations.
         examine: function that iterates from another state, with iterations of its own.
 
     Returns:
-        How it ended at last, and what is to be told of points that fit as well elsewhere.
+        How it ended at last, and sentences on points that fit as well elsewhere.
     """
     between: dict[int, Array] = {}
     candidates = points_without_rays(run.equations)
@@ -232,8 +232,8 @@ def resolve_ambiguous_points(
         return replace(ended, converged=False, reason=BETWEEN_TWO_PLACES, left=np.inf), ()
     candidates = points_without_rays(run.equations)
     between = mirror_midpoints(run.equations, run.state, candidates) | between
-    ended, told = _second_places(run, ended, between, examine)
-    return ended, tuple(told)
+    ended, sentences = _second_places(run, ended, between, examine)
+    return ended, tuple(sentences)
 
 
 def points_without_rays(equations: Equations) -> Mask:
@@ -249,8 +249,8 @@ def weakest_directions(system: LinearisedEquations, candidates: Mask) -> WeakDir
     """Return the points that are determined in one direction much worse than in another.
 
     Args:
-        system: a network, linearised at rest.
-        candidates: which points are looked at, (points,).
+        system: a converged network, linearised.
+        candidates: which points are examined, (points,).
     """
     table = system.unknowns["point"]
     blocks = np.zeros((len(table.offset), 3, 3))
@@ -262,7 +262,7 @@ def weakest_directions(system: LinearisedEquations, candidates: Mask) -> WeakDir
                 np.add.at(blocks, index, np.einsum("ndi,ndj->nij", a, a))
     for e in system.extra:
         for number in _touched(system.equations, e):
-            # Columns stand in the order of the factor's keys, those of a point together.
+            # Columns are in the order of the factor's keys, those of a point together.
             a = e.a[:, int(np.argmax(e.columns == table.offset[number])) + np.arange(3)]
             blocks[number] += a.T @ a
     numbers = np.flatnonzero(candidates)
@@ -284,17 +284,17 @@ def _touched(equations: Equations, e: ExtraRows) -> list[int]:
 def better_place(
     run: AdjustmentRun, normal: NormalEquations, candidates: Mask, vtpv: float
 ) -> tuple[State, list[int]] | None:
-    """Return a state with a smaller vᵀPv and the points that moved; none: there is none.
+    """Return a state with a smaller vᵀPv and the points that moved; None: there is none.
 
     All points move at once, and each is judged by its own observations. Those that gain go to
     their best places together; where that is no gain, as points observe each other, the best one
     goes alone.
 
     Args:
-        run: an adjustment at rest.
+        run: a converged adjustment.
         normal: its normal equations.
         candidates: which points may move, (points,).
-        vtpv: vᵀPv at rest.
+        vtpv: its vᵀPv.
     """
     weakest = weakest_directions(normal.system, candidates)
     if not len(weakest.points):
@@ -350,7 +350,7 @@ def _second_places(
     between: dict[int, Array],
     examine: Callable[[AdjustmentRun], IterationEnd],
 ) -> tuple[IterationEnd, list[str]]:
-    """Adjust from the other sides, and tell which points fit there too; take a side if better.
+    """Adjust from the other sides, and report which points fit there too; take a side if better.
 
     All points go to their other sides together; unless that fits as well, one by one.
     """
@@ -358,23 +358,23 @@ def _second_places(
     together = _from_other_side(run, between, numbers, examine) if numbers else None
     if together is not None:
         return _compared(run, ended, numbers, together)
-    told: list[str] = []
+    sentences: list[str] = []
     for n in numbers[:MAX_POINTS_EXAMINED] if len(numbers) > 1 else []:
         found = _from_other_side(run, between, [n], examine)
         if found is not None:
             ended, more = _compared(run, ended, [n], found)
-            told += more
+            sentences += more
     if len(numbers) > MAX_POINTS_EXAMINED:
-        told.append(
+        sentences.append(
             f"the other sides of {len(numbers) - MAX_POINTS_EXAMINED} more points were not examined"
         )
-    return ended, told
+    return ended, sentences
 
 
 def _compared(
     run: AdjustmentRun, ended: IterationEnd, numbers: list[int], other: tuple[IterationEnd, State]
 ) -> tuple[IterationEnd, list[str]]:
-    """Take the better of two states, and tell of the points that fit as well at the other."""
+    """Take the better of two states, and report the points that fit as well at the other."""
     there, left = other
     equal = abs(there.vtpv - ended.vtpv) < MAX_EQUAL_VTPV_DIFFERENCE
     if there.vtpv < ended.vtpv - MIN_VTPV_DECREASE - MIN_VTPV_DECREASE_RATIO * ended.vtpv:
@@ -385,14 +385,14 @@ def _compared(
     table = run.equations.unknowns["point"]
     normal = run.at_solution or run.normal_at(run.state)
     run.at_solution = normal
-    told = []
+    sentences = []
     for n in numbers:
         apart = np.abs(run.state["point"][n] - left["point"][n])
         precise = np.sqrt(normal.diagonal[table.offset[n] + np.arange(3)])
         if precise @ apart > MIN_SEPARATION_SIGMAS:
             at = ", ".join(f"{x:.4f}" for x in left["point"][n])
-            told.append(f"point {table.names[n]!r} fits equally well at {at}")
-    return ended, told
+            sentences.append(f"point {table.names[n]!r} fits equally well at {at}")
+    return ended, sentences
 
 
 def _from_other_side(
@@ -401,9 +401,9 @@ def _from_other_side(
     numbers: list[int],
     examine: Callable[[AdjustmentRun], IterationEnd],
 ) -> tuple[IterationEnd, State] | None:
-    """Return where an adjustment ends from the other side of points; none: it does not fit there.
+    """Return where an adjustment ends from the other side of points; None: it does not fit there.
 
-    A run of its own does it, so that the solution stays what it is.
+    Another run does it, so that the solution remains unchanged.
     """
     points = run.state["point"].copy()
     for n in numbers:
@@ -463,12 +463,12 @@ def describe_other_minimum(ours: Solution, theirs: Solution) -> str:
 
     It has both vᵀPv, and the point whose places in the two are farthest apart.
     """
-    told = f"another minimum has vᵀPv {theirs.vtpv:.6g} instead of {ours.vtpv:.6g}"
+    message = f"another minimum has vᵀPv {theirs.vtpv:.6g} instead of {ours.vtpv:.6g}"
     unknowns, there = ours.equations.unknowns["point"], theirs.equations.unknowns["point"]
     names = [n for n in unknowns.names if n in there.number]
     if names:
         apart = [float(np.linalg.norm(ours.point(n) - theirs.point(n))) for n in names]
         name = names[int(np.argmax(apart))]
         at = ", ".join(f"{x:.4f}" for x in theirs.point(name))
-        told += f", with point {name!r} at {at}, {max(apart):.3g} m away"
-    return told
+        message += f", with point {name!r} at {at}, {max(apart):.3g} m away"
+    return message

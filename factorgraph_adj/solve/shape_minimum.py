@@ -1,12 +1,12 @@
 """Shapes that fit badly after convergence: fitted again to their points, or turned round.
 
-A shape that is placed from its first few points may be another one than all of its points make: a
+A shape that is placed from its first few points may not be the one that all of its points make: a
 cylinder through five points is not unique, and later points leave it in a minimum of its own. The
 normal of a plane or the axis of a cylinder may point either way, and a relation with a sense fits
 one of them. After convergence, where the observations of a shape exceed what chance explains, the
 adjustment is repeated with the shape turned round, and with the shape fitted again to its points
 where they are without it. The smallest vᵀPv counts. A start at which every residual is as it was at
-another start, but for its sign, is the same shape with its axis the other way, and is not tried
+another start, except for its sign, is the same shape with its axis the other way, and is not tried
 again.
 """
 
@@ -27,8 +27,8 @@ from .adjustment_run import AdjustmentRun, ShapeMisfit
 from .gauss_newton import IterationEnd
 
 MIN_EXCESS_SIGMAS = 4.0
-"""Excess of vᵀPv of n rows over n, in units of its standard deviation √(2n), from which on a shape
-is looked at."""
+"""Excess of vᵀPv of n rows over n, in units of its standard deviation √(2n), from which a shape is
+examined."""
 LOOSE_SHAPE_WEIGHT_FACTOR = 1e-6
 """Factor on the weights of a shape's observations with which its points are found without it."""
 MIN_SHAPE_VTPV_DECREASE, MIN_SHAPE_VTPV_DECREASE_RATIO = 1e-6, 1e-9
@@ -44,11 +44,11 @@ MAX_SAME_RESIDUAL_RATIO = 1e-9
 """Largest difference of the amounts of residuals, relative to √vᵀPv, at starts that are the same
 shape."""
 MIN_MISFIT_CHANGE_FACTOR = 1.5
-"""Factor by which the rows or the excess of a shape that was fitted again in vain change before the
-shape is fitted anew again, so that n arrivals on it cost in proportion to log n. An adjustment that
-settles does not count what was in vain before."""
+"""Factor by which the rows or the excess of a shape that was fitted again in vain change before it
+is fitted again, so that n arrivals on it cost in proportion to log n. An adjustment that settles
+does not count earlier failures."""
 MAX_SHAPES_REFITTED = 10
-"""Largest number of shapes that are looked at, those that fit worst first."""
+"""Largest number of shapes that are examined, those that fit worst first."""
 HALF_TURN_ABOUT_X = np.array([1.0, -1.0, -1.0])
 """Diagonal of the half turn about x, which reverses the z axis of a frame."""
 
@@ -62,7 +62,7 @@ def refitted_shape(equations: Equations, state: State, f: int) -> State | None:
         f: number of the frame of the shape.
 
     Returns:
-        The state; none where no shape was found.
+        The state; None where no shape was found.
     """
     parts = [part for number, part in shape_observations(equations) if number == f]
     table = equations.unknowns["frame"]
@@ -95,8 +95,8 @@ def refit_shapes(
     """Fit shapes again that do not fit; ``run.state`` becomes the better minimum, or stays.
 
     Args:
-        run: an adjustment at rest. What ``run.looked`` says of a shape that has not changed since
-            spares the look; at the end it says what was looked at in vain.
+        run: a converged adjustment. Shapes in ``run.looked`` that have not changed since are not
+            examined; at the end it has the shapes that were examined in vain.
         ended: how it ended.
         go_on: function that iterates from ``run.state`` after a number of iterations.
         examine: function that iterates from another state, with iterations of its own, up to a
@@ -127,7 +127,7 @@ def refit_shapes(
         if not better:
             in_vain[names[f]] = now
         improved |= better
-    # Elsewhere a shape that was looked at before the better minimum may be fitted in another way.
+    # At another minimum a shape that was examined before may be fitted in another way.
     run.looked = {} if improved else in_vain
     _make_sizes_positive(run, ended.vtpv)
     return ended
@@ -177,7 +177,7 @@ def _tried_before(run: AdjustmentRun, state: State, tried: list[Array]) -> bool:
     """
     try:
         v = run.equations.residuals(state)
-    except InputError:  # something cannot be computed there, which the adjustment tells as well
+    except InputError:  # an observation is degenerate there, which the adjustment reports as well
         return False
     bound = MAX_SAME_RESIDUAL_RATIO * float(np.linalg.norm(v))
     if any(np.max(np.abs(np.abs(v) - np.abs(other))) <= bound for other in tried):

@@ -73,10 +73,10 @@ class Solution(Shown):
     vtpv: float
     """Weighted sum vᵀPv, for an a-priori standard deviation of unit weight 1."""
     run: RunRecord = field(repr=False)
-    """What the adjustment leaves to computations that go on from the solution."""
+    """Record of the adjustment for computations that continue from the solution."""
     within: float = np.inf
     """No unknown is further than this multiple of its own σ from the minimum; infinite if the
-    iteration did not come to rest."""
+    iteration did not converge."""
     second_places: tuple[str, ...] = ()
     """Sentences on points that fit equally well at a second place, see `second_minimum`."""
     begun: tuple[str, ...] = ()
@@ -89,7 +89,7 @@ class Solution(Shown):
     variance: Literal["a-priori", "a-posteriori"] = "a-priori"
     """Whether covariances are scaled by 1 or by σ̂0²."""
     weights: Array | None = None
-    """Factor on the weight of each scalar observation; none: all factors are 1."""
+    """Factor on the weight of each scalar observation; None: all factors are 1."""
     extra: AddedFactors = field(default_factory=AddedFactors, repr=False)
     """Factors that the user added, linearised at the solution."""
     extrapolated: ExtrapolationRecord = NO_EXTRAPOLATIONS
@@ -152,7 +152,7 @@ class Solution(Shown):
 
     @property
     def sum_of_redundancy_numbers(self) -> int | None:
-        """Sum that the redundancy numbers must have; none: other parts of the network decide."""
+        """Sum that the redundancy numbers must have; None: other parts of the network decide."""
         return self.redundancy
 
     @property
@@ -228,7 +228,7 @@ class Solution(Shown):
         In a geocentric or topocentric frame also ``latitude`` and ``longitude`` (radians, north
         and east positive), ``height`` above the ellipsoid, ``sigma_east sigma_north sigma_up``.
         """
-        # The table of points, and all reports, stand above this module.
+        # The table of points, and all reports, are above this module.
         reports = import_module("factorgraph_adj.report.adjusted_points")
         found: Columns = reports.point_frame(self)
         return found
@@ -271,12 +271,12 @@ class Solution(Shown):
         Raises:
             InputError: as `factorgraph_adj.io.solution_file.save_solution`.
         """
-        # Files of networks stand above this module.
+        # Files of networks are above this module.
         import_module("factorgraph_adj.io.solution_file").save_solution(self, path)
 
     def summary(self) -> str:
         """Return the result on one screen; `factorgraph_adj.protocol` returns all of it."""
-        # Reports stand above this module.
+        # Reports are above this module.
         found: str = import_module("factorgraph_adj.report.summary").summary(self)
         return found
 
@@ -291,7 +291,7 @@ class Solution(Shown):
         return found
 
     def as_network(self) -> Network:
-        """Return the network with adjusted values as given ones, to write it or to go on with it.
+        """Return the network with adjusted values as given ones, to write it or adjust it again.
 
         What is held stays held. What is weighted keeps its σ, about the adjusted value then. A
         camera with a calibration for each photo keeps its given values.

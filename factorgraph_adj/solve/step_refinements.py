@@ -71,7 +71,7 @@ ACCELERATION = AccelerationRule()
 def accelerated_movement(
     run: AdjustmentRun, normal: NormalEquations, factor: Factorised, step: Step
 ) -> Array | None:
-    """Return dx + a, (n_columns,); none: the second-order part is too long, or not computable.
+    """Return dx + a, (n_columns,); None: the second-order part is too long, or not computable.
 
     Args:
         run: the adjustment.
@@ -182,7 +182,7 @@ def _normals(equations: Equations, on: Mask, state: State) -> tuple[Array, Array
 
 
 def _of_points(block: Block, on: Mask) -> int | None:
-    """Return the place of the points of the first layer among the variables; none: it has none."""
+    """Return the place of the points of the first layer among the variables; None: it has none."""
     target = first_point(block)
     return target if target is not None and on[block.variables[target][1]].any() else None
 
@@ -199,7 +199,7 @@ class NewtonRule:
     rest: float = 0.25
     """Part of the way that may be left out: the bound contains it."""
     flat: float = 1e-3
-    """Smallest curvature relative to N that differences can tell from none."""
+    """Smallest curvature relative to N that differences can distinguish from zero."""
     products: int = 40
     """Largest number of products for one step."""
     steps: int = 4
@@ -223,7 +223,7 @@ class NewtonStep:
 
 
 def newton_step(run: AdjustmentRun, normal: NormalEquations) -> NewtonStep | None:
-    """Return the way from a state to its minimum; none: it cannot be computed beside the state.
+    """Return the way from a state to its minimum; None: it cannot be computed beside the state.
 
     Args:
         run: the adjustment.

@@ -62,9 +62,9 @@ MAX_UNKNOWNS_IN_MESSAGE = 12
 MIN_SAME_MOTION_COSINE = 0.999
 """Cosine of the angle between an undetermined combination and a motion that is the same."""
 MAX_HARDLY_NOTICED_RATIO = 1.5e-4
-"""Ratio |A g| / |√diag(N) g| below which a motion g of the network counts as not noticed on the
-curved Earth: attitudes of a photo flight notice a shift by 2e-5 to 6e-5. Where all but a few points
-move together, their combination resembles a motion that is noticed by 5e-4 and more."""
+"""Ratio |A g| / |√diag(N) g| below which a motion g of the network counts as unnoticed on the
+curved Earth: attitudes of a photo flight are sensitive to a shift by 2e-5 to 6e-5. Where all but a
+few points move together, their combination resembles a motion with a ratio of 5e-4 and more."""
 
 
 def _scale(system: LinearisedEquations, diagonal: Array) -> Array:
@@ -123,11 +123,11 @@ def undetermined_combinations(
 ) -> Array:
     """Return the undetermined combinations of a factorised network beside its datum defects.
 
-    The method is inverse iteration with the factor. Rounding turns the factor of a singular N
-    into that of N + E with |E| ≈ 10⁻¹⁶. Its pivots tell little: the last one is |E| / z², where z
-    is the share of its unknown in the undetermined combination. The combination z itself is
-    precise, and so is |A z|, which avoids the squares of N. The motions of the datum are projected
-    out, so that the choice of a minimal datum has no influence.
+    The method is inverse iteration with the factor. Rounding turns the factor of a singular N into
+    that of N + E with |E| ≈ 10⁻¹⁶. Its pivots show little: the last one is |E| / z², where z is the
+    share of its unknown in the undetermined combination. The combination z itself is precise, and
+    so is |A z|, which avoids the squares of N. The motions of the datum are projected out, so that
+    the choice of a minimal datum has no influence.
 
     Args:
         system: the linearised network.
@@ -156,7 +156,7 @@ def undetermined_combinations(
 
 
 def _is_bound(diagonal: Array, system: LinearisedEquations, z: Array) -> bool:
-    """Return whether a search found as many combinations as it looks for: there may be more.
+    """Return whether a search found as many combinations as it can find: there may be more.
 
     Args:
         diagonal: diagonal of N, (n_columns,).
@@ -192,7 +192,7 @@ def undetermined_error(
     known: Array | None = None,
     remedy: str = DATUM_REMEDY,
 ) -> DatumError | None:
-    """Return an error that names all undetermined unknowns; none: all are determined.
+    """Return an error that names all undetermined unknowns; None: all are determined.
 
     Args:
         system: the linearised network.
@@ -275,8 +275,8 @@ def _nearly_unnoticed(
 ) -> tuple[Defect | None, Array]:
     """Return the motions of the network among undetermined combinations, and the others.
 
-    On the curved Earth a shift also turns the horizons, by 1/R: attitudes notice it so little that
-    it is not determined, but more than rounding.
+    On the curved Earth a shift also turns the horizons, by 1/R: attitudes are so little sensitive
+    to it that it is not determined, but more than by rounding.
 
     Args:
         system: the linearised network.
@@ -328,7 +328,7 @@ def describe_defects(unknowns: Unknowns, defects: Sequence[Defect]) -> list[str]
 
 
 def _takers(unknowns: Unknowns, defect: Defect) -> list[str]:
-    """Return the unknown shifts that take up what observed coordinates tell of a defect."""
+    """Return the unknown shifts that absorb the information of observed coordinates on a defect."""
     found = []
     for kind, number in unknowns.active():
         record = UNKNOWNS[kind]
@@ -423,7 +423,7 @@ def undetermined_variables(
         state: where it was linearised.
         free: whether one connected part may be without a datum.
         least: part of a null vector's length in a variable that counts as moved.
-        normal: its normal equations, if their pivots are to be looked at before null vectors are
+        normal: its normal equations, if their pivots are to be examined before null vectors are
             searched: that costs less, unless the network is small. They keep their factorisation.
     """
     unknowns, diagonal = system.unknowns, system.diagonal()

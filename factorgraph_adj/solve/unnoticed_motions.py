@@ -1,4 +1,4 @@
-"""Datum motions of unknowns at stations, and rows that change with them but determine nothing.
+"""Motions of a network to which rows are sensitive without determining them; motions of stations.
 
 Some rows change with a motion of the whole network and nevertheless determine nothing of it:
 
@@ -24,9 +24,9 @@ from ..types import Array, Index, Mask
 from .linearised_equations import LinearisedEquations
 
 MAX_SIGMA_RAD = 0.01
-"""Standard deviation, radians, of a turn of the network up to which it counts as told by
+"""Largest standard deviation, radians, of a turn of the network that counts as determined by the
 convergence of meridians, or by distances from lines that are not zero: a turn that is known less
-well is no longer linear. By convergence, the distance from the pole is known to the same part."""
+well is no longer linear. By convergence, the distance from the pole is known to the same share."""
 MIN_TURN_COSINE = 0.7
 """Cosine of the angle between a rotation and the vertical from which it is a turn about it."""
 
@@ -41,7 +41,7 @@ def zero_length_blocks(system: LinearisedEquations) -> Iterator[tuple[Block, Mas
 
 
 def without_shrinking(system: LinearisedEquations, noticed: Array, scale: Array) -> Array:
-    """Return what rows notice without the shrinking of lengths that should be zero.
+    """Return the sensitivity of rows without the shrinking of lengths that should be zero.
 
     Such a length grows with the object: A g is v times the change of ln scale.
 
@@ -58,7 +58,7 @@ def without_shrinking(system: LinearisedEquations, noticed: Array, scale: Array)
 
 
 def stations_of(equations: Equations, kind: VariableKind, on: Index) -> Index:
-    """Return the number of the point at which each variable stands; −1: at no point."""
+    """Return the number of the point of each variable; −1: at no point."""
     unknowns = equations.unknowns
     if UNKNOWNS[kind].constants:
         stated = equations.network.of_kind(kind)
@@ -128,24 +128,24 @@ def offsets_from_axes(equations: Equations, kind: VariableKind) -> Array:
 def undirected_motions(
     noticed: Array, among: Array, radians: Array, up: Array | None, limits: tuple[float, float]
 ) -> Array:
-    """Return the motions among some of which rows say nothing that counts.
+    """Return the motions among some that rows do not determine well enough to count.
 
-    What tells a turn counts above the upper limit, where the standard deviation of the turn is
-    `MAX_SIGMA_RAD` at most: convergence of meridians tells a turn about the vertical to azimuths of
-    unknown constant, and a distance from a line that is not zero a turn about the line. Where a
-    turn about the vertical counts, so does what convergence tells of the distance from the pole,
-    above the lower limit.
+    The sensitivity to a turn counts above the upper limit, where the standard deviation of the turn
+    is `MAX_SIGMA_RAD` at most: convergence of meridians makes azimuths of unknown constant
+    sensitive to a turn about the vertical, and a distance from a line that is not zero is sensitive
+    to a turn about the line. Where a turn about the vertical counts, so does the sensitivity of
+    convergence to the distance from the pole, above the lower limit.
 
     Args:
-        noticed: what the rows notice of each motion, relative to σ, (rows, n).
+        noticed: sensitivity of the rows to each motion, relative to σ, (rows, n).
         among: combinations of the motions, orthonormal, (n, d).
         radians: rotation vectors of the motions, (3, n).
         up: the vertical, (3,); None: no turn about it is distinguished.
         limits: lower and upper limit.
     """
-    told = noticed @ among
-    _, values, right = np.linalg.svd(told, full_matrices=len(told) < told.shape[1])
-    padded = np.zeros(told.shape[1])
+    seen = noticed @ among
+    _, values, right = np.linalg.svd(seen, full_matrices=len(seen) < seen.shape[1])
+    padded = np.zeros(seen.shape[1])
     padded[: len(values)] = values
     turns = radians @ among @ right.T
     above = padded > limits[1]
@@ -158,17 +158,17 @@ def undirected_motions(
 
 
 def unnoticed_motions(noticed: Array, among: Array, threshold: float) -> Array:
-    """Return the motions among some of which rows notice less than a threshold.
+    """Return the motions among some to which the sensitivity of rows is below a threshold.
 
     Args:
-        noticed: what the rows notice of each motion, (rows, n).
+        noticed: sensitivity of the rows to each motion, (rows, n).
         among: combinations of the motions, orthonormal, (n, d).
         threshold: limit.
     """
-    told = noticed @ among
+    seen = noticed @ among
     # With fewer rows than motions, the other motions are unnoticed too.
-    _, values, right = np.linalg.svd(told, full_matrices=len(told) < told.shape[1])
-    padded = np.zeros(told.shape[1])
+    _, values, right = np.linalg.svd(seen, full_matrices=len(seen) < seen.shape[1])
+    padded = np.zeros(seen.shape[1])
     padded[: len(values)] = values
     return np.asarray(among @ right[padded < threshold].T)
 
@@ -176,7 +176,7 @@ def unnoticed_motions(noticed: Array, among: Array, threshold: float) -> Array:
 def independent_motions(motions: Array, length: Array) -> Mask:
     """Return which motions (n, 7) move something that those before them do not move likewise.
 
-    Where only heights of one point are free, its shift in z stands for rotations and scale too.
+    Where only heights of one point are free, its shift in z represents rotations and scale too.
     """
     real = length > 1e-12 * max(float(length.max()), np.finfo(float).tiny)
     basis = np.zeros((len(motions), 0))
@@ -192,11 +192,11 @@ def independent_motions(motions: Array, length: Array) -> Mask:
 
 
 def without_turns_about_axes(system: LinearisedEquations, noticed: Array) -> Array:
-    """Return what rows notice without turns of residuals across an axis about it.
+    """Return the sensitivity of rows without turns of residuals across an axis about it.
 
-    The frame of a line is held about its axis, so that its two residuals v turn with the object:
-    A g has the part (−v₂, v₁) times the turn. It says nothing of the turn, as vᵀPv stays, if both
-    distances have one weight, and hardly anything otherwise: v is of the size of σ. So do the two
+    The frame of a line is held about its axis, so that its two residuals v turn with the object: A
+    g has the part (−v₂, v₁) times the turn. It does not determine the turn, as vᵀPv stays, if both
+    distances have one weight, and hardly otherwise: v is of the size of σ. So do the two
     inclinations of an axis parallel to that of a shape.
 
     Args:
@@ -237,11 +237,11 @@ def rows_across_axes(system: LinearisedEquations) -> Mask:
 def without_turned_deflections(
     system: LinearisedEquations, noticed: Array, radians: Array
 ) -> Array:
-    """Return what rows notice without turns of weighted deflections about the vertical.
+    """Return the sensitivity of rows without turns of weighted deflections about the vertical.
 
     A deflection (ξ, η) turns with the object about the vertical. Where it is expected to be zero,
-    both components with one σ, only its size counts, which stays: A g has the part ω (η, −ξ)/σ,
-    and vᵀPv knows nothing of the turn ω.
+    both components with one σ, only its size counts, which stays: A g has the part ω (η, −ξ)/σ, and
+    vᵀPv is independent of the turn ω.
 
     Args:
         system: the linearised network.

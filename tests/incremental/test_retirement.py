@@ -358,9 +358,7 @@ def test_a_journal_resumes_with_the_times_of_arrivals(tmp_path):
 def test_times_of_arrivals_are_those_of_a_window_of_seconds():
     network, found = traverse(POINTS), next(iter(observed(POINTS)))[1]
     inc = fga.IncrementalAdjustment(network, keep_seconds=60)
-    with pytest.raises(
-        fga.InputError, match="needs the time of arrivals, at least that"
-    ):
+    with pytest.raises(fga.InputError, match="needs the time of arrivals, at least that"):
         inc.add(found)
     for time in (-1.0, np.nan, np.inf, "10", True):
         with pytest.raises(fga.InputError, match="must be from 0 to 1e\\+11 seconds"):

@@ -75,9 +75,9 @@ class _Mistake:
     ids: tuple[tuple[str, ...], ...]
     """Ids of the image points that are concerned, for each place."""
     named: Callable[[Solution], str] | None = None
-    """Returns what is wrong from the adjustment without it; none: `cause`."""
+    """Returns what is wrong from the adjustment without it; None: `cause`."""
     fitting: Callable[[Solution], str] | None = None
-    """Returns what fits, as an addition to the place; none: nothing is to be said."""
+    """Returns what fits, as an addition to the place; None: nothing is to be said."""
     aside: bool = False
     """Whether its image points may be rejected for it."""
 

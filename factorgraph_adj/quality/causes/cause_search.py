@@ -263,7 +263,7 @@ def causes(
         rel: reliability of the adjustment; its α0 is that of each test.
         found: exchanges that were found in the clean solution.
         estimated: whether σ0 is estimated, for each cause from what it leaves of vᵀPv; false: it
-            is 1; none: it is estimated for an a-posteriori solution.
+            is 1; None: it is estimated for an a-posteriori solution.
 
     Raises:
         SingularError: the normal equations are singular at the solution.
@@ -328,7 +328,7 @@ def sized_causes(solution: Solution, given: Iterable[GivenValue] | None = None) 
 
     Args:
         solution: the adjustment of everything.
-        given: tests of given values; none: they are made.
+        given: tests of given values; None: they are made.
     """
     equations, state = solution.equations, solution.state
     shared = [

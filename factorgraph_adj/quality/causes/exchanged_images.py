@@ -170,7 +170,7 @@ def image_point_exchanges(
         equations: the equations of all image points.
         state: where photos and points are.
         wrong: returns which image points are compared by their misfits |v/σ|, (n,).
-        among: ids of the image points that are compared; none: all.
+        among: ids of the image points that are compared; None: all.
     """
     names, photos = (equations.unknowns[kind].names for kind in ("point", "pose"))
     for block in blocks_of_images(equations):

@@ -272,7 +272,7 @@ def _misfit(equations: Equations, clean: Solution, rays: _Rays, best: OrientedPh
 def _oriented(
     clean: Solution, rays: _Rays, cause: str, xy: Array, critical: float
 ) -> OrientedPhoto | None:
-    """Return the photo, oriented from image coordinates; none: it has no orientation."""
+    """Return the photo, oriented from image coordinates; None: it has no orientation."""
     lens = rays.block.lens
     assert lens is not None
     xyz = np.array([clean.point(p) for p in rays.points])
@@ -386,7 +386,7 @@ def _with_axes(
     critical: float,
     least: float,
 ) -> OrientedPhoto | None:
-    """Return how a network fits with other axes of some cameras; none: it does not.
+    """Return how a network fits with other axes of some cameras; None: it does not.
 
     Args:
         network: the network.

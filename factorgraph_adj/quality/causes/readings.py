@@ -231,7 +231,7 @@ class Readings:
 
 
 def station_and_target(block: Block) -> tuple[int, int] | None:
-    """Return the places of station and target among the variables; none: it has none."""
+    """Return the places of station and target among the variables; None: it has none."""
     if block.prior or block.lens is not None or block.model is None or block.by_axis:
         return None
     named = observation_kind(block.kind).variables

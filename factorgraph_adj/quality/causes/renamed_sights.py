@@ -101,7 +101,7 @@ class RenamedReadings:
         Args:
             observations: numbers of the observations in each block, by place of the block.
             names: other targets of readings, by place of the block and number in it: the number of
-                the target, and its height; none: as recorded.
+                the target, and its height; None: as recorded.
             start: approximate coordinates of the points that are fitted, (3,) metres.
         """
         blocks = [
@@ -327,7 +327,7 @@ class CoreNetwork:
         *,
         estimated: bool,
     ) -> CoreNetwork | None:
-        """Return the core; none: it is not determined, or everything is suspect.
+        """Return the core; None: it is not determined, or everything is suspect.
 
         A wrong name may agree better with a point than what places it. So of suspects that place
         the network this alone stays, where the network is determined without their sights.
