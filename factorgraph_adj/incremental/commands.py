@@ -35,7 +35,7 @@ from ..linear_system.rebase import Draft, NoMinimum, solution_of, with_doubt
 from ..linear_system.section_choice import in_pieces
 from ..network.network import Network
 from ..observations import Observation
-from ..observations.image import named
+from ..observations.ids import named
 from ..observations.user_factor import OwnFactor
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop

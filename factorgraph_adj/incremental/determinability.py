@@ -24,7 +24,8 @@ from ..errors import AdjustmentError, DatumError, InputError, Problem, Unreached
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_network, compile_rows
 from ..graph.variables import State
-from ..ledger.waiting_observations import Candidates, NothingKnown, excerpt
+from ..ledger.excerpts import excerpt
+from ..ledger.waiting_observations import Candidates, NothingKnown
 from ..models.unknown_registry import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..orientation.block_start import BlockStart

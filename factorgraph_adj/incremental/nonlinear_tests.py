@@ -44,10 +44,11 @@ from ..errors import AdjustmentError
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State
 from ..ledger.command_input import Options
+from ..ledger.excerpts import excerpt
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import Unit
 from ..ledger.verdicts import Side, Verdict
-from ..ledger.waiting_observations import Candidates, NothingKnown, excerpt, known_in
+from ..ledger.waiting_observations import Candidates, NothingKnown, known_in
 from ..linear_system.arrival_decisions import accepted_verdicts
 from ..linear_system.front_system import FrontSystem
 from ..linear_system.isam2_system import ISAM2System

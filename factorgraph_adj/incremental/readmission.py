@@ -217,8 +217,7 @@ def _doubt(verdict: Verdict, test: InnovationTest) -> str:
     return verdict.doubt or UNANSWERED
 
 
-# -- entry
-# ----------------------------------------------------------------------------------------
+# -- entry ----------------------------------------------------------------------------------------
 
 
 def _entered(

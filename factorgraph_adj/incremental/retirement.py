@@ -480,8 +480,7 @@ def _last_estimate(state: IncrementalState, variable: Variable, ledger: Ledger) 
     return LastEstimate(*variable, moment, value, system.cofactors(variable, variable))
 
 
-# -- refusals
-# -------------------------------------------------------------------------------------
+# -- refusals -------------------------------------------------------------------------------------
 
 
 def _refuse(ledger: Ledger, variables: Collection[Variable]) -> None:

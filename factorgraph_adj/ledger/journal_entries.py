@@ -45,7 +45,7 @@ from ..io.json_records import (
 from ..models.unknown_registry import VariableKind
 from ..network.network import Network
 from ..observations import Correlated, Observation
-from ..observations.image import identity, number_beyond
+from ..observations.ids import identity, number_beyond
 from ..types import Array, Index
 from .command_input import Input, Options
 from .ledger import Ledger

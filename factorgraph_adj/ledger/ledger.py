@@ -26,7 +26,7 @@ from ..models.unknown_registry import VariableKind
 from ..network.additions import NO_UNKNOWNS, UnknownsGiven, add_entities
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
-from ..observations.image import identity, named, number_beyond
+from ..observations.ids import identity, named, number_beyond
 from ..types import Array, Index
 from .command_input import checked, ticks
 from .retired_unknowns import Retired

@@ -21,7 +21,7 @@ from ..graph.dependence import Variable, variables_of_each
 from ..graph.variables import calibration_name
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation, observation_kind
-from ..observations.image import identity
+from ..observations.ids import identity
 from ..stochastic_model import StandardDeviation
 from ..types import Array, Index, Mask
 from .verdicts import OUTCOMES, Outcome, Verdict

@@ -19,8 +19,8 @@ import numpy as np
 from ..graph.dependence import Variable
 from ..graph.equations import compile_rows
 from ..graph.variables import State, Unknowns
+from ..ledger.excerpts import excerpt
 from ..ledger.ledger import Ledger
-from ..ledger.waiting_observations import excerpt
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..solve.adjustment_run import ShapeMisfit
 from ..solve.doubtful_points import VaguePoint, vague_points

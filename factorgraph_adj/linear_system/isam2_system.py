@@ -22,9 +22,9 @@ from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State, Unknowns
 from ..ledger.command_input import Options
+from ..ledger.excerpts import excerpt
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import Unit
-from ..ledger.waiting_observations import excerpt
 from ..models.unknown_registry import VariableKind
 from ..quality.group_tests import LeaveOneOutTests
 from ..solve.adjustment_run import ShapeMisfit

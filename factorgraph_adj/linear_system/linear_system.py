@@ -18,8 +18,8 @@ import numpy as np
 from ..graph.dependence import Variable
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
+from ..ledger.excerpts import Known
 from ..ledger.row_store import Unit
-from ..ledger.waiting_observations import Known
 from ..models.unknown_registry import VariableKind
 from ..observations import ImagePoint
 from ..solve.adjustment_run import ShapeMisfit

@@ -29,8 +29,8 @@ from ..errors import AdjustmentError
 from ..graph.dependence import Variable
 from ..graph.equations import compile_rows
 from ..graph.variables import State, Unknowns
+from ..ledger.excerpts import excerpt
 from ..ledger.ledger import Ledger
-from ..ledger.waiting_observations import excerpt
 from ..models.unknown_registry import VariableKind
 from ..quality.group_tests import LeaveOneOutTests, critical_t2
 from ..solve.feasible_states import state_off_lines

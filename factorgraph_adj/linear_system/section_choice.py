@@ -6,9 +6,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..graph.equations import Equations, compile_network
+from ..ledger.excerpts import excerpt
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import NO_PHOTO
-from ..ledger.waiting_observations import Candidates, NothingKnown, excerpt
+from ..ledger.waiting_observations import Candidates, NothingKnown
 from ..models.unknown_registry import VariableKind
 from ..solve.added_factors import marginal_prior
 from ..types import Array, Index

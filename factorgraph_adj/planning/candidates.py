@@ -20,7 +20,7 @@ from ..models.unknown_registry import VariableKind
 from ..network.additions import add_entities
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
-from ..observations.image import identity, named
+from ..observations.ids import identity, named
 from ..simulation.measurement import measure
 from ..solve.linearised_equations import LinearisedEquations
 from ..types import Array, Index

@@ -290,10 +290,10 @@ def unnoticed_ratio(equations: Equations, about: Extent, *, free: bool) -> float
     free network it is a defect, as on a plane. Observations of places (control, GNSS positions,
     astronomic ones, weighted values) and a user's factors count from `MAX_UNNOTICED_FREE` on,
     however weak they are beside the sights. So do azimuths, from `MAX_UNNOTICED_BY_AZIMUTH` on, for
-    the direction of the network; their sensitivity to its latitude, by the convergence of
-    meridians, does not count. Nor does the sensitivity of heights above surfaces to scale by the
-    curvature of these, see `SAGITTA_FACTOR`, nor that of levelled frames with constant origins:
-    their horizons differ by their distances / R, and do not turn with it.
+    the direction of the network, but not for its latitude, by the convergence of meridians. Heights
+    above surfaces do not count for scale, by the curvature of these (`SAGITTA_FACTOR`), nor do
+    levelled frames with constant origins: their horizons differ by their distances / R, and do not
+    turn with it.
 
     Args:
         equations: the network.
