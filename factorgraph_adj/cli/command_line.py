@@ -24,6 +24,23 @@ from .messages import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_FINE, EXIT_INTERRUPTED, p
 
 _CHOICE = re.compile(r"invalid choice: '(.*?)' \(choose from (.*)\)")
 _OPTION = re.compile(r"unrecognized arguments: (--[\w-]+)")
+_TEXT = io.TextIOWrapper
+COMMAND_MODULES = {
+    "adjust": ("adjustment", "add_adjust", "adjust a project and print the result"),
+    "plot": ("adjustment", "add_plot", "adjust a project and draw it"),
+    "stream": (
+        "stream",
+        "add_stream",
+        "adjust observations as they arrive on standard input, one JSON line each",
+    ),
+    "plan": ("design", "add_plan", "what a design will give; it needs no readings"),
+    "propose": ("design", "add_propose", "the cheapest additions that meet the targets"),
+    "check": ("network_files", "add_check", "find every problem of the input"),
+    "convert": ("network_files", "add_convert", "read a network in one format, write another"),
+    "join": ("network_files", "add_join", "read several files of one object, write one network"),
+    "compare": ("comparison", "add_compare", "adjust two epochs and tell what moved"),
+}
+"""Module, function that adds the arguments, and what each command does."""
 
 
 class SuggestingParser(argparse.ArgumentParser):
@@ -82,26 +99,6 @@ class CommandParser(SuggestingParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse the arguments of the command."""
         return super(CommandParser, self.filled()).parse_known_args(args, namespace)
-
-
-_TEXT = io.TextIOWrapper
-
-COMMAND_MODULES = {
-    "adjust": ("adjustment", "add_adjust", "adjust a project and print the result"),
-    "plot": ("adjustment", "add_plot", "adjust a project and draw it"),
-    "stream": (
-        "stream",
-        "add_stream",
-        "adjust observations as they arrive on standard input, one JSON line each",
-    ),
-    "plan": ("design", "add_plan", "what a design will give; it needs no readings"),
-    "propose": ("design", "add_propose", "the cheapest additions that meet the targets"),
-    "check": ("network_files", "add_check", "find every problem of the input"),
-    "convert": ("network_files", "add_convert", "read a network in one format, write another"),
-    "join": ("network_files", "add_join", "read several files of one object, write one network"),
-    "compare": ("comparison", "add_compare", "adjust two epochs and tell what moved"),
-}
-"""Module, function that adds the arguments, and what each command does."""
 
 
 class PipeTolerantStream:

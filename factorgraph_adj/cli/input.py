@@ -22,6 +22,8 @@ from ..network.network import Network
 
 GRID_OPTIONS_OF_COMMAND = ("crs", "frame", "sources")
 """Options of `from_grid` that are options of the command, or its own affair."""
+PROJECT_HELP = f"a file: {READERS}; or a folder"
+"""Help of the argument for a project."""
 
 
 def add_grid(parser: argparse.ArgumentParser) -> None:
@@ -147,10 +149,6 @@ def project_on_earth(
     system.refuse_other(network.frame)
     network.crs = system
     return project
-
-
-PROJECT_HELP = f"a file: {READERS}; or a folder"
-"""Help of the argument for a project."""
 
 
 def add_project(parser: argparse.ArgumentParser) -> None:

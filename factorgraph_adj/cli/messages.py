@@ -43,6 +43,8 @@ _LABEL = re.compile(_PLACE.pattern + r":(?: [^\s:;,]+)*")
 _QUOTED = re.compile(r"'[^']*'")
 MAX_PROBLEM_LINES = 200
 """Largest number of lines of problems."""
+ShowProgress: TypeAlias = Callable[[str], None]
+"""Function that replaces the line of progress by a text."""
 
 
 def kind_of_problem(problem: object) -> tuple[str, str]:
@@ -100,10 +102,6 @@ def _places(problems: Iterable[object]) -> str:
     shown = [str(a) if a == b else f"{a} to {b}" for a, b in ranges[:MAX_PLACES_NAMED]]
     more = f", … {lines[-1]}" if len(ranges) > MAX_PLACES_NAMED else ""
     return f": {found[0][1]}, line{'s' * (len(lines) > 1)} {', '.join(shown)}{more}"
-
-
-ShowProgress: TypeAlias = Callable[[str], None]
-"""Function that replaces the line of progress by a text."""
 
 
 def problem_lines(problems: Sequence[object], *, every: bool = False) -> list[str]:

@@ -30,6 +30,9 @@ from .network_files import refuse_problems
 
 EXPORT_NAMES = (*(e.name for e in EXPORT_FORMATS), *(w.name for w in WRITERS.entries))
 """Words for the formats that may stand before a file."""
+AdjustmentResult = TypeVar("AdjustmentResult")
+REPORT_SUFFIXES = (".html", ".htm")
+"""Suffixes of a report."""
 
 
 def add_exports(parser: argparse.ArgumentParser) -> None:
@@ -186,9 +189,6 @@ def _place(name: str, network: Network) -> Place | None:
     return ("pose", name) if name in network.photos else None
 
 
-AdjustmentResult = TypeVar("AdjustmentResult")
-
-
 def add_leave_out(parser: argparse._ActionsContainer) -> None:
     """Add the option."""
     parser.add_argument(
@@ -230,10 +230,6 @@ def adjust_determined(
     refuse_problems(project)
     print_warnings(project.warnings)
     return project, found
-
-
-REPORT_SUFFIXES = (".html", ".htm")
-"""Suffixes of a report."""
 
 
 def add_adjustment(parser: argparse.ArgumentParser) -> None:

@@ -50,6 +50,8 @@ OPEN = (
     "it fixes a motion that the datum of the free network left open, and other parts of the "
     "network need such observations too"
 )
+Verdicts: TypeAlias = dict[str, Verdict]
+"""The latest verdict on each tested observation, by id."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +89,6 @@ class IncrementalState:
             return replace(self, ledger=ledger)
         system = None if self.system is None else self.system.renumbered(new)
         return replace(self, ledger=ledger, system=system, renewal=None)
-
-
-Verdicts: TypeAlias = dict[str, Verdict]
-"""The latest verdict on each tested observation, by id."""
 
 
 class Task(NamedTuple):

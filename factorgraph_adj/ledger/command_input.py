@@ -28,6 +28,11 @@ MAX_SECONDS = 1e11
 """Latest time of an arrival, seconds: more than three thousand years."""
 POLICIES = ("accept", "flag", "reject")
 DATUMS = get_args(DatumChoice)
+Thing = TypeVar("Thing")
+"""An argument of a command, one or several of which are given."""
+Engine: TypeAlias = Literal["auto", "isam2", "fronts"]
+"""Engine that holds the linear system."""
+ENGINES = get_args(Engine)
 
 
 def is_seconds(value: object, *, least: float = 0.0) -> bool:
@@ -59,10 +64,6 @@ def checked(time: object, latest: float | None) -> float:
 def ticks(seconds: float) -> int:
     """Return a time as a number of ticks."""
     return round(TICKS_PER_SECOND * seconds)
-
-
-Thing = TypeVar("Thing")
-"""An argument of a command, one or several of which are given."""
 
 
 class Input(NamedTuple):
@@ -173,11 +174,6 @@ def ids_in(given: str | Iterable[str]) -> list[str]:
         InputError: all ids that are not texts.
     """
     return listed(given, "id: an id is a text", str)
-
-
-Engine: TypeAlias = Literal["auto", "isam2", "fronts"]
-"""Engine that holds the linear system."""
-ENGINES = get_args(Engine)
 
 
 @dataclass(frozen=True)

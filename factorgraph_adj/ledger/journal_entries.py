@@ -50,7 +50,7 @@ from ..types import Array, Index
 from .command_input import Input, Options
 from .ledger import Ledger
 from .row_store import REMOVED, RowStore, Unit
-from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Side, Verdict
+from .verdicts import OUTCOMES, STATED_CAUSES, Outcome, Side, Verdict
 
 _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
 FIELDS = (
@@ -59,7 +59,7 @@ FIELDS = (
     *("retired", "taken_back", "estimates", "vtpv"),
 )
 """Fields of a line after the first."""
-_TOLD = ("suspect", "rejected")
+OUTCOMES_WITH_FIGURES = ("suspect", "rejected")
 """Outcomes whose lines have the figures of verdicts."""
 THREE_DIGITS, SEVEN_DIGITS = "<f2", "<f4"
 """Types of the numbers in text: little-endian, of half and of single precision."""
@@ -141,7 +141,7 @@ def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
         if row >= n:
             defined.append(definition(unit))
         outcome = "gone" if code == REMOVED else OUTCOMES[code]
-        if outcome in _TOLD:
+        if outcome in OUTCOMES_WITH_FIGURES:
             recorded = {v.id: figures(v) for v in rows.verdicts.get(row, ())}
             out.setdefault(outcome, {}).update({i: recorded.get(i, {}) for i in ids})
         elif ids:
@@ -371,7 +371,7 @@ def _moved(
         for i, o in zip(unit.ids, unit.observations, strict=True):
             found = _verdict(i, o, unit.points, outcome, figures_of.get(i, {}))
             cause = causes.get(i, "")
-            verdicts[i] = replace(found, cause=cause) if cause in TOLD_CAUSES else found
+            verdicts[i] = replace(found, cause=cause) if cause in STATED_CAUSES else found
     return ledger.moved(rows, outcome, "journal", verdicts)
 
 

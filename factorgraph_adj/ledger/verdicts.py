@@ -19,7 +19,7 @@ REST = "rest of a group"
 """Cause of observations left over from a correlated group when one of its members was taken out."""
 DISCARDED = "discarded"
 """Cause of observations that were rejected by hand: they are not readmitted automatically."""
-TOLD_CAUSES = (DISCARDED, SNOOPED, REST)
+STATED_CAUSES = (DISCARDED, SNOOPED, REST)
 """Causes that the verdicts on left-out observations state."""
 OUTCOMES: tuple[Outcome, ...] = ("accepted", "waiting", "suspect", "rejected")
 """Every outcome, in the order in which a line of the journal lists them."""

@@ -16,15 +16,15 @@ from ..types import Array, Index, Mask
 
 MAX_GAINS = 300
 """Largest number of units of one arrival for which the gain in precision of points is computed."""
-ROUNDING = 1e-9
+ROUNDING_RATIO = 1e-9
 """Eigenvalue of M, and share of σ, below which only rounding errors are left."""
 SINGULAR_REDUNDANCY = 1e-5
 """Eigenvalue of M up to which rows alone determine something: without them its standard deviation
 would be more than 300 times as large."""
-ALIKE = 1e-6
+EQUAL_TEST_VALUE_RATIO = 1e-6
 """Relative difference of test values up to which they are equal: of units that only control each
 other the first one fails, however numbers are rounded."""
-MIN_MOTION = 1e-2
+MOTION_SIGMAS = 1e-2
 """Movement relative to the conditional standard deviation from which a variable takes part in an
 undetermined motion."""
 
@@ -110,7 +110,7 @@ def decide(
         ratios = np.where(fixed, 0.0, tested.ratios(alpha))[out.stay]
         if not ratios.max() > 1.0:
             break
-        worst = int(np.argmax(ratios >= (1.0 - ALIKE) * ratios.max()))
+        worst = int(np.argmax(ratios >= (1.0 - EQUAL_TEST_VALUE_RATIO) * ratios.max()))
         i = out.stay[worst]
         values, vectors = np.linalg.eigh(tested.block(i))
         tied = vectors[:, values <= SINGULAR_REDUNDANCY]
@@ -228,7 +228,7 @@ def _gains(joint: JointTest, i: int, m: Array) -> Iterator[Gain]:
         m: M of the unit, (d, d).
     """
     values, vectors = np.linalg.eigh(m)
-    on = values > ROUNDING
+    on = values > ROUNDING_RATIO
     for name in dict.fromkeys(joint.units[i].points):
         columns, free, variance = joint.place(name)
         if not len(columns):
@@ -236,6 +236,6 @@ def _gains(joint: JointTest, i: int, m: Array) -> Iterator[Gain]:
         variance = np.maximum(variance, 0.0)
         turned = joint.spread(i, columns) @ vectors
         more = (turned[:, on] ** 2 / values[on]).sum(axis=1)
-        lost = (np.abs(turned[:, ~on]) > ROUNDING * np.sqrt(variance)[:, None]).any(axis=1)
+        lost = (np.abs(turned[:, ~on]) > ROUNDING_RATIO * np.sqrt(variance)[:, None]).any(axis=1)
         before = np.where(free, np.where(lost, np.inf, np.sqrt(variance + more)), 0.0)
         yield Gain(name, before, np.where(free, np.sqrt(variance), 0.0))

@@ -23,7 +23,7 @@ from ..ledger.waiting_observations import Candidates, NothingKnown
 from ..quality.group_tests import LeaveOneOutTests
 from ..start.start_values import Start
 from ..types import NO_ROWS, Index
-from .arrival_decisions import MIN_MOTION, SINGULAR_REDUNDANCY, JointTest
+from .arrival_decisions import MOTION_SIGMAS, SINGULAR_REDUNDANCY, JointTest
 from .front_system import FrontSystem
 from .isam2_system import EnteredRows, ISAM2System
 from .joint_tests import RowsBesideBase
@@ -74,7 +74,7 @@ def determined_only_by(system: FrontSystem, ids: Sequence[str]) -> set[Variable]
     return {
         (kind, unknowns[kind].names[number])
         for kind, number in unknowns.active()
-        if (far[unknowns.columns(kind, number)] > MIN_MOTION).any()
+        if (far[unknowns.columns(kind, number)] > MOTION_SIGMAS).any()
     }
 
 

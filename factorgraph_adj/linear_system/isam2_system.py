@@ -33,7 +33,7 @@ from ..solve.second_minimum import WEAK_EIGENVALUE_RATIO, mirror_midpoints, poin
 from ..solve.solution import Solution
 from ..start.start_values import Start
 from ..types import NO_ROWS, Array, Index, Mask
-from .arrival_decisions import MIN_MOTION, SINGULAR_REDUNDANCY, PointCovariance
+from .arrival_decisions import MOTION_SIGMAS, SINGULAR_REDUNDANCY, PointCovariance
 from .front_system import FrontSystem
 from .linear_system import EngineName, LinearForms, block_by_block, rows_of
 from .rebase import EFFORT, Draft
@@ -462,6 +462,6 @@ class EnteredRows:
                 continue
             motion = self.spread(i, columns) @ combinations
             far = np.abs(motion).max(axis=1) * self.tree.weight(columns)
-            if (far > MIN_MOTION).any():
+            if (far > MOTION_SIGMAS).any():
                 out.add((kind, name))
         return out

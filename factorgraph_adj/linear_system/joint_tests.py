@@ -23,7 +23,7 @@ from ..solve.low_rank_update import Update
 from ..solve.normal_equations import NormalEquations
 from ..solve.solution import Solution
 from ..types import Array, Index
-from .arrival_decisions import MIN_MOTION, PointCovariance
+from .arrival_decisions import MOTION_SIGMAS, PointCovariance
 from .border import WatchedRows
 from .front_system import FrontSystem
 from .linear_system import LinearForms, rows_of, stacked
@@ -130,7 +130,7 @@ class RowsBesideBase:
             place = place[place >= 0]
             motion = self.update.parts.k[np.ix_(place, rows)] @ combinations
             weight = np.linalg.norm(self.update.border[:, place], axis=0)
-            if (np.abs(motion).max(axis=1) * weight > MIN_MOTION).any():
+            if (np.abs(motion).max(axis=1) * weight > MOTION_SIGMAS).any():
                 out.add(variable)
         return out
 
@@ -270,6 +270,6 @@ class RowsInBase:
         out: set[Variable] = set()
         for kind, name in new:
             number = unknowns[kind].number.get(name)
-            if number is not None and (far[unknowns.columns(kind, number)] > MIN_MOTION).any():
+            if number is not None and (far[unknowns.columns(kind, number)] > MOTION_SIGMAS).any():
                 out.add((kind, name))
         return out

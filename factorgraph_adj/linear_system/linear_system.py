@@ -28,6 +28,9 @@ from ..solve.linearised_equations import LinearisedEquations
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Array, Index
 
+EngineName: TypeAlias = Literal["isam2", "fronts"]
+"""Engine that holds a linear system."""
+
 
 @dataclass(frozen=True, eq=False)
 class LinearForms:
@@ -207,10 +210,6 @@ def _root(equations: Equations, rows: Index) -> Array:
             at = inside[number == i]
             out[np.ix_(at, at)] = np.linalg.inv(block.whitener[i])
     return out
-
-
-EngineName: TypeAlias = Literal["isam2", "fronts"]
-"""Engine that holds a linear system."""
 
 
 class LinearSystem(Known, Protocol):

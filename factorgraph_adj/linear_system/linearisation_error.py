@@ -31,17 +31,17 @@ STEP_SHARE = 0.5
 """Largest remaining step as a share of the promised accuracy, where σ̂0 is 1 or less. Where
 residuals are large the minimum is further away than such a step, as second partials count too:
 there it is this share divided by σ̂0."""
-TURNED = 1.3
+VARIANCE_ERROR_SHARE = 1.3
 """Largest relative error of a variance as a share of the promised accuracy. The error of a standard
 deviation is half of it; the rest is a margin for what the power iteration misses."""
-OF_BORDER = 0.3
+BORDER_SHARE = 0.3
 """Share of the remaining step by which rows of new unknowns may be wrong without an examination."""
-LOOK = 0.1
+EXAMINATION_WORK_RATIO = 0.1
 """Work of an examination of the whole, relative to an adjustment of it."""
 MAX_SMALL_UNKNOWNS = 250
 """Largest number of unknowns of a network that is linearised again after every change: an
 examination of its linear forms would take as long."""
-VANISHED = 1e-12
+ZERO_VARIANCE_RATIO = 1e-12
 """Variance relative to the conditional one up to which it is zero: a given datum leaves no smaller
 one, and inner constraints none to a single datum point."""
 SIGMA_SHARE = 0.9
@@ -83,7 +83,7 @@ def with_rest(system: FrontSystem, accuracy: float) -> FrontSystem | None:
     section = system.section
     if section is None:
         return system
-    bound, largest = largest_step(system, accuracy), TURNED * accuracy
+    bound, largest = largest_step(system, accuracy), VARIANCE_ERROR_SHARE * accuracy
     d, u = system.followed_by
     gained = _of_rest(system, section.root)
     if section.looked is not None:
@@ -100,7 +100,7 @@ def with_rest(system: FrontSystem, accuracy: float) -> FrontSystem | None:
     assert drift is not None
     if drift.left <= bound and drift.turned <= largest:
         looked = Looked(rest.movement, drift, u)
-        work = section.work + int(LOOK * section.base.equations.n_rays)
+        work = section.work + int(EXAMINATION_WORK_RATIO * section.base.equations.n_rays)
         return replace(system, section=replace(section, looked=looked, work=work))
     return None  # nor if figures are not finite
 
@@ -117,7 +117,7 @@ def _within(
 ) -> FrontSystem | None:
     """Return a system, see `within_accuracy`; unknowns outside its section are not examined."""
     bound, gained = largest_step(system, accuracy), _gained(system)
-    largest = TURNED * accuracy
+    largest = VARIANCE_ERROR_SHARE * accuracy
     # Without the rows that left, cofactors are at most this much larger: N' ≥ M_min N.
     larger = 1.0 / system.update.condition
     step, changed = 0.0, 0.0
@@ -127,7 +127,7 @@ def _within(
     if system.border.watched:
         n = system.lifted.size + np.arange(system.border.n)
         q = system.update.variance(n, np.eye(len(n)))
-        border, gap, change = system.border.looked(system.step_at, q, OF_BORDER * bound, largest)
+        border, gap, change = system.border.looked(system.step_at, q, BORDER_SHARE * bound, largest)
         system = replace(system, border=border)
         step, changed = float(np.hypot(step, gap)), float(np.hypot(changed, change))
     if not (step <= bound and changed <= largest):
@@ -314,7 +314,7 @@ def _is_near(ledger: Ledger, system: FrontSystem, rules: Options) -> bool:
         onto -= datum.basis @ datum.masked.T
     solved = factor.solve(np.column_stack([normal.gradient, np.eye(n)]))
     variance = np.where(unknowns.free, np.diag(onto @ solved[:, 1:] @ onto.T), 0.0)
-    there = variance * normal.diagonal > VANISHED
+    there = variance * normal.diagonal > ZERO_VARIANCE_RATIO
     step = np.abs(onto @ solved[:, 0])[there] / np.sqrt(variance[there])
     if not np.max(step, initial=0.0) <= largest_step(system, rules.accuracy):
         return False

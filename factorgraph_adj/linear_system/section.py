@@ -36,7 +36,7 @@ from ..types import NO_ROWS, Array, Index
 
 MAX_SECTION_WAITS = 15
 """Largest number of adjustments of the whole between two attempts to adjust a section."""
-ROUNDING = 1e-13
+MAX_ROUNDED_VARIANCE_RATIO = 1e-13
 """Share of variances below which their difference is rounding."""
 
 
@@ -153,7 +153,7 @@ class Section:
             q -= self.own @ (f.b @ self.own[f.at]).T
         c = f.b @ q[f.at]
         # The part independent of T may be far smaller than a weak datum makes all of it together.
-        least = np.maximum(ROUNDING * before, np.finfo(float).tiny)
+        least = np.maximum(MAX_ROUNDED_VARIANCE_RATIO * before, np.finfo(float).tiny)
         sigma = np.sqrt(np.maximum(np.diag(c), least))
         c = c / np.outer(sigma, sigma)
         values, vectors = np.linalg.eigh(0.5 * (c + c.T))

@@ -17,6 +17,8 @@ ABOUT = ("body", "angles")
 """What standard deviations, covariances and residuals of an attitude may belong to."""
 ANGLES = ("omega", "phi", "kappa", "roll", "pitch", "heading")
 """Single angles of a photo or of its carrier."""
+UNIT_TOLERANCE = 1e-6
+"""Tolerance of the length of a unit vector."""
 
 
 @dataclass(frozen=True)
@@ -215,10 +217,6 @@ class AntennaVector(VectorObservation):
             self._fail("give the vector between the antennas as lever_arm, or a mount")
 
 
-UNIT = 1e-6
-"""Tolerance of the length of a unit vector."""
-
-
 @dataclass(frozen=True)
 class PhotoTilt(AxesObservation):
     """Inclinations of an instrument that a camera carries: atan2(q_x, q_z) and atan2(q_y, q_z).
@@ -288,5 +286,8 @@ class PhotoSight(AxesObservation):
         super()._check()
         for name in ("body", "seen"):
             vector: Sequence[float] = getattr(self, name)
-            if np.shape(vector) != (3,) or abs(float(np.linalg.norm(vector)) - 1.0) > UNIT:
+            if (
+                np.shape(vector) != (3,)
+                or abs(float(np.linalg.norm(vector)) - 1.0) > UNIT_TOLERANCE
+            ):
                 self._fail(f"{name} must be a unit vector of three numbers, not {vector}")

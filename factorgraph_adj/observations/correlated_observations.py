@@ -15,6 +15,9 @@ from ..types import Array
 from .base import Observation
 from .image import ImagePoint
 
+AnyObservation: TypeAlias = "Observation | Correlated"
+"""An observation, or several observations with a joint covariance."""
+
 
 @dataclass(frozen=True)
 class Correlated(metaclass=ChecksArguments):
@@ -41,10 +44,6 @@ class Correlated(metaclass=ChecksArguments):
             whitening(self.covariance)
         except InputError as error:
             raise InputError(Problem(str(error), where)) from None
-
-
-AnyObservation: TypeAlias = "Observation | Correlated"
-"""An observation, or several observations with a joint covariance."""
 
 
 def gauss_markov(

@@ -13,6 +13,9 @@ from ..frames import Frame
 from .base import AxesObservation, Observation, Sigma, VectorObservation
 from .terrestrial_observations import check_face, check_zenith
 
+MAX_LENGTH_EXCESS_SIGMAS = 10.0
+"""Number of standard deviations by which the errors of readings may make a unit vector longer."""
+
 
 @dataclass(frozen=True)
 class FrameSight(Observation):
@@ -241,10 +244,6 @@ class FrameRoll(FrameInclination):
     kind: ClassVar[str] = "frame_roll"
 
 
-LENGTH_LIMIT = 10.0
-"""Number of standard deviations by which the errors of readings may make a unit vector longer."""
-
-
 @dataclass(frozen=True)
 class UnitVector(VectorObservation):
     """Direction from a station to a target as components x, y of a unit vector in a frame.
@@ -277,10 +276,10 @@ class UnitVector(VectorObservation):
             largest = float(np.max(np.asarray(self.sigma)))
         else:
             largest = float(np.sqrt(np.max(np.diag(self.covariance))))
-        if not np.hypot(*self.value) <= 1.0 + LENGTH_LIMIT * largest:
+        if not np.hypot(*self.value) <= 1.0 + MAX_LENGTH_EXCESS_SIGMAS * largest:
             self._fail(
                 f"a unit vector has no components {self.value[0]}, {self.value[1]}: their length "
-                f"exceeds 1 by more than {LENGTH_LIMIT:g} σ"
+                f"exceeds 1 by more than {MAX_LENGTH_EXCESS_SIGMAS:g} σ"
             )
 
 

@@ -342,42 +342,8 @@ RIG_KINDS = (
     ),
 )
 """The kinds of this topic."""
-
-
-def on_shape(cls: type[_OnShape]) -> ObservationKind:
-    """Return the record of points on a shape."""
-    shape = SHAPES[cls.shape_name]
-    variables = (
-        ("frame", "shape"),
-        ("point", "point"),
-        ("point", "shape.origin"),
-        ("vertical", "shape.origin"),
-        *((s.kind, s.attribute) for s in shape.sizes),
-    )
-    return ObservationKind(
-        cls, variables, shape, shape=shape.name, turns=shape.turns, outline=shape.outline
-    )
-
-
-SHAPE_KINDS: Sequence[ObservationKind] = tuple(
-    on_shape(cls)
-    for cls in (
-        shape_points.OnPlane,
-        shape_points.OnLine,
-        shape_points.OnCircle,
-        shape_points.OnCylinder,
-        shape_points.OnSphere,
-        shape_points.OnCone,
-        shape_points.OnTorus,
-        shape_points.OnParaboloid,
-    )
-)
-"""The records."""
-
-
 _ENDS = ("station", "target")
 _CARRIED = (("pose", "photo"), ("mount", "mount"))
-
 SURFACE_HEIGHT_KINDS: Sequence[ObservationKind] = (
     ObservationKind(
         ProfileHeight,
@@ -409,3 +375,34 @@ SURFACE_HEIGHT_KINDS: Sequence[ObservationKind] = (
     ),
 )
 """The records, in order."""
+
+
+def on_shape(cls: type[_OnShape]) -> ObservationKind:
+    """Return the record of points on a shape."""
+    shape = SHAPES[cls.shape_name]
+    variables = (
+        ("frame", "shape"),
+        ("point", "point"),
+        ("point", "shape.origin"),
+        ("vertical", "shape.origin"),
+        *((s.kind, s.attribute) for s in shape.sizes),
+    )
+    return ObservationKind(
+        cls, variables, shape, shape=shape.name, turns=shape.turns, outline=shape.outline
+    )
+
+
+SHAPE_KINDS: Sequence[ObservationKind] = tuple(
+    on_shape(cls)
+    for cls in (
+        shape_points.OnPlane,
+        shape_points.OnLine,
+        shape_points.OnCircle,
+        shape_points.OnCylinder,
+        shape_points.OnSphere,
+        shape_points.OnCone,
+        shape_points.OnTorus,
+        shape_points.OnParaboloid,
+    )
+)
+"""The records."""

@@ -108,6 +108,10 @@ TOTAL_STATION_QUANTITIES: frozenset[Quantity] = frozenset(
     (*DISTANCE_QUANTITIES, *INCLINATION_QUANTITIES, "direction", "azimuth", "horizontal angle")
 )
 """Quantities that a total station reads."""
+KINDS: dict[str, ObservationKind] = {}
+"""Registered kinds of observations by name."""
+IN_MEMORY: dict[str, ObservationKind] = {}
+"""Kinds whose observations no file, record or journal can hold, by name."""
 
 
 @dataclass(frozen=True)
@@ -397,12 +401,6 @@ class ObservationKind:
 def _computed(observation: type[Any], name: str) -> bool:
     """Return whether a class computes an attribute from its fields."""
     return isinstance(getattr(observation, name, None), property)
-
-
-KINDS: dict[str, ObservationKind] = {}
-"""Registered kinds of observations by name."""
-IN_MEMORY: dict[str, ObservationKind] = {}
-"""Kinds whose observations no file, record or journal can hold, by name."""
 
 
 def register_in_memory(kind: ObservationKind) -> None:

@@ -39,6 +39,10 @@ solved: the next step corrects the rest."""
 MAX_REVERSE_SLOPE = 0.5
 """Reverse slope of the likelihood at the end of a step, relative to the slope at its beginning,
 above which the next steps are halved."""
+ComponentState: TypeAlias = Literal[
+    "estimated", "uncertain", "not separable", "driven to zero", "held"
+]
+"""State of a component; components "driven to zero" or "held" are not estimated."""
 
 
 def conjugate_gradients(
@@ -79,12 +83,6 @@ def conjugate_gradients(
         before, square = square, float(left @ ahead)
         along, expected = ahead + square / before * along, left + square / before * expected
     return x
-
-
-ComponentState: TypeAlias = Literal[
-    "estimated", "uncertain", "not separable", "driven to zero", "held"
-]
-"""State of a component; components "driven to zero" or "held" are not estimated."""
 
 
 class VarianceStep(NamedTuple):

@@ -22,6 +22,9 @@ from ..solve.leverages import Leverages
 from ..solve.solution import Solution
 from ..types import Array, Index
 
+UnknownName: TypeAlias = str | tuple[VariableKind, str]
+"""An unknown: the name of a point, or the kind and name of any variable."""
+
 
 def share_diagonal(
     equations: Equations, blocks: Sequence[Array], clusters: Sequence[Array]
@@ -155,10 +158,6 @@ def whitened_unit_error(equations: Equations, row: int) -> tuple[Index, Array]:
         return np.array([row]), np.array([1.0 / block.sigma[i, component]])
     first = block.first_row + i * block.dimension
     return first + np.arange(block.dimension), block.whitener[i, :, component]
-
-
-UnknownName: TypeAlias = str | tuple[VariableKind, str]
-"""An unknown: the name of a point, or the kind and name of any variable."""
 
 
 @dataclass(frozen=True)

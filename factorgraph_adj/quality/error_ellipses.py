@@ -37,6 +37,8 @@ FIXED_AXIS_VARIANCE_RATIO = 1e-13
 """Variance of an axis, relative to the largest, up to which it is rounding and the axis is held."""
 ROUNDING_COMPONENT = 1e-12
 """Component of a unit vector up to which it is rounding and counts as zero."""
+PlacePairs: TypeAlias = Sequence[tuple[Place, Place | None]]
+"""Places, each with the second one of a difference or None."""
 
 
 def confidence_factor(
@@ -234,9 +236,6 @@ def height_intervals(
 
 
 # -- helpers --------------------------------------------------------------------------------------
-
-PlacePairs: TypeAlias = Sequence[tuple[Place, Place | None]]
-"""Places, each with the second one of a difference or None."""
 
 
 def _one(solution: Solution, a: Place, b: Place | None) -> tuple[PlacePairs, Array, Array]:

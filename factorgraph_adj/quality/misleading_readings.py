@@ -51,6 +51,8 @@ weights of all others have converged."""
 MIN_SUSPECT_SHARE = 0.01
 """Part of the largest test value from which on readings are suspects at first: what such readings
 have bent is less far off, and what else does not fit shows without them."""
+SightEnd = tuple[str, int]
+"""An end of a sight: the kind of the unknown, and its number."""
 
 
 def is_misled(search: SnoopingSearch, found: Snooping) -> bool:
@@ -75,10 +77,6 @@ def is_misled(search: SnoopingSearch, found: Snooping) -> bool:
     explained = {ident for match in search.matches() for ident in match.ids}
     points = Counter(end for ident in gone - explained if ident in ends for end in ends[ident])
     return any(n > 1 for n in points.values())
-
-
-SightEnd = tuple[str, int]
-"""An end of a sight: the kind of the unknown, and its number."""
 
 
 def _ends(search: SnoopingSearch) -> dict[str, frozenset[SightEnd]]:

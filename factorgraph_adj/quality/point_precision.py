@@ -17,6 +17,9 @@ from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..types import Array
 
+Place: TypeAlias = str | tuple[Literal["point", "pose"], str]
+"""Name of a point; or ``("pose", name)`` for the projection centre of a photo."""
+
 
 @dataclass(frozen=True, repr=False)
 class CheckPoints(Shown):
@@ -96,10 +99,6 @@ def _by_axis(values: Array) -> Array:
     on = np.isfinite(values)
     total, count = np.where(on, values, 0.0).sum(axis=0), on.sum(axis=0)
     return np.asarray(np.divide(total, count, out=np.full(3, np.nan), where=count > 0))
-
-
-Place: TypeAlias = str | tuple[Literal["point", "pose"], str]
-"""Name of a point; or ``("pose", name)`` for the projection centre of a photo."""
 
 
 def place_variable(place: Place) -> tuple[Literal["point", "pose"], str]:

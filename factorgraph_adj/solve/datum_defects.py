@@ -65,7 +65,7 @@ unknowns are independent."""
 MAX_UNNOTICED_FREE = 1e-7
 """Least ratio as `MAX_UNNOTICED` where a free network is requested; see `unnoticed_ratio`."""
 MAX_UNNOTICED_BY_AZIMUTH = 3e-6
-"""The same for azimuths on the curved Earth: rounding of geocentric coordinates hides less."""
+"""The same for azimuths on the curved Earth: geocentric coordinates round smaller ratios."""
 CONVERGENCE_FACTOR = 10.0
 """Factor on D/R: largest sensitivity of azimuths to a shift along the Earth, by the convergence of
 meridians, relative to that to a rotation: tan φ up to latitudes of 84°."""
@@ -370,8 +370,7 @@ def _unnoticed(
         on_earth = size / system.equations.network.frame.radius
         middle_point = extent_of(system.state)[0][None]
         up = heights(system.equations.network.frame, middle_point)[1][0]
-        # Azimuths come last, as tilts from surfaces would mix with turns that azimuths determine
-        # less.
+        # Azimuths come last: tilts from surfaces would mix with turns that they determine less.
         for which, factor, least in (
             (rows.surfaces, SAGITTA_FACTOR, threshold),
             (rows.azimuths & ~rows.constant, CONVERGENCE_FACTOR, MAX_UNNOTICED_BY_AZIMUTH),

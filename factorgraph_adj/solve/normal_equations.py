@@ -51,6 +51,17 @@ MIN_HELD_SIGMA_RATIO = 1e-6
 has if all others are held: below this value only rounding is left."""
 MAX_UNKNOWNS_IN_REFUSAL = 5
 """Number of unknowns that a refusal names."""
+MIN_CHOLESKY_PIVOT = 1e-14
+"""Pivot relative to its diagonal element of N that counts as zero in a Cholesky factorisation."""
+MIN_COVARIANCE_PIVOT = 1e-10
+"""Smallest relative pivot of the cameras' normal equations from which covariances are computed;
+below it QR of all unknowns is used."""
+MIN_QR_PIVOT = 1e-19
+"""Pivot relative to its diagonal element of N that counts as zero in a QR factorisation, and for
+single points, whose poor pivots come from the rows too (`reduction.factorise_points`)."""
+MAX_SIGMA_ENLARGEMENT = 4.0
+"""Largest factor by which a minimal datum may enlarge a standard deviation; above it a better
+minimal datum is chosen."""
 
 
 def estimates_from_noise(
@@ -155,19 +166,6 @@ def covariance_refusal(system: LinearisedEquations, factor: Factorisation, diago
         f" weakest are {names}: observe them better (longer bases, more rays, distances), or hold"
         " them"
     )
-
-
-MIN_CHOLESKY_PIVOT = 1e-14
-"""Pivot relative to its diagonal element of N that counts as zero in a Cholesky factorisation."""
-MIN_COVARIANCE_PIVOT = 1e-10
-"""Smallest relative pivot of the cameras' normal equations from which covariances are computed;
-below it QR of all unknowns is used."""
-MIN_QR_PIVOT = 1e-19
-"""Pivot relative to its diagonal element of N that counts as zero in a QR factorisation, and for
-single points, whose poor pivots come from the rows too (`reduction.factorise_points`)."""
-MAX_SIGMA_ENLARGEMENT = 4.0
-"""Largest factor by which a minimal datum may enlarge a standard deviation; above it a better
-minimal datum is chosen."""
 
 
 @dataclass

@@ -35,7 +35,7 @@ FIRST_NULL_VECTORS = (4, 12)
 """Numbers of combinations that are searched first in such a network."""
 MAX_NULL_VECTORS = 40
 """Largest number of undetermined combinations that are searched."""
-RESOLVED = 10.0 * REGULARISATION_LARGE**0.5
+MIN_RESOLVED_NULL_RATIO = 10.0 * REGULARISATION_LARGE**0.5
 """Largest |A z| / |√diag(N) z| in a search above which it has found all undetermined ones."""
 INVERSE_ITERATION_VECTORS = 4
 """Number of vectors of the inverse iteration with a factor; it separates the weakest ones."""
@@ -110,7 +110,9 @@ def null_space(
         values, right = np.linalg.eigh(noticed.T @ noticed)
         ratios = np.sqrt(np.maximum(values, 0))
         found = z @ right[:, ratios < MAX_NULL_RATIO]
-        if ratios[-1] > RESOLVED:  # below it the share of the diagonal makes all of them alike
+        if (
+            ratios[-1] > MIN_RESOLVED_NULL_RATIO
+        ):  # below it the share of the diagonal makes all of them alike
             break
     unobserved = np.flatnonzero(empty)[:MAX_UNOBSERVED_LISTED]
     units = np.zeros((len(diagonal), len(unobserved)))
