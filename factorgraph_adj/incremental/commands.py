@@ -143,10 +143,10 @@ def _ledger_without(
         if isinstance(found, NoMinimum) and found.loose is None:
             # The removed observations may have moved the state too far for the others to move it
             # back.
-            smaller, anew = adjusted(ledger, rules, None)
-            if isinstance(anew, FrontSystem) and anew.converged:
+            smaller, restarted = adjusted(ledger, rules, None)
+            if isinstance(restarted, FrontSystem) and restarted.converged:
                 left = np.setdiff1d(ledger.having("accepted"), smaller.having("accepted"))
-                return smaller, anew, np.union1d(left, again), None
+                return smaller, restarted, np.union1d(left, again), None
             stays = downdated(system, ids) or system
             return ledger, with_doubt(stays, found.reason), again, None
     inside, where = ledger.having("accepted"), system.solution

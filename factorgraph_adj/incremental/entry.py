@@ -238,7 +238,7 @@ class Entry:
         """
         found = None if base.doubt else engines.committed(base, joint, self.ledger, self.rules)
         if found is not None:
-            return found, joint.anew() if self.found else joint
+            return found, joint.renewed() if self.found else joint
         if self.found or not isinstance(joint, RowsBesideBase):
             return None
         after = joint.system if base.doubt else joint.after

@@ -418,13 +418,13 @@ def smaller_minimum(
     with suppress(AdjustmentError):  # no approximate values, or nothing can be computed there
         values = choose_start(draft.equations, datum, None).state
         begin = Start(draft.equations.unknowns, values, draft.start.origin)
-        anew = replace(draft, start=begin).adjusted(datum, tolerances=tolerances)
-        if isinstance(anew, FrontSystem) and anew.converged:
-            least = MIN_RELATIVE_DECREASE * (1.0 + min(found.vtpv, anew.vtpv))
-            if anew.vtpv < found.vtpv - least:
-                return _with_other(anew, found)
-            if found.vtpv < anew.vtpv - least:
-                return _with_other(found, anew)
+        readjusted = replace(draft, start=begin).adjusted(datum, tolerances=tolerances)
+        if isinstance(readjusted, FrontSystem) and readjusted.converged:
+            least = MIN_RELATIVE_DECREASE * (1.0 + min(found.vtpv, readjusted.vtpv))
+            if readjusted.vtpv < found.vtpv - least:
+                return _with_other(readjusted, found)
+            if found.vtpv < readjusted.vtpv - least:
+                return _with_other(found, readjusted)
     return found
 
 

@@ -174,7 +174,7 @@ class Worklist:
         self.fixed: Index = np.concatenate([NO_ROWS, *(t.fixed for t in tasks)])
         self.over: StateBeforeRestart | None = None
         """State before everything was started again; None: it was not."""
-        self.anew = rules.datum == "free"
+        self.may_restart = rules.datum == "free"
         """Whether everything may be started again: once in a run."""
 
     @cached_property
@@ -204,7 +204,7 @@ class Worklist:
                 self._look_at(self.tasks.pop(0))
                 self._merge()
             else:
-                self._decide_whether_anew()
+                self._decide_on_restart()
 
     def _test_by_adjusting(self, ids: Collection[str]) -> None:
         """Test again, by readjustment, observations that failed beyond linear range."""
@@ -253,7 +253,7 @@ class Worklist:
         if not isinstance(found, FrontSystem):  # the section represents the whole a little longer
             found = replace(system, section=replace(system.section, work=0))
         elif system.section.looked is not None:
-            found = replace(found, drift=system.section.looked.drift.anew())
+            found = replace(found, drift=system.section.looked.drift.renewed())
         self.state = replace(self.state, system=found)
 
     # -- one task -----------------------------------------------------------------------------
@@ -356,8 +356,8 @@ class Worklist:
             return
         if isinstance(result, EntryResult):
             self._entered(task, ready, found, result)
-        elif result.loses_datum and self.anew and before.system is not None:
-            self._begin_anew(task, result.noticing)
+        elif result.loses_datum and self.may_restart and before.system is not None:
+            self._restart(task, result.noticing)
         else:
             self._wait_on(task, ready, found)
 
@@ -434,7 +434,7 @@ class Worklist:
 
     # -- starting again -----------------------------------------------------------------------
 
-    def _begin_anew(self, task: Task, noticing: Index) -> None:
+    def _restart(self, task: Task, noticing: Index) -> None:
         """Examine determinability again, since an observation is sensitive to motions left open.
 
         Parts of a free network without such observations are loose then.
@@ -442,7 +442,7 @@ class Worklist:
         self.over = StateBeforeRestart(
             self.state, dict(self.verdicts), self.tasks, self.fixed, task, noticing
         )
-        self.anew = False
+        self.may_restart = False
         ledger = self.state.ledger
         inside = ledger.having("accepted")
         self.fixed = np.append(self.fixed, inside)
@@ -450,7 +450,7 @@ class Worklist:
         self.state = IncrementalState(ledger, None, settled=False)
         self.tasks = [Task(ledger.having("waiting"))]
 
-    def _decide_whether_anew(self) -> None:
+    def _decide_on_restart(self) -> None:
         """Keep the result of the restart where more is determined than before.
 
         Otherwise the observations sensitive to motions left open wait, and the rest is examined.

@@ -57,7 +57,7 @@ class JointTest(Protocol):
         """Return the tests of the units against everything else."""
         ...
 
-    def anew(self) -> JointTest:
+    def renewed(self) -> JointTest:
         """Return the units, to be tested at the present estimates."""
         ...
 

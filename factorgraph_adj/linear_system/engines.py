@@ -339,8 +339,8 @@ def joined_directly(
     after = system.after(joint, ledger)
     if after is None or joint.images(new):
         return None
-    anew = joint.anew()
-    return (after, anew) if anew is joint or fits(anew.tested()) else None
+    renewed = joint.renewed()
+    return (after, renewed) if renewed is joint or fits(renewed.tested()) else None
 
 
 # -- rows that leave ------------------------------------------------------------------------------

@@ -415,7 +415,7 @@ class EnteredRows:
         """Return the tests of the units against everything else."""
         return self.together.tested()
 
-    def anew(self) -> EnteredRows:
+    def renewed(self) -> EnteredRows:
         """Return the units, to be tested at the present estimates."""
         if self.tree.version == self.version:
             return self

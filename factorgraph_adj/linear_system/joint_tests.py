@@ -100,7 +100,7 @@ class RowsBesideBase:
             self.forms.rows, inverse[new] @ self.update.residuals, lambda u: m[:, u]
         )
 
-    def anew(self) -> RowsBesideBase:
+    def renewed(self) -> RowsBesideBase:
         """Return the units: their linear forms stay."""
         return self
 
@@ -245,7 +245,7 @@ class RowsInBase:
 
     # -- unknowns -----------------------------------------------------------------------------
 
-    def anew(self) -> RowsInBase:
+    def renewed(self) -> RowsInBase:
         """Return the units: their linear forms stay."""
         return self
 

@@ -51,7 +51,7 @@ def _fields(kind: type[Observation]) -> tuple[tuple[str, bool, bool], ...]:
     """Return name of each field of a class, whether it holds text, and whether it may be None.
 
     The order is that of a call: fields by position, then by keyword, and last those of
-    `Observation`, which dataclasses put first although a reader looks for what was measured.
+    `Observation`, which dataclasses put first although the measured value matters most.
     """
     in_order = sorted(fields(kind), key=lambda f: (f.kw_only, f.name in _COMMON))
     return tuple((f.name, _is_text(f), "None" in str(f.type)) for f in in_order)
@@ -102,7 +102,7 @@ class Observation(metaclass=ChecksArguments):
         return ()
 
     def names(self) -> tuple[str, ...]:
-        """Return the names by which reports and messages tell an observation from others.
+        """Return the names by which reports and messages distinguish an observation from others.
 
         They are its frame, if it was measured in one, the points and photos that it joins, and all
         names of `further`.
@@ -285,7 +285,7 @@ class Sight(Observation):
 
 
 def is_condition(observation: object) -> bool:
-    """Return whether an observation is a condition that no search for gross errors sets aside."""
+    """Return whether an observation is a condition that no search for gross errors rejects."""
     return bool(getattr(observation, "condition", False))
 
 
@@ -295,7 +295,7 @@ class Condition(Observation):
 
     _: KW_ONLY
     condition: bool = False
-    """Whether `snoop` never sets it aside."""
+    """Whether `snoop` never rejects it."""
 
     def __post_init__(self) -> None:
         """Read the flag, which tables give as a number, and check the observation."""
@@ -304,7 +304,7 @@ class Condition(Observation):
 
 
 def share_sigma(observation: Observation, size: int) -> None:
-    """Let one standard deviation stand for all components of a vector observation."""
+    """Let one standard deviation apply to all components of a vector observation."""
     sigma = getattr(observation, "sigma", None)
     if isinstance(sigma, int | float):
         object.__setattr__(observation, "sigma", (float(sigma),) * size)

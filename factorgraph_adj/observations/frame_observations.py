@@ -83,7 +83,7 @@ class FrameZenith(FrameSight):
 class FrameDistance(FrameSight):
     """Distance in a frame from its origin, unit of the frame: (1 + m) |q| + zero.
 
-    The offset of the frame counts: q = 0 is where the instrument stands.
+    The offset of the frame counts: q = 0 is the place of the instrument.
     """
 
     kind: ClassVar[str] = "frame_distance"

@@ -72,7 +72,7 @@ POSITION = ObservationKind(
     fixes="coordinates",
     quantity="coordinates of a photo",
 )
-"""Record of observed positions, which stands among the oldest kinds."""
+"""Record of observed positions, which is among the oldest kinds."""
 
 FLIGHT_KINDS: Sequence[ObservationKind] = (
     ObservationKind(

@@ -169,7 +169,7 @@ class ObservationKind:
     whose names are photo/point, whose axes are those of the camera and whose rows are rays."""
     level_reading: float | None = None
     """Reading of a level sight, radians, of an angle whose sights are nearly level as a rule; None
-    for other kinds. It tells a wrong unit."""
+    for other kinds. It reveals a wrong unit."""
     choices: tuple[str, ...] = ()
     """Attributes of text that choose among forms of the observation, such as an angle."""
     moved: Callable[..., Array] | None = None
@@ -187,7 +187,7 @@ class ObservationKind:
     """Whether its value is a distance from a line, the same on every side: it has no partials on
     the line itself, where a start is moved aside."""
     instrument: str = ""
-    """Attribute that tells where its instrument was set up: over a point, or in the zero of a
+    """Attribute with the place of its instrument: over a point, or in the zero of a
     frame of its own; empty if it needs no such setup, as a tape or a level."""
     outline: Outline | None = None
     """How plans draw what its first frame is, from the points that it has: a shape, a wire."""
@@ -404,7 +404,7 @@ def _computed(observation: type[Any], name: str) -> bool:
 
 
 def register_in_memory(kind: ObservationKind) -> None:
-    """Add a kind whose observations stand in memory alone; its name is not valid in files."""
+    """Add a kind whose observations are in memory alone; its name is not valid in files."""
     IN_MEMORY[kind.name] = kind
 
 

@@ -21,7 +21,7 @@ def check_zenith(observation: Observation, value: float, face: float) -> None:
     """Refuse readings of a vertical circle, radians, that the face does not have."""
     gon = value * 200.0 / math.pi
     if face == 2:
-        # 0 gon is 400 gon, and what stands in plans without readings.
+        # 0 gon is 400 gon, and the value in plans without readings.
         if value != 0.0 and not math.pi <= value <= 2.0 * math.pi:
             observation._fail(
                 f"a zenith reading in face 2 lies between 200 and 400 gon, not at {gon:.4f} "

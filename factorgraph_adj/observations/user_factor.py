@@ -16,7 +16,7 @@ from .registry import ObservationKind, register_in_memory
 class OwnFactor(Observation):
     """A user's factor, by the names of its unknowns.
 
-    It stands in memory alone: no file can hold its function.
+    It is in memory alone: no file can hold its function.
     """
 
     kind: ClassVar[str] = "factor"

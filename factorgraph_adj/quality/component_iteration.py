@@ -132,7 +132,7 @@ class ComponentIteration:
                 self.states[g] = "driven to zero"
                 self.notes[g] = (
                     f"its residuals are too small for any σ; stopped at {factor:.3g} of the "
-                    f"a-priori one, with a redundancy of {r:.2g}: not to be told from zero"
+                    f"a-priori one, with a redundancy of {r:.2g}: not distinguishable from zero"
                 )
             else:
                 self._back[g] |= self.logarithms[g] != 0.0
@@ -186,7 +186,7 @@ class ComponentIteration:
         """Move the components as proposed, within limits."""
         misfit = self._misfit(at)
         if self._slope > 0:
-            # q − r is the slope of twice the likelihood: it tells whether a step went too far.
+            # q − r is the slope of twice the likelihood: it shows whether a step went too far.
             ahead = float(misfit @ self._way)
             if ahead < -MAX_REVERSE_SLOPE * self._slope:
                 self._share /= 2.0
@@ -214,7 +214,7 @@ class ComponentIteration:
     def _newton(self, at: GroupRedundancy) -> Array | None:
         """Return Δ (k,) of (2B − S + diag(r − q)) Δ = q − r near the greatest likelihood.
 
-        As long as S has not been probed, B with residuals scaled to q = r stands for S in Helmert's
+        As long as S has not been probed, B with residuals scaled to q = r replaces S in Helmert's
         equations, for E(B) = S. None far from the maximum, or with a curvature too small for a
         Newton step; Helmert's equations use the expected curvature instead.
         """

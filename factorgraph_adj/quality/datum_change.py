@@ -47,7 +47,7 @@ IGNORED_WEIGHT = 1e-60
 MIN_OBSERVED_DIAGONAL = 1e-30
 """Diagonal element of N (1/m², 1/rad²) below which only ignored observations touch a column."""
 DATUM_STEP_TOLERANCE = 1e-5
-"""Step relative to σ below which a solution is at rest; the same value as in `adjust`."""
+"""Step relative to σ below which a solution has converged; the same value as in `adjust`."""
 
 
 @with_one_thread

@@ -35,7 +35,7 @@ UNIT_FACTOR = 1000.0
 MAX_NEAR_FACTOR = 3.0
 """Factor within which a group is near its σ, and within which a factor is that of a unit."""
 MIN_DOUBTED_REDUNDANCY = 3 - 1e-6
-"""Smallest redundancy of a group of which anything is said. Sums of redundancy
+"""Smallest redundancy of a group that is examined. Sums of redundancy
 numbers are whole up to rounding."""
 MAX_LOG_FACTOR_DIFFERENCE = 0.3
 """Largest difference of ln f, beside twice its standard deviation, of a σ with one part in another
@@ -44,7 +44,7 @@ MIN_MEDIAN_RESIDUAL = 0.3
 """Smallest median of |v|/σ_v with the estimated σ: of normal residuals it is 0.67, and one gross
 error in a group leaves the others far below it."""
 MAX_SUCCESSIVE_RESIDUAL_RATIO = 3.0
-"""Largest ratio of successive values among the larger half of |v|/σ_v: gross errors stand apart."""
+"""Largest ratio of successive values among the larger half of |v|/σ_v: gross errors exceed it."""
 MAX_NORMALISED_RESIDUAL = 4.5
 """Largest |v|/σ with the estimated σ."""
 MAX_ROWS_OF_DOUBT = 3000
@@ -204,7 +204,7 @@ def _reason(s: Solution, blocks: Sequence[Block], factor: float, doubt: float) -
                 continue
             before = np.concatenate([np.square(b.sigma).ravel() for b in blocks])
             ratio = float(np.sqrt(changed.mean() / before.mean()))
-            # Where a part is made small, what is left of σ tells nothing of the unit of the part.
+            # Where a part is made small, what is left of σ does not depend on the unit of the part.
             specific = by > 1.0 or factor < 1.0 / MIN_DOUBTFUL_FACTOR
             alike = abs(np.log(factor / ratio)) < MAX_LOG_FACTOR_DIFFERENCE + 2.0 * doubt
             if specific and alike and not 0.5 < ratio < 2.0:

@@ -56,7 +56,7 @@ SightEnd = tuple[str, int]
 
 
 def is_misled(search: SnoopingSearch, found: Snooping) -> bool:
-    """Return whether readings that are far off may have led a search astray.
+    """Return whether readings with very large errors may have misled a search.
 
     A single reading that is far off, with which everything else fits, is one gross error. What
     fits as something else, as a whole, is an exchange. It is otherwise if readings that are far
@@ -132,7 +132,7 @@ def has_far_off_sights(solution: Solution) -> bool:
     """Return whether several readings of sights are so far off that names may be exchanged.
 
     σ0 is 1, also where it is estimated: exchanges bend every residual, so that no estimate is one
-    of good readings. Where the stated σ are far too small, names are looked up in vain.
+    of good readings. Where the stated σ are far too small, other names are tried in vain.
 
     Args:
         solution: the adjustment of everything, or where it ended.
@@ -148,7 +148,7 @@ def has_far_off_sights(solution: Solution) -> bool:
 def _sigma0(normalised: Array, estimated: bool) -> float:
     """Return σ0 of normalised residuals or test values (n,): 1, or that of their median.
 
-    Where half of them are zero, nothing tells of σ0, and it is 1.
+    Where half of them are zero, they do not determine σ0, and it is 1.
     """
     middle = float(np.median(np.abs(normalised))) if estimated and len(normalised) else 0.0
     return middle / normal_quantile(0.75) if middle > 0.0 else 1.0
@@ -194,7 +194,7 @@ def _far_off_at_first(solution: Solution) -> set[str]:
     """Return the readings that are far off at the approximate values, which nothing has bent yet.
 
     Set-ups without approximate coordinates are joined by what most of their targets agree on, so
-    that the others are far off there. Nothing is said of coordinates that are all rough.
+    that the others are far off there. Coordinates that are all rough are not examined.
     """
     size = np.abs(np.nan_to_num(solution.equations.residuals(solution.start)))
     limit = max(MAX_LINEAR_TEST_VALUE, MIN_SUSPECT_SHARE * float(size.max(initial=0.0)))

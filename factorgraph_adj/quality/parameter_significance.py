@@ -152,7 +152,7 @@ class Significance(Shown):
         """Return how many parameters were tested, and how many are not significant."""
         return (
             f"Significance: {len(self.parameters)} parameters tested, {len(self.insignificant)} "
-            f"not significant, {len(self.overparametrised)} pairs not to be told apart"
+            f"not significant, {len(self.overparametrised)} pairs not distinguishable"
         )
 
     def first_rows(self) -> Rows:

@@ -133,7 +133,7 @@ class Round:
     number: int
     """Number of the round."""
     sigma0: float
-    """σ̂0 before the round sets anything aside."""
+    """σ̂0 before the round rejects anything."""
     largest: float
     """Largest |test value|."""
     suspects: int
@@ -153,7 +153,7 @@ class Snooping(Shown):
     reliability: Reliability
     """Reliability of ``solution``, with α0 and power of the tests."""
     rejected: tuple[Rejected, ...]
-    """Observations set aside, in that order, without the rays of removed points."""
+    """Rejected observations, in that order, without the rays of removed points."""
     readmitted: tuple[str, ...]
     """Ids of observations that fitted and were put back, including those rejected again later."""
     rejected_points: tuple[RejectedPoint, ...]
@@ -176,12 +176,12 @@ class Snooping(Shown):
     """Looks for the causes of the misfits; None: they were not asked for before pickling."""
 
     def headline(self) -> str:
-        """Return the numbers of observations and points set aside, and why the search ended."""
+        """Return the numbers of rejected observations and points, and why the search ended."""
         factors = len(self.rejected_factors)
         own = f", {factors} factors" if factors else ""
         return (
             f"Snooping: {len(self.rejected)} observations and {len(self.rejected_points)} points"
-            f"{own} set aside, {len(self.unresolved)} unresolved, σ̂0 {self.solution.sigma0:.4f}; "
+            f"{own} rejected, {len(self.unresolved)} unresolved, σ̂0 {self.solution.sigma0:.4f}; "
             f"{self.reason}"
         )
 
@@ -201,7 +201,7 @@ class Snooping(Shown):
 
     @property
     def at_the_start(self) -> Literal["robust", "before"]:
-        """What set observations aside before the first round: a robust adjustment, or the start."""
+        """What rejected observations before the first round: a robust adjustment, or the start."""
         return "robust" if any(r.number == 0 for r in self.rounds) else "before"
 
     @cached_property
@@ -242,8 +242,8 @@ class GroupLoss:
 
     def __str__(self) -> str:
         """Return the loss as a sentence without a stop."""
-        text = f"of {self.noun} {self.name!r} {self.lost} of {self.whole} observations were set "
-        text += "aside"
+        text = f"of {self.noun} {self.name!r} {self.lost} of {self.whole} observations were "
+        text += "rejected"
         if np.isfinite(self.moved) and self.moved:
             text += f", and by that it moved by {self.moved:.0f} times its standard deviation"
         return text
@@ -252,7 +252,7 @@ class GroupLoss:
 def group_losses(
     found: Snooping, original: Network, whole: Solution | None
 ) -> tuple[GroupLoss, ...]:
-    """Return the groups of which data snooping has set much aside, those that lost most first.
+    """Return the groups of which data snooping has rejected much, those that lost most first.
 
     Args:
         found: the result of data snooping.
@@ -286,7 +286,7 @@ class UncontrolledDatum:
     """Given coordinates that place the network, controlled by nothing after others have gone."""
 
     lost: int
-    """Number of observations of coordinates set aside."""
+    """Number of rejected observations of coordinates."""
     left: int
     """Number of scalar coordinates that are left."""
 
@@ -295,7 +295,7 @@ class UncontrolledDatum:
         were = "1 given coordinate was" if self.lost == 1 else f"{self.lost} given coordinates were"
         rest = "the one that is left places" if self.left == 1 else f"the {self.left} left place"
         return (
-            f"{were} set aside, and {rest} the network without control: nothing tells which of "
+            f"{were} rejected, and {rest} the network without control: it is not known which of "
             "them are right (axes exchanged, another system, wrong names?)"
         )
 
@@ -322,7 +322,7 @@ class RejectedCoordinates:
     """Weighted coordinates of points that were rejected, though the points have other readings.
 
     A gross error of given coordinates and another mark that was observed in place of the point
-    leave the same misfits: no reading tells the one from the other.
+    leave the same misfits: no reading distinguishes them.
     """
 
     points: tuple[str, ...]
@@ -333,13 +333,13 @@ class RejectedCoordinates:
         named = known(map(repr, self.points), most=MAX_POINTS_IN_LOSS)
         noun = "point" if len(self.points) == 1 else "points"
         return (
-            f"given coordinates of {noun} {named} were set aside: they are wrong, or another mark "
-            "was observed under that name; the readings do not tell which"
+            f"given coordinates of {noun} {named} were rejected: they are wrong, or another mark "
+            "was observed under that name; the readings do not determine which"
         )
 
 
 def rejected_coordinates(found: Snooping, original: Network) -> RejectedCoordinates | None:
-    """Return the points whose weighted coordinates data snooping set aside; None: there are none.
+    """Return the points whose weighted coordinates data snooping rejected; None: there are none.
 
     Args:
         found: the result of data snooping.
@@ -375,13 +375,13 @@ class LostControl:
         noun, them = ("point", "it") if len(self.points) == 1 else ("points", "them")
         return (
             f"gross errors took the control of {noun} {named} away: {self.rows} of the "
-            f"readings that are left of {them} are controlled by nothing, so that nothing "
-            "tells whether the wrong ones were set aside"
+            f"readings that are left of {them} are controlled by nothing, so that it is "
+            "not known whether the wrong ones were rejected"
         )
 
 
 def lost_control(found: Snooping, original: Network) -> LostControl | None:
-    """Return the points whose control data snooping has set aside; None: there are none.
+    """Return the points whose control data snooping has rejected; None: there are none.
 
     An observation has lost its control if others control it in the whole network, and none do in
     the clean one: then its error and that of what was rejected change all others alike. Points

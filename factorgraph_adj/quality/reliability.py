@@ -209,7 +209,7 @@ class Reliability(Shown):
 
     def _columns(self, rows: Sequence[int] | None = None) -> Columns:
         """Return the figures of some observations, or of all."""
-        # The table of observations, and all reports, stand above this module.
+        # The table of observations, and all reports, are above this module.
         reports = import_module("factorgraph_adj.report.adjusted_observations")
         found: Columns = reports.observation_frame(self, rows)
         return found

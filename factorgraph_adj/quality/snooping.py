@@ -192,8 +192,8 @@ def snoop(
             round, see `candidates`; 1: only the largest of each round.
         robust: M-estimator for networks with many gross errors; the outliers of its adjustment
             are rejected before the first round. Without one, Huber's is used where the network
-            as it is has no minimum, or where readings are so far off that they may have led the
-            search astray (`has_far_off_sights`): then it is made again from the approximate values.
+            as it is has no minimum, or where readings have such large errors that they may have
+            misled the search (`has_far_off_sights`): it is then repeated from approximate values.
         max_rounds: maximum number of rounds.
         max_iterations: largest number of iterations of each adjustment, as for `adjust`.
         datum: as for `adjust`.
@@ -257,9 +257,9 @@ def snoop(
             beside = replace(Start.of(mistakes[0].solution), doubtful=aside)
             return searching.run_beside(beside, [m.match for m in mistakes])[1]
         lost = first is None or misses_minimum(first)
-        if plain and lost and (anew := image_start(network, datum)) is not None:
+        if plain and lost and (start_again := image_start(network, datum)) is not None:
             with suppress(AdjustmentError):
-                from_images = searching.run_beside(anew, [m.match for m in mistakes])[1]
+                from_images = searching.run_beside(start_again, [m.match for m in mistakes])[1]
         if from_images is not None and (failure is not None or not from_images.unresolved):
             return from_images
         if failure is not None:
@@ -281,7 +281,7 @@ def snoop(
         raise noted_error(error, f"nearly everything fits without one mistake: {said}") from None
     if from_images is None:
         return found
-    # Images that are wrong themselves lead astray, too: what leaves less unresolved is chosen.
+    # Wrong images mislead, too: the result that leaves less unresolved is chosen.
     return min(found, from_images, key=lambda f: (len(f.unresolved), len(f.rejected)))
 
 
@@ -435,4 +435,4 @@ class _SearchArguments:
             except CannotSettle:
                 continue
             return search, search.result(reason)
-        raise AssertionError("a search that adjusts every round anew has nothing to settle")
+        raise AssertionError("a search that adjusts in every round has nothing to settle")

@@ -44,7 +44,7 @@ INSEPARABLE_CORRELATION = 0.9
 MAX_ROWS_OF_ROUND = 400
 """Maximum number of rows (components of observations) examined in one round, largest first."""
 MAX_ROWS_OF_WHOLE_ROUND = 3000
-"""Maximum number of rows examined in a round that sets all outliers aside at once (``every``)."""
+"""Maximum number of rows examined in a round that rejects all outliers at once (``every``)."""
 EIGENVALUE_MARGIN = 100.0
 """Factor by which an eigenvalue must differ from `MIN_CONTROLLED_SHARE` for a choice with a
 margin."""
@@ -85,7 +85,7 @@ class RowGroups:
 
 @dataclass(frozen=True)
 class Outlier:
-    """An observation that a round sets aside, or that is blocked."""
+    """An observation that a round rejects, or that is blocked."""
 
     unit: int
     """Number of the observation."""
@@ -105,7 +105,7 @@ class Choice:
     """Result of one round."""
 
     chosen: tuple[Outlier, ...]
-    """Observations set aside, the largest first."""
+    """Rejected observations, the largest first."""
     blocked: tuple[Outlier, ...]
     """Observations above the critical value that some unknown needs to be determined."""
     margin: float = np.inf
@@ -147,7 +147,7 @@ def choose_outliers(
     every: bool = False,
     gone: Collection[int] = (),
 ) -> Choice:
-    """Choose the observations to set aside.
+    """Choose the observations to reject.
 
     Args:
         rel: the test values and their correlations.
@@ -156,7 +156,7 @@ def choose_outliers(
         critical: critical value of ``test``.
         share: part of the largest test value that others must reach to be rejected in this round.
         stuck: blocked observations; they stay, but explain others as if they were rejected.
-        every: set aside every observation above the critical value, as long as the rest determines
+        every: reject every observation above the critical value, as long as the rest determines
             all unknowns: conditions 2 and 3 are left out.
         gone: observations of the solution that an update has taken out.
     """
@@ -202,7 +202,7 @@ def choose_outliers(
 
 
 def stated_conditions(equations: Equations, units: RowGroups) -> Mask:
-    """Return which observations are conditions, which are never set aside, (m,)."""
+    """Return which observations are conditions, which are never rejected, (m,)."""
     stated = equations.network.observations
     out = np.zeros(len(units.first), dtype=bool)
     for block in equations.blocks:

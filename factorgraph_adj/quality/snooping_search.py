@@ -76,7 +76,7 @@ class SnoopingSearch:
         self.readmitted: list[str] = []
         self.stuck: dict[str, str] = {}
         self.place: dict[str, int] = {}
-        """Component with the largest test value, by id of the observation set aside."""
+        """Component with the largest test value, by id of the rejected observation."""
         self.coordinates: dict[str, Array] = {}
         """Coordinates of each removed point at its removal, (3,) metres."""
         self.rounds: list[Round] = []
@@ -96,7 +96,7 @@ class SnoopingSearch:
         return self.present.reliability
 
     def begin(self, values: Array, progress: Callable[[Round], None] | None) -> None:
-        """Set aside the outliers of a robust adjustment, by test values (n,) for σ0 = 1."""
+        """Reject the outliers of a robust adjustment, by test values (n,) for σ0 = 1."""
         critical = normal_quantile(1.0 - self.alpha / 2.0)
         chosen = choose_outliers(
             self.reliability, values, scale=1.0, critical=critical, share=0.0, every=True
@@ -134,13 +134,13 @@ class SnoopingSearch:
             self._note(Round(number, sigma0, float(size.max()), suspects, gone, back), progress)
             if not gone and not back:
                 if suspects:
-                    return "what is still above the critical value cannot be set aside"
+                    return "what is still above the critical value cannot be rejected"
                 if not np.isfinite(critical):
                     f = self.solution.redundancy
                     return f"no test: with a redundancy of {f} Pope's has no critical value"
                 if not self.reliability.controlled.any():
                     return "no test: no observation is controlled by others"
-                return "no test value is above the critical value, nothing set aside fits again"
+                return "no test value is above the critical value, nothing rejected fits again"
         self._settle()
         return f"stopped after {max_rounds} rounds"
 
@@ -149,10 +149,10 @@ class SnoopingSearch:
         if progress is not None:
             progress(done)
 
-    # -- setting aside --------------------------------------------------------------------------
+    # -- rejection ------------------------------------------------------------------------------
 
     def _reject(self, choice: Choice, share: float, number: int) -> int:
-        """Set aside the worst observations; return their number."""
+        """Reject the worst observations; return their number."""
         while chosen := choice.chosen:
             gone = self._set_aside(chosen, number) or self._set_aside(chosen[:1], number)
             if gone:
@@ -161,7 +161,7 @@ class SnoopingSearch:
         return 0
 
     def _reject_factor(self, largest: float, number: int) -> int:
-        """Set the worst factor aside where no observation is further beyond; return how many.
+        """Reject the worst factor where no observation is further beyond; return how many.
 
         Args:
             largest: largest test value of an observation, relative to the critical value.
@@ -427,8 +427,8 @@ class SnoopingSearch:
     def matches(self) -> tuple[MistakenIdentity, ...]:
         """Return what the observations rejected may be instead; a solution looks once."""
         if self._matched is None or self._matched[0] is not self.solution:
-            told = {i for m in self.exchanged for i in m.ids}
-            bad = [i for i in self.ids_aside() if i not in told], self._above()
+            explained = {i for m in self.exchanged for i in m.ids}
+            bad = [i for i in self.ids_aside() if i not in explained], self._above()
             again, pope = not self.factors.given.factors, self.test == "pope"
             found = every_mistaken_identity(
                 self.equations, self.solution, *bad, self.alpha, again=again, estimated=pope
@@ -477,7 +477,7 @@ class SnoopingSearch:
             record = self.solution.observations[row]
             reason = self.stuck.get(record.id)
             if protected[unit]:
-                reason = "it is a condition, which is never set aside"
+                reason = "it is a condition, which is never rejected"
             elif unit in blocked:
                 reason = "without it something would be undetermined"
             elif reason is None and last.chosen:

@@ -290,7 +290,7 @@ class SnoopingState:
         return RowGroups.of(self.solution.equations).largest(self.values)
 
     def choice(self, share: float, stuck: Collection[str]) -> Choice:
-        """Choose the observations that the next round sets aside; ``stuck`` ones stay."""
+        """Choose the observations that the next round rejects; ``stuck`` ones stay."""
         found = self.solution.equations.find(list(stuck))
         return choose_outliers(
             self.tested,

@@ -327,8 +327,8 @@ def _commented(c: VarianceComponent, inseparable: list[str]) -> VarianceComponen
     if inseparable:
         how = "at all: only a combination of them is estimated" if np.isinf(c.sigma) else "well"
         what = (
-            f"its errors cannot be told from those of {known(inseparable)} {how}; put them into "
-            "one group"
+            f"its errors cannot be distinguished from those of {known(inseparable)} {how}; "
+            "put them into one group"
         )
         return replace(c, state="not separable", note=what)
     if c.freedom < MIN_CERTAIN_FREEDOM:

@@ -102,7 +102,7 @@ class LinearisationDrift:
         farther = max(1.0, (self.length + ahead) / seen) ** 2 if seen > 0 else 1.0
         return left * farther, float(np.sqrt(square)) * farther
 
-    def anew(self) -> LinearisationDrift:
+    def renewed(self) -> LinearisationDrift:
         """Return the expected errors of a new base of nearly the same observations."""
         out = replace(self, left=0.0, turned=0.0, length=0.0, gained=1.0)
         return replace(out, weights=self.weights[:0], direction=None)

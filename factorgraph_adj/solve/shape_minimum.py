@@ -68,15 +68,15 @@ def refitted_shape(equations: Equations, state: State, f: int) -> State | None:
     table = equations.unknowns["frame"]
     given = np.where(table.free[f], np.nan, UNKNOWNS["frame"].given(state["frame"][f][None])[0])
     lost = free_sizes(equations, f)
-    anew = {**state, "frame": state["frame"].copy()}
-    anew["frame"][f, :13] = np.nan
+    refitted = {**state, "frame": state["frame"].copy()}
+    refitted["frame"][f, :13] = np.nan
     for kind, number in lost:
-        anew[kind] = anew[kind].copy()
-        anew[kind][number] = np.nan
+        refitted[kind] = refitted[kind].copy()
+        refitted[kind][number] = np.nan
     with np.errstate(all="ignore"):  # trials may be anything
-        what = ShapeFit(equations, anew, f, parts, lost, given).run()
-    found = not what and np.isfinite(anew["frame"][f]).all()
-    return anew if found else None
+        what = ShapeFit(equations, refitted, f, parts, lost, given).run()
+    found = not what and np.isfinite(refitted["frame"][f]).all()
+    return refitted if found else None
 
 
 def free_sizes(equations: Equations, f: int) -> list[tuple[str, int]]:

@@ -1,4 +1,4 @@
-"""Given coordinates that data snooping sets aside: nothing tells whether the mark is wrong."""
+"""Given coordinates that data snooping rejects: it is not known whether the mark is wrong."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def doubts(network: fga.Network) -> list[str]:
 
 def test_wrong_given_coordinates_and_another_mark_raise_the_same_doubt() -> None:
     wrong, other = doubts(surveyed({"K4": 1}, {})), doubts(surveyed({}, {"K4": -1}))
-    assert any(d.startswith("given coordinates of point 'K4' were set aside") for d in wrong)
-    assert any(d.startswith("given coordinates of point 'K4' were set aside") for d in other)
+    assert any(d.startswith("given coordinates of point 'K4' were rejected") for d in wrong)
+    assert any(d.startswith("given coordinates of point 'K4' were rejected") for d in other)
 
 
 def test_all_points_are_named() -> None:
@@ -52,7 +52,7 @@ def test_all_points_are_named() -> None:
     found = rejected_coordinates(fga.snoop(network), network)
     assert found is not None
     assert found.points == ("K1", "K4")
-    assert "points 'K1', 'K4' were set aside" in str(found)
+    assert "points 'K1', 'K4' were rejected" in str(found)
 
 
 @pytest.mark.parametrize("seed", range(3))

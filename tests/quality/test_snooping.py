@@ -274,7 +274,7 @@ def test_what_cannot_go_stays_and_is_unresolved():
     assert "would be undetermined" in found.unresolved[0].reason
     assert all("may explain it" in u.reason for u in found.unresolved[1:])
     assert all(abs(u.test) > found.critical for u in found.unresolved)
-    assert "cannot be set aside" in found.reason
+    assert "cannot be rejected" in found.reason
     assert len(found.rounds) == 1
 
 

@@ -469,7 +469,7 @@ def test_observations_that_agree_too_well_are_stopped_on_the_way_to_zero() -> No
     assert b.state == "driven to zero"
     assert 0.01 < b.factor < 0.5
     assert 0.1 < b.redundancy < 1
-    assert "not to be told from zero" in b.note
+    assert "not distinguishable from zero" in b.note
     assert np.isnan(b.sigma)
     low, high = found["a"].interval(confidence=CONFIDENCE)
     assert low < 2.0 < high

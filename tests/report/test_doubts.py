@@ -145,7 +145,7 @@ def test_control_that_data_snooping_has_used_up_is_a_doubt():
     left = sum(b.n for b in kept if b.fixes == "coordinates")
     doubts = Report(found.solution, provenance=fga.Provenance(found, feet)).doubts
     assert any(
-        f"{18 - left} given coordinates were set aside, and the {left} left place the network "
+        f"{18 - left} given coordinates were rejected, and the {left} left place the network "
         "without control" in doubt
         for doubt in doubts
     ), doubts

@@ -77,7 +77,7 @@ class _Mistake:
     named: Callable[[Solution], str] | None = None
     """Returns what is wrong from the adjustment without it; None: `cause`."""
     fitting: Callable[[Solution], str] | None = None
-    """Returns what fits, as an addition to the place; None: nothing is to be said."""
+    """Returns what fits, as an addition to the place; None: no addition."""
     aside: bool = False
     """Whether its image points may be rejected for it."""
 
@@ -101,7 +101,7 @@ class BlockMistake:
     """A mistake without which nearly everything in a block fits."""
 
     match: MistakenIdentity
-    """What is to be said of it."""
+    """Its description."""
     solution: Solution
     """The adjustment without it."""
     aside: tuple[str, ...]

@@ -2,8 +2,8 @@
 
 Two searches make one list. Errors of some size (heights, constants, centring, turned directions,
 given values that are held) are columns, tested in the adjustment of everything
-(`shared_error_tests`). Exchanges (of targets, names, ends, faces, image axes) are looked up in the
-clean solution (`mistaken_identity`), as they bend an adjustment too far for its linear model.
+(`shared_error_tests`). Exchanges (of targets, names, ends, faces, image axes) are searched for in
+the clean solution (`mistaken_identity`), as they displace an adjustment beyond its linear model.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from .shared_error_tests import (
 from .shared_errors import ErrorColumns, ErrorQuantity, refocusing_columns, shared_error_columns
 
 MAX_PLACES_OF_CAUSE = 50
-"""Largest number of places at which a cause is looked at: those with the largest T²."""
+"""Largest number of places at which a cause is examined: those with the largest T²."""
 MAX_PLACE_ELEMENTS = 30_000_000
 """Largest number of elements of the solutions by which the places are chosen: unknowns times
 components of all places of all causes."""
@@ -180,7 +180,7 @@ class Causes(Shown):
         return float(np.clip((vtpv - left) / max(vtpv - max(r, 0), vtpv - left), 0.0, 1.0))
 
     def alone(self, c: Cause) -> bool:
-        """Return whether no other error need be looked for after a cause.
+        """Return whether no other error need be searched for after a cause.
 
         With it as an unknown the global test is accepted, or it explains `MIN_SHARE_OF_ONLY_CAUSE`
         of the excess, `MIN_SHARE_OF_LARGE_CAUSE` beyond the linear model. Of an estimated σ0 nobody
@@ -209,7 +209,7 @@ class Causes(Shown):
 
     @property
     def undecided(self) -> tuple[str, ...]:
-        """All errors of which one has happened, and nothing tells which; empty if something does.
+        """All errors of which one has happened; empty if the observations determine which.
 
         They are the causes that cannot be distinguished from the first one, or the observations,
         and the causes, that cannot be distinguished from the observation with the largest test
@@ -226,14 +226,14 @@ class Causes(Shown):
 
     @property
     def undecided_sentences(self) -> list[str]:
-        """A sentence on the errors between which nothing tells; none where something does."""
+        """A sentence on errors of which the observations do not determine the right one, if any."""
         every = self.undecided
         if not every:
             return []
         size = float(np.sqrt(self.more_probable[0].t2 if self.more_probable else self.single))
         return [
             f"an error of {size:.1f} times its standard deviation shows; with this redundancy "
-            f"nothing tells in which of: {'; '.join(every)}"
+            f"the observations do not determine in which of: {'; '.join(every)}"
         ]
 
     def most_probable_text(self, sentence: Callable[[Cause], str]) -> str:
@@ -346,8 +346,8 @@ def sized_causes(solution: Solution, given: Iterable[GivenValue] | None = None) 
 def ordered_causes(found: Iterable[Cause]) -> list[Cause]:
     """Return causes, the most probable first; of those that explain as much, the plainest.
 
-    What differs in evidence or in likelihood by less than `separability_tolerance` cannot be told
-    apart: the cause of one set-up comes before that of several.
+    Causes whose evidence or likelihood differs by less than `separability_tolerance` are not
+    distinguishable: the cause of one set-up comes before that of several.
     """
     left = sorted(((c.evidence, c.likelihood, c) for c in found), key=lambda row: -row[0])
     out: list[Cause] = []

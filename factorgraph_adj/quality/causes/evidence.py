@@ -36,7 +36,7 @@ from .shared_error_tests import GivenValue
 from .shared_errors import ErrorQuantity
 
 MIN_FREEDOM_OF_SIGMA0 = 2
-"""Smallest number of degrees of freedom that an estimate of σ0 has if it is to tell of an error."""
+"""Smallest number of degrees of freedom with which an estimate of σ0 may show an error."""
 ROUNDING_VTPV_SHARE = 1e-10
 """Share of vᵀPv below which what is left of it is rounding."""
 MAX_USUAL_HEIGHT_M = 3.0
@@ -79,7 +79,7 @@ class VarianceFactor:
     """σ0², or its estimate."""
     freedom: float = np.inf
     """Degrees of freedom of the estimate; infinite where σ0 is known, 0 where there are fewer than
-    `MIN_FREEDOM_OF_SIGMA0`: nothing tells."""
+    `MIN_FREEDOM_OF_SIGMA0`: there is no test."""
 
     @classmethod
     def left_by(
@@ -101,7 +101,7 @@ class VarianceFactor:
         return cls(max(solution.vtpv - t2, ROUNDING_VTPV_SHARE * solution.vtpv) / freedom, freedom)
 
     def limit(self, dof: int, alpha: float) -> float:
-        """Return T², σ0 = 1, that good readings exceed with probability alpha; 0: nothing tells."""
+        """Return T², σ0 = 1, that good readings exceed with probability alpha; 0: no test."""
         return self.variance * self.critical(dof, alpha) if self.freedom > 0 else 0.0
 
     def critical(self, dof: int, alpha: float) -> float:
@@ -210,14 +210,14 @@ class Cause:
             test += f"{self.critical:.1f}"
         text = f"{self.cause} {self.where}{self.hint}"
         if self.same:
-            text += f", or {', or '.join(self.same)}: nothing tells which"
+            text += f", or {', or '.join(self.same)}: the observations do not determine which"
         return (f"{text}: {', '.join(sizes)}" if sizes else text) + f" ({test})"
 
     @property
     def estimates(self) -> Iterator[tuple[str, ErrorQuantity, float, float, bool]]:
-        """Name, quantity, error and σ of each component that the residuals tell of.
+        """Name, quantity, error and σ of each component that the residuals determine.
 
-        Of components of a given value that they tell of together only, each is estimated as if it
+        Of components of a given value that they determine only jointly, each is estimated as if it
         alone were wrong, which the last element says.
         """
         named = zip(self.components or ("",), self.sizes, self.error, self.sigma, strict=False)

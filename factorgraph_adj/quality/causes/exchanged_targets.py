@@ -63,7 +63,7 @@ class TargetExchange:
     """Readings of a set-up that fit under other names."""
 
     match: MistakenIdentity
-    """What is to be said of it."""
+    """Its description."""
     points: Mapping[str, Array]
     """Coordinates of the points that were fitted, metres."""
     core: Solution
@@ -148,7 +148,7 @@ class _Search:
         self.names = equations.unknowns["point"].names
         leaving = removable_points(equations, sights)
         self.open = (core.suspects | uncontrolled_targets(equations, core, sights)) & leaving
-        """Points that are fitted: the core tells nothing of them."""
+        """Points that are fitted: the core does not determine them."""
         self.renamed = RenamedReadings(equations, core.solution, sorted(self.open))
         self.state = self.renamed.innovations.state
         self.places = {
@@ -347,8 +347,8 @@ class _Search:
     def _told_apart(self, found: Sequence[_Tested]) -> list[_Tested]:
         """Return the tests, after those that readings join were fitted together.
 
-        What joins the points of two exchanges, as levelling does, may tell at which set-up each of
-        them was made.
+        What joins the points of two exchanges, as levelling does, may determine at which set-up
+        each of them was made.
         """
         for one, other in combinations(found, 2):
             if not self._joined(one, other):
@@ -370,7 +370,7 @@ class _Search:
     # -- result -------------------------------------------------------------------------------
 
     def _exchanges(self, t: _Tested) -> Iterator[TargetExchange]:
-        """Iterate over what is to be said of hypotheses that fit together."""
+        """Iterate over the exchanges of hypotheses that fit together."""
         coordinates = {self.names[p]: x for p, x in t.after.coordinates.items()}
         same = tuple(self._said(o.what) for o in t.same)
         for h in t.what:

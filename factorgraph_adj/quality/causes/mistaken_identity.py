@@ -3,7 +3,7 @@
 Readings that are far off bend an adjustment so that its linear model says nothing of them. In the
 solution without them each is computed again as if its target were another point, its ends were
 exchanged, it were read in the other face, or the image axes were others. Where all readings of a
-sight fit then, that is what happened. Where the height of a target was looked up by its name, the
+sight fit then, that is what happened. Where a list gave the height of a target by its name, the
 wrong name has brought the wrong height: another point is tried with the heights that are recorded
 with its name, too.
 """
@@ -30,7 +30,7 @@ from .evidence import VarianceFactor
 from .readings import ONE_TARGET, TARGET_HEIGHT, Readings, most_recorded_heights
 
 MAX_RENAMED_SIGHTS = 100
-"""Largest number of sights for which other targets are looked for, those that fit worst."""
+"""Largest number of sights for which other targets are tried, those that fit worst."""
 MAX_TRIED_TARGETS = 5
 """Number of other targets that are tried for a sight: those that fit best."""
 MAX_TRIED_HEIGHTS = 3
@@ -150,7 +150,7 @@ class _Search:
         names = r.equations.unknowns["point"].names
         recorded = self._recorded_heights()
         sigma = r.equations.sigmas()[r.row]
-        # What the clean solution does not determine tells nothing of what it may be.
+        # A reading that the clean solution does not determine has no other explanation.
         misfit = np.nan_to_num(np.square((r.computed - r.observed) / sigma))
         sights, group = np.unique(np.stack([r.station, r.target], 1), axis=0, return_inverse=True)
         group = group.ravel()

@@ -135,7 +135,7 @@ class Readings:
         return out
 
     def _residuals(self, block: Block) -> Array:
-        """Return residuals (n, d); NaN where a value is unknown or the geometry has no answer."""
+        """Return residuals (n, d); NaN where a value is unknown or the geometry is degenerate."""
         out = np.full(block.observed.shape, np.nan)
         fine = np.ones(block.n, dtype=bool)
         for kind, index in block.variables:
@@ -145,7 +145,7 @@ class Readings:
             return out
         try:
             out[rows] = block.select(rows).evaluate(frame, self.state, jacobians=False).residual
-        except InputError:  # some have no answer: one by one
+        except InputError:  # some are degenerate: one by one
             for row in rows:
                 with suppress(InputError):
                     one = block.select(np.array([row]))
@@ -192,7 +192,7 @@ class Readings:
         return out
 
     def with_targets(self, targets: Index, heights: Array) -> Array:
-        """Return f − f(x) of the rows if they had been read to other targets; NaN: no answer.
+        """Return f − f(x) of the rows if they had been read to other targets; NaN: degenerate.
 
         Angles are changes of at most half a circle.
 

@@ -446,7 +446,7 @@ def _placing(equations: Equations) -> dict[int, set[str]]:
 def uncontrolled_targets(
     equations: Equations, core: CoreNetwork, sights: Mapping[SetUp, Mapping[int, Sight]]
 ) -> frozenset[int]:
-    """Return the targets of the core of whose readings nothing tells."""
+    """Return the targets of the core whose readings nothing controls."""
     own, number = core.solution.equations, equations.unknowns["point"].number
     controlled: set[int] = set()
     for block in own.blocks:

@@ -44,7 +44,7 @@ with a probability of up to k in 245, less where they are like one another."""
 MAX_LINEAR_TEST_VALUE = 1000.0
 """Largest test value of an error for which the linear model of the tests holds."""
 MIN_SEPARABLE_SHARE = MIN_T2_DIFFERENCE / MAX_LINEAR_TEST_VALUE**2
-"""Smallest 1 − ρ² of test values that can tell two errors apart: with less, even an error of the
+"""Smallest 1 − ρ² of test values that can separate two errors: with less, even an error of the
 size of `MAX_LINEAR_TEST_VALUE` leaves T² of both different by less than `MIN_T2_DIFFERENCE`.
 Rounding is smaller by far."""
 MAX_WHOLE_OBSERVATIONS = 50
@@ -58,7 +58,7 @@ def separability_tolerance(evidence: float) -> float:
     probability.
 
     Evidence is half a T², so it is half of `MIN_T2_DIFFERENCE`. Of errors with one component it is
-    reached where (1 − ρ²) T² is, so that it also decides whether something tells of two errors at
+    reached where (1 − ρ²) T² is, so that it also decides whether two errors are separable at
     all: with a correlation of ±1 their T² differ by rounding alone.
     """
     return max(0.5 * MIN_T2_DIFFERENCE, MIN_SEPARABLE_SHARE * evidence)
@@ -190,7 +190,7 @@ class WholeObservation(NamedTuple):
 
 
 NO_OBSERVATION = WholeObservation()
-"""There is no observation of several components, or nothing tells of one."""
+"""There is no observation of several components, or none is determined."""
 
 
 def best_whole_observation(rel: Reliability, w: Array, *, estimated: bool) -> WholeObservation:

@@ -54,13 +54,13 @@ class SharedErrorTest:
     """What an error with q components explains."""
 
     error: Array
-    """Estimated error ∇̂, (q,); NaN for components that the residuals do not tell of."""
+    """Estimated error ∇̂, (q,); NaN for components that the residuals do not determine."""
     sigma: Array
     """Its standard deviations for σ0 = 1, (q,); infinite for such components."""
     t2: float
-    """T²; NaN if the residuals tell of no component."""
+    """T²; NaN if the residuals determine no component."""
     dof: int
-    """Number of components that the residuals tell of."""
+    """Number of components that the residuals determine."""
 
 
 def whitening_matrix(equations: Equations) -> csr_array:
@@ -160,7 +160,7 @@ def _error_tests(
 
 
 def t2_of_errors(solution: Solution, columns: csc_array, q: int) -> Array:
-    """Return T² of errors with q components each, (h,); 0 where the residuals do not tell of one.
+    """Return T² of errors with q components each, (h,); 0 where the residuals determine none.
 
     Args:
         solution: the adjustment without them.
@@ -204,7 +204,7 @@ def conditional_error_tests(
     Args:
         solution: the adjustment without them.
         columns: W C of both beside one another, (n_rows, k).
-        one: columns of the first; the residuals tell of all its components.
+        one: columns of the first; the residuals determine all its components.
         other: columns of the other.
     """
     system = solution.normal().system
@@ -229,7 +229,7 @@ def _error_test(u: Array, s: Array, total: Array) -> SharedErrorTest:
     t2 = float(np.sum(along**2 / values[seen])) if seen.any() else np.nan
     error = -(vectors[:, seen] @ (along / values[seen])) / scale
     sigma = np.sqrt(np.sum(vectors[:, seen] ** 2 / values[seen], axis=1)) / scale
-    # A component of which nothing tells has a part in what is not seen.
+    # An undetermined component has a part in the directions that are not seen.
     open_ = np.sum(vectors[:, ~seen] ** 2, axis=1) > MIN_CONTROLLED_SHARE
     return SharedErrorTest(
         np.where(open_, np.nan, error), np.where(open_, np.inf, sigma), t2, int(seen.sum())

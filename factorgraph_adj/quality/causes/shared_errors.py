@@ -36,9 +36,9 @@ ErrorQuantity: TypeAlias = Literal[
 """Quantity of an error; a turn is an angle of any size, such as that between two norths."""
 
 MIN_PHOTOS_OF_FOCUS = 2
-"""Smallest number of photos before and after the change: that of one is not told from its place."""
+"""Smallest number of photos before and after the change: one could have another place instead."""
 MAX_REFOCUSING_ENTRIES = 2_000_000
-"""Largest number of image points times photos of a camera with which a change is looked for."""
+"""Largest number of image points times photos of a camera with which a change is searched for."""
 PRINCIPAL_DISTANCE = "c"
 """Name of the principal distance among the components of a calibration."""
 
