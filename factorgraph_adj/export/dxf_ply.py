@@ -328,7 +328,7 @@ def ply_content(report: Report, *, binary: bool = True) -> bytes:
     xyz = np.concatenate([solution.state["point"], poses[:, 9:12]])
     sigmas = np.full(xyz.shape, np.nan)
     if not report.singular:
-        sigmas[:n] = np.array([report.sigmas[p] for p in network.points]).reshape(-1, 3)
+        sigmas[:n] = report.sigmas
         photos = [report.poses[p].sigma_position for p in network.photos]
         sigmas[n:] = np.array(photos).reshape(-1, 3)
     for i, a in enumerate("xyz"):

@@ -121,8 +121,7 @@ def decimals_of_points(report: Report) -> tuple[int, int]:
     sigmas: list[float] = []
     if not report.singular:
         free = report.solution.equations.unknowns["point"].offset >= 0
-        every = np.array(list(report.sigmas.values())).reshape(-1, 3)
-        some = (every[free] / report.small).ravel()
+        some = (report.sigmas[free] / report.small).ravel()
         some = some[(some > 0) & np.isfinite(some)]
         # The median alone decides: networks have tens of thousands of points.
         middle = len(some) // 2

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
 from math import isfinite, nan, sqrt
 from typing import Any
 
@@ -14,10 +13,21 @@ from ..columns import Columns
 from ..quality.error_ellipses import ErrorEllipsoid
 from ..solve.solution import Solution
 from .adjusted_coordinates import NOT_AT_A_MINIMUM, angle_unit, region_factor, rounded_azimuth
-from .adjustment_report import Report
+from .adjustment_report import PoseFigures, Report
 from .geodetic_coordinates import grid_photo_columns
 from .layout import decimals, percent, table, title
-from .tables import NO_FIGURE, READ, Column, Table, Unit, as_frame, as_text, unit_of
+from .tables import (
+    NO_FIGURE,
+    READ,
+    ArrayRows,
+    Column,
+    FiguresByNumber,
+    Table,
+    Unit,
+    as_frame,
+    as_text,
+    unit_of,
+)
 
 DECIMALS_OF_ANGLES = {"dms": 1, "rad": 6, "mrad": 3, "mgon": 1, "cc": 0, "arcsec": 0}
 """Decimals of ω, φ, κ by unit; otherwise four."""
@@ -33,35 +43,36 @@ class AdjustedPhoto:
     """Number of the photo in its network."""
     name: str
     """Its name."""
+    camera: str
+    """Name of its camera."""
 
 
 def photos_table(report: Report) -> Table[AdjustedPhoto]:
     """Return the table of adjusted photos."""
-    rows = [AdjustedPhoto(i, n) for i, n in enumerate(report.network.photos)]
+    photos = report.network.photos
+    cameras, numbers = [f.camera for f in photos.values()], np.arange(len(photos))
+    rows = ArrayRows.of(AdjustedPhoto, number=numbers, name=list(photos), camera=cameras)
     return Table("photos", rows, photo_columns(report))
 
 
 def photo_columns(report: Report) -> list[Column[AdjustedPhoto]]:
     """Return the columns of photos; where there is no covariance, how their images fit."""
-    photos, (counts, norms) = report.network.photos, image_statistics_by_photo(report)
-    count = Column[AdjustedPhoto](
-        title="points", key="image_points", value=lambda row: counts[row.name], only=READ
+    counts, norms = (
+        FiguresByNumber(lambda i=i: np.array(list(image_statistics_by_photo(report)[i].values())))  # type: ignore[misc]
+        for i in range(2)
     )
+    count = Column[AdjustedPhoto](title="points", key="image_points", value=counts, only=READ)
     fit = Column[AdjustedPhoto](
         title="RMS v/σ",
         key="normalised_rms",
-        value=lambda row: norms[row.name],
+        value=norms,
         digits=2,
-        shown=lambda row: None if counts[row.name] else NO_FIGURE,
+        shown=lambda row: None if counts(row) else NO_FIGURE,
         only=READ,
     )
     return [
         Column(title="photo", key="name", value="name"),
-        Column(
-            title="camera",
-            value=lambda row: photos[row.name].camera,
-            only=("html", "csv", "frame"),
-        ),
+        Column(title="camera", value="camera", only=("html", "csv", "frame")),
         count,
         fit,
         *(() if report.singular else _orientation(report)),
@@ -87,24 +98,21 @@ def _orientation(report: Report) -> Iterator[Column[AdjustedPhoto]]:
     small_angle = Unit(units.sigma_angle, report.radian)
     digits, data = DECIMALS_OF_ANGLES.get(units.angle, 4), ("csv", "frame")
 
-    def of(name: str, i: int | None = None) -> Callable[[AdjustedPhoto], Any]:
-        def value(row: AdjustedPhoto) -> Any:
-            found = getattr(report.poses[row.name], name)
-            return list(found) if i is None else found[i]
+    def figures(part: Callable[[PoseFigures], Any]) -> FiguresByNumber:
+        return FiguresByNumber(lambda: np.array([part(p) for p in report.poses.values()]))
 
-        return value
+    def of(name: str, i: int) -> FiguresByNumber:
+        return figures(lambda pose: getattr(pose, name)[i])
 
-    def record(key: str, value: Callable[[AdjustedPhoto], Any]) -> Column[AdjustedPhoto]:
-        return Column[AdjustedPhoto](title=key, value=value, only=("json",))
+    def record(key: str, name: str) -> Column[AdjustedPhoto]:
+        whole = figures(lambda pose: getattr(pose, name))
+        return Column[AdjustedPhoto](title=key, value=whole, only=("json",))
 
-    def rotation(row: AdjustedPhoto) -> Any:
-        return report.poses[row.name].rotation.tolist()
-
-    yield record("position", of("position"))
-    yield record("world_R_camera", rotation)
-    yield record("omega_phi_kappa", of("angles"))
-    yield record("sigma_position", of("sigma_position"))
-    yield record("sigma_omega_phi_kappa", of("sigma_angles"))
+    yield record("position", "position")
+    yield record("world_R_camera", "rotation")
+    yield record("omega_phi_kappa", "angles")
+    yield record("sigma_position", "sigma_position")
+    yield record("sigma_omega_phi_kappa", "sigma_angles")
     place = {"unit": metre, "digits": 4, "exact": True, "only": (*READ, *data)}
     turn = {"unit": radians, "digits": digits, "exact": True, "only": (*READ, *data)}
     for i, a in enumerate("xyz"):
@@ -125,16 +133,10 @@ def _orientation(report: Report) -> Iterator[Column[AdjustedPhoto]]:
     for i, (sign, a) in enumerate(ANGLES.items()):
         value = of("sigma_angles", i)
         yield from _sigma(report, sign, f"sigma_{a}", value, small_angle, 3 + i)
-
-    @cache
-    def about(name: str) -> list[float]:
-        variances = report.solution.pose_covariance(name).diagonal()[:3]
-        return [sqrt(v) for v in np.maximum(variances, 0.0).tolist()]
-
     for i, a in enumerate("xyz"):
         yield Column(
             title=f"sigma_r{a}",
-            value=lambda row, i=i: about(row.name)[i],  # type: ignore[misc]
+            value=of("sigma_rotations", i),
             unit=small_angle,
             only=("frame",),
         )
@@ -146,7 +148,7 @@ def _sigma(
     report: Report,
     sign: str,
     key: str,
-    value: Callable[[AdjustedPhoto], float],
+    value: FiguresByNumber,
     unit: Unit,
     component: int,
 ) -> Iterator[Column[AdjustedPhoto]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from math import isfinite, nan, sqrt
 from typing import Any
 
@@ -13,6 +14,7 @@ from ..columns import Columns
 from ..quality.point_precision import CheckPoints
 from ..quality.point_precision import check_points as compare
 from ..solve.solution import Solution
+from ..types import Array, Index, Mask
 from .adjusted_coordinates import (
     NOT_AT_A_MINIMUM,
     decimals_of_points,
@@ -23,7 +25,17 @@ from .adjusted_coordinates import (
 from .adjustment_report import Report
 from .geodetic_coordinates import geographic_columns, grid_columns
 from .layout import decimals, percent, rms, title
-from .tables import READ, Column, FiguresByNumber, Rendering, Table, Unit, as_frame, as_text
+from .tables import (
+    READ,
+    ArrayRows,
+    Column,
+    FiguresByNumber,
+    Rendering,
+    Table,
+    Unit,
+    as_frame,
+    as_text,
+)
 
 COVARIANCE_PAIRS = {
     "xx": (0, 0),
@@ -56,16 +68,27 @@ def points_table(report: Report, names: Iterable[str] | None = None) -> Table[Ad
         report: the report.
         names: some of its points; None: all.
     """
+    every = list(report.network.points)
     number = report.solution.equations.unknowns["point"].number
-    some = report.network.points if names is None else names
-    rows = [AdjustedPoint(number[n], n) for n in some]
-    return Table("points", rows, point_columns(report, rows))
+    some = range(len(every)) if names is None else [number[n] for n in names]
+    numbers = np.array(some, dtype=np.intp)
+    rows = ArrayRows.of(AdjustedPoint, number=numbers, name=[every[i] for i in some])
+    return Table("points", rows, point_columns(report, numbers))
 
 
-def point_columns(report: Report, rows: Sequence[AdjustedPoint]) -> list[Column[AdjustedPoint]]:
-    """Return the columns of some points; coordinates alone where there is no covariance."""
-    precision = () if report.singular else _precision(report, rows)
-    return [*_coordinates(report, rows), *precision]
+def point_columns(report: Report, numbers: Index) -> list[Column[AdjustedPoint]]:
+    """Return the columns of the points with some numbers.
+
+    Where there is no covariance, these are coordinates alone.
+    """
+    points = report.network.points.values()
+    held = np.fromiter(chain.from_iterable(p.fixed for p in points), bool).reshape(-1, 3)
+    # Text lacks a coordinate that is held in each of these points.
+    some: tuple[Rendering, ...] = ("html", "csv", "frame")
+    readable = [some if held[numbers, i].all() else ("text", *some) for i in range(3)]
+    places, digits = decimals_of_points(report)
+    precision = () if report.singular else _precision(report, held, readable, places, digits)
+    return [*_coordinates(report, readable, digits), *precision]
 
 
 def point_frame(solution: Solution) -> Columns:
@@ -78,9 +101,11 @@ def point_frame(solution: Solution) -> Columns:
     return as_frame(points_table(Report(solution)))
 
 
-def _coordinates(report: Report, rows: Sequence[AdjustedPoint]) -> Iterator[Column[AdjustedPoint]]:
+def _coordinates(
+    report: Report, readable: Sequence[Sequence[Rendering]], digits: int
+) -> Iterator[Column[AdjustedPoint]]:
     x, units = report.solution.state["point"], report.units
-    metre, digits = Unit(units.length, report.metre), decimals_of_points(report)[1]
+    metre = Unit(units.length, report.metre)
     yield Column(title="point", key="name", value="name")
     yield Column(title="xyz", value=FiguresByNumber(x), only=("json",))
     for i, a in enumerate("xyz"):
@@ -90,15 +115,16 @@ def _coordinates(report: Report, rows: Sequence[AdjustedPoint]) -> Iterator[Colu
             unit=metre,
             digits=digits,
             exact=True,
-            only=_renderings(report, rows, i),
+            only=readable[i],
         )
     yield Column(title="unit", value=lambda row: units.length, only=("csv",))
 
 
-def _precision(report: Report, rows: Sequence[AdjustedPoint]) -> Iterator[Column[AdjustedPoint]]:
+def _precision(
+    report: Report, held: Mask, readable: Sequence[Sequence[Rendering]], places: int, digits: int
+) -> Iterator[Column[AdjustedPoint]]:
     given, small = list(report.network.points.values()), report.units.sigma_length
-    places, digits = decimals_of_points(report)
-    sigmas, unit = np.array(list(report.sigmas.values())).reshape(-1, 3), Unit(small, report.small)
+    sigmas, unit = report.sigmas, Unit(small, report.small)
     covariances = report.solution.point_covariances
     yield Column(title="sigma", value=FiguresByNumber(sigmas), only=("json",))
     for i, a in enumerate("xyz"):
@@ -109,9 +135,9 @@ def _precision(report: Report, rows: Sequence[AdjustedPoint]) -> Iterator[Column
             unit=unit,
             digits=places,
             suffix=True,
-            shown=lambda row, i=i: "held" if given[row.number].fixed[i] else None,  # type: ignore[misc]
+            shown=lambda row, i=i: "held" if held[row.number, i] else None,  # type: ignore[misc]
             translated=True,
-            only=_renderings(report, rows, i),
+            only=readable[i],
         )
     pairs = np.stack([covariances[:, i, j] for i, j in COVARIANCE_PAIRS.values()], axis=1)
     yield Column(title="covariance", value=FiguresByNumber(pairs), only=("json",))
@@ -135,17 +161,13 @@ def _precision(report: Report, rows: Sequence[AdjustedPoint]) -> Iterator[Column
         value=lambda row: given[row.number].side_shot or None,
         only=("csv", "json"),
     )
-    check = np.array([p.check or (nan, nan, nan) for p in given], dtype=float).reshape(-1, 3)
-    differences = (report.solution.state["point"] - check).tolist()
-    for column in _differences(report, None, lambda row: differences[row.number]):
+
+    def differences() -> Array:
+        check = np.array([p.check or (nan, nan, nan) for p in given], dtype=float).reshape(-1, 3)
+        return np.asarray(report.solution.state["point"] - check)
+
+    for column in _differences(report, None, FiguresByNumber(differences)):
         yield replace(column, only=("csv",))
-
-
-def _renderings(report: Report, rows: Sequence[AdjustedPoint], axis: int) -> tuple[Rendering, ...]:
-    """Return the renderings with a coordinate, which text lacks where each one is held."""
-    given = report.network.points
-    some: tuple[Rendering, ...] = ("html", "csv", "frame")
-    return some if all(given[row.name].fixed[axis] for row in rows) else ("text", *some)
 
 
 def _regions(report: Report, places: int) -> Iterator[Column[AdjustedPoint]]:
@@ -215,7 +237,8 @@ def points_section(report: Report) -> list[str]:
     names = [n for n in given if report.free("point", n)]
     if not names:
         return []
-    sigmas = {n: [s / report.small for s in report.sigmas[n]] for n in names}
+    shown = (report.sigmas / report.small).tolist()
+    sigmas = {n: s for n, s in zip(report.network.points, shown, strict=True) if n in given}
     places, _ = decimals_of_points(report)
     out = [*title("Adjusted coordinates"), *_listed(report, list(given))]
     if not report.solution.converged:

@@ -86,6 +86,8 @@ class PoseFigures:
     """σ of X0, Y0, Z0, metres."""
     sigma_angles: tuple[float, ...]
     """σ of ω, φ, κ, radians; NaN at φ = ±π/2."""
+    sigma_rotations: tuple[float, ...]
+    """σ of rotations about the axes of the camera, radians."""
 
 
 @dataclass(frozen=True)
@@ -321,12 +323,8 @@ class Report:
     @cached_property
     def given(self) -> tuple[GivenValue, ...]:
         """Tests of given values that are held, in the axes of files."""
-        rel = self.reliability
-        return (
-            ()
-            if rel is None
-            else tuple(image_axes.given_value_in_files(self.network, v) for v in rel.given_values)
-        )
+        found = () if self.reliability is None else self.reliability.given_values
+        return tuple(image_axes.given_value_in_files(self.network, v) for v in found)
 
     @cached_property
     def set_aside(self) -> RejectedObservations | None:
@@ -425,18 +423,19 @@ class Report:
         return {name: self._pose(name) for name in self.network.photos}
 
     def _pose(self, name: str) -> PoseFigures:
-        state = self.solution.state["pose"]
-        stored = state[self.solution.equations.unknowns["pose"].number[name]]
+        stored = self.solution.state["pose"][self.solution.number("pose", name)]
         rotation = stored[:9].reshape(3, 3)
         covariance = self.solution.pose_covariance(name)
         turn = angles_by_rotation(rotation)
         variances = (turn @ covariance[:3, :3] @ turn.T).diagonal().tolist()
+        own = [sqrt(max(v, 0.0)) for v in covariance.diagonal().tolist()]
         return PoseFigures(
             tuple(stored[9:].tolist()),
             omega_phi_kappa(rotation),
             rotation,
-            tuple(sqrt(max(v, 0.0)) for v in covariance.diagonal().tolist()[3:]),
+            tuple(own[3:]),
             tuple(sqrt(v) if v >= 0 else nan for v in variances),
+            tuple(own[:3]),
         )
 
     @cached_property
@@ -447,11 +446,10 @@ class Report:
         return {n: image_axes.calibration_in_files(network, n, found(n)) for n in names}
 
     @cached_property
-    def sigmas(self) -> dict[str, tuple[float, ...]]:
-        """Standard deviations of points, metres."""
+    def sigmas(self) -> Array:
+        """Standard deviations of points in the order of the network, (n, 3) metres."""
         variances = np.einsum("nii->ni", self.solution.point_covariances)
-        found = np.sqrt(np.maximum(variances, 0.0)).tolist()
-        return dict(zip(self.network.points, map(tuple, found), strict=True))
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
     @cached_property
     def geographic(self) -> GeodeticCoordinates | None:

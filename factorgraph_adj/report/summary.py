@@ -285,7 +285,7 @@ def _points(report: Report) -> List:
     """Return the points with the largest standard deviations."""
     if report.singular:
         return [], [], []
-    sigma = report.sigmas
+    sigma = dict(zip(report.network.points, report.sigmas.tolist(), strict=True))
     free = [name for name, s in sigma.items() if any(s)]
     worst = sorted(free, key=lambda name: -float(np.linalg.norm(sigma[name])))[:MAX_ROWS]
     unit = report.units.sigma_length

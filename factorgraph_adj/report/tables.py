@@ -121,6 +121,20 @@ class ArrayRows(Sequence[Row]):
     make: Callable[[], Sequence[Row]]
     """Function that returns all rows."""
 
+    @classmethod
+    def of(
+        cls, row: Callable[..., Row], **fields: np.ndarray[Any, Any] | Sequence[str]
+    ) -> ArrayRows[Row]:
+        """Return rows of a class, from its fields by name; texts may be any sequence."""
+        arrays = {
+            n: v if isinstance(v, np.ndarray) else np.array(v, dtype=object)
+            for n, v in fields.items()
+        }
+        return cls(
+            arrays,
+            lambda: list(map(row, *(v.tolist() for v in arrays.values()))),
+        )
+
     def __len__(self) -> int:
         return len(self.fields["number"])
 

@@ -227,8 +227,7 @@ class Answers:
             "vtpv": rounded_figure(s.vtpv),
             "sigma0": rounded_figure(s.sigma0),
             "points": [
-                self.point(n, at[i], np.array(report.sigmas[n]))
-                for i, n in enumerate(s.network.points)
+                self.point(n, at[i], report.sigmas[i]) for i, n in enumerate(s.network.points)
             ],
             "photos": [self.photo(n, s.pose(n)) for n in s.network.photos],
             "calibrations": [self.calibration(n, s.calibration(n)) for n in report.calibrations],

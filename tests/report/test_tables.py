@@ -18,7 +18,7 @@ from factorgraph_adj.report.adjusted_observations import (
     observation_frame,
     observations_csv,
 )
-from factorgraph_adj.report.adjusted_photos import photos_table
+from factorgraph_adj.report.adjusted_photos import AdjustedPhoto, photos_table
 from factorgraph_adj.report.adjusted_points import AdjustedPoint, points_table
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.catalogue import Texts
@@ -204,6 +204,17 @@ def test_a_frame_of_all_observations_is_that_of_its_rows_without_an_object_for_e
             assert frame[name].tolist() == by_row[name].tolist()
         else:
             assert frame[name].tobytes() == by_row[name].tobytes()
+
+
+@pytest.mark.parametrize("row", [AdjustedPoint, AdjustedPhoto])
+def test_frames_of_points_and_photos_need_no_object_for_each(
+    row: type, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solution = fga.adjust(small_block())
+    made = Mock(side_effect=AssertionError("a row was made"))
+    monkeypatch.setattr(row, "__init__", made)
+    assert solution.point_table()["name"].tolist() == list(solution.network.points)
+    assert solution.photo_table()["camera"].tolist() == ["D3"] * len(solution.network.photos)
 
 
 def test_a_frame_of_observations_does_not_compute_what_it_does_not_have() -> None:
