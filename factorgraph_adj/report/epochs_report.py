@@ -28,6 +28,23 @@ EPOCH_WORDS = {1: ("common",), 2: ("first", "second")}
 """Words for the adjustments, by their number."""
 MAX_NAMES_IN_EPOCHS_TEXT = 12
 """Largest number of names in a sentence."""
+EPOCH_POINT_STATES = ("stable", "left", "moved", "kept")
+"""A point of a comparison is a stable reference point, a reference point that left the reference,
+an object point that moved, or one that did not move significantly."""
+COLUMNS_WITHOUT_UNIT = ("name", "stable", "test_value", "critical", "moved")
+"""Columns that are no lengths."""
+FIT_WORDS = {True: "yes", False: "no"}
+"""Words for the test of the points that are left; a test of no points says nothing."""
+DISPLACEMENT_VERDICT_WORDS = {
+    "stable": "stable",
+    "doubtful": "doubtful",
+    "moved": "yes",
+    "kept": "no",
+    "untested": "not tested",
+}
+"""Words for the verdict of a displacement."""
+PARAMETER_UNITS = {"t": ("mm", 1e3), "r": ("µrad", 1e6), "s": ("ppm", 1e6), "e": ("ppm", 1e6)}
+"""Unit of a parameter of a common motion by its first letter, and its number in the unit of SI."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +114,6 @@ class EpochsReport:
         return tuple(out)
 
 
-EPOCH_POINT_STATES = ("stable", "left", "moved", "kept")
-"""A point of a comparison is a stable reference point, a reference point that left the reference,
-an object point that moved, or one that did not move significantly."""
-
-
 def left_out_of_epochs(solutions: Sequence[Solution]) -> tuple[str, ...]:
     """Return sentences on the unknowns that were left out of each epoch."""
     return tuple(
@@ -128,10 +140,6 @@ def _doubts(found: Congruence) -> Iterator[str]:
     yield from found.alternatives
     if found.steps and not found.steps[-1].test.accepted:
         yield "no set of reference points kept its shape"
-
-
-COLUMNS_WITHOUT_UNIT = ("name", "stable", "test_value", "critical", "moved")
-"""Columns that are no lengths."""
 
 
 def displacement_table(report: EpochsReport) -> str:
@@ -346,20 +354,6 @@ def _row(x: Displacement, axes: str) -> list[str]:
         DISPLACEMENT_VERDICT_WORDS[x.verdict],
         f"{1000 * x.detectable:.2f}",
     ]
-
-
-FIT_WORDS = {True: "yes", False: "no"}
-"""Words for the test of the points that are left; a test of no points says nothing."""
-DISPLACEMENT_VERDICT_WORDS = {
-    "stable": "stable",
-    "doubtful": "doubtful",
-    "moved": "yes",
-    "kept": "no",
-    "untested": "not tested",
-}
-"""Words for the verdict of a displacement."""
-PARAMETER_UNITS = {"t": ("mm", 1e3), "r": ("µrad", 1e6), "s": ("ppm", 1e6), "e": ("ppm", 1e6)}
-"""Unit of a parameter of a common motion by its first letter, and its number in the unit of SI."""
 
 
 def _block(b: BlockMotion) -> list[str]:

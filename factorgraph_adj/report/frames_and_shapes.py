@@ -45,6 +45,15 @@ FRAMES_LEGEND = (
 )
 ROUNDING_OF_PLACE = 1e-9
 """Part of the largest σ of a place below which that of a coordinate is rounding."""
+SHAPES_LEGEND = (
+    "X, Y, Z: the centre, or the apex of a cone or paraboloid; of planes, lines and cylinders the "
+    "place nearest to the middle of their points, with σ along the normal or across the axis only. "
+    "Axis: unit vector of the normal or the axis. Tilt: its angle against the vertical; azimuth: "
+    "clockwise from north. Under each value its σ"
+)
+MAX_SIGMA_AZIMUTH_RAD = pi / 2
+"""σ of an azimuth, radians, from which the azimuth says nothing and is not shown."""
+_XYZ = tuple(enumerate("xyz"))
 
 
 @dataclass(frozen=True)
@@ -216,16 +225,6 @@ def _scale(ln_scale: float, sigma_ppm: float) -> str:
     return decimal(scale, decimals([1e-6 * sigma_ppm * scale], default=6, most=12))
 
 
-SHAPES_LEGEND = (
-    "X, Y, Z: the centre, or the apex of a cone or paraboloid; of planes, lines and cylinders the "
-    "place nearest to the middle of their points, with σ along the normal or across the axis only. "
-    "Axis: unit vector of the normal or the axis. Tilt: its angle against the vertical; azimuth: "
-    "clockwise from north. Under each value its σ"
-)
-MAX_SIGMA_AZIMUTH_RAD = pi / 2
-"""σ of an azimuth, radians, from which the azimuth says nothing and is not shown."""
-
-
 def shapes_section(report: Report) -> list[str]:
     """Return the shapes: place, axis, tilt, azimuth and sizes with their σ, points, residuals."""
     if not report.shapes:
@@ -333,9 +332,6 @@ def shapes_table(report: Report) -> str:
     columns[f"rms_{small}"] = [figure(s.rms / report.small) for s in found]
     columns[f"largest_{small}"] = [figure(s.largest / report.small) for s in found]
     return write_columns(columns)
-
-
-_XYZ = tuple(enumerate("xyz"))
 
 
 def _exact(report: Report, size: AdjustedSize) -> str:

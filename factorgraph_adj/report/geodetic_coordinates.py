@@ -27,6 +27,10 @@ RESOLVED_DECIMALS = 8
 X Y Z, of which float64 resolves 1e-9 m at the distance of the Earth's centre."""
 GEOGRAPHIC_UNIT_NAMES = {"dms": "degrees-minutes-seconds", "deg": "decimal degrees", "gon": "gon"}
 """Names of units of latitudes and longitudes."""
+GRID_COLUMNS = ("easting", "northing", "grid_height")
+"""Columns of tables, where ``height`` is the ellipsoidal one."""
+RESOLUTION_IN_TEXT_RAD, RESOLUTION_IN_TABLES_RAD = 1e-6, 1e-9
+"""Resolution of the convergence and of ω, φ, κ in the protocol and in tables, radians."""
 
 
 def geographic_section(report: Report) -> list[str]:
@@ -122,12 +126,6 @@ def geographic_columns(report: Report, digits: int) -> list[Column[Any]]:
 def _resolved(report: Report) -> int:
     """Return the decimals that computed lengths have in tables, see `RESOLVED_DECIMALS`."""
     return max(RESOLVED_DECIMALS + exponent(report.metre), 0)
-
-
-GRID_COLUMNS = ("easting", "northing", "grid_height")
-"""Columns of tables, where ``height`` is the ellipsoidal one."""
-RESOLUTION_IN_TEXT_RAD, RESOLUTION_IN_TABLES_RAD = 1e-6, 1e-9
-"""Resolution of the convergence and of ω, φ, κ in the protocol and in tables, radians."""
 
 
 def reference_system_line(report: Report) -> list[str]:

@@ -30,6 +30,8 @@ MAX_NAMES_IN_SENTENCE = 8
 """Largest number of names in a sentence."""
 MAX_INSEPARABLE_LISTED = 4
 """Largest number of observations listed as inseparable from a suspect."""
+IDENTITY_HEADER = ("kind", "what", "id", "from")
+"""Header of the columns that identify an observation."""
 
 
 @dataclass(frozen=True)
@@ -103,10 +105,6 @@ def weakest_points(rel: Reliability, most: int) -> list[WeakPoint]:
                         best[point] = size, row
     ranked = sorted(best.items(), key=lambda item: -item[1][0])[:most]
     return [WeakPoint(names[p], size, row) for p, (size, row) in ranked]
-
-
-IDENTITY_HEADER = ("kind", "what", "id", "from")
-"""Header of the columns that identify an observation."""
 
 
 def reliability_section(report: Report) -> list[str]:

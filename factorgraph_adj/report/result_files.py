@@ -49,6 +49,20 @@ MAX_REPEATED_LISTED = 20
 """Largest number of repeated observations that a protocol lists."""
 MEGABYTE = 1e6
 """Bytes of a megabyte."""
+UNKNOWN_COLUMNS = (
+    *("kind", "name", "component", "value", "sigma", "unit", "state"),
+    *("t", "significant"),
+)
+GIVEN_VALUE_COLUMNS = (
+    *("kind", "name", "component", "error", "sigma", "unit", "w"),
+    *("t2_together", "dof_together"),
+)
+RESULT_FILES = (
+    *("protocol.txt", "results.json", "observations.csv", "points.csv", "unknowns.csv"),
+    *("photos.csv", "shapes.csv", "relative.csv", "snooping.csv", "unknowns_left_out.csv"),
+    *("variance_components.csv", "given_values.csv"),
+)
+"""Files of a solution; those that it has no content for are removed."""
 
 
 def parts_protocol(solution: PartsSolution, run: Run | None = None) -> str:
@@ -254,22 +268,6 @@ def _part_observations(name: str, part: PartResult) -> dict[str, list[str]]:
         "smallest_detectable": figures(part.mdb),
         "estimated_error": figures(sign * part.estimated_errors),
     }
-
-
-UNKNOWN_COLUMNS = (
-    *("kind", "name", "component", "value", "sigma", "unit", "state"),
-    *("t", "significant"),
-)
-GIVEN_VALUE_COLUMNS = (
-    *("kind", "name", "component", "error", "sigma", "unit", "w"),
-    *("t2_together", "dof_together"),
-)
-RESULT_FILES = (
-    *("protocol.txt", "results.json", "observations.csv", "points.csv", "unknowns.csv"),
-    *("photos.csv", "shapes.csv", "relative.csv", "snooping.csv", "unknowns_left_out.csv"),
-    *("variance_components.csv", "given_values.csv"),
-)
-"""Files of a solution; those that it has no content for are removed."""
 
 
 def write_solution(

@@ -38,6 +38,16 @@ MAX_NAMES_IN_CELL = 30
 """Largest number of names in a cell."""
 MAX_NAMES_IN_EPOCHS_PLAN_TEXT = 8
 """Largest number of names in a sentence."""
+SYMBOLS_OF_EPOCHS_PAGE = ("displacement", "sigma_d", "t_epochs", "p", "detectable", "ellipse_d")
+"""Symbols that the page explains."""
+EPOCH_POINT_MARKERS = (
+    {"symbol": "triangle-up", "size": 11, "color": "held"},
+    {"symbol": "triangle-up-open", "size": 12, "color": "doubt"},
+    {"symbol": "circle", "size": 8, "color": "doubt"},
+    {"symbol": "circle", "size": 6, "color": "point"},
+)
+"""Markers of the states, in the order of `EPOCH_POINT_STATES`; colours are names of the style
+sheet."""
 
 
 def adjustments_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
@@ -246,18 +256,6 @@ def _test_heads(name: str, t: Texts) -> list[ColumnHead]:
         (t("col_dof"), True),
         ("p", True, t("help_p")),
     ]
-
-
-SYMBOLS_OF_EPOCHS_PAGE = ("displacement", "sigma_d", "t_epochs", "p", "detectable", "ellipse_d")
-"""Symbols that the page explains."""
-EPOCH_POINT_MARKERS = (
-    {"symbol": "triangle-up", "size": 11, "color": "held"},
-    {"symbol": "triangle-up-open", "size": 12, "color": "doubt"},
-    {"symbol": "circle", "size": 8, "color": "doubt"},
-    {"symbol": "circle", "size": 6, "color": "point"},
-)
-"""Markers of the states, in the order of `EPOCH_POINT_STATES`; colours are names of the style
-sheet."""
 
 
 def epochs_html(

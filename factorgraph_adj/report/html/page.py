@@ -46,6 +46,8 @@ MIN_SHARE_OF_POINTS_ON_PAGE = 0.1
 """Smallest number of points in a cell with a vector, as a fraction of the average."""
 MAX_NAMES_IN_PLAN_TEXT = 8
 """Largest number of names in a sentence."""
+SYMBOLS_OF_PAGE = ("v", "sigma", "r", "test", "error", "mdb", "ellipse", "partners")
+"""Symbols that the page explains."""
 
 
 def test_statistics(report: Report, t: Texts) -> dict[str, Any] | None:
@@ -130,10 +132,6 @@ def mean_photo_data(report: Report, t: Texts) -> list[dict[str, Any]]:
             }
         )
     return out
-
-
-SYMBOLS_OF_PAGE = ("v", "sigma", "r", "test", "error", "mdb", "ellipse", "partners")
-"""Symbols that the page explains."""
 
 
 def adjustment_html(

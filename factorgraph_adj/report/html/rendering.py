@@ -41,6 +41,10 @@ REPORT_PACKAGES_MISSING = "the report needs {names}: pip install 'factorgraph_ad
 """Message where some of them are not installed."""
 COMPRESSION_LEVEL = 6
 """Level of compression of data; libraries, which stay the same, have the best one."""
+ColumnHead: TypeAlias = tuple[str, bool] | tuple[str, bool, str]
+"""Title of a column, whether it is numeric, and where needed its help."""
+PAGE_SCRIPTS = ("base.js", "tables.js", "plan.js", "figures.js")
+"""Scripts of a page, in the order in which they run."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +92,6 @@ def packed_json(data: Any) -> str:
 def _packed(data: bytes, level: int) -> str:
     # No time stamp: the same report gives the same file.
     return b64encode(gzip.compress(data, level, mtime=0)).decode("ascii")
-
-
-ColumnHead: TypeAlias = tuple[str, bool] | tuple[str, bool, str]
-"""Title of a column, whether it is numeric, and where needed its help."""
 
 
 def filled_sheet(
@@ -198,10 +198,6 @@ def _versions() -> list[str]:
         except PackageNotFoundError:  # built from source, without metadata
             out.append(name)
     return out
-
-
-PAGE_SCRIPTS = ("base.js", "tables.js", "plan.js", "figures.js")
-"""Scripts of a page, in the order in which they run."""
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,17 @@ QUANTILE_OF_LARGE_DISPLACEMENT = 0.9
 """Share of the displacements that are not larger than a large one."""
 MAX_DISPLACEMENT_DRAWN = 0.5
 """Size from which a displacement, or an ellipse, is not drawn, in the larger side of the plan."""
+EPOCH_POINT_SYMBOLS = {
+    "stable": ("^", 34.0, BLUE, BLUE, "stable reference point"),
+    "left": ("^", 34.0, "none", VERMILLION, "reference point that is not stable"),
+    "moved": ("o", 18.0, VERMILLION, VERMILLION, "point that moved"),
+    "kept": ("o", 14.0, BLACK, BLACK, "point without a significant displacement"),
+}
+"""Marker, area, face, edge and name of each state of a point."""
+MAX_KEY_LENGTH_SHARE = 0.12
+"""Largest length of the bar of the scale key, in the larger side of the plan."""
+MAX_HEIGHT_LABELS = 60
+"""Largest number of points whose names stand below a diagram of heights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,19 +211,6 @@ class EpochsDrawing:
         return out
 
 
-EPOCH_POINT_SYMBOLS = {
-    "stable": ("^", 34.0, BLUE, BLUE, "stable reference point"),
-    "left": ("^", 34.0, "none", VERMILLION, "reference point that is not stable"),
-    "moved": ("o", 18.0, VERMILLION, VERMILLION, "point that moved"),
-    "kept": ("o", 14.0, BLACK, BLACK, "point without a significant displacement"),
-}
-"""Marker, area, face, edge and name of each state of a point."""
-MAX_KEY_LENGTH = 0.12
-"""Largest length of the bar of the scale key, in the larger side of the plan."""
-MAX_HEIGHT_LABELS = 60
-"""Largest number of points whose names stand below a diagram of heights."""
-
-
 @in_package_style
 def plot_displacements(
     found: Congruence,
@@ -327,7 +325,7 @@ def _plan(axes: Axes, plan: EpochsDrawing) -> list[Artist]:
         legend += _vectors(axes, plan, mask, colour, what)
     legend += _state_entries(axes, plan)
     if plan.sizes.any():
-        key = readable_number(MAX_KEY_LENGTH * plan.extent / plan.factor)
+        key = readable_number(MAX_KEY_LENGTH_SHARE * plan.extent / plan.factor)
         what = "displacements and ellipses" if plan.flat else "displacements and intervals"
         label = f"{what}:\n{length_text(key)}, {exaggeration_text(plan.factor)}"
         draw_scale_key(axes, key * plan.factor, label, upright=not plan.flat)

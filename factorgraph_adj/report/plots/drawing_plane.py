@@ -33,6 +33,11 @@ MAX_OUTLINE_EXTENT = 2.0
 """Largest outline that the window is enlarged for, as a multiple of the extent of the points."""
 OUTLINE_MARGIN = 0.03
 """Room between such an outline and the edge of the window, as a fraction of the extent."""
+View: TypeAlias = Literal["above", "south", "east"]
+"""Direction from which a network is seen."""
+PLAN_VIEWS = ("above", "south", "east")
+OUTLINE_DASHES = ("-", (0, (6, 2)), (0, (4, 1.5, 1, 1.5)), (0, (1.5, 1.5)))
+"""Line styles of outlines, in the order of the legend."""
 
 
 def kind_of_block(block: Block) -> ObservationKind | None:
@@ -184,11 +189,6 @@ def instrument_place(block: Block) -> tuple[VariableKind, Index] | None:
     return None
 
 
-View: TypeAlias = Literal["above", "south", "east"]
-"""Direction from which a network is seen."""
-PLAN_VIEWS = ("above", "south", "east")
-
-
 @dataclass(frozen=True)
 class DrawingPlane:
     """A horizontal or (seen from a side) vertical plane: (e, n, u) = axes · (X − origin)."""
@@ -269,10 +269,6 @@ def plane_ellipses(sigma: Array) -> tuple[Array, Array]:
     values, vectors = np.linalg.eigh(sigma)
     semi = np.sqrt(np.maximum(values[:, ::-1], 0.0))
     return semi, np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])
-
-
-OUTLINE_DASHES = ("-", (0, (6, 2)), (0, (4, 1.5, 1, 1.5)), (0, (1.5, 1.5)))
-"""Line styles of outlines, in the order of the legend."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,6 +36,8 @@ LINE_LOOKS = (
 """Colours and line styles of the most frequent sets of kinds."""
 MAX_LINES_DRAWN_BROAD = 60
 """Number of lines from which they are drawn thin."""
+REJECTED_LOOK: dict[str, Any] = {"marker": "x", "color": BLACK, "ls": ""}
+"""Look of what was set aside, in plans and in photos."""
 
 
 def observation_ends(block: Block) -> list[tuple[VariableKind, Index]]:
@@ -172,10 +174,6 @@ def draw_photos(axes: Axes, centres: Array, shapes: Array) -> list[Artist]:
             label=f"photo and what it looks at ({len(centres)})",
         )
     ]
-
-
-REJECTED_LOOK: dict[str, Any] = {"marker": "x", "color": BLACK, "ls": ""}
-"""Look of what was set aside, in plans and in photos."""
 
 
 # -- plans ----------------------------------------------------------------------------------------

@@ -63,6 +63,8 @@ MIN_SHARE_OF_POINTS_IN_CELL = 0.1
 """Smallest number of points in a cell with a vector, as a fraction of the average."""
 MAX_CELLS_NUMBERED = 400
 """Largest number of cells in a mean photo that shows the number of points of each cell."""
+SIGN_OF_RESIDUALS = "v = computed − observed"
+NO_REJECTED_IMAGE_POINTS = RejectedImagePoints((), np.zeros((0, 2)), np.zeros((0, 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,10 +165,6 @@ def photo_legend(
         every = [*handles, Line2D([], [], color=GREY, lw=1.0, label=NO_FORMAT_LABEL)]
     columns = 1 if figure.get_figwidth() < 6 else 2 if figure.get_figwidth() < 9 else 3
     figure.legend(handles=every, loc="outside lower left", ncols=columns)
-
-
-SIGN_OF_RESIDUALS = "v = computed − observed"
-NO_REJECTED_IMAGE_POINTS = RejectedImagePoints((), np.zeros((0, 2)), np.zeros((0, 2)))
 
 
 @in_package_style
