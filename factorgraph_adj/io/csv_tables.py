@@ -22,6 +22,18 @@ EXCERPT = 20
 """Number of characters of a longer one that a message quotes."""
 REMARK_COLUMNS = ("remark",)
 """Columns for human readers; programs ignore them."""
+_POINT = re.compile(r"[+-]?[0-9]*\.[0-9]*")
+_WHOLE = re.compile(r"[+-]?[0-9]+")
+_QUOTED = re.compile(r'^#|[,;\t\n"]')
+_NUMBER = re.compile(
+    r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|[+-]?(inf|nan)"
+    r"|[+-]?[0-9]+-[0-9]+-[0-9]+(\.[0-9]*)?"
+)
+"""Numbers, with angles in degrees, minutes and seconds: programs read them as they are."""
+_FORMULA = re.compile("'*[=@+\\-\t\r＝＠＋－]")
+"""Beginning of a text that a spreadsheet computes, also in the wide characters of East Asia, or
+that would be read as such a text behind its apostrophe."""
+_GUARDED = re.compile("'+[=@+\\-\t\r＝＠＋－]")
 
 
 @dataclass(frozen=True)
@@ -160,20 +172,6 @@ def write_all_columns(columns: Mapping[str, Sequence[str]]) -> str:
 def unguarded_cell(cell: str) -> str:
     """Return the text of a cell without the apostrophe that kept it from being a formula."""
     return cell[1:] if cell.startswith("'") and _GUARDED.match(cell) else cell
-
-
-_POINT = re.compile(r"[+-]?[0-9]*\.[0-9]*")
-_WHOLE = re.compile(r"[+-]?[0-9]+")
-_QUOTED = re.compile(r'^#|[,;\t\n"]')
-_NUMBER = re.compile(
-    r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|[+-]?(inf|nan)"
-    r"|[+-]?[0-9]+-[0-9]+-[0-9]+(\.[0-9]*)?"
-)
-"""Numbers, with angles in degrees, minutes and seconds: programs read them as they are."""
-_FORMULA = re.compile("'*[=@+\\-\t\r＝＠＋－]")
-"""Beginning of a text that a spreadsheet computes, also in the wide characters of East Asia, or
-that would be read as such a text behind its apostrophe."""
-_GUARDED = re.compile("'+[=@+\\-\t\r＝＠＋－]")
 
 
 def _cells(texts: Sequence[str]) -> Sequence[str]:

@@ -53,11 +53,27 @@ from .text_files import parse_toml
 from .unknowns_tables import PHOTO_COLUMNS, POINT_COLUMNS, UnknownsReader
 
 JsonFields = dict[str, object]
+__all__ = [
+    "camera_fields",
+    "camera_of",
+    "network_files",
+    "network_of",
+    "observation_fields",
+    "observation_of",
+    "photo_fields",
+    "photo_of",
+    "point_fields",
+    "point_of",
+    "unknown_fields",
+    "unknown_of",
+]
 CORRELATED_KIND = "correlated"
 """Value of ``kind`` for observations with a joint covariance."""
 SI_UNITS = Units("m", "rad", "rad", "m", "rad")
 """Units of written records."""
 _CORRELATED_KEYS = ("kind", "observations", "covariance_si", *REMARK_COLUMNS)
+_Found = TypeVar("_Found")
+_TEXTS = frozenset({"name", "camera", "fixed"})
 
 
 def plain_record(record: Mapping[str, str], texts: Iterable[str]) -> JsonFields:
@@ -245,25 +261,6 @@ def _with_sigma(record: Mapping[str, object], variances: Array) -> Mapping[str, 
     own = zip(axes, variances.tolist(), strict=False)
     stated = {f"sigma_{a}_{unit}" if a else f"sigma_{unit}": v**0.5 for a, v in own if v > 0}
     return {**record, **stated}
-
-
-__all__ = [
-    "camera_fields",
-    "camera_of",
-    "network_files",
-    "network_of",
-    "observation_fields",
-    "observation_of",
-    "photo_fields",
-    "photo_of",
-    "point_fields",
-    "point_of",
-    "unknown_fields",
-    "unknown_of",
-]
-
-_Found = TypeVar("_Found")
-_TEXTS = frozenset({"name", "camera", "fixed"})
 
 
 # -- points, photos, cameras ----------------------------------------------------------------------

@@ -18,6 +18,24 @@ from ..observations import KINDS, Observation, observation_kind
 from ..units import ANGLE, LENGTH
 from .numbers import Units
 
+NAME_FIELDS = ("station", "target", "target2", "point", "photo")
+"""Fields that name points and photos, in the order of the package's own kinds."""
+HEIGHT_FIELDS = ("instrument_height", "target_height", "target2_height")
+"""Fields of lengths that several kinds share."""
+TEXT_FIELDS = ("set", "instrument", "refraction", "axes")
+"""Fields of text that several kinds share."""
+PART_COLUMNS = {
+    "ppm": "ppm",
+    "per_sqrt_km": "sqrt_km",
+    "centring_instrument": "centring_instrument",
+    "centring_target": "centring_target",
+}
+"""Columns of the parts of a standard deviation, without the endings of their units."""
+VECTOR_AXES = tuple("xyzenu")
+"""Axes of vectors."""
+AXIS_PAIRS = tuple(a + b for axes in ("xyz", "enu") for a, b in product(axes, repeat=2))
+"""Pairs of axes in names of covariances."""
+
 
 @dataclass(frozen=True)
 class ImageAxes:
@@ -43,25 +61,6 @@ class RecordContext:
     """Axes of image coordinates by photo."""
     cameras: Mapping[str, ImageAxes] = field(default_factory=dict)
     """Axes of image coordinates by camera, for photos that are added later."""
-
-
-NAME_FIELDS = ("station", "target", "target2", "point", "photo")
-"""Fields that name points and photos, in the order of the package's own kinds."""
-HEIGHT_FIELDS = ("instrument_height", "target_height", "target2_height")
-"""Fields of lengths that several kinds share."""
-TEXT_FIELDS = ("set", "instrument", "refraction", "axes")
-"""Fields of text that several kinds share."""
-PART_COLUMNS = {
-    "ppm": "ppm",
-    "per_sqrt_km": "sqrt_km",
-    "centring_instrument": "centring_instrument",
-    "centring_target": "centring_target",
-}
-"""Columns of the parts of a standard deviation, without the endings of their units."""
-VECTOR_AXES = tuple("xyzenu")
-"""Axes of vectors."""
-AXIS_PAIRS = tuple(a + b for axes in ("xyz", "enu") for a, b in product(axes, repeat=2))
-"""Pairs of axes in names of covariances."""
 
 
 def is_angle(kind: str) -> bool:

@@ -48,15 +48,6 @@ from .unknowns_tables import Dimension, UnknownsReader
 MIN_NAME_SIMILARITY = 0.8
 """Similarity (of difflib) from which a file's name is nearly that of a table: one letter of six is
 missing, wrong or too many."""
-
-
-def project_table_names() -> tuple[str, ...]:
-    """Return the names of a project's tables; without [files], each is a file NAME.csv."""
-    parameters = (parameter_table(k).file for k in parameter_kinds())
-    named = ("points", "photos", "images", "observations", "covariances", "doubts", "readings")
-    return (*named, *parameters)
-
-
 PROJECT_KEYS = (
     *("name", "datum", "dimension", "frame", "crs", "units", "files", "camera", "sigma"),
     *("readings", "adjust"),
@@ -71,6 +62,13 @@ TABLE_ENDINGS = ("csv", "txt", "csv.txt")
 """Endings of names of files that may be meant as tables."""
 CAMERA_KEYS = ("name", "lens", "unit", "y_axis", "per_photo", "format", "origin", "parameters")
 VarianceChoice = Literal["a-priori", "a-posteriori"]
+
+
+def project_table_names() -> tuple[str, ...]:
+    """Return the names of a project's tables; without [files], each is a file NAME.csv."""
+    parameters = (parameter_table(k).file for k in parameter_kinds())
+    named = ("points", "photos", "images", "observations", "covariances", "doubts", "readings")
+    return (*named, *parameters)
 
 
 @dataclass(frozen=True)

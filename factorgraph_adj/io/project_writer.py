@@ -38,6 +38,8 @@ from .unknowns_tables import (
     ROTATION_COLUMNS,
 )
 
+Records = Iterator[dict[str, str]]
+
 
 def project_toml_lines(
     network: Network, units: Units, files: Iterable[str], folder: Path | None = None
@@ -142,9 +144,6 @@ def _text(value: str) -> str:
 
 def _float(value: float) -> str:
     return repr(float(value))
-
-
-Records = Iterator[dict[str, str]]
 
 
 def write_project(network: Network, path: str | Path, *, units: Units | None = None) -> None:

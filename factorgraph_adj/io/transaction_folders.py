@@ -38,6 +38,11 @@ WRITING_PREFIX = ".writing-"
 """Beginning of the names of these folders."""
 MAX_RESTORE_ATTEMPTS = 2
 """Number of times that the process which began a transaction tries to put old files back."""
+LIST, MOVE_MARK, OLD_FILES = ".moves.json", ".moving", ".old"
+"""What is in one: the list of its files, the mark that files are moved, and the old files."""
+_FOLDERS_IN_USE: set[str] = set()
+"""Names of the folders of this process that are in use."""
+_NO_FOLLOWING = {"follow_symlinks": False} if os.link in os.supports_follow_symlinks else {}
 
 
 @contextmanager
@@ -76,13 +81,6 @@ def deferred_ending_signals() -> Iterator[None]:
 
 if sys.platform != "win32":
     import fcntl
-
-LIST, MOVE_MARK, OLD_FILES = ".moves.json", ".moving", ".old"
-"""What is in one: the list of its files, the mark that files are moved, and the old files."""
-
-_FOLDERS_IN_USE: set[str] = set()
-"""Names of the folders of this process that are in use."""
-_NO_FOLLOWING = {"follow_symlinks": False} if os.link in os.supports_follow_symlinks else {}
 
 
 class UnfinishedError(InputError):

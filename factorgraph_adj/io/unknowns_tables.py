@@ -31,6 +31,8 @@ ATTITUDE_COLUMNS = ("omega", "phi", "kappa")
 POSE_PARTS = ("rx", "ry", "rz", "x", "y", "z")
 """Parts of a photo's orientation that can be held one by one."""
 POSE_WORDS = {"yes": POSE_PARTS, "attitude": POSE_PARTS[:3], "position": POSE_PARTS[3:]}
+_HORIZON = re.compile("sigma_(e|n|u|east|north|up)(_|$)")
+CHECK_COLUMNS = ("check_x", "check_y", "check_z")
 
 
 def _with_units(prefixes: Iterable[str], units: Iterable[str]) -> tuple[str, ...]:
@@ -39,8 +41,8 @@ def _with_units(prefixes: Iterable[str], units: Iterable[str]) -> tuple[str, ...
 
 
 _SIGMA_XYZ = _with_units(("sigma", "sigma_x", "sigma_y", "sigma_z"), LENGTH)
-_HORIZON = re.compile("sigma_(e|n|u|east|north|up)(_|$)")
-CHECK_COLUMNS = ("check_x", "check_y", "check_z")
+
+
 POINT_COLUMNS = (
     *("name", "x", "y", "z", *GEOGRAPHIC_COLUMNS, "fixed", "datum", "side_shot"),
     *(*_SIGMA_XYZ, *CHECK_COLUMNS),

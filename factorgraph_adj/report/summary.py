@@ -54,12 +54,6 @@ REST = (
 """Where the rest of the result is."""
 REST_OF_PARTS = "all of it: --full; tables: --out DIR"
 """Where the rest of the result of an adjustment in parts is."""
-List = tuple[list[str], list[str], list[list[str]]]
-"""Lines above a list, its header and its rows; without rows the lines stand alone."""
-R = "r: redundancy number, the share of an error that its residual shows"
-MDB = "∇: smallest error that the test detects"
-ERROR = "error: estimated ∇ of this reading, if it alone is wrong"
-_GOOD: LightColour = "green"
 
 
 def summary(solution: Solution) -> str:
@@ -131,6 +125,12 @@ def parts_verdict_line(solution: PartsSolution) -> str:
 
 # -- parts of the screen --------------------------------------------------------------------------
 
+List = tuple[list[str], list[str], list[list[str]]]
+"""Lines above a list, its header and its rows; without rows the lines stand alone."""
+R = "r: redundancy number, the share of an error that its residual shows"
+MDB = "∇: smallest error that the test detects"
+ERROR = "error: estimated ∇ of this reading, if it alone is wrong"
+
 
 def _w(symbol: str) -> str:
     what = "w: test value, the residual divided by its σ"
@@ -168,6 +168,9 @@ def _verdict(report: Report) -> list[str]:
         ]
         doubts = paragraph(": ".join([found.text, *(["; ".join(reasons)] if reasons else [])]))
     return _within([line for line in (*doubts, *notes) if line])
+
+
+_GOOD: LightColour = "green"
 
 
 def _within(lines: list[str]) -> list[str]:

@@ -22,6 +22,19 @@ from ..source import LeftOutReason, Problems
 
 TIE_PREFIX = "tie "
 """Beginning of the names of tie points; their number in the file follows."""
+MARKS_WITHOUT_PHOTO = LeftOutReason(
+    "marks of known points", "their photos are not in the reconstruction", doubtful=True
+)
+RAYS_WITHOUT_PHOTO = LeftOutReason(
+    "image points of tie points", "their photos are not in the network"
+)
+RAYS_WITHOUT_POINT = LeftOutReason("image points", "their tie points have no coordinates")
+POINTS_WITH_FEW_RAYS = LeftOutReason("points", "fewer than two photos of the network see them")
+POINTS_BEHIND_CAMERA = LeftOutReason("image points", "their points are behind the cameras")
+PHOTOS_SWITCHED_OFF = LeftOutReason(
+    "photos, points and readings", "they are switched off in the file"
+)
+PHOTOS_WITHOUT_POSE = LeftOutReason("photos", "they have no pose")
 
 
 def add_pixel_camera(
@@ -56,21 +69,6 @@ def add_pixel_camera(
         origin="upper left",
         y_down_in_files=True,
     )
-
-
-MARKS_WITHOUT_PHOTO = LeftOutReason(
-    "marks of known points", "their photos are not in the reconstruction", doubtful=True
-)
-RAYS_WITHOUT_PHOTO = LeftOutReason(
-    "image points of tie points", "their photos are not in the network"
-)
-RAYS_WITHOUT_POINT = LeftOutReason("image points", "their tie points have no coordinates")
-POINTS_WITH_FEW_RAYS = LeftOutReason("points", "fewer than two photos of the network see them")
-POINTS_BEHIND_CAMERA = LeftOutReason("image points", "their points are behind the cameras")
-PHOTOS_SWITCHED_OFF = LeftOutReason(
-    "photos, points and readings", "they are switched off in the file"
-)
-PHOTOS_WITHOUT_POSE = LeftOutReason("photos", "they have no pose")
 
 
 def filled_lines(text: str) -> Iterator[tuple[int, str]]:

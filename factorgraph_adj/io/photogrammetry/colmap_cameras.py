@@ -26,6 +26,9 @@ LENS_SIGNS: Mapping[str, tuple[str, float]] = {
     "omega": ("w", 1.0),
 }
 """Parameters that have another name or sign as y points up here: name of the lens, and its sign."""
+_RATIONAL, _FISHEYE = RationalLens(), FisheyeLens()
+_TWO_FOCAL_LENGTHS = ("fx", "fy", "cx", "cy")
+_ONE_FOCAL_LENGTH = ("f", "cx", "cy")
 
 
 @dataclass(frozen=True)
@@ -94,10 +97,6 @@ class CameraModel:
                 out.append(sign * values.get(ours, 0.0))
         return out
 
-
-_RATIONAL, _FISHEYE = RationalLens(), FisheyeLens()
-_TWO_FOCAL_LENGTHS = ("fx", "fy", "cx", "cy")
-_ONE_FOCAL_LENGTH = ("f", "cx", "cy")
 
 CAMERA_MODELS: tuple[CameraModel, ...] = (
     CameraModel(0, "SIMPLE_PINHOLE", _ONE_FOCAL_LENGTH, Lens()),

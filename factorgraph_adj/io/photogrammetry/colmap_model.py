@@ -17,6 +17,8 @@ NO_POINT = -1
 """Number of the point of an image measurement that belongs to none."""
 SENSOR_TYPES = ("CAMERA", "IMU")
 """Types of sensors, by their numbers in binary files."""
+Sensor = tuple[str, int]
+"""Type and number of a sensor: ("CAMERA", 1)."""
 
 
 @dataclass(frozen=True)
@@ -140,10 +142,6 @@ class PointRecord:
     """IMAGE_ID and number of the measurement there, of every measurement."""
     where: str
     """File and line, or byte."""
-
-
-Sensor = tuple[str, int]
-"""Type and number of a sensor: ("CAMERA", 1)."""
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,8 @@ MIN_INTERSECTION_STRENGTH = 1e-3
 """Smallest strength of an intersection, see `nearest_to_rays`."""
 MIN_EXTENT_RATIO = 1e-3
 """Ratio of the second to the first extent of places below which they lie on a line."""
+IDENTITY_SIMILARITY = Similarity(1.0, np.eye(3), np.zeros(3))
+"""The similarity that moves nothing."""
 
 
 @dataclass(frozen=True)
@@ -354,10 +356,6 @@ def ray_intersection(centres: Array, directions_: Array) -> Array | None:
     group = np.zeros(len(centres), dtype=np.intp)
     at, strength = nearest_to_rays(centres, directions_, group, 1)
     return at[0] if strength[0] > MIN_INTERSECTION_STRENGTH and np.isfinite(at).all() else None
-
-
-IDENTITY_SIMILARITY = Similarity(1.0, np.eye(3), np.zeros(3))
-"""The similarity that moves nothing."""
 
 
 def similarity_of_points(x: Array, to: Array) -> Similarity | None:

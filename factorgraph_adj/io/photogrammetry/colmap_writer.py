@@ -36,6 +36,11 @@ from .colmap_text_files import text_files
 MAX_MOUNT_TURN_RAD, MAX_MOUNT_SHIFT = 1e-6, 1e-5
 """Largest turn (radians) and shift (parts of the distances in the rig, or metres) of a member from
 its mount; a member that is further off is no part of a rigid rig."""
+POINT_COLOUR = (128, 128, 128)
+"""Colour of the points, which a network does not have."""
+WRITTEN_TABLES = ("cameras", "images", "points3D", "rigs", "frames")
+"""Files of a model, without suffix."""
+_NUMBER = re.compile("0|[1-9][0-9]{0,17}")
 
 
 @dataclass
@@ -162,13 +167,6 @@ def rig_records(
             FrameRecord(len(frames) + 1, of_camera[cameras[name]], poses[name], tuple(data), "")
         )
     return tuple(records), tuple(frames)
-
-
-POINT_COLOUR = (128, 128, 128)
-"""Colour of the points, which a network does not have."""
-WRITTEN_TABLES = ("cameras", "images", "points3D", "rigs", "frames")
-"""Files of a model, without suffix."""
-_NUMBER = re.compile("0|[1-9][0-9]{0,17}")
 
 
 def write_colmap(

@@ -22,6 +22,27 @@ from ..xml_files import Element, parse_xml, read_xml
 
 MAX_HEADER_BYTES = 10_000
 """Largest number of bytes of a header."""
+DOCUMENT_NAME = "doc.xml"
+PROPERTY_TYPES = {
+    "char": "i1",
+    "int8": "i1",
+    "uchar": "u1",
+    "uint8": "u1",
+    "short": "i2",
+    "int16": "i2",
+    "ushort": "u2",
+    "uint16": "u2",
+    "int": "i4",
+    "int32": "i4",
+    "uint": "u4",
+    "uint32": "u4",
+    "float": "f4",
+    "float32": "f4",
+    "double": "f8",
+    "float64": "f8",
+}
+"""Types of properties by their names in a header."""
+BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
 
 
 @dataclass(frozen=True)
@@ -80,9 +101,6 @@ class ZipArchive:
             zlib.error,
         ) as error:
             raise InputError(Problem(f"is damaged, cannot be unpacked: {error}", where)) from None
-
-
-DOCUMENT_NAME = "doc.xml"
 
 
 @dataclass(frozen=True)
@@ -227,28 +245,6 @@ def _ties(frame: ElementPlace) -> ElementPlace | None:
             if place.element.first("projections") is not None:
                 return place
     return None
-
-
-PROPERTY_TYPES = {
-    "char": "i1",
-    "int8": "i1",
-    "uchar": "u1",
-    "uint8": "u1",
-    "short": "i2",
-    "int16": "i2",
-    "ushort": "u2",
-    "uint16": "u2",
-    "int": "i4",
-    "int32": "i4",
-    "uint": "u4",
-    "uint32": "u4",
-    "float": "f4",
-    "float32": "f4",
-    "double": "f8",
-    "float64": "f8",
-}
-"""Types of properties by their names in a header."""
-BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
 
 
 def read_ply_vertices(content: bytes, where: str) -> dict[str, npt.NDArray[np.generic]]:

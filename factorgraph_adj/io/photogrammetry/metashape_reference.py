@@ -28,6 +28,21 @@ MAX_FLATTENING_DIFFERENCE = 1e-6
 """Largest difference of 1/f of ellipsoids that are the same, printed with few digits."""
 MAX_GIVEN_SIGMA_M = 1e12
 """Largest standard deviation of given coordinates, metres; larger ones are damage."""
+METASHAPE_ACCURACIES = {
+    "tiepoints": 1.0,
+    "projections": 0.1,
+    "markers": 0.005,
+    "cameras": 10.0,
+    "scalebars": 0.001,
+}
+"""Metashape's own defaults: pixels of tie points and markers, metres of the others."""
+SIGMA_ATTRIBUTES = (("sxyz", (0, 1, 2)), ("sxy", (0, 1)), ("sx", (0,)), ("sy", (1,)), ("sz", (2,)))
+"""Attributes of a reference that state standard deviations, and the axes that they belong to."""
+TRANSFORMATION_SIZES = {"rotation": 9, "translation": 3, "scale": 1}
+NEUTRAL_TRANSFORMATION = {"rotation": "1 0 0 0 1 0 0 0 1", "translation": "0 0 0", "scale": "1"}
+"""Parts of a transformation, and what they are where they are absent."""
+FLAG_ATTRIBUTES = ("enabled", "valid", "pinned")
+"""Attributes that are true or false."""
 
 
 class ChunkReference(Protocol):
@@ -247,21 +262,6 @@ def _ellipsoid(text: str) -> str | None:
     return None
 
 
-METASHAPE_ACCURACIES = {
-    "tiepoints": 1.0,
-    "projections": 0.1,
-    "markers": 0.005,
-    "cameras": 10.0,
-    "scalebars": 0.001,
-}
-"""Metashape's own defaults: pixels of tie points and markers, metres of the others."""
-SIGMA_ATTRIBUTES = (("sxyz", (0, 1, 2)), ("sxy", (0, 1)), ("sx", (0,)), ("sy", (1,)), ("sz", (2,)))
-"""Attributes of a reference that state standard deviations, and the axes that they belong to."""
-TRANSFORMATION_SIZES = {"rotation": 9, "translation": 3, "scale": 1}
-NEUTRAL_TRANSFORMATION = {"rotation": "1 0 0 0 1 0 0 0 1", "translation": "0 0 0", "scale": "1"}
-"""Parts of a transformation, and what they are where they are absent."""
-
-
 @dataclass(frozen=True)
 class ChunkPlacement:
     """Similarity from the coordinates of a chunk to the frame of the network."""
@@ -419,10 +419,6 @@ def chunk_cameras(chunk: Element) -> Iterator[Element]:
             yield child
         elif child.tag == "group":
             yield from child.all("camera")
-
-
-FLAG_ATTRIBUTES = ("enabled", "valid", "pinned")
-"""Attributes that are true or false."""
 
 
 def check_flags(place: ElementPlace, problems: Problems) -> None:

@@ -37,6 +37,12 @@ READ_ITEMS = (
 """Items that are read; others are products, or belong to vendors (ext_…)."""
 UNREAD_ITEMS = ("point_cloud",)
 """Items of products, which are not read."""
+COMPONENT_TYPES = {5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+"""Types of numbers by glTF's code."""
+ELEMENT_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+PROCESSING_R_GLTF = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Axes of the processing system from those of glTF."""
+MATCHES_EXTENSION = "OPF_mesh_primitive_matches"
 
 
 @dataclass(frozen=True)
@@ -129,14 +135,6 @@ def image_file_name(uri: str) -> str:
     address = urlparse(uri.replace("\\", "/"))
     name = unquote(address.path).rsplit("/", 1)[-1]
     return f"{name}#{address.fragment}" if address.fragment else name
-
-
-COMPONENT_TYPES = {5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-"""Types of numbers by glTF's code."""
-ELEMENT_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-PROCESSING_R_GLTF = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Axes of the processing system from those of glTF."""
-MATCHES_EXTENSION = "OPF_mesh_primitive_matches"
 
 
 @dataclass(frozen=True)

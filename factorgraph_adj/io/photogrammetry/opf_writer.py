@@ -42,6 +42,12 @@ ITEM_SOURCES: dict[str, tuple[str, ...]] = {
     "calibration": ("input_cameras", "projected_input_cameras", "scene_reference_frame"),
 }
 """Items, and those that they refer to."""
+_SENSOR_DEFAULTS: dict[str, Any] = {
+    "bands": [{"weight": 1.0}],
+    "pixel_size_um": 1.0,
+    "shutter_type": "global",
+}
+"""What the format demands of a sensor and a network does not have."""
 
 
 def write_opf(network: Network, path: str | Path) -> None:
@@ -305,11 +311,3 @@ class _Writer:
                 degrees = float(np.rad2deg(sigma[0]))
                 directions.append(ends | {"unit_vector": vector, "sigma_deg": degrees})
         return {"scale_constraints": scales, "orientation_constraints": directions}
-
-
-_SENSOR_DEFAULTS: dict[str, Any] = {
-    "bands": [{"weight": 1.0}],
-    "pixel_size_um": 1.0,
-    "shutter_type": "global",
-}
-"""What the format demands of a sensor and a network does not have."""

@@ -25,6 +25,9 @@ from ...observations import (
 from ...units import GON
 from .comp3d_files import Comp3dFiles, Comp3dLine
 
+EQUALITY_KINDS: dict[str, type[Observation]] = {"21": EqualHeightDifference, "22": EqualDistance}
+"""Kinds by code."""
+
 
 def _rows(files: Comp3dFiles, line: Comp3dLine, at: int) -> Iterator[Comp3dLine]:
     """Iterate over the lines of the file that a line names."""
@@ -264,9 +267,6 @@ def add_baselines(files: Comp3dFiles, network: Network, line: Comp3dLine) -> Non
 
 
 # -- equal distances and heights (codes 21, 22) --------------------------------------------------
-
-EQUALITY_KINDS: dict[str, type[Observation]] = {"21": EqualHeightDifference, "22": EqualDistance}
-"""Kinds by code."""
 
 
 def add_equalities(files: Comp3dFiles, network: Network, line: Comp3dLine) -> None:

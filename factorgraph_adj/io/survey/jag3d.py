@@ -45,6 +45,26 @@ from .jag3d_model import JAG3D_KINDS
 from .jag3d_network import as_network, groups_with_set_names
 from .jag3d_project import EpochChoice, is_jag3d_project, read_jag3d_project
 
+UNSUPPORTED_INSTRUMENT_ERRORS = ("index_error", "collimation_error")
+"""Attributes of observations that name errors of the instrument which JAG3D does not have."""
+FLAT_FILE_HEADS = {
+    "points_1d": "name y x z [σ]",
+    "points_2d": "name y x [σ_y σ_x]",
+    "points_3d": "name y x z [σ_y σ_x σ_z]",
+    "deflections": "name r_y r_x [σ_y σ_x]",
+}
+_DIRECTIONS = re.compile(r"directions_\d+\.txt")
+_FORMS: dict[type, Callable[..., tuple[str, list[str]]]] = {
+    Direction: lambda w, o, s: ("directions", w.scalar(o, o.value, s, "gon")),
+    ZenithAngle: lambda w, o, s: ("zenith_angles", w.scalar(o, o.in_face_one, s, "gon")),
+    SlopeDistance: lambda w, o, s: ("slope_distances", w.scalar(o, o.value, s)),
+    HorizontalDistance: lambda w, o, s: ("horizontal_distances", w.scalar(o, o.value, s)),
+    HeightDifference: lambda w, o, s: ("levelling", w.scalar(o, o.value, s)),
+    GnssVector: lambda w, o, _: w.vector(o, "xyz"),
+    CoordinateDifference: lambda w, o, _: w.vector(o, o.axes),
+}
+"""Kind of file and numbers of each kind of observation."""
+
 
 def read_jag3d(
     path: str | Path | Sequence[str | Path],
@@ -226,17 +246,6 @@ def _kinds(
         else:
             out.append((file, kind))
     return out
-
-
-UNSUPPORTED_INSTRUMENT_ERRORS = ("index_error", "collimation_error")
-"""Attributes of observations that name errors of the instrument which JAG3D does not have."""
-FLAT_FILE_HEADS = {
-    "points_1d": "name y x z [σ]",
-    "points_2d": "name y x [σ_y σ_x]",
-    "points_3d": "name y x z [σ_y σ_x σ_z]",
-    "deflections": "name r_y r_x [σ_y σ_x]",
-}
-_DIRECTIONS = re.compile(r"directions_\d+\.txt")
 
 
 def write_jag3d(network: Network, path: str | Path) -> None:
@@ -445,18 +454,6 @@ class _Writer:
         of = [axes.index("xyz"[k]) for k in self.order if "xyz"[k] in axes]
         value = o.value  # type: ignore[attr-defined]
         return kind, [write_quantity(float(part[k])) for part in (value, sigma) for k in of]
-
-
-_FORMS: dict[type, Callable[..., tuple[str, list[str]]]] = {
-    Direction: lambda w, o, s: ("directions", w.scalar(o, o.value, s, "gon")),
-    ZenithAngle: lambda w, o, s: ("zenith_angles", w.scalar(o, o.in_face_one, s, "gon")),
-    SlopeDistance: lambda w, o, s: ("slope_distances", w.scalar(o, o.value, s)),
-    HorizontalDistance: lambda w, o, s: ("horizontal_distances", w.scalar(o, o.value, s)),
-    HeightDifference: lambda w, o, s: ("levelling", w.scalar(o, o.value, s)),
-    GnssVector: lambda w, o, _: w.vector(o, "xyz"),
-    CoordinateDifference: lambda w, o, _: w.vector(o, o.axes),
-}
-"""Kind of file and numbers of each kind of observation."""
 
 
 READER = Reader(

@@ -50,6 +50,9 @@ DEFAULT_POINT_SIGMA_M = 0.002
 """σ of a coordinate of a stochastic point that states none, metres (DefaultUncertainty.java)."""
 MIN_SIGMA_LENGTH_M = 1e-6
 """Shortest length for which σ is computed, metres; JAG3D takes shorter ones for unstated."""
+_ANGLE = (0.0003 * GON, 0.0, 0.0005)
+_DISTANCE = (0.002, 0.0, 2e-6)
+_GNSS = (0.025, 0.0, 50e-6)
 
 
 @dataclass(frozen=True)
@@ -79,9 +82,6 @@ class ObservationType:
         )
 
 
-_ANGLE = (0.0003 * GON, 0.0, 0.0005)
-_DISTANCE = (0.002, 0.0, 2e-6)
-_GNSS = (0.025, 0.0, 50e-6)
 JAG3D_KINDS = {
     k.name: k
     for k in (

@@ -48,6 +48,8 @@ from .jag3d_model import (
 ObservationFunction: TypeAlias = (
     "Callable[[Conversion, ObservationGroup, ObservationRow], Observation]"
 )
+_TO_XYZ = str.maketrans("yxz", "xyz")
+"""Axes of JAG3D, y east and x north, in a frame with axes east, north."""
 
 
 def _direction(made: Conversion, group: ObservationGroup, row: ObservationRow) -> Observation:
@@ -148,9 +150,6 @@ def _gnss(made: Conversion, group: ObservationGroup, row: ObservationRow) -> Obs
         row.start, row.end, value, axes=axes, sigma=sigma, source=row.source
     )
 
-
-_TO_XYZ = str.maketrans("yxz", "xyz")
-"""Axes of JAG3D, y east and x north, in a frame with axes east, north."""
 
 OBSERVATION_FUNCTIONS: dict[str, ObservationFunction] = {
     "levelling": _levelling,

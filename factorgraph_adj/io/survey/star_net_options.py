@@ -36,6 +36,11 @@ SETTING_CHOICES: dict[str, tuple[str, ...]] = {
     "weight_levels_by": ("length", "turns"),
     "longitude": ("west positive", "east positive"),
 }
+INSTRUMENT_SETTINGS = (
+    *("angle", "direction", "azimuth", "zenith", "distance", "distance_ppm", "elevation"),
+    *("elevation_ppm", "centring_instrument", "centring_target", "centring_vertical"),
+)
+"""Settings that an instrument has of its own."""
 
 
 @dataclass(frozen=True)
@@ -129,13 +134,6 @@ class StarNetOptions:
     def metres(self) -> float:
         """Metres of the linear unit; 1 while it is not stated."""
         return STAR_NET_LINEAR_UNITS[(self.linear or "Meters").lower()]
-
-
-INSTRUMENT_SETTINGS = (
-    *("angle", "direction", "azimuth", "zenith", "distance", "distance_ppm", "elevation"),
-    *("elevation_ppm", "centring_instrument", "centring_target", "centring_vertical"),
-)
-"""Settings that an instrument has of its own."""
 
 
 def _instruments(given: Any) -> list[Problem]:
