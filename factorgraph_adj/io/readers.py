@@ -18,23 +18,8 @@ from ..files import named_by_user
 from ..network.network import Network
 from . import gnss, photogrammetry, survey
 from .format_options import fitting_options, refuse_unknown_options
-from .format_reader import NetworkReader, Reader, beginning_has
-from .gnss.dynaml import read_dynaml
-from .gnss.gvx import read_gvx
-from .gnss.sinex import read_sinex
-from .photogrammetry.aicon import read_aicon
-from .photogrammetry.bundler import is_bundler, read_bal, read_bundler
-from .photogrammetry.colmap import is_colmap, read_colmap
-from .photogrammetry.dbat import is_dbat, read_dbat
-from .photogrammetry.metashape import is_metashape_xml, read_metashape
-from .photogrammetry.micmac import is_micmac, read_micmac
-from .photogrammetry.opencv import is_opencv, read_opencv
-from .photogrammetry.openmvg import is_openmvg, read_openmvg
-from .photogrammetry.opensfm import is_opensfm, read_opensfm
-from .photogrammetry.opf import read_opf
+from .format_reader import NetworkReader, Reader
 from .project import Project, load_project
-from .survey.comp3d import read_comp3d
-from .survey.gama import read_gama
 from .transaction_folders import recover_folder
 
 MAX_FOLDER_ENTRIES = 200
@@ -202,110 +187,17 @@ class Readers:
 
 
 def _readers_of_modules() -> Iterator[Reader]:
-    """Yield the readers that modules state as ``READER``, in the order of their names."""
-    for package in (gnss, photogrammetry, survey):
-        for found in iter_modules(package.__path__, f"{package.__name__}."):
-            reader = getattr(import_module(found.name), "READER", None)
-            if reader is not None:
-                yield reader
+    """Yield every reader that a module of a room of formats states, in the order of the names."""
+    for room in (gnss, photogrammetry, survey):
+        for found in iter_modules(room.__path__, f"{room.__name__}."):
+            stated = vars(import_module(found.name)).values()
+            yield from (value for value in stated if isinstance(value, Reader))
 
 
-READERS = Readers(
-    (
-        Reader(
-            "project",
-            (".toml",),
-            "project",
-            load_project,
-            folders=True,
-            main_file="project.toml",
-        ),
-        Reader("gama", (".gkf",), "GNU Gama", NetworkReader(read_gama)),
-        Reader(
-            "bal",
-            (".txt", ".txt.bz2", ".txt.gz"),
-            "Bundle Adjustment in the Large",
-            NetworkReader(read_bal),
-        ),
-        Reader("sinex", (".snx", ".SNX"), "SINEX", NetworkReader(read_sinex)),
-        Reader(
-            "dynaml",
-            (".xml",),
-            "DynaML of DynAdjust",
-            NetworkReader(read_dynaml),
-            recognises=beginning_has(b"<DnaXmlFormat"),
-        ),
-        Reader(
-            "gvx",
-            (".gvx", ".xml"),
-            "GNSS Vector Exchange",
-            NetworkReader(read_gvx),
-            recognises=beginning_has(b"<GVX"),
-        ),
-        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkReader(read_comp3d), own_grid=True),
-        Reader(
-            "colmap", (), "COLMAP", NetworkReader(read_colmap), folders=True, recognises=is_colmap
-        ),
-        Reader(
-            "metashape",
-            (".psz", ".psx"),
-            "Metashape or PhotoScan project",
-            NetworkReader(read_metashape),
-        ),
-        Reader(
-            "metashape-xml",
-            (".xml",),
-            "cameras or markers of Metashape",
-            NetworkReader(read_metashape),
-            recognises=is_metashape_xml,
-        ),
-        Reader("dbat", (".xml",), "script of DBAT", NetworkReader(read_dbat), recognises=is_dbat),
-        Reader(
-            "opencv",
-            (".yml", ".yaml", ".xml"),
-            "calibration of OpenCV",
-            NetworkReader(read_opencv),
-            recognises=is_opencv,
-        ),
-        Reader(
-            "bundler",
-            (".out",),
-            "reconstruction of Bundler",
-            NetworkReader(read_bundler),
-            recognises=is_bundler,
-        ),
-        Reader(
-            "micmac",
-            (".xml",),
-            "orientations of MicMac and MMVII",
-            NetworkReader(read_micmac),
-            folders=True,
-            recognises=is_micmac,
-        ),
-        Reader("opf", (".opf",), "Open Photogrammetry Format", NetworkReader(read_opf)),
-        Reader(
-            "opensfm",
-            (".json",),
-            "reconstruction of OpenSfM or ODM",
-            NetworkReader(read_opensfm),
-            recognises=is_opensfm,
-        ),
-        Reader(
-            "openmvg",
-            (".json",),
-            "reconstruction of OpenMVG",
-            NetworkReader(read_openmvg),
-            recognises=is_openmvg,
-        ),
-        Reader(
-            "aicon",
-            (".obc", ".phc", ".eor", ".ior"),
-            "AICON 3D Studio",
-            NetworkReader(read_aicon),
-        ),
-        *_readers_of_modules(),
-    )
+PROJECT_READER = Reader(
+    "project", (".toml",), "project", load_project, folders=True, main_file="project.toml"
 )
+READERS = Readers((PROJECT_READER, *_readers_of_modules()))
 """The formats that can be read."""
 
 

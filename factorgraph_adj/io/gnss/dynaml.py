@@ -38,6 +38,7 @@ from ...types import Array
 from ...units import ARCSEC
 from ..file_transaction import write_files
 from ..format_limits import Refusals
+from ..format_reader import NetworkReader, Reader, beginning_has
 from ..source import Problems
 from ..xml_files import Element
 from ..xml_source import XmlSource
@@ -475,3 +476,12 @@ def _cluster(
             inside.append(f"  <{cross}>{cells}</{cross}>")
         inside.append(f"</{tag}>")
     return _measurement(kind, inside)
+
+
+READER = Reader(
+    "dynaml",
+    (".xml",),
+    "DynaML of DynAdjust",
+    NetworkReader(read_dynaml),
+    recognises=beginning_has(b"<DnaXmlFormat"),
+)

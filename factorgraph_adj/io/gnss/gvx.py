@@ -23,6 +23,7 @@ from ...types import Array
 from ...version import __version__
 from ..file_transaction import write_files
 from ..format_limits import Refusals
+from ..format_reader import NetworkReader, Reader, beginning_has
 from ..source import is_unread
 from ..xml_files import Element
 from ..xml_source import XmlSource
@@ -381,3 +382,12 @@ def _session(number: int, members: tuple[str, ...], covariance: Array) -> list[s
             )
     lines.append("  </CROSS_CORRELATION_MATRIX></SESSION>")
     return lines
+
+
+READER = Reader(
+    "gvx",
+    (".gvx", ".xml"),
+    "GNSS Vector Exchange",
+    NetworkReader(read_gvx),
+    recognises=beginning_has(b"<GVX"),
+)

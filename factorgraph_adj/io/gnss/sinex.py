@@ -27,6 +27,7 @@ from ...observations import ControlPoint, Correlated, GnssPosition
 from ...solve.solution import Solution
 from ...types import Array, Index
 from ..file_transaction import write_files
+from ..format_reader import NetworkReader, Reader
 from ..source import LeftOutReason
 from .sinex_blocks import METRES_PER_UNIT, SinexFile, SinexMatrix, SinexParameter
 
@@ -441,3 +442,6 @@ def _site(name: str, xyz: Array) -> str:
 
     east = sexagesimal(longitude % (2 * np.pi))
     return f" {name:<4s}  A           P {name:<22s} {east} {sexagesimal(latitude)} {height:7.1f}"
+
+
+READER = Reader("sinex", (".snx", ".SNX"), "SINEX", NetworkReader(read_sinex))

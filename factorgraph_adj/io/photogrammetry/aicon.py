@@ -22,6 +22,7 @@ from ...models.lens import BalancedLens
 from ...network.network import Network
 from ...observations import ControlPoint, SlopeDistance
 from ...units import MILLIMETRE
+from ..format_reader import NetworkReader, Reader
 from ..source import Problems, is_unread
 from ..text_files import read_text
 from .block_source import PHOTOS_SWITCHED_OFF, ImagePoints, filled_lines, whole_number
@@ -310,3 +311,8 @@ def _scale_bars(path: Path, network: Network, problems: Problems, off: set[str])
                         source=where,
                     )
                 )
+
+
+READER = Reader(
+    "aicon", (".obc", ".phc", ".eor", ".ior"), "AICON 3D Studio", NetworkReader(read_aicon)
+)

@@ -36,6 +36,7 @@ from ...models.lens import NormalisedLens
 from ...network.network import Network
 from ...rotation import TURN_ABOUT_X, exp_rotation
 from ...types import Array, Index, Mask
+from ..format_reader import NetworkReader, Reader
 from ..source import MAX_LISTED_PROBLEMS, Problems, is_unread
 from ..text_files import file_beginning, read_text
 from .block_source import (
@@ -444,3 +445,18 @@ def _point(
     network.add_point(name, at)
     for camera_number, xy_found in seen:
         images.add(names[camera_number], name, xy_found, (sigma,), where)
+
+
+BAL_READER = Reader(
+    "bal",
+    (".txt", ".txt.bz2", ".txt.gz"),
+    "Bundle Adjustment in the Large",
+    NetworkReader(read_bal),
+)
+READER = Reader(
+    "bundler",
+    (".out",),
+    "reconstruction of Bundler",
+    NetworkReader(read_bundler),
+    recognises=is_bundler,
+)

@@ -17,6 +17,7 @@ from ...observations.positions import PhotoPosition
 from ...rotation import TURN_ABOUT_X, log_rotation
 from ...start.image_axes import problems_of_marks
 from ...types import Array
+from ..format_reader import NetworkReader, Reader
 from .colmap_binary_files import read_binary_model
 from .colmap_cameras import CAMERA_MODEL_BY_NAME
 from .colmap_model import (
@@ -435,3 +436,8 @@ class _Assembly:
             mark.photo, [mark.point], np.array([[mark.x, -mark.y]]), sigma=sigma
         )
         network.images.sources[row] = mark.where
+
+
+READER = Reader(
+    "colmap", (), "COLMAP", NetworkReader(read_colmap), folders=True, recognises=is_colmap
+)

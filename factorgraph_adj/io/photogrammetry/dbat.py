@@ -16,6 +16,7 @@ from ...files import inside
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoAngle, PhotoPosition
 from ...units import ANGLE
+from ..format_reader import NetworkReader, Reader
 from ..source import LeftOutReason, Problems, is_unread
 from ..text_files import file_beginning, read_text
 from ..xml_files import Element, read_xml
@@ -492,3 +493,6 @@ class _Script:
             return {}
         component = tuple(i == 3 + axes[axis] for i in range(6))
         return {reference: (True,) * 6, names[photo]: component}
+
+
+READER = Reader("dbat", (".xml",), "script of DBAT", NetworkReader(read_dbat), recognises=is_dbat)

@@ -18,6 +18,7 @@ from ...errors import InputError, Problem
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, SlopeDistance
 from ...types import Array
+from ..format_reader import NetworkReader, Reader
 from ..source import LeftOutReason, Problems, is_unread
 from ..text_files import file_beginning
 from .block_source import POINTS_WITH_FEW_RAYS, TIE_PREFIX, ImagePoints, all_in_range
@@ -318,3 +319,18 @@ def is_metashape_xml(path: Path) -> bool:
     """Tell whether an XML file is an export of Metashape."""
     head = file_beginning(path)
     return b"<document" in head and b"<chunk" in head
+
+
+READER = Reader(
+    "metashape",
+    (".psz", ".psx"),
+    "Metashape or PhotoScan project",
+    NetworkReader(read_metashape),
+)
+XML_READER = Reader(
+    "metashape-xml",
+    (".xml",),
+    "cameras or markers of Metashape",
+    NetworkReader(read_metashape),
+    recognises=is_metashape_xml,
+)

@@ -24,6 +24,7 @@ from ...models.normalised_lens import CentredBrownLens
 from ...network.network import Network
 from ...observations import ControlPoint
 from ...types import Array
+from ..format_reader import NetworkReader, Reader
 from ..source import Problems, is_unread
 from ..xml_files import Element, read_xml
 from . import micmac_mmvii
@@ -360,3 +361,13 @@ def _measures(
                 with problems.at(where):
                     network.add_point(name)
             images.add(photo, name, (xy[0] + 0.5, -xy[1] - 0.5), (sigma,), where)
+
+
+READER = Reader(
+    "micmac",
+    (".xml",),
+    "orientations of MicMac and MMVII",
+    NetworkReader(read_micmac),
+    folders=True,
+    recognises=is_micmac,
+)

@@ -30,6 +30,7 @@ from ...rotation import exp_rotation
 from ...types import Array
 from ..file_transaction import write_files
 from ..format_limits import calibration_values, pixel_format
+from ..format_reader import NetworkReader, Reader
 from ..source import Problems, is_unread
 from ..text_files import file_beginning
 from .block_source import ImagePoints, add_pixel_camera
@@ -421,3 +422,12 @@ def _opencv_parameters(camera: Camera, where: str) -> tuple[Array, Array]:
         what = f"OpenCV has no lens model {lens.kind!r} with these parameters; valid: {valid}"
         raise InputError(Problem(what, where))
     return matrix, np.array(plain)
+
+
+READER = Reader(
+    "opencv",
+    (".yml", ".yaml", ".xml"),
+    "calibration of OpenCV",
+    NetworkReader(read_opencv),
+    recognises=is_opencv,
+)

@@ -32,6 +32,7 @@ from ...models.ray_lens import FisheyeLens
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
 from ...types import Array
+from ..format_reader import NetworkReader, Reader
 from ..json_files import JsonNode, parse_json
 from ..source import Problems
 from ..text_files import file_beginning, read_text
@@ -309,3 +310,12 @@ def _without_rays(network: Network, images: ImagePoints) -> None:
     seen = images.seen()
     few = [n for n in network.points if n.startswith(TIE_PREFIX) and seen.get(n, 0) < 2]
     images.leave_out(network, few)
+
+
+READER = Reader(
+    "openmvg",
+    (".json",),
+    "reconstruction of OpenMVG",
+    NetworkReader(read_openmvg),
+    recognises=is_openmvg,
+)

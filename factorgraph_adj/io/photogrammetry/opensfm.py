@@ -15,6 +15,7 @@ from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
 from ...rotation import exp_rotation
 from ...types import Array
+from ..format_reader import NetworkReader, Reader
 from ..json_files import JsonNode, parse_json
 from ..source import LeftOutReason, Problems, is_unread
 from ..text_files import file_beginning, read_text
@@ -402,3 +403,12 @@ def _add_ground(
         plan = (sigma[0], sigma[0])
         o = ControlPoint(point.name, at, axes="en", sigma=plan, source=point.where)
     network.add(o)
+
+
+READER = Reader(
+    "opensfm",
+    (".json",),
+    "reconstruction of OpenSfM or ODM",
+    NetworkReader(read_opensfm),
+    recognises=is_opensfm,
+)

@@ -18,6 +18,7 @@ from ...errors import InputError
 from ...models.lens import NormalisedLens
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
+from ..format_reader import NetworkReader, Reader
 from ..json_files import JsonNode
 from ..source import LeftOutReason, Problems
 from .block_source import (
@@ -377,3 +378,6 @@ def _ties(
                     photo = photos[cloud.camera[i]]
                     images.add(photo, name, (column, -row), (sigma_px,), cloud.name)
                 begin += len(cloud.points)
+
+
+READER = Reader("opf", (".opf",), "Open Photogrammetry Format", NetworkReader(read_opf))

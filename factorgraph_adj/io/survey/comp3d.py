@@ -25,6 +25,7 @@ from ...observations import (
 )
 from ...stochastic_model import StandardDeviation
 from ...units import GON
+from ..format_reader import NetworkReader, Reader
 from .comp3d_files import (
     IGNORED_POINT_CODE,
     Comp3dFiles,
@@ -455,3 +456,6 @@ def _of_angle(
 def _observation_of(line: Comp3dLine, **parts: float) -> StandardDeviation | None:
     found: StandardDeviation | None = line.attempt(StandardDeviation, **parts, combine="linear")
     return found
+
+
+READER = Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkReader(read_comp3d), own_grid=True)

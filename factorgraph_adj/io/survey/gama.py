@@ -26,6 +26,7 @@ from ...observations import (
     ZenithAngle,
 )
 from ...units import ARCSEC, CC, GON, MILLIMETRE, parse_angle
+from ..format_reader import NetworkReader, Reader
 from ..source import Field, Problems
 from ..xml_files import Element
 from ..xml_source import XmlSource
@@ -393,3 +394,6 @@ def _angle_of(field: Field) -> tuple[float, float]:
     except ValueError as error:
         field.wrong(f": {error}")
         return math.nan, ARCSEC
+
+
+READER = Reader("gama", (".gkf",), "GNU Gama", NetworkReader(read_gama))
