@@ -1,7 +1,7 @@
 """Reader of one format: by what its files are recognised, and the function that reads them.
 
-A module of `io.survey`, `io.gnss` or `io.photogrammetry` states its reader as ``READER``, from
-which `io.readers` makes its table; `io.readers.register_reader` takes others.
+A module of `io.survey`, `io.gnss` or `io.photogrammetry` states its reader as ``READER``, and
+`io.readers` finds it; `io.readers.register_reader` takes others.
 """
 
 from __future__ import annotations

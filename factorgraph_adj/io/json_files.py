@@ -228,7 +228,7 @@ def parse_json(content: bytes | str, name: str) -> JsonNode:
         InputError: the text is not JSON (with the line), has a number that is not finite, or a
             name twice in one object.
     """
-    text = content if isinstance(content, str) else decoded(content, name)
+    text = content if isinstance(content, str) else decoded(content, name)[0]
     twice: list[str] = []
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -22,7 +22,7 @@ from ..files import read_bytes
 from ..network.network import Network
 from ..start.image_axes import marks_of_known_points, problems_of_marks
 from .numbers import MAX_NUMBER, checked_number
-from .text_files import decoded, is_unicode, last_line_number, with_newlines
+from .text_files import decoded, last_line_number, with_newlines
 
 MAX_LISTED_PROBLEMS = 50
 """Number of problems that one error lists; it counts the others."""
@@ -62,30 +62,6 @@ DERIVED_OBSERVATIONS = LeftOutReason(
 )
 
 
-@dataclass
-class RowsLeftOut:
-    """The rows that a reader has left out so far."""
-
-    rows: dict[LeftOutReason, list[tuple[str, str]]] = field(default_factory=dict)
-    """Name and place of each row, by the reason."""
-
-    def add(self, why: LeftOutReason, name: str, where: str = "") -> None:
-        """Add a row; ``name``: of its photo, of its points, or of itself."""
-        self.rows.setdefault(why, []).append((name, where))
-
-    def records(self) -> Iterator[LeftOut]:
-        """Yield a record for each reason: number of rows, their names, place of the first."""
-        for why, rows in self.rows.items():
-            yield LeftOut(
-                why.what,
-                why.why,
-                tuple(dict.fromkeys(name for name, _ in rows)),
-                len(rows),
-                where=next((where for _, where in rows if where), ""),
-                doubtful=why.doubtful,
-            )
-
-
 class Problems:
     """Problems of all files that a reader opens, and the rows that it leaves out.
 
@@ -95,7 +71,8 @@ class Problems:
     def __init__(self) -> None:
         """Start without problems."""
         self.problems: list[Problem] = []
-        self.left = RowsLeftOut()
+        self.left_out: dict[LeftOutReason, list[tuple[str, str]]] = {}
+        """Name and place of each row that is left out, by the reason."""
         self.remarks: list[str] = []
         """Sentences on how files were read, which the network keeps."""
         self.files: list[str] = []
@@ -127,7 +104,7 @@ class Problems:
         """Count problems that are like those that were added, of which there are too many."""
         self._not_kept += number
 
-    def at(self, where: str) -> AbstractContextManager[None, bool]:
+    def collect(self, where: str) -> AbstractContextManager[None, bool]:
         """Add the problems of an InputError inside; ``where`` precedes their own places.
 
         Problems that name a line of the same file already keep it alone.
@@ -149,7 +126,7 @@ class Problems:
         self, where: str, make: Callable[..., T], *arguments: Any, **options: Any
     ) -> T | None:
         """Return what a function makes; None after an InputError, whose problems are added."""
-        with self.at(where):
+        with self.collect(where):
             return make(*arguments, **options)
         return None
 
@@ -165,7 +142,7 @@ class Problems:
 
     def leave_out(self, why: LeftOutReason, name: str, where: str = "") -> None:
         """Count and name a row that is left out; ``name``: of its photo, points or itself."""
-        self.left.add(why, name, where)
+        self.left_out.setdefault(why, []).append((name, where))
 
     def ordered(self) -> list[Problem]:
         """Return the problems in the order of files and lines."""
@@ -209,14 +186,16 @@ class Problems:
         self.raise_all()
 
     def _left_out(self, network: Network) -> Iterator[LeftOut]:
-        """Yield what was left out; that all marks of known points were is a problem."""
-        for left in self.left.records():
-            if left.doubtful:
+        """Yield a record for each reason; that all marks of known points were left is a problem."""
+        for why, rows in self.left_out.items():
+            names = tuple(dict.fromkeys(name for name, _ in rows))
+            where = next((where for _, where in rows if where), "")
+            left = LeftOut(why.what, why.why, names, len(rows), where=where, doubtful=why.doubtful)
+            if why.doubtful:
                 kept = marks_of_known_points(network)
-                hint = similar(left.names[0], network.photos)
-                left = replace(left, of=kept + left.count, hint=hint)
+                left = replace(left, of=kept + len(rows), hint=similar(names[0], network.photos))
                 if not kept:
-                    self.wrong(str(left), left.where)
+                    self.wrong(str(left), where)
             yield left
 
 
@@ -413,7 +392,7 @@ class Source:
         self.problems.files.append(path.name)
         self._parts.append((lines, path.name))
 
-    def add(self, line: int, what: str) -> None:
+    def wrong(self, line: int, what: str) -> None:
         """Add a problem of a line."""
         self.problems.wrong(what, self.place(line))
 
@@ -454,9 +433,9 @@ class TextSource(Source):
             InputError: the file cannot be read, or is not text.
         """
         super().__init__(path, problems)
-        found = read_bytes(self.path)
-        text = with_newlines(decoded(found, self.path.name, code_page))
-        if code_page and not is_unicode(found):
+        text, in_page = decoded(read_bytes(self.path), self.path.name, code_page)
+        text = with_newlines(text)
+        if in_page:
             self._remark_code_page(text, code_page)
         content = text.rstrip("\0\x1a\n ")
         if END_OF_TEXT.search(text, len(content)):

@@ -56,7 +56,7 @@ def read_text(path: Path, name: str = "") -> str:
         InputError: the file cannot be read, or has another encoding.
     """
     found = read_bytes(path, name)
-    return with_newlines(decoded(found, name or path.name))
+    return with_newlines(decoded(found, name or path.name)[0])
 
 
 def with_newlines(text: str) -> str:
@@ -64,11 +64,11 @@ def with_newlines(text: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def decoded(found: bytes, name: str, code_page: str = "") -> str:
-    """Return the text of bytes in UTF-8, or in UTF-16 with its mark, without the mark.
+def decoded(found: bytes, name: str, code_page: str = "") -> tuple[str, bool]:
+    """Return the text of bytes, without a mark, and whether it is in the code page.
 
     Args:
-        found: the bytes.
+        found: the bytes, in UTF-8, in UTF-16 with its mark, or in the code page.
         name: name of the file in messages.
         code_page: encoding of text that is neither, for formats whose programs write that of
             their system; characters that it does not have become U+FFFD.
@@ -76,23 +76,13 @@ def decoded(found: bytes, name: str, code_page: str = "") -> str:
     Raises:
         InputError: the text has another encoding.
     """
+    marked = found.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
-        if found.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            return found.decode("utf-16")
-        return found.decode("utf-8-sig")
+        return found.decode("utf-16" if marked else "utf-8-sig"), False
     except UnicodeDecodeError as error:
-        if code_page and error.encoding != "utf-16":
-            return found.decode(code_page, errors="replace")
+        if code_page and not marked:
+            return found.decode(code_page, errors="replace"), True
         raise InputError(encoding_problem(error.object, error.start, name)) from None
-
-
-def is_unicode(found: bytes) -> bool:
-    """Return whether bytes are text in UTF-8, or in UTF-16 with its mark."""
-    try:
-        decoded(found, "")
-    except InputError:
-        return False
-    return True
 
 
 def last_line_number(text: str) -> int:

@@ -40,11 +40,13 @@ class XmlSource(Source):
         """
         for e in element.walk():
             if e.children and e.text.strip():
-                self.add(e.line, f"<{e.tag}> has the text {e.text.strip()[:40]!r} beside elements")
+                self.wrong(
+                    e.line, f"<{e.tag}> has the text {e.text.strip()[:40]!r} beside elements"
+                )
             for child in e.children:
                 if e.tag in valid and child.tag not in valid[e.tag]:
                     can = known(valid[e.tag], meant=child.tag, most=40)
-                    self.add(child.line, f"<{child.tag}> cannot be in <{e.tag}>; valid: {can}")
+                    self.wrong(child.line, f"<{child.tag}> cannot be in <{e.tag}>; valid: {can}")
 
     def refuse_attributes(self, element: Element, valid: Mapping[str, Sequence[str]]) -> None:
         """Add a problem for each attribute of a descendant that it cannot have.
@@ -57,14 +59,14 @@ class XmlSource(Source):
             for name in e.names if e.tag in valid else ():
                 if name not in valid[e.tag]:
                     can = known(valid[e.tag], meant=name, most=40)
-                    self.add(e.line, f"<{e.tag}> has no attribute {name!r}; valid: {can}")
+                    self.wrong(e.line, f"<{e.tag}> has no attribute {name!r}; valid: {can}")
 
     def child(self, element: Element, tag: str) -> Element | None:
         """Return the one child of a name; None after a problem where there are none or several."""
         found = list(element.all(tag))
         if len(found) == 1:
             return found[0]
-        self.add(element.line, f"<{element.tag}> needs one <{tag}>, not {len(found)}")
+        self.wrong(element.line, f"<{element.tag}> needs one <{tag}>, not {len(found)}")
         return None
 
     def inside(self, element: Element, *tags: str) -> Field:

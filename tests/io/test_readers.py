@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,11 +15,12 @@ import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.format_reader import NetworkReader, Reader
+from factorgraph_adj.io.photogrammetry import bundler
 from factorgraph_adj.io.photogrammetry.bundler import read_bal
 from factorgraph_adj.io.project import AdjustOptions, read_project
 from factorgraph_adj.io.readers import READERS, Readers
 from factorgraph_adj.io.source import TextSource
-from factorgraph_adj.io.survey import gsi, landxml, sdr33
+from factorgraph_adj.io.survey import gsi
 from factorgraph_adj.io.survey.field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
 from factorgraph_adj.io.survey.field_records import (
     NEEDED,
@@ -99,7 +101,7 @@ def test_an_unknown_suffix_is_refused_with_the_valid_ones(tmp_path, name):
     with pytest.raises(InputError) as caught:
         fga.read(tmp_path / name)
     assert messages(caught) == [f"{tmp_path / name}: unknown kind of file; valid: {READERS}"]
-    first = ".toml (project), .gkf (GNU Gama), .txt, .txt.bz2, .txt.gz (Bundle Adjustment in the"
+    first = ".toml (project), .xml (DynaML of DynAdjust), .gvx, .xml (GNSS Vector Exchange)"
     assert str(READERS).startswith(first)
 
 
@@ -207,9 +209,16 @@ def test_a_raw_format_is_a_table_of_records_and_is_registered(tmp_path, monkeypa
 
 
 def test_modules_state_their_readers():
-    """A module of a room of formats with a READER is in the table without another edit."""
-    for module in (gsi, sdr33, landxml):
-        assert module.READER in READERS.entries
+    """A module of a room of formats that states a reader is in the table without another edit."""
+    stated = {
+        value.name
+        for name, module in sys.modules.items()
+        if name.startswith("factorgraph_adj.io.")
+        for value in vars(module).values()
+        if isinstance(value, Reader)
+    }
+    assert {gsi.READER.name, bundler.READER.name, bundler.BAL_READER.name} <= stated
+    assert stated == {r.name for r in READERS.entries}
 
 
 def test_the_longest_suffix_decides(tmp_path):

@@ -93,7 +93,7 @@ def test_problems_come_in_the_order_of_files_and_lines_each_once(tmp_path):
     problems = Problems()
     first, second = Source(tmp_path / "b.dat", problems), Source(tmp_path / "a.dat", problems)
     for source, line in ((second, 3), (first, 12), (first, 2), (first, 2)):
-        source.add(line, "wrong")
+        source.wrong(line, "wrong")
     with pytest.raises(InputError) as error:
         problems.raise_all()
     assert [p.where for p in error.value.problems] == ["b.dat:2", "b.dat:12", "a.dat:3"]

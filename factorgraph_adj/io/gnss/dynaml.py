@@ -139,7 +139,7 @@ def read_dynaml(
         used = {e.text.strip().upper() for f in files for e in f.root.walk()
                 if e.tag == "ReferenceFrame" and e.text.strip()}  # fmt: skip
         if used - {frame}:
-            files[0].add(
+            files[0].wrong(
                 files[0].root.line, f"{other}; reference_frames='as is' takes numbers as is"
             )
     reader = DynamlMeasurements(
@@ -150,7 +150,7 @@ def read_dynaml(
         for element in file.root.all("DnaStation"):
             _station(file, network, element)
     if not any(True for file in files for _ in file.root.all("DnaStation")):
-        files[0].add(0, NO_STATIONS_MESSAGE)
+        files[0].wrong(0, NO_STATIONS_MESSAGE)
     else:  # without stations every measurement would name an unknown one
         for file in files:
             for element in file.root.all("DnaMeasurement"):
@@ -178,13 +178,13 @@ def _station(file: XmlSource, network: Network, element: Element) -> None:
     at = file.child(element, "StationCoord")
     if len(constraints) != 3 or set(constraints) - {"C", "F"}:
         what = f"constraints must be three of C and F, such as CCF, not {constraints!r}"
-        file.add(element.line, what)
+        file.wrong(element.line, what)
     if kind not in STATION_TYPES:
         what = f"type {kind!r} of a station is not read; valid: {', '.join(STATION_TYPES)}"
-        file.add(element.line, f"{what} (DynAdjust's dnaimport exports LLH)")
+        file.wrong(element.line, f"{what} (DynAdjust's dnaimport exports LLH)")
     own = "" if at is None else file.inside(at, "Name").name(name)
     if at is not None and own != name:
-        file.add(at.line, f"coordinates of {own[:40]!r} in the station {name[:40]!r}")
+        file.wrong(at.line, f"coordinates of {own[:40]!r} in the station {name[:40]!r}")
     if at is None or file.problems.count > before:
         return
     xyz = station_position(file, at, kind, network)
@@ -215,7 +215,7 @@ def station_position(file: XmlSource, at: Element, kind: str, network: Network) 
     latitude, longitude = (packed_degrees(file, at, tag) for tag in ("XAxis", "YAxis"))
     height = file.inside(at, "Height").number()
     if not abs(latitude) <= math.pi / 2:
-        file.add(at.line, "the latitude must be from -90 to 90 degrees")
+        file.wrong(at.line, "the latitude must be from -90 to 90 degrees")
     frame = network.frame
     assert isinstance(frame, GeocentricFrame)
     angles = (np.array([latitude]), np.array([longitude]), np.array([height]))

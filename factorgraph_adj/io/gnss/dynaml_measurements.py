@@ -67,7 +67,7 @@ def packed_degrees(file: XmlSource, element: Element, tag: str) -> float:
     if found is None or minutes >= 60 or seconds >= 60 or len(digits) > 20:
         line = next(element.all(tag)).line
         what = "must be degrees, minutes, seconds as ddd.mmssss, minutes and seconds below 60"
-        file.add(line, f"<{tag}> {what}, not {text[:40]!r}")
+        file.wrong(line, f"<{tag}> {what}, not {text[:40]!r}")
         return math.nan
     rest = int(digits[4:]) / 10.0 ** (len(digits) - 4) if digits[4:] else 0.0
     angle = math.radians(int(found[2]) + minutes / 60.0 + (seconds + rest) / 3600.0)
@@ -106,10 +106,10 @@ class DynamlMeasurements:
             return
         if kind in REFUSED_TYPES:
             what = f"type {kind} is {REFUSED_TYPES[kind]}, which has no counterpart here: give S"
-            file.add(element.line, what)
+            file.wrong(element.line, what)
         elif kind in ("L", "H") and self.heights == "refuse":
             what = f"type {kind} is an orthometric height, and the file has no geoid"
-            file.add(element.line, f"{what}; heights='ellipsoidal' takes undulations as zero")
+            file.wrong(element.line, f"{what}; heights='ellipsoidal' takes undulations as zero")
         elif kind in ("G", "X", "Y"):
             self._gnss(file, element, kind)
         elif kind == "D":
@@ -120,7 +120,7 @@ class DynamlMeasurements:
             self._of_a_station(file, element, kind)
         elif kind:
             valid = (*"GXYAD", *SIGHT_KINDS, *STATION_MEASUREMENTS)
-            file.add(element.line, f"unknown type {kind[:20]!r}; valid: {', '.join(valid)}")
+            file.wrong(element.line, f"unknown type {kind[:20]!r}; valid: {', '.join(valid)}")
 
     def _add(
         self,
@@ -144,15 +144,15 @@ class DynamlMeasurements:
         wanted = [firsts] if kind == "Y" else [firsts, seconds]
         if not nodes or any(len(names) != len(nodes) for names in wanted):
             counts = f"{len(firsts)} <First>, {len(seconds)} <Second>, {len(nodes)} measured"
-            file.add(element.line, f"type {kind} needs as many stations as vectors: {counts}")
+            file.wrong(element.line, f"type {kind} needs as many stations as vectors: {counts}")
             return
         if kind == "G" and len(nodes) != 1:
-            file.add(element.line, f"type G has one vector, not {len(nodes)}: give type X")
+            file.wrong(element.line, f"type G has one vector, not {len(nodes)}: give type X")
             return
         if "Total" in [e.tag for e in element.children]:
             total = file.inside(element, "Total").name("")
             if total and total != str(len(nodes)):
-                file.add(element.line, f"<Total> is {total[:20]!r}, but there are {len(nodes)}")
+                file.wrong(element.line, f"<Total> is {total[:20]!r}, but there are {len(nodes)}")
         values = self._values(file, element, kind, nodes)
         covariance = self._covariance(file, nodes)
         if file.problems.count > before:
@@ -188,11 +188,11 @@ class DynamlMeasurements:
             return np.array([[file.inside(n, a).number() for a in "XYZ"] for n in nodes])
         if coordinates not in ("LLH", "LLh"):
             what = f"<Coords> {coordinates[:20]!r} is unknown; valid: XYZ, LLH, LLh"
-            file.add(element.line, what)
+            file.wrong(element.line, what)
             return np.zeros((len(nodes), 3))
         if coordinates == "LLH" and self.heights == "refuse":
             what = "points in LLH have orthometric heights, and the file has no geoid"
-            file.add(element.line, f"{what}; heights='ellipsoidal' takes undulations as zero")
+            file.wrong(element.line, f"{what}; heights='ellipsoidal' takes undulations as zero")
         angles = np.array([[packed_degrees(file, n, a) for a in "XY"] for n in nodes])
         height = np.array([file.inside(n, "Z").number() for n in nodes])
         frame = self.network.frame
@@ -211,7 +211,7 @@ class DynamlMeasurements:
             crosses = [e for e in node.children if e.tag in ("GPSCovariance", "PointCovariance")]
             if len(crosses) not in (0, n - 1 - i):
                 what = f"has {len(crosses)} covariances with the following {n - 1 - i}"
-                file.add(node.line, f"<{node.tag}> {i + 1} of {n} {what}")
+                file.wrong(node.line, f"<{node.tag}> {i + 1} of {n} {what}")
                 continue
             for j, cross in enumerate(crosses, start=i + 1):
                 block = [
@@ -248,7 +248,7 @@ class DynamlMeasurements:
             return values, covariance
         if name not in TERRESTRIAL_FRAMES:
             what = f"reference frame {name[:20]!r} is not known; known: {known(TERRESTRIAL_FRAMES)}"
-            file.add(
+            file.wrong(
                 element.line, f"{what}; reference_frames='as is' takes the numbers as they are"
             )
             return values, covariance
@@ -266,7 +266,7 @@ class DynamlMeasurements:
         point = self.network.points.get(name)
         if point is None:
             what = known(self.network.points, meant=name)
-            file.add(line, f"unknown station {name[:40]!r}; known: {what}")
+            file.wrong(line, f"unknown station {name[:40]!r}; known: {what}")
             return None
         return np.array(point.coordinates)
 
@@ -302,7 +302,7 @@ class DynamlMeasurements:
         total = file.inside(element, "Total").name("")
         if total and total != str(len(further)):
             what = f"<Total> is {total[:20]!r}, but there are {len(further)} <Directions>"
-            file.add(element.line, what)
+            file.wrong(element.line, what)
         rows = [(element, "Second"), *((e, "Target") for e in further)]
         made: list[Direction] = []
         for row, tag in rows:
@@ -378,6 +378,6 @@ def _year(file: XmlSource, element: Element) -> float:
         begin, end = date(year, 1, 1), date(year + 1, 1, 1)
     except ValueError:
         if text:
-            file.add(element.line, f"<Epoch> must be dd.mm.yyyy, not {text[:20]!r}")
+            file.wrong(element.line, f"<Epoch> must be dd.mm.yyyy, not {text[:20]!r}")
         return math.nan
     return year + (at - begin) / (end - begin)

@@ -81,13 +81,13 @@ def read_gvx(
     file = XmlSource(path, "GVX")
     version = file.root.attributes.get("VERSION", "")
     if version != "1.0":
-        file.add(file.root.line, f"VERSION must be 1.0, not {version[:20]!r}")
+        file.wrong(file.root.line, f"VERSION must be 1.0, not {version[:20]!r}")
     file.refuse_children(file.root, {"GVX": GVX_CHILDREN})
     network = Network(file.path.stem, frame=GeocentricFrame(ellipsoid))
     marks = _marks(file, network)
     vectors = _vectors(file, marks)
     if not vectors:
-        file.add(0, "has no <GNSS_VECTOR>")
+        file.wrong(0, "has no <GNSS_VECTOR>")
     groups = _sessions(file, vectors) if correlations == "sessions" else []
     file.raise_all()
     grouped = {v for group, _ in groups for v in group}
@@ -115,7 +115,7 @@ def _marks(file: XmlSource, network: Network) -> dict[str, str]:
         unit = next(iter(system.all("LINEAR_UNIT")), None)
         name = "" if unit is None else file.inside(unit, "NAME").name("")
         if name and name.lower() not in METRE_WORDS:
-            file.add(system.line, f"the linear unit must be metres, not {name[:20]!r}")
+            file.wrong(system.line, f"the linear unit must be metres, not {name[:20]!r}")
     marks: dict[str, str] = {}
     for element in file.root.all("POINT"):
         before = file.problems.count
@@ -126,7 +126,7 @@ def _marks(file: XmlSource, network: Network) -> dict[str, str]:
         systems.setdefault(file.inside(coordinates, "REFERENCE_SYSTEM_ID").name("?"), element.line)
         xyz = _coordinates(file, coordinates, network)
         if ident in marks:
-            file.add(element.line, f"second point with the ID {ident[:40]!r}")
+            file.wrong(element.line, f"second point with the ID {ident[:40]!r}")
         if file.problems.count > before:
             continue
         marks[ident] = name
@@ -137,12 +137,12 @@ def _marks(file: XmlSource, network: Network) -> dict[str, str]:
         distance = float(np.linalg.norm(xyz - np.array(there.coordinates)))
         if distance > MAX_MARK_DISTANCE_M:
             what = f"mark {name[:40]!r} is {distance:.0f} m from its first occupation"
-            file.add(element.line, f"{what}: two marks have one name")
+            file.wrong(element.line, f"{what}: two marks have one name")
     if len(systems) > 1:
         line = max(systems.values())
-        file.add(line, f"points are in several reference systems: {known(systems)}")
+        file.wrong(line, f"points are in several reference systems: {known(systems)}")
     if not marks and not file.problems.count:
-        file.add(0, "has no <POINT>")
+        file.wrong(0, "has no <POINT>")
     return marks
 
 
@@ -158,7 +158,7 @@ def _coordinates(file: XmlSource, element: Element, network: Network) -> Array:
     )
     height = file.inside(geodetic, "ELLIPSOIDAL_HEIGHT").number()
     if abs(latitude) > math.pi / 2:
-        file.add(geodetic.line, "the latitude must be from -90 to 90 degrees")
+        file.wrong(geodetic.line, "the latitude must be from -90 to 90 degrees")
     frame = network.frame
     assert isinstance(frame, GeocentricFrame)
     angles = (np.array([latitude]), np.array([longitude]), np.array([height]))
@@ -174,15 +174,15 @@ def _vectors(file: XmlSource, marks: dict[str, str]) -> dict[str, GvxVector]:
         for end in ends:
             if end and end not in marks:
                 what = known(marks, meant=end)
-                file.add(element.line, f"unknown point ID {end[:40]!r}; known: {what}")
+                file.wrong(element.line, f"unknown point ID {end[:40]!r}; known: {what}")
         if ident in vectors:
-            file.add(element.line, f"second vector with the ID {ident[:40]!r}")
+            file.wrong(element.line, f"second vector with the ID {ident[:40]!r}")
         deltas, matrix = (
             _descendant(element, "ECEF_DELTAS"),
             _descendant(element, "CORRELATION_MATRIX"),
         )
         if deltas is None or matrix is None:
-            file.add(element.line, "<GNSS_VECTOR> needs <ECEF_DELTAS> and <CORRELATION_MATRIX>")
+            file.wrong(element.line, "<GNSS_VECTOR> needs <ECEF_DELTAS> and <CORRELATION_MATRIX>")
             continue
         value = tuple(file.inside(deltas, f"D{a}").number() for a in "XYZ")
         sigma = np.array([file.inside(matrix, f"SD{a}").sigma() for a in "XYZ"])
@@ -218,13 +218,13 @@ def _sessions(file: XmlSource, vectors: dict[str, GvxVector]) -> list[tuple[list
             found = file.field(block.line, text, "<CORRELATIONS>").numbers(9)
             if unknown:
                 what = known(vectors, meant=unknown[0])
-                file.add(block.line, f"unknown vector ID {unknown[0][:40]!r}; known: {what}")
+                file.wrong(block.line, f"unknown vector ID {unknown[0][:40]!r}; known: {what}")
             elif any(abs(v) > 1.0 for v in found):
-                file.add(block.line, "<CORRELATIONS> needs nine numbers from -1 to 1")
+                file.wrong(block.line, "<CORRELATIONS> needs nine numbers from -1 to 1")
             elif is_unread(found):
                 continue
             elif names[0] == names[1] or tuple(names) in blocks or tuple(names[::-1]) in blocks:
-                file.add(block.line, f"second correlations of {' and '.join(names)[:80]}")
+                file.wrong(block.line, f"second correlations of {' and '.join(names)[:80]}")
             else:
                 blocks[names[0], names[1]] = np.reshape(found, (3, 3))
         named = {n for pair in blocks for n in pair}
@@ -232,9 +232,9 @@ def _sessions(file: XmlSource, vectors: dict[str, GvxVector]) -> list[tuple[list
         total = session.attributes.get("TOTAL_VECTORS", "")
         if total and (not total.isascii() or not total.isdigit() or int(total[:9]) < len(ids)):
             what = f"TOTAL_VECTORS is {total[:20]!r}, but its correlations are of {len(ids)}"
-            file.add(session.line, what)
+            file.wrong(session.line, what)
         if taken & set(ids):
-            file.add(
+            file.wrong(
                 session.line, f"vector {sorted(taken & set(ids))[0][:40]!r} is in two sessions"
             )
         taken |= set(ids)

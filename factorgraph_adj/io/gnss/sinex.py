@@ -79,7 +79,7 @@ def read_sinex(
     file = SinexFile(path)
     estimate = file.parameters["ESTIMATE"]
     if not estimate:
-        file.add(0, "has no SOLUTION/ESTIMATE: normal equations without a solution are not read")
+        file.wrong(0, "has no SOLUTION/ESTIMATE: normal equations without a solution are not read")
     _check_indices(file, estimate)
     file.raise_all()
     value, covariance = _constrained_solution(file, apriori, correlations)
@@ -119,21 +119,21 @@ def _check_indices(file: SinexFile, estimate: dict[int, SinexParameter]) -> None
     if estimate and max(estimate) != n:
         first = next(i for i in range(1, n + 1) if i not in estimate)
         what = f"SOLUTION/ESTIMATE has no parameter {first}, but parameter {max(estimate)}"
-        file.add(estimate[max(estimate)].line, what)
+        file.wrong(estimate[max(estimate)].line, what)
     for p in file.parameters["APRIORI"].values():
         other = estimate.get(p.index)
         if other is None or (other.kind, other.site) != (p.kind, p.site):
-            file.add(p.line, f"a-priori parameter {p.index} is not that of SOLUTION/ESTIMATE")
+            file.wrong(p.line, f"a-priori parameter {p.index} is not that of SOLUTION/ESTIMATE")
     for name, matrix in file.matrices.items():
         if matrix.rows and max(max(matrix.rows), max(matrix.columns)) > n:
             what = f"SOLUTION/MATRIX_{name} has elements of parameters beyond the {n} estimated"
-            file.add(matrix.line, what)
+            file.wrong(matrix.line, what)
         at = Counter(
             (max(i, j), min(i, j)) for i, j in zip(matrix.rows, matrix.columns, strict=True)
         )
         twice = next((k for k, count in at.items() if count > 1), None)
         if twice is not None:
-            file.add(matrix.line, f"SOLUTION/MATRIX_{name} has element {twice} twice")
+            file.wrong(matrix.line, f"SOLUTION/MATRIX_{name} has element {twice} twice")
 
 
 def _constrained_solution(file: SinexFile, apriori: str, correlations: str) -> tuple[Array, Array]:
@@ -144,17 +144,17 @@ def _constrained_solution(file: SinexFile, apriori: str, correlations: str) -> t
     sigma = np.array([estimate[i].sigma for i in range(1, n + 1)])
     if correlations == "none":
         for i in np.flatnonzero(sigma <= 0) + 1:
-            file.add(estimate[int(i)].line, "has no standard deviation")
+            file.wrong(estimate[int(i)].line, "has no standard deviation")
         return value, np.diag(sigma**2)
     matrix = file.matrices.get("ESTIMATE")
     if matrix is None:
         what = "has no SOLUTION/MATRIX_ESTIMATE; correlations='none' reads standard deviations only"
-        file.add(0, what)
+        file.wrong(0, what)
         return value, np.eye(n)
     covariance = _covariance(file, matrix, n, "ESTIMATE")
     for i in np.flatnonzero(np.diag(covariance) <= 0) + 1:
         what = "has no variance: parameters that the solution holds are not read"
-        file.add(estimate[int(i)].line, what)
+        file.wrong(estimate[int(i)].line, what)
     if apriori == "keep" or "APRIORI" not in file.matrices or file.problems.count:
         return value, covariance
     return _without_apriori(file, value, covariance)
@@ -166,7 +166,7 @@ def _covariance(file: SinexFile, matrix: SinexMatrix, n: int, name: str) -> Arra
     diagonal = np.diag(full).copy()
     used = diagonal != 0
     if not used.any() or (diagonal < 0).any() or np.abs(full[~used]).any():
-        file.add(matrix.line, f"SOLUTION/MATRIX_{name} needs a diagonal of numbers > 0")
+        file.wrong(matrix.line, f"SOLUTION/MATRIX_{name} needs a diagonal of numbers > 0")
         return np.eye(n)
     part = full[np.ix_(used, used)]
     scale = np.sqrt(np.diag(part))
@@ -179,7 +179,7 @@ def _covariance(file: SinexFile, matrix: SinexMatrix, n: int, name: str) -> Arra
             part = np.asarray(part / np.outer(scale, scale), dtype=float)
     if not np.isfinite(part).all() or not _is_positive_definite(part):
         what = f"SOLUTION/MATRIX_{name} {matrix.kind} is not positive definite"
-        file.add(matrix.line, f"{what}: elements are missing, or correlations are beyond ±1")
+        file.wrong(matrix.line, f"{what}: elements are missing, or correlations are beyond ±1")
         return np.eye(n)
     if matrix.kind == "INFO":
         part, scale = np.asarray(np.linalg.inv(part), dtype=float), 1.0 / scale
@@ -203,7 +203,7 @@ def _without_apriori(file: SinexFile, value: Array, covariance: Array) -> tuple[
     lacking = [int(i) + 1 for i in np.flatnonzero(used) if int(i) + 1 not in given]
     if lacking:
         what = f"SOLUTION/MATRIX_APRIORI has parameter {lacking[0]}, SOLUTION/APRIORI has not"
-        file.add(matrix.line, what)
+        file.wrong(matrix.line, what)
     if file.problems.count:
         return value, covariance
     prior = np.zeros_like(constraint)
@@ -212,12 +212,12 @@ def _without_apriori(file: SinexFile, value: Array, covariance: Array) -> tuple[
     scale = np.sqrt(np.maximum(np.diag(information), 0.0))
     shown = "; apriori='keep' reads the solution with its constraints"
     if (scale <= 0).any():
-        file.add(matrix.line, f"the constraints tell more than the solution{shown}")
+        file.wrong(matrix.line, f"the constraints tell more than the solution{shown}")
         return value, covariance
     scaled = information / np.outer(scale, scale)
     if np.linalg.eigvalsh(scaled)[0] < MIN_EIGENVALUE_RATIO:
         what = "without its constraints the solution does not determine all coordinates"
-        file.add(matrix.line, f"{what}{shown}")
+        file.wrong(matrix.line, f"{what}{shown}")
         return value, covariance
     # The difference from the estimates is small: no digits are lost in the coordinates.
     shift = np.zeros(len(value))
@@ -237,21 +237,21 @@ def _stations(
         if p.kind not in (*STATION_COORDINATES, *STATION_VELOCITIES):
             continue
         if p.unit not in METRES_PER_UNIT:
-            file.add(p.line, f"the unit of {p.kind} must be m or m/y, not {p.unit!r}")
+            file.wrong(p.line, f"the unit of {p.kind} must be m or m/y, not {p.unit!r}")
         found = sites.setdefault(p.site, {})
         if p.kind in found:
-            file.add(p.line, f"{p.kind} of {' '.join(p.site)} stands in the file twice")
+            file.wrong(p.line, f"{p.kind} of {' '.join(p.site)} stands in the file twice")
         found[p.kind] = p.index - 1
     sites = {s: found for s, found in sites.items() if any(a in found for a in STATION_COORDINATES)}
     if not sites:
-        file.add(0, "has no coordinates of stations (STAX, STAY, STAZ)")
+        file.wrong(0, "has no coordinates of stations (STAX, STAY, STAZ)")
     codes = Counter(site[0] for site in sites)
     names, rows = [], []
     for site, found in sites.items():
         missing = [a for a in STATION_COORDINATES if a not in found]
         if missing:
             line = estimate[next(iter(found.values())) + 1].line
-            file.add(line, f"station {site[0]} has no {', '.join(missing)}")
+            file.wrong(line, f"station {site[0]} has no {', '.join(missing)}")
             continue
         names.append(site[0] if codes[site[0]] == 1 else "_".join(site))
         rows.append(
@@ -280,10 +280,10 @@ def _at_epoch(
                 and abs(epochs[i] - epochs[0]) > MAX_EPOCH_DIFFERENCE_YEARS
             ):
                 what = f"the coordinates are of {epochs[i]:.2f}, those of the first station of"
-                file.add(line, f"{what} {epochs[0]:.2f}; epoch= moves all to one year")
+                file.wrong(line, f"{what} {epochs[0]:.2f}; epoch= moves all to one year")
             continue
         if len(r) != 6 or math.isnan(epochs[i]):
-            file.add(line, f"has no velocity or no epoch with which it can move to {epoch}")
+            file.wrong(line, f"has no velocity or no epoch with which it can move to {epoch}")
             continue
         by[3 * i + np.arange(3), r[3:]] = epoch - epochs[i]
     return by @ value, by @ covariance @ by.T

@@ -93,10 +93,10 @@ class SinexFile(TextSource):
         self.parameters: dict[str, dict[int, SinexParameter]] = {"ESTIMATE": {}, "APRIORI": {}}
         self.matrices: dict[str, SinexMatrix] = {}
         if not self.lines[0].startswith("%=SNX"):
-            self.add(1, "is not SINEX: the first line must begin with %=SNX")
+            self.wrong(1, "is not SINEX: the first line must begin with %=SNX")
             self.raise_all()
         if not any(line.startswith("%ENDSNX") for line in self.lines):
-            self.add(len(self.lines), "ends without %ENDSNX: the file has been cut")
+            self.wrong(len(self.lines), "ends without %ENDSNX: the file has been cut")
         self._blocks()
 
     def _blocks(self) -> None:
@@ -105,17 +105,17 @@ class SinexFile(TextSource):
             if line.startswith("%ENDSNX"):
                 behind = next((n for n, text in list(self.numbered())[number:] if text.strip()), 0)
                 if behind:
-                    self.add(behind, "stands behind %ENDSNX, the end of the file")
+                    self.wrong(behind, "stands behind %ENDSNX, the end of the file")
                 break
             if not line.strip() or line.startswith("*"):
                 continue
             if line.startswith("+"):
                 if block:
-                    self.add(number, f"a block begins in the block {block} of line {begun}")
+                    self.wrong(number, f"a block begins in the block {block} of line {begun}")
                 words = line[1:].split()
                 block, begun = (words or ["?"])[0], number
                 if block in seen and block in READ_BLOCKS:
-                    self.add(number, f"second block {block}")
+                    self.wrong(number, f"second block {block}")
                 seen.add(block)
                 self._begin(number, words)
             elif line.startswith("-"):
@@ -123,16 +123,16 @@ class SinexFile(TextSource):
                 if block.startswith("SOLUTION/MATRIX_"):
                     words = words[:1] + words[3:]  # some writers repeat L COVA
                 if words != [block]:
-                    self.add(number, f"ends {line[1:].strip()!r}, but the block is {block!r}")
+                    self.wrong(number, f"ends {line[1:].strip()!r}, but the block is {block!r}")
                 block = ""
             elif not line.startswith(" "):
-                self.add(number, f"a line begins with +, -, *, % or a blank, not {line[:1]!r}")
+                self.wrong(number, f"a line begins with +, -, *, % or a blank, not {line[:1]!r}")
             elif block in ("SOLUTION/ESTIMATE", "SOLUTION/APRIORI"):
                 self._parameter(number, line, block.removeprefix("SOLUTION/"))
             elif block.startswith("SOLUTION/MATRIX_"):
                 self._elements(number, line, block.removeprefix("SOLUTION/MATRIX_"))
         if block:
-            self.add(begun, f"the block {block} has no end")
+            self.wrong(begun, f"the block {block} has no end")
 
     def _begin(self, number: int, words: list[str]) -> None:
         block = (words or ["?"])[0]
@@ -140,10 +140,12 @@ class SinexFile(TextSource):
             known = ", ".join(READ_BLOCKS)
             ignored = ", ".join(f"{i}…" for i in IGNORED_BLOCKS)
             what = f"unknown block {block!r}; read are {known}; not needed are {ignored}"
-            self.add(number, what)
+            self.wrong(number, what)
         size = 3 if block.startswith("SOLUTION/MATRIX_") else 1
         if len(words) > size:
-            self.add(number, f"words behind {block} are not read: {' '.join(words[size:])[:60]!r}")
+            self.wrong(
+                number, f"words behind {block} are not read: {' '.join(words[size:])[:60]!r}"
+            )
         if not block.startswith("SOLUTION/MATRIX_"):
             return
         triangle, kind = (*words[1:3], "?", "?")[:2]
@@ -151,24 +153,24 @@ class SinexFile(TextSource):
             what = (
                 f"{block} needs L or U and one of {', '.join(MATRIX_KINDS)}, not {triangle} {kind}"
             )
-            self.add(number, what)
+            self.wrong(number, what)
         self.matrices[block.removeprefix("SOLUTION/MATRIX_")] = SinexMatrix(kind, number)
 
     def _parameter(self, number: int, line: str, block: str) -> None:
         words = line.split()
         if len(words) != 10:
             what = "a parameter has 10 fields: index, type, code, point, solution, epoch, unit, "
-            self.add(number, f"{what}constraint, value, standard deviation, not {len(words)}")
+            self.wrong(number, f"{what}constraint, value, standard deviation, not {len(words)}")
             return
         index = int(words[0]) if re.fullmatch(r"\d{1,6}", words[0], re.ASCII) else 0
         if not 0 < index <= MAX_SINEX_PARAMETERS:
-            self.add(
+            self.wrong(
                 number, f"index must be a number from 1 to {MAX_SINEX_PARAMETERS}, not {words[0]}"
             )
             return
         if index in self.parameters[block]:
             first = self.parameters[block][index].line
-            self.add(number, f"parameter {index} stands in line {first} already")
+            self.wrong(number, f"parameter {index} stands in line {first} already")
             return
         self.parameters[block][index] = SinexParameter(
             index,
@@ -185,7 +187,7 @@ class SinexFile(TextSource):
         """Return years of year:day:second; NaN for 00:000:00000."""
         found = _EPOCH.fullmatch(text)
         if found is None:
-            self.add(number, f"an epoch is year:day:second such as 25:333:43200, not {text!r}")
+            self.wrong(number, f"an epoch is year:day:second such as 25:333:43200, not {text!r}")
             return math.nan
         year, day, second = (int(g) for g in found.groups())
         if not day:
@@ -201,13 +203,13 @@ class SinexFile(TextSource):
         matrix = self.matrices.get(block)
         at = [int(w) if re.fullmatch(r"\d{1,6}", w, re.ASCII) else 0 for w in words[:2]]
         if matrix is None or not 3 <= len(words) <= 5 or len(at) != 2 or min(at) < 1:
-            self.add(number, "a line of a matrix has two indices and one to three elements")
+            self.wrong(number, "a line of a matrix has two indices and one to three elements")
             return
         for k, text in enumerate(words[2:]):
             try:
                 value = parse_quantity(text)
             except ValueError as error:
-                self.add(number, str(error))
+                self.wrong(number, str(error))
                 return
             matrix.rows.append(at[0])
             matrix.columns.append(at[1] + k)

@@ -172,7 +172,7 @@ def _cameras(
         ck, x0, y0, a1, a2, radius, a3, b1, b2, c1, c2, *size = found
         values = {"c": -ck, "x0": x0, "y0": y0, "A1": a1, "A2": a2, "A3": a3}
         values |= {"B1": b1, "B2": b2, "C1": c1, "C2": c2}
-        with problems.at(where):
+        with problems.collect(where):
             network.add_camera(
                 name,
                 BalancedLens(zero_radius=radius),
@@ -206,7 +206,7 @@ def _points(path: Path, network: Network, problems: Problems, marked: bool) -> s
         if active == "0" or is_unread(found):
             continue
         at = (MILLIMETRE * found[0], MILLIMETRE * found[1], MILLIMETRE * found[2])
-        with problems.at(where):
+        with problems.collect(where):
             if new != "0":
                 network.add_point(name, at, datum=not marked or datum != "0")
                 continue
@@ -252,7 +252,7 @@ def _photos(path: Path, network: Network, problems: Problems, cameras: set[str])
         if is_unread(found) or (camera in cameras and camera not in network.cameras):
             continue
         oriented = fields[10] != UNORIENTED_STATE
-        with problems.at(where):
+        with problems.collect(where):
             network.add_photo(
                 name,
                 camera,
@@ -300,7 +300,7 @@ def _scale_bars(path: Path, network: Network, problems: Problems, off: set[str])
         found = problems.field(fields[4:6], f"scale bar {name!r}", where).numbers(2)
         if not is_unread(found):
             taken = name in network.observations
-            with problems.at(where):
+            with problems.collect(where):
                 network.add(
                     SlopeDistance(
                         a,

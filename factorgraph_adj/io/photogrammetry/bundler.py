@@ -387,7 +387,7 @@ def _camera(
         return None
     turn = split[0]
     centre, rotation = -turn.T @ t, turn.T @ TURN_ABOUT_X
-    with problems.at(where):
+    with problems.collect(where):
         free = ("c", "k1", "k2")
         calibration = {"c": c, "k1": k1, "k2": k2}
         network.add_camera(name, NormalisedLens(), calibration, free=free, unit="px")

@@ -188,7 +188,7 @@ class _Script:
             what = f"format {element.attributes.get('format')!r}; valid: {', '.join(valid)}"
             self.problems.wrong(what, where)
             return
-        with self.problems.at(where):
+        with self.problems.collect(where):
             table = inside(self.folder, element.text.strip(), where)
             for number, line in filled_lines(read_text(table)):
                 if line.lstrip().startswith("#"):
@@ -236,7 +236,7 @@ class _Script:
         link = listed.first("file")
         if link is not None:
             where = self.where(link)
-            with self.problems.at(where):
+            with self.problems.collect(where):
                 target = inside(self.folder, link.text.strip(), where)
                 root = read_xml(target)
                 file, inner = target.name, root.first("cameras") or root
@@ -262,7 +262,7 @@ class _Script:
                     if found is None:
                         continue
                     at, sigma = found
-                    with self.problems.at(row.where):
+                    with self.problems.collect(row.where):
                         if tag == "check_pts":
                             network.add_point(name, check=at)
                             continue
@@ -342,7 +342,7 @@ class _Script:
                     continue
                 if camera.name not in network.cameras:
                     continue
-                with self.problems.at(row.where):
+                with self.problems.collect(row.where):
                     self._photo(network, name, camera.name, prior.get(name), held.get(name))
 
     def _photo(
@@ -421,7 +421,7 @@ class _Script:
             self.problems.wrong(f"unknown photo {photo!r}", row.where)
             return
         if point not in network.points:
-            with self.problems.at(row.where):
+            with self.problems.collect(row.where):
                 network.add_point(point)
         pixel = next(
             c.pixel for c in self.cameras.values() if c.name == network.photos[photo].camera

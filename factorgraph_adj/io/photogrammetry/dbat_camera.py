@@ -107,7 +107,7 @@ class DbatCamera:
         if "c" not in values:
             problems.wrong("the camera has neither <cc> nor <focal>", self.where)
             return
-        with problems.at(self.where):
+        with problems.collect(self.where):
             network.add_camera(
                 self.name,
                 lens,

@@ -64,7 +64,7 @@ def add_markers(context: ChunkContext, network: Network) -> dict[str, str]:
         if found is None:
             continue
         at, covariance = found
-        with problems.at(where):
+        with problems.collect(where):
             if is_disabled(element):
                 network.add_point(label, check=at)
                 continue
@@ -232,7 +232,7 @@ def add_scale_bars(context: ChunkContext, network: Network, markers: Mapping[str
         if len(names) < 2:
             problems.wrong("a scale bar must join two markers, by start_marker_id …", where)
         elif not is_unread(value, sigma):
-            with problems.at(where):
+            with problems.collect(where):
                 bar_length = SlopeDistance(names[0], names[1], value, sigma=sigma, source=where)
                 network.add(bar_length)
 
@@ -298,7 +298,7 @@ def read_metashape(
     images = ImagePoints(problems)
     gather_locations(context, images, cameras, markers)
     if tie_points and source.ties is not None:
-        with problems.at(source.ties.file):
+        with problems.collect(source.ties.file):
             add_ties(context, network, source.ties, images, cameras)
     seen = images.seen()
     for marker in markers.values():

@@ -203,7 +203,7 @@ def add_sensors(
             continue
         label = sensor.attributes.get("label", "") or "camera"
         out[ident] = label if label not in network.cameras else f"{label} ({ident})"
-        with problems.at(where):
+        with problems.collect(where):
             add_pixel_camera(
                 network, out[ident], found.lens, found.values, size=found.size, free=found.free
             )
@@ -299,7 +299,7 @@ def add_cameras(
                 problems.wrong(f"camera {label!r} has the unknown sensor {sensor!r}", where)
             continue
         position = None if centre is None else centre.tolist()
-        with problems.at(where):
+        with problems.collect(where):
             network.add_photo(label, sensors[sensor], position=position, rotation=rotation)
             out[ident] = label
             _observe_position(context, network, camera, label, where)

@@ -190,7 +190,7 @@ class _Orientations:
             return
         at = [a + b for a, b in zip(centre, shift, strict=True)]
         name = file.name.removeprefix(ORI_PREFIX).removesuffix(".xml")
-        with self.problems.at(where):
+        with self.problems.collect(where):
             self.network.add_photo(name, camera, position=at, rotation=matrix)
 
     def _conventions(self, element: Element, part: str) -> list[str]:
@@ -269,7 +269,7 @@ class _Orientations:
             values |= {"xd": centre[0] - pp[0], "yd": -(centre[1] - pp[1])}
         sides = (size[0], size[1])
         lens = CentredBrownLens()
-        with problems.at(where):
+        with problems.collect(where):
             add_pixel_camera(self.network, name, lens, values, size=sides, free=self.free)
 
 
@@ -323,7 +323,7 @@ def _control(path: Path, network: Network, problems: Problems, factor: float) ->
         sigma = problems.field(texts, "<Incertitude>", where).numbers(3)
         if is_unread(at, sigma):
             continue
-        with problems.at(where):
+        with problems.collect(where):
             if min(sigma) <= 0:
                 network.add_point(name, check=at)
                 continue
@@ -358,7 +358,7 @@ def _measures(
             if is_unread(xy):
                 continue
             if name not in network.points:
-                with problems.at(where):
+                with problems.collect(where):
                     network.add_point(name)
             images.add(photo, name, (xy[0] + 0.5, -xy[1] - 0.5), (sigma,), where)
 

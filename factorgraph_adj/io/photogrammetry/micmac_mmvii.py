@@ -165,7 +165,7 @@ class MmviiOrientations:
         if split is None or abs(split[1] - 1) > 1e-3:
             what = "<RotMatrix> is no rotation matrix"
             raise InputError(Problem(what, f"{file.name}:{matrix.line}"))
-        with self.problems.at(at):
+        with self.problems.collect(at):
             self.network.add_photo(name, camera, position=centre, rotation=split[0])
 
     def _three(self, element: Element, tag: str, file: Path) -> tuple[float, ...]:
@@ -247,7 +247,7 @@ class MmviiCalibration:
         if isinstance(lens, FraserNormalisedLens) and not affinity:
             lens = NormalisedLens()
             values = {n: v for n, v in values.items() if n in lens.names}
-        with self.problems.at(self._at(self.element)):
+        with self.problems.collect(self._at(self.element)):
             add_pixel_camera(network, name, lens, values, size=sides, free=free)
 
     def _distortion(self, projection: MmviiProjection, said: str) -> dict[str, float] | None:
@@ -349,7 +349,7 @@ def add_control(path: Path, network: Network, problems: Problems, factor: float)
         factor: factor of the standard deviations.
     """
     for file in matching_files(path, CONTROL_PATTERN):
-        with problems.at(file.name):
+        with problems.collect(file.name):
             _control_of(file, network, problems, factor)
 
 
@@ -365,7 +365,7 @@ def _control_of(file: Path, network: Network, problems: Problems, factor: float)
         given = None if tag is None else _numbers(entry, tag, 6, file.name, problems)
         if is_unread(at) or (given is not None and is_unread(given)):
             continue
-        with problems.at(where):
+        with problems.collect(where):
             if given is None:
                 network.add_point(name, at)
                 continue
@@ -400,7 +400,7 @@ def add_measures(
     """
     whole = not problems.count
     for file in matching_files(path, MEASURES_PATTERN):
-        with problems.at(file.name):
+        with problems.collect(file.name):
             _measures_of(file, network, images, problems, factor, whole)
 
 
@@ -434,7 +434,7 @@ def _measures_of(
             problems.wrong(what, where)
             continue
         if name not in network.points:
-            with problems.at(where):
+            with problems.collect(where):
                 network.add_point(name)
         sigma = (factor * xx**0.5, factor * yy**0.5)
         images.add(photo, name, (xy[0] + 0.5, -xy[1] - 0.5), sigma, where)

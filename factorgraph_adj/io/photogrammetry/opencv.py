@@ -186,7 +186,7 @@ def read_opencv(
         named = {"as calibrated": estimated, "held": []}
         chosen = named[calibration] if isinstance(calibration, str) else list(calibration)
         free = chosen if views is not None else ()
-        with problems.at(found["camera_matrix"].where):
+        with problems.collect(found["camera_matrix"].where):
             add_pixel_camera(network, "camera", lens, values, size=sides, free=free)
     if views is not None and not problems.count:
         _add_views(network, views, problems, sigma_px)
@@ -331,7 +331,7 @@ def _add_views(network: Network, views: _Views, problems: Problems, sigma: float
     images = ImagePoints(problems)
     for i, (r, t) in enumerate(zip(rotations, views.vectors[:, 3:], strict=True)):
         photo = f"view {i}"
-        with problems.at(views.where):
+        with problems.collect(views.where):
             network.add_photo(photo, "camera", position=(-r.T @ t).tolist(), rotation=r.T)
         for name, (x, y) in zip(names, views.corners[i].tolist(), strict=True):
             images.add(photo, name, (x + 0.5, -y - 0.5), (sigma,), views.where)

@@ -138,13 +138,13 @@ def read_openmvg(
     structure = root.get("structure")
     if structure is not None:
         for key, landmark in _entries(structure):
-            with problems.at(landmark.where):
+            with problems.collect(landmark.where):
                 _landmark(network, TIE_PREFIX + str(key), landmark, photos, images, sigma_px)
     marked = root.get("control_points")
     if marked is not None and control != "leave out":
         for key, landmark in _entries(marked):
             name = CONTROL_PREFIX + str(key)
-            with problems.at(landmark.where):
+            with problems.collect(landmark.where):
                 xyz = _landmark(network, name, landmark, photos, images, sigma_control_px,
                                 check=control == "check")  # fmt: skip
                 if control == "observe":
@@ -200,7 +200,7 @@ class _Pointers:
 def _cameras(network: Network, root: JsonNode, problems: Problems, free: bool) -> None:
     pointers = _Pointers()
     for key, value in _entries(root.need("intrinsics")):
-        with problems.at(value.where):
+        with problems.collect(value.where):
             name, data = pointers.content(value)
             kind = INTRINSIC_TYPES.get(name)
             if kind is None:
@@ -229,7 +229,7 @@ def _poses(root: JsonNode, problems: Problems) -> dict[int, tuple[Array, tuple[f
     """Return rotation camera ← world and projection centre by number of pose."""
     out: dict[int, tuple[Array, tuple[float, ...]]] = {}
     for key, value in _entries(root.need("extrinsics")):
-        with problems.at(value.where):
+        with problems.collect(value.where):
             rows = [row.numbers(3) for row in value.need("rotation").list()]
             found = rotation_and_scale(np.array(rows)) if len(rows) == 3 else None
             if found is None or abs(found[1] - 1.0) > 1e-4:
@@ -247,7 +247,7 @@ def _photos(network: Network, root: JsonNode, problems: Problems, observe: bool)
     names: dict[int, str] = {}
     used: dict[int, str] = {}
     for key, value in _entries(root.need("views")):
-        with problems.at(value.where):
+        with problems.collect(value.where):
             kind, view = pointers.content(value)
             if kind not in VIEW_TYPES:
                 raise value.fail(f"a view of type {kind!r} cannot be read; valid: {VIEW_TYPES[1]}")

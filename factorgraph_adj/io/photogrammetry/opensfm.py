@@ -166,7 +166,7 @@ def _cameras(
 ) -> dict[str, SfmCamera]:
     out: dict[str, SfmCamera] = {}
     for name, node in root.need("cameras").items():
-        with problems.at(node.where):
+        with problems.collect(node.where):
             camera = read_opensfm_camera(node)
             out[name] = camera
             add_pixel_camera(
@@ -191,7 +191,7 @@ def _shots(
     rigs = root.get("rig_instances")
     poses = {} if rigs is None else _rig_poses(root, rigs, problems)
     for name, node in root.need("shots").items():
-        with problems.at(node.where):
+        with problems.collect(node.where):
             camera = node.need("camera").text()
             if camera not in cameras and camera in root.need("cameras").members():
                 continue  # it has a problem of its own
@@ -225,12 +225,12 @@ def _rig_poses(
     cameras: dict[str, tuple[Array, Array]] = {}
     listed = root.get("rig_cameras")
     for name, node in () if listed is None else listed.items():
-        with problems.at(node.where):
+        with problems.collect(node.where):
             translation = np.array(node.need("translation").numbers(3))
             cameras[name] = _matrix(node.need("rotation")), translation
     out: dict[str, tuple[Array, Array]] = {}
     for _, node in rigs.items():
-        with problems.at(node.where):
+        with problems.collect(node.where):
             r, t = _matrix(node.need("rotation")), np.array(node.need("translation").numbers(3))
             for shot, of in node.need("rig_camera_ids").items():
                 inner = cameras.get(of.text())
@@ -321,7 +321,7 @@ def _control(
         problems.extend([p.at(ground.where) for p in error.problems])
         return
     for point in ground.points:
-        with problems.at(point.where):
+        with problems.collect(point.where):
             _add_ground(network, frame, grid, point, sigma)
             for photo, x, y, normalised, where in point.marks:
                 if photo not in network.photos:

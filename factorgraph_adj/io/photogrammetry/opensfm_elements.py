@@ -121,7 +121,7 @@ def _read_gcp_json(path: Path, problems: Problems) -> GroundControlList:
     root = parse_json(read_text(path), path.name)
     points = []
     for node in root.need("points").list():
-        with problems.at(node.where):
+        with problems.collect(node.where):
             name = str(node.need("id").value)
             position = node.get("position")
             xyz = None

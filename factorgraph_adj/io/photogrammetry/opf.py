@@ -127,14 +127,14 @@ class _Cameras:
         }
         self.project.need("input-cameras")
         for ident, node in inputs.items():
-            with self.problems.at(node.where):
+            with self.problems.collect(node.where):
                 self._sensor(ident, node, done.get(ident, node))
         poses = {
             n.need("id").integer(): n for n in self.project.list("calibrated-cameras", "cameras")
         }
         taken = set()
         for capture in self.project.list("input-cameras", "captures"):
-            with self.problems.at(capture.where):
+            with self.problems.collect(capture.where):
                 every = list(capture.need("cameras").list())
                 used = [c for c in every if not poses or c.need("id").integer() in poses]
                 for camera in every:
@@ -206,7 +206,7 @@ def _positions(
         for n in project.list("input-cameras", "captures")
     }
     for capture in project.list("projected-input-cameras", "captures"):
-        with problems.at(capture.where):
+        with problems.collect(capture.where):
             place = capture.get("geolocation")
             photo = photos.get(reference.get(capture.need("id").integer(), -1))
             if photo is None and place is not None:
@@ -270,7 +270,7 @@ def _control(
             what = f"point {name[:40]!r} is none of the input control points"
             problems.wrong(what, node.need("id").where)
     for node in project.list("input-control-points", "gcps"):
-        with problems.at(node.where):
+        with problems.collect(node.where):
             name = node.need("id").text()
             if name in projected:
                 own = projected[name]
@@ -284,7 +284,7 @@ def _control(
                 network.add(ControlPoint(name, at, sigma=sigma, source=node.where))
             _marks(node, name, problems, images, photos, sigma_px)
     for node in project.list("input-control-points", "mtps"):
-        with problems.at(node.where):
+        with problems.collect(node.where):
             name = node.need("id").text()
             if node.need("is_checkpoint").truth():
                 problems.leave_out(TIES_AS_CHECK_POINTS, name, node.where)
@@ -302,7 +302,7 @@ def _marks(
     sigma_px: float,
 ) -> None:
     for mark in node.need("marks").list():
-        with problems.at(mark.where):
+        with problems.collect(mark.where):
             photo = photos.get(mark.need("camera_id").integer())
             column, row = mark.need("position_px").numbers(2)
             sigma = sigma_px * mark.need("accuracy").number(above=0.0)
@@ -316,7 +316,7 @@ def _marks(
 def _constraints(project: OpfProject, network: Network, problems: Problems) -> None:
     """Add scale constraints as distances and orientation constraints as directions."""
     for node in project.list("constraints", "scale_constraints"):
-        with problems.at(node.where):
+        with problems.collect(node.where):
             network.add(
                 SlopeDistance(
                     node.need("id_from").text(),
@@ -328,7 +328,7 @@ def _constraints(project: OpfProject, network: Network, problems: Problems) -> N
                 )
             )
     for node in project.list("constraints", "orientation_constraints"):
-        with problems.at(node.where):
+        with problems.collect(node.where):
             ux, uy, uz = node.need("unit_vector").numbers(3)
             network.add(
                 PointDirection(
@@ -360,7 +360,7 @@ def _ties(
     """Add the tie points that two photos see at least, and gather their image points."""
     begin = 0
     for path in project.clouds:
-        with problems.at(path.name):
+        with problems.collect(path.name):
             for cloud in read_tie_cloud(path):
                 known = np.array([c in photos for c in cloud.camera], dtype=bool)
                 count = np.bincount(cloud.point[known], minlength=len(cloud.points))

@@ -49,7 +49,7 @@ class Comp3dLine:
 
     def wrong(self, what: str) -> None:
         """Note a problem."""
-        self.file.add(self.number, what)
+        self.file.wrong(self.number, what)
 
     def switched_off(self) -> None:
         """Count and name the line as one that is left out: its code and points."""
@@ -176,11 +176,11 @@ def read_comp3d_project(path: Path, problems: Problems) -> Comp3dProject:
         raise InputError(Problem("is not a project of Comp3D: it has no config", file.place(0)))
     projection = config.get("proj_def") if config.get("use_proj") else None
     if config.get("use_proj") and not (isinstance(projection, str) and projection.strip()):
-        file.add(
+        file.wrong(
             at("use_proj"), "the project is in a grid, and proj_def does not name its projection"
         )
     if config.get("internal_constraints"):
-        file.add(
+        file.wrong(
             at("internal_constraints"),
             "internal constraints are not read: give datum='free' to the network",
         )
@@ -190,9 +190,9 @@ def read_comp3d_project(path: Path, problems: Problems) -> Comp3dProject:
         why = "is no text" if not isinstance(name, str) else name and astray(path.parent, name)
         if why:
             what = f"{key} must name a file beside this one: {str(name)[:60]!r} {why}"
-            file.add(at(key), what)
+            file.wrong(at(key), what)
         elif key != "coord_cov_file" and not (name and (path.parent / name).is_file()):
-            file.add(at(key), f"{key} names the file {name!r}, which is not beside this one")
+            file.wrong(at(key), f"{key} names the file {name!r}, which is not beside this one")
         names[key] = str(name)
     wanted = dict(config) if projection is None else {**config, "center_latitude": 0.0}
     numbers = [
@@ -200,7 +200,7 @@ def read_comp3d_project(path: Path, problems: Problems) -> Comp3dProject:
     ]
     centre = config.get("local_center") or [0.0, 0.0]
     if not isinstance(centre, list) or len(centre) < 2:
-        file.add(at("local_center"), "local_center must be two numbers")
+        file.wrong(at("local_center"), "local_center must be two numbers")
         centre = [0.0, 0.0]
     x, y = file.field(at("local_center"), centre[:2], "local_center").numbers(2)
     file.raise_all()
@@ -363,7 +363,7 @@ def add_joint_covariance(
     """
     if not path.is_file():
         file = next(iter(points.values())).line.file
-        file.add(0, f"the covariance file {path.name!r} is not beside the project")
+        file.wrong(0, f"the covariance file {path.name!r} is not beside the project")
         return set()
     file = files.open(path)
     rows = [Comp3dLine(file, n, t.replace(",", " ").split()) for n, t in file.filled()]
@@ -371,7 +371,7 @@ def add_joint_covariance(
     parts = [n.rpartition("_") for n in names]
     wrong = [n for n, p in zip(names, parts, strict=True) if p[2] not in "xyz" or not p[2]]
     if not names or wrong or len(rows) != len(names) + 1:
-        file.add(1, "needs a header of parameters such as A_x, and a row for each of them")
+        file.wrong(1, "needs a header of parameters such as A_x, and a row for each of them")
         return set()
     matrix = np.zeros((len(names), len(names)))
     for i, row in enumerate(rows[1:]):
@@ -389,7 +389,7 @@ def add_joint_covariance(
     }
     missing = sorted(set(weighted.values()) - set(names))
     if missing:
-        file.add(1, f"has no weighted coordinate {missing[0]!r}")
+        file.wrong(1, f"has no weighted coordinate {missing[0]!r}")
     used = [i for i, n in enumerate(names) if n in set(weighted.values())]
     members, order = [], []
     for name in dict.fromkeys(parts[i][0] for i in used):

@@ -249,7 +249,7 @@ def network_in_grid(
         for problem in error.problems:
             line = by_name.get(problem.where)
             if line is None:
-                first.add(0, f"{problem.where}: {problem.what}".removeprefix(": "))
+                first.wrong(0, f"{problem.where}: {problem.what}".removeprefix(": "))
             else:
                 line.wrong(problem.what)
         network = Network(name, frame=grid.origin.frame)

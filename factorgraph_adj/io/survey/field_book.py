@@ -242,7 +242,7 @@ class FieldBook:
         both = [(a, b) for a, b in zip(given, new, strict=True) if a == a and b == b]
         if agree and any(abs(a - b) > MAX_COORDINATE_DIFFERENCE_M for a, b in both):
             first = self.said[name]
-            self.source.add(
+            self.source.wrong(
                 line, f"coordinates of point {name!r} differ from those of line {first}"
             )
         e, n, u = (b if math.isnan(a) else a for a, b in zip(given, new, strict=True))
@@ -365,14 +365,14 @@ class FieldBook:
         """
         reduced = [self._reduced(k, list(v)) for k, v in self.readings.items()]
         if not self.source.problems.count and not reduced and not self.others and not self.points:
-            self.source.add(1, "holds neither points nor observations")
+            self.source.wrong(1, "holds neither points nor observations")
         held = self.held
         for name in held:
             if name not in self.points:
                 names = known(self.points, meant=name)
-                self.source.add(1, f"fixed: there is no point {name!r}; known: {names}")
+                self.source.wrong(1, f"fixed: there is no point {name!r}; known: {names}")
             elif all(math.isnan(v) for v in self.points[name]):
-                self.source.add(1, f"fixed: the file has no coordinates of point {name!r}")
+                self.source.wrong(1, f"fixed: the file has no coordinates of point {name!r}")
         self.source.raise_all()
         stem = self.source.path.stem
         network = Network(stem, frame=LocalFrame(), datum="given" if held else "free")
@@ -417,7 +417,7 @@ class FieldBook:
             lines = {r.label(): line for line, r, _ in found}
             for p in error.problems:
                 of = next((n for label, n in lines.items() if p.where == label), found[0][0])
-                self.source.add(of, f"station {key[0]!r}, set {key[1]!r}: {p.what}")
+                self.source.wrong(of, f"station {key[0]!r}, set {key[1]!r}: {p.what}")
             return None
 
 

@@ -1,9 +1,9 @@
 """Records of lines of survey files as tables: their fields, the units, and fixed widths.
 
 A format whose lines have fields in an order, in columns, or by keys is a table of its records. Each
-field has a name for the reader, a name in messages and a kind, a function that reads it:
-`read_name`, `read_number`, `read_length`, `read_angle`. `read_record` returns the values of a line
-by the reader's names::
+field has a name for the reader, a name in messages and a function that reads it: `read_name`,
+`read_number`, `read_length`, `read_angle`. `read_record` returns the values of a line by the
+reader's names::
 
     POINT = (
         RecordField("name", "point", read_name),
@@ -62,11 +62,11 @@ def read_angle(field: Field, scales: Scales = SI) -> float:
 class RecordField:
     """A field of a record."""
 
-    target: str
+    name: str
     """Name by which the reader takes its value."""
     what: str
     """Name in messages."""
-    kind: Callable[[Field, Scales], Any]
+    read: Callable[[Field, Scales], Any]
     """Function that reads it."""
     key: str = ""
     """Key of its word, where fields have keys; otherwise they stand in the order of the record."""
@@ -81,7 +81,7 @@ def read_record(
     line: int,
     scales: Scales = SI,
 ) -> dict[str, Any]:
-    """Return the values of a record by their targets; what is wrong with them is noted.
+    """Return the values of a record by their names; what is wrong with them is noted.
 
     Args:
         fields: the fields of the record.
@@ -92,7 +92,7 @@ def read_record(
     """
     if not isinstance(given, Mapping) and len(given) > len(fields):
         names = ", ".join(f.what for f in fields)
-        source.add(line, f"has {len(given)} fields; valid: at most {len(fields)}, {names}")
+        source.wrong(line, f"has {len(given)} fields; valid: at most {len(fields)}, {names}")
     out = {}
     for i, f in enumerate(fields):
         if isinstance(given, Mapping):
@@ -101,7 +101,7 @@ def read_record(
             value = given[i] if i < len(given) else None
         field = source.field(line, value, f.what)
         absent = field.is_absent and f.default is not NEEDED
-        out[f.target] = f.default if absent else f.kind(field, scales)
+        out[f.name] = f.default if absent else f.read(field, scales)
     return out
 
 

@@ -120,7 +120,9 @@ class _Reader:
         """Return the network; problems are noted in ``source``."""
         networks = list(self.source.root.all("network"))
         if len(networks) != 1:
-            self.source.add(self.source.root.line, f"must have one <network>, not {len(networks)}")
+            self.source.wrong(
+                self.source.root.line, f"must have one <network>, not {len(networks)}"
+            )
             self.source.raise_all()
         (top,) = networks
         attribute = partial(self.source.attribute, top)
@@ -341,7 +343,7 @@ class _Reader:
         axes = "".join(a for a in "xyz" if a in element.attributes)
         values = tuple(self.source.attribute(element, a).number() for a in axes)
         if not axes:
-            self.source.add(element.line, "an observed point needs x and y, or z, or all three")
+            self.source.wrong(element.line, "an observed point needs x and y, or z, or all three")
         self.points.require(element, name, plan="x" in axes, height="z" in axes)
         if self.source.problems.count > before:
             return None

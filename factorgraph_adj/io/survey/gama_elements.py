@@ -128,13 +128,13 @@ class GamaPoints:
             return
         point = self._points.setdefault(name, _GkfPoint(element))
         if ("x" in element.attributes) != ("y" in element.attributes):
-            self.source.add(element.line, f"point {name!r} needs both x and y, or neither")
+            self.source.wrong(element.line, f"point {name!r} needs both x and y, or neither")
         values = point.observed if observed else point.values
         for axis in "xyz":
             if axis in element.attributes:
                 value = self.source.attribute(element, axis).number()
                 if not observed and abs(values.get(axis, value) - value) > 0:
-                    self.source.add(
+                    self.source.wrong(
                         element.line,
                         f"{axis} of point {name!r}: {value} here, {values[axis]} in line "
                         f"{point.element.line}",
@@ -143,7 +143,7 @@ class GamaPoints:
         status = self._status(element)
         other = [a for a in status if point.status.get(a, status[a]) != status[a]]
         if other:
-            self.source.add(
+            self.source.wrong(
                 element.line,
                 f"{', '.join(other)} of point {name!r}: {status[other[0]]} here, "
                 f"{point.status[other[0]]} in line {point.element.line}",
@@ -168,7 +168,7 @@ class GamaPoints:
             return
         point = self._points.get(name)
         if point is None:
-            self.source.add(
+            self.source.wrong(
                 element.line,
                 f"<{element.tag}> names the unknown point {name!r}; known: "
                 f"{known(self._points, meant=name)}",
@@ -180,7 +180,7 @@ class GamaPoints:
             if asked and axis not in point.status
         ]
         if missing:
-            self.source.add(
+            self.source.wrong(
                 element.line,
                 f"<{element.tag}> needs {', '.join(missing)} of point {name!r}, which line "
                 f"{point.element.line} neither fixes nor adjusts: give fix or adj there, or "
@@ -198,11 +198,11 @@ class GamaPoints:
             constrained = [a for a in free if point.status[a] == "constrained"]
             empty = [a for a, s in point.status.items() if s == "fixed" and a not in values]
             if empty:
-                self.source.add(
+                self.source.wrong(
                     point.element.line, f"{', '.join(empty)} of point {name!r}: fixed at no value"
                 )
             if constrained and constrained != free:
-                self.source.add(
+                self.source.wrong(
                     point.element.line,
                     f"{', '.join(free)} of point {name!r} are unknown, but only "
                     f"{', '.join(constrained)} carry the datum: a datum point carries it with "
@@ -256,10 +256,10 @@ class GamaWeights:
         """Give the observations of a group their weights and keep them; None is a faulty one."""
         matrices = list(group.all("cov-mat"))
         if len(matrices) > 1:
-            self.source.add(matrices[1].line, "a second <cov-mat> of the same observations")
+            self.source.wrong(matrices[1].line, "a second <cov-mat> of the same observations")
         whole = [p for p in pending if p is not None]
         if all(e.tag == "cov-mat" for e in group.children):
-            self.source.add(group.line, f"<{group.tag}> has no observations")
+            self.source.wrong(group.line, f"<{group.tag}> has no observations")
         elif not matrices:
             for p in whole:
                 self._independent(p)
@@ -269,14 +269,14 @@ class GamaWeights:
     def _independent(self, p: PendingObservation) -> None:
         tag = p.element.tag
         if tag in ("vec", "point"):
-            self.source.add(p.element.line, f"<{tag}> needs a <cov-mat> in its group")
+            self.source.wrong(p.element.line, f"<{tag}> needs a <cov-mat> in its group")
         elif math.isnan(p.sigma):
             other = (
                 "dist"
                 if tag == "dh"
                 else f"<points-observations {DEFAULT_STDEV_ATTRIBUTES[tag]}=…>"
             )
-            self.source.add(
+            self.source.wrong(
                 p.element.line,
                 f"<{tag}> has no standard deviation: give stdev, {other} or a <cov-mat>",
             )
@@ -287,7 +287,7 @@ class GamaWeights:
                 self._keep(p.make, np.array([[variance]]))
             else:
                 what = f"<{tag}> has a standard deviation of {p.sigma:g}, which has no variance"
-                self.source.add(p.element.line, f"{what}: the number is out of range")
+                self.source.wrong(p.element.line, f"{what}: the number is out of range")
 
     def _correlated(self, element: Element, pending: list[PendingObservation]) -> None:
         units = np.concatenate([p.units for p in pending])
@@ -324,7 +324,7 @@ class GamaWeights:
         elif band >= dim:
             wrong = f"band is {band}; valid: 0 to {dim - 1}"
         if wrong:
-            self.source.add(element.line, f"<cov-mat>: {wrong}")
+            self.source.wrong(element.line, f"<cov-mat>: {wrong}")
             return None
         what = f"<cov-mat> of dim {dim} and band {band}"
         field = self.source.field(element.line, element.text, what)
@@ -337,7 +337,7 @@ class GamaWeights:
             matrix[i, i:last] = matrix[i:last, i] = numbers[first : first + last - i]
             first += last - i
         if not np.all(np.diag(matrix) > 0):
-            self.source.add(element.line, "<cov-mat> needs variances > 0")
+            self.source.wrong(element.line, "<cov-mat> needs variances > 0")
             return None
         return matrix
 

@@ -124,7 +124,7 @@ def gsi_blocks(source: TextSource) -> Iterator[GsiBlock]:
             match = GSI_WORD_PATTERN.fullmatch(word)
             if match is None or (rest and len(word) < 7 + size):
                 what = f"{word[:24]!r} is not a word of GSI: two digits, four characters, a sign"
-                source.add(number, f"{what} and {size} characters, such as 21.322+16901313")
+                source.wrong(number, f"{what} and {size} characters, such as 21.322+16901313")
                 break
             found = GsiWord(match[1], match[2], match[3] + match[4], number)
             if current is None or found.index in ("11", "41") or current.line != number:
@@ -201,7 +201,7 @@ class LevelledLine:
             return True
         for w in block.words:
             if w.index not in WORDS_OF_LEVELS:
-                self.source.add(w.line, f"word {w.index} cannot stand in a block of a level")
+                self.source.wrong(w.line, f"word {w.index} cannot stand in a block of a level")
         distance = block.first("32")
         length = 0.0 if distance is None else abs(self._number(distance))
         for index, w in found:
@@ -216,7 +216,7 @@ class LevelledLine:
         back = self.sights.get("back")
         if sight == "intermediate":
             if back is None:
-                self.source.add(line, f"intermediate reading of {name!r} without a backsight")
+                self.source.wrong(line, f"intermediate reading of {name!r} without a backsight")
             else:
                 dh = back.height - value
                 self.book.levelled(line, back.point, name, dh, back.distance + length)
@@ -226,7 +226,7 @@ class LevelledLine:
         staff = self.sights.setdefault(sight, StaffReadings(name))
         if staff.point != name:
             what = f"{sight}sight of {name!r} in a set-up whose {sight}sight is {staff.point!r}"
-            self.source.add(line, what)
+            self.source.wrong(line, what)
         staff.readings.append(value)
         staff.distances += [length] if length else []
         self.line = line
@@ -246,7 +246,7 @@ class LevelledLine:
         if len(self.sights) == 2:
             what = "the line ends with an incomplete set-up: the method reads backsight and "
             what += "foresight twice"
-        self.source.add(self.line, what)
+        self.source.wrong(self.line, what)
 
 
 def _value(field: Field, scales: Scales = SI) -> float:
@@ -255,13 +255,13 @@ def _value(field: Field, scales: Scales = SI) -> float:
     return word.number(field)
 
 
-def _field(target: str, index: str, default: float | None = None) -> RecordField:
-    return RecordField(target, f"word {index}", _value, index, default)
+def _field(name: str, index: str, default: float | None = None) -> RecordField:
+    return RecordField(name, f"word {index}", _value, index, default)
 
 
 def _coordinates(*indices: str, default: float | None = None) -> tuple[RecordField, ...]:
-    targets = ("east", "north", "up")
-    return tuple(_field(t, i, default) for t, i in zip(targets, indices, strict=True))
+    names = ("east", "north", "up")
+    return tuple(_field(n, i, default) for n, i in zip(names, indices, strict=True))
 
 
 POINT_FIELDS = _coordinates("81", "82", "83", default=math.nan)
@@ -361,7 +361,7 @@ class _Reader:
             self._code(block)
             return
         if begin.index != "11":
-            self.source.add(line, f"a block must begin with word 11 or 41, not {begin.index}")
+            self.source.wrong(line, f"a block must begin with word 11 or 41, not {begin.index}")
             return
         name = self._name(begin, "word 11, the point,")
         if self.levelling.takes(block, name):
@@ -382,7 +382,7 @@ class _Reader:
         return self.source.field(word.line, word.text, what).name()
 
     def _values(self, block: GsiBlock, fields: tuple[RecordField, ...]) -> dict[str, float]:
-        """Return the values of words by targets; those of dashes are left out."""
+        """Return the values of words by names; those of dashes are left out."""
         words = {}
         for w in reversed(block.words):
             if w.is_missing and w.index in MAY_BE_MISSING:
@@ -404,7 +404,7 @@ class _Reader:
             what = (
                 f"code {code} begins a set-up: it needs words 42, the station, and 43, its height"
             )
-            self.source.add(block.line, what)
+            self.source.wrong(block.line, what)
             return
         of = self.source.field(block.line, height.data[1:], "word 43, the height in mm,")
         value = of.number(scale=1e-3)
@@ -423,7 +423,7 @@ class _Reader:
         elif height is not None and at.height != height:
             what = f"height of the instrument {height:.3f} m differs from that of the set-up, "
             what += f"{at.height:.3f} m: a new set-up needs a block of its station"
-            self.source.add(line, what)
+            self.source.wrong(line, what)
             return
         coordinates = [of[axis] for axis in ("east", "north", "up")]
         if None not in coordinates:
@@ -452,7 +452,7 @@ class _Reader:
             )
         else:
             what += "; state station, the name of the only one"
-        self.source.add(first, what)
+        self.source.wrong(first, what)
 
 
 READER = Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkReader(read_gsi))

@@ -108,7 +108,7 @@ def read_tables(path: Path, wanted: Collection[str]) -> dict[str, DatabaseTable]
             if name in wanted:
                 columns = _columns(found[3])
                 if columns is None:
-                    lines.add(number, f"the columns of table {name} are damaged")
+                    lines.wrong(number, f"the columns of table {name} are damaged")
                 tables[name] = DatabaseTable(name, columns or {}, found[1] == "CACHED ")
         elif (found := _ADDED.match(line)) and found[1] in tables:
             tables[found[1]].columns[found[2]] = found[3]
@@ -120,10 +120,10 @@ def read_tables(path: Path, wanted: Collection[str]) -> dict[str, DatabaseTable]
             if found[1] in tables:
                 _insert(lines, number, tables[found[1]], found[2])
         elif not _HARMLESS.match(line):
-            lines.add(number, f"is no statement of a script of HSQLDB: {line[:60]!r}")
+            lines.wrong(number, f"is no statement of a script of HSQLDB: {line[:60]!r}")
     for name, (number, _) in roots.items():
         if name not in created:
-            lines.add(number, f"unknown table {name[:60]!r}")
+            lines.wrong(number, f"unknown table {name[:60]!r}")
     _refuse_pending_changes(path, lines)
     cached = {n: r for n, r in roots.items() if n in tables and tables[n].cached}
     if cached and not lines.problems.count:
@@ -155,7 +155,7 @@ def _insert(lines: TextSource, number: int, table: DatabaseTable, text: str) -> 
     while at <= len(text):
         found = _VALUE.match(text, at)
         if found is None:
-            lines.add(
+            lines.wrong(
                 number, f"the values of table {table.name} are damaged: {text[at : at + 30]!r}"
             )
             return
@@ -165,13 +165,13 @@ def _insert(lines: TextSource, number: int, table: DatabaseTable, text: str) -> 
             break
     if len(values) != len(table.columns):
         what = f"a row of table {table.name} has {len(table.columns)} values, not {len(values)}"
-        lines.add(number, what)
+        lines.wrong(number, what)
         return
     row: dict[str, Any] = {}
     for (name, kind), value in zip(table.columns.items(), values, strict=True):
         row[name] = _typed(kind, value)
         if isinstance(row[name], _LiteralError):
-            lines.add(number, f"{name} of table {table.name} is no {kind}: {str(value)[:40]!r}")
+            lines.wrong(number, f"{name} of table {table.name} is no {kind}: {str(value)[:40]!r}")
             return
     table.rows.append(DatabaseRow(row, lines.place(number)))
 
@@ -228,7 +228,7 @@ def _refuse_pending_changes(path: Path, lines: TextSource) -> None:
             f"{log.name} holds statements that are not yet in the database: open the project in "
             "its program and close it there"
         )
-        lines.add(0, what)
+        lines.wrong(0, what)
 
 
 # -- cached tables ------------------------------------------------------------------------------
@@ -287,12 +287,12 @@ def _read_cached(
             f"the rows of the tables stand in {path.name}, which {error.problems[0].what}: copy it "
             "beside the script"
         )
-        lines.add(0, what)
+        lines.wrong(0, what)
         return
     end = struct.unpack_from(">q", data, 12)[0] if len(data) >= HEAD_BYTES else 0
     if not HEAD_BYTES <= end <= len(data):
         what = f"{path.name} has {len(data)} bytes, and its rows end at byte {end}: it is cut"
-        lines.add(0, what)
+        lines.wrong(0, what)
         return
     for name, (number, words) in roots.items():
         table = tables[name]

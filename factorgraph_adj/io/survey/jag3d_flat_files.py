@@ -212,11 +212,11 @@ class FlatFiles:
         if v is None:
             return None
         if not 2 <= len(v) <= 4:
-            lines.add(number, f"a deflection has 2 to 4 numbers, not {len(v)}")
+            lines.wrong(number, f"a deflection has 2 to 4 numbers, not {len(v)}")
             return None
         given = v[2:] if len(v) == 4 else v[2:] * 2
         if any(s <= 0 for s in given):
-            lines.add(number, "a standard deviation must be > 0")
+            lines.wrong(number, "a standard deviation must be > 0")
             return None
         default = self.units.angle * 0.001 if not given else 0.0
         sigma = (given[0], given[1]) if given else (default, default)
@@ -231,9 +231,9 @@ class FlatFiles:
         rows: list[ObservationRow] = []
         for number, words in _words(lines, None):
             if len(words) < 3:
-                lines.add(number, f"a line of {kind.name} has a station, a target and numbers")
+                lines.wrong(number, f"a line of {kind.name} has a station, a target and numbers")
             elif words[0] == words[1]:
-                lines.add(number, f"the observation joins {words[0]!r} to itself")
+                lines.wrong(number, f"the observation joins {words[0]!r} to itself")
             elif (row := read(lines, number, words, kind)) is not None:
                 rows.append(row)
         runs: list[list[ObservationRow]] = []
@@ -276,13 +276,13 @@ class FlatFiles:
                 f"a line of {kind.name} has at most 6 words: station, target, heights, value, σ; "
                 f"not {len(words)}"
             )
-            lines.add(number, what)
+            lines.wrong(number, what)
             return None
         sigma = distance = math.nan
         if len(v) == 2:
             last = v[1] * self.units.length
             if last < 0:
-                lines.add(number, "a standard deviation or length must not be negative")
+                lines.wrong(number, "a standard deviation or length must not be negative")
                 return None
             if last >= 1:
                 distance = last
@@ -290,7 +290,7 @@ class FlatFiles:
                 sigma = v[1] * unit
         place = lines.place(number)
         if kind.angle and not -1e3 <= v[0] * unit <= 1e3:
-            lines.add(number, f"{words[-len(v)]} is no angle in the unit of the file")
+            lines.wrong(number, f"{words[-len(v)]} is no angle in the unit of the file")
             return None
         return ObservationRow(words[0], words[1], (v[0] * unit,), (sigma,), place, ih, th, distance)
 
@@ -315,13 +315,13 @@ def _coordinates_and_sigmas(
     forms = POINT_FORMS[dimension]
     if len(v) not in forms:
         counts = " or ".join(map(str, forms))
-        lines.add(number, f"{what} of {dimension} dimensions has {counts} numbers, not {len(v)}")
+        lines.wrong(number, f"{what} of {dimension} dimensions has {counts} numbers, not {len(v)}")
         return None
     yxz, sigma = (
         tuple(math.nan if c == "-" else v[int(c)] for c in places) for places in forms[len(v)]
     )
     if any(s <= 0 for s in sigma):
-        lines.add(number, "a standard deviation must be > 0")
+        lines.wrong(number, "a standard deviation must be > 0")
         return None
     return (yxz[0], yxz[1], yxz[2]), (sigma[0], sigma[1], sigma[2])
 
@@ -334,7 +334,7 @@ def _words(lines: TextSource, split: re.Pattern[str] | None) -> Iterable[tuple[i
             continue
         words = text.split() if split is None else [w for w in split.split(text) if w]
         if any(len(w) > MAX_NAME_CHARACTERS for w in words[:2]):
-            lines.add(number, f"a name has more than {MAX_NAME_CHARACTERS} characters")
+            lines.wrong(number, f"a name has more than {MAX_NAME_CHARACTERS} characters")
         elif words:
             yield number, words
 
@@ -353,7 +353,7 @@ def _numbers(
     for k, word in enumerate(words[first:], first + 1):
         if "," in word and not comma:
             what = f"{word!r} has a comma: write a decimal point (JAG3D leaves commas out)"
-            lines.add(number, what)
+            lines.wrong(number, what)
             return None
         text = word.replace(",", ".") if comma else word
         value = lines.field(number, text, f"word {k}").number()

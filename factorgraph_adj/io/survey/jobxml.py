@@ -100,7 +100,7 @@ class _Reader:
         found = self.records.get(tag, {}).get(ident)
         if found is None:
             names = known(self.records.get(tag, {}), meant=ident)
-            self.source.add(of.line, f"there is no {tag} {ident!r}; known: {names}")
+            self.source.wrong(of.line, f"there is no {tag} {ident!r}; known: {names}")
         return found
 
     def _coordinates(self, record: Element, name: str, tag: str) -> None:
@@ -121,7 +121,7 @@ class _Reader:
         station = self._record(record, "StationRecord", "StationID")
         if station is None:
             if not text_at(record, "StationID"):
-                self.source.add(record.line, f"the sight to {name!r} has no <StationID>")
+                self.source.wrong(record.line, f"the sight to {name!r} has no <StationID>")
             return
         ident = text_at(record, "StationID")
         if ident != self.at:

@@ -120,7 +120,7 @@ class _Reader:
             if e.tag == "CgPoint":
                 self._cg_point(e)
             elif e.tag in UNREAD_SURVEY_ELEMENTS:
-                self.source.add(e.line, f"<{e.tag}> is not read: {UNREAD_SURVEY_ELEMENTS[e.tag]}")
+                self.source.wrong(e.line, f"<{e.tag}> is not read: {UNREAD_SURVEY_ELEMENTS[e.tag]}")
             elif e.tag in SETUP_ELEMENTS:
                 self._setup(e)
         surveys = [e for e in elements if e.tag == "Survey"]
@@ -135,7 +135,7 @@ class _Reader:
         units = element_at(root, "Units")
         children = [] if units is None else units.children
         if not children:
-            self.source.add(root.line, "has no <Units> with <Metric> or <Imperial>")
+            self.source.wrong(root.line, "has no <Units> with <Metric> or <Imperial>")
             return
         given = children[0].attributes
         linear = given.get("linearUnit", "").lower()
@@ -156,7 +156,7 @@ class _Reader:
         digits = (match[2] or "").ljust(4, "0") if match else ""
         if match is None or len(text) > 40 or int(digits[:2]) >= 60 or int(digits[2:4]) >= 60:
             what = f"{name} must be packed as dd.mmss, not {text[:40]!r}"
-            self.source.add(e.line, what)
+            self.source.wrong(e.line, what)
             return math.nan
         seconds = float(f"{digits[2:4]}.{digits[4:] or 0}")
         return math.radians(int(match[1]) % 1000 + int(digits[:2]) / 60 + seconds / 3600)
@@ -179,7 +179,7 @@ class _Reader:
             return
         if len(words) not in (2, 3):
             what = f"<{e.tag}> needs north, east and elevation, not {len(words)} numbers"
-            self.source.add(e.line, what)
+            self.source.wrong(e.line, what)
             return
         fields = [self.source.field(e.line, w, "coordinate") for w in words]
         a, b, *up = (f.number(scale=self.length) for f in fields)
@@ -189,7 +189,7 @@ class _Reader:
     def _setup(self, e: Element) -> None:
         ident = e.attributes.get("id", "")
         if ident in self.setups:
-            self.source.add(
+            self.source.wrong(
                 e.line, f"id {ident!r} of two set-ups; first in line {self.setups[ident].line}"
             )
             return
@@ -218,7 +218,7 @@ class _Reader:
                     self.source.leave_out(o.line, why, f"{at} {self._target(o)}".strip())
                     continue
                 if o.tag == "ReducedObservation":
-                    self.source.add(o.line, "<ReducedObservation> is not read: give the raw one")
+                    self.source.wrong(o.line, "<ReducedObservation> is not read: give the raw one")
                 elif o.tag == "RawObservation":
                     yield o, o.attributes.get("setupID") or group
                 elif o.tag == "Backsight":
@@ -244,7 +244,7 @@ class _Reader:
         at = self.setups.get(setup)
         if at is None:
             what = f"the observation needs setupID; {setup!r} is none of {known(self.setups)}"
-            self.source.add(o.line, what)
+            self.source.wrong(o.line, what)
             return
         if self.current != setup:
             self.current = setup

@@ -76,7 +76,7 @@ class Lgc2Observations:
     def add_all(self) -> None:
         """Add all blocks; problems are noted in the file, the first one of each block."""
         for block in self.found.blocks:
-            with self.found.file.problems.at(self.found.file.place(block.head.line)):
+            with self.found.file.problems.collect(self.found.file.place(block.head.line)):
                 most = MAX_WORDS_BY_KEYWORD.get(block.key)
                 if most is not None and len(block.head.words) > most:
                     behind = " ".join(block.head.words[most:])
@@ -473,7 +473,7 @@ def read_lgc2(path: str | Path, *, condition: float = CONDITION_SIGMA_M) -> Netw
     file = TextSource(path, code_page="cp1252")
     found = Lgc2Input(file)
     if not found.points:
-        file.add(0, "has no points (*CALA, *POIN, *VXY, *VXZ, *VZ)")
+        file.wrong(0, "has no points (*CALA, *POIN, *VXY, *VXZ, *VZ)")
     file.raise_all()
     builder = Lgc2Builder(found, condition)
     builder.frames_and_points()

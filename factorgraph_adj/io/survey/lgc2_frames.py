@@ -36,7 +36,7 @@ class Lgc2Builder:
         if file.problems.count:
             return
         for point in self.found.points.values():
-            with file.problems.at(file.place(point.row.line)):
+            with file.problems.collect(file.place(point.row.line)):
                 self._point(point)
 
     def place(self, point: StatedPoint) -> Array:
@@ -46,7 +46,7 @@ class Lgc2Builder:
 
     def _attempt_frame(self, node: FrameNode, outer: FrameNode | None) -> None:
         line = 0 if node.row is None else node.row.line
-        with self.found.file.problems.at(self.found.file.place(line)):
+        with self.found.file.problems.collect(self.found.file.place(line)):
             if outer is not None:
                 node.wrong(f"is free in the free frame {outer.name}, which is not read")
             inner = [n for n in self.found.nodes if n.joined and n.parent is node]

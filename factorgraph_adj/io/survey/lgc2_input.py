@@ -283,7 +283,7 @@ class Lgc2Input:
                 self.file.problems.extend(error.problems)
         if self._node is not self.root:
             line = 0 if self._node.row is None else self._node.row.line
-            self.file.add(line, f"frame {self._node.name} has no *ENDFRAME")
+            self.file.wrong(line, f"frame {self._node.name} has no *ENDFRAME")
 
     def _lines(self) -> list[InputWords]:
         """Return the lines that say something: without comments (%, $) and the title."""
@@ -354,7 +354,7 @@ class Lgc2Input:
         # A frame that is wrong is kept, so that its *ENDFRAME ends it.
         node = FrameNode(name, self._node, np.eye(3), np.zeros(3), (), row)
         if name in [n.name for n in self.nodes] or name == self.root.name:
-            self.file.add(row.line, f"second frame {name[:40]!r}")
+            self.file.wrong(row.line, f"second frame {name[:40]!r}")
         depth, outer = 0, self._node
         while outer.parent is not None:
             depth, outer = depth + 1, outer.parent

@@ -334,7 +334,7 @@ class _Reader:
         lines = self._lines(file)
         start = max(self.map.header - 1, 0)
         if len(lines) <= start:
-            self.source.add(0, "has no header, or no rows")
+            self.source.wrong(0, "has no header, or no rows")
             return
         delimiter = self.map.delimiter or next((d for d in ";\t," if d in lines[start]), ",")
         found = csv.reader(lines[start:], delimiter=delimiter, skipinitialspace=delimiter == " ")
@@ -347,7 +347,7 @@ class _Reader:
                     cells = [c for c in cells if c]
                 if any(len(c) > MAX_CELL for c in cells):
                     what = f"a cell has more than {MAX_CELL} characters: a missing quotation mark?"
-                    self.source.add(line, what)
+                    self.source.wrong(line, what)
                     return
                 if header is None:
                     header = self._header(file, line, cells, section)
@@ -358,7 +358,7 @@ class _Reader:
                 if any(cells):
                     yield line, self._cells(file, line, header, cells, section)
         except csv.Error as error:
-            self.source.add(start + 1, f"is not a table: {error}")
+            self.source.wrong(start + 1, f"is not a table: {error}")
 
     def _lines(self, file: Path) -> list[str]:
         try:
@@ -371,7 +371,7 @@ class _Reader:
             what = (
                 f"is not {self.map.encoding} text: state encoding, such as cp1252, in the mapping"
             )
-            self.source.add(line, what)
+            self.source.wrong(line, what)
             return []
         text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "\ufffd")
         return [f"{line}\n" for line in text.split("\n")]
@@ -385,9 +385,9 @@ class _Reader:
         twice = [v for v in section.columns.values() if header.count(v) > 1]
         for name in missing:
             what = f"there is no column {name!r}; columns: {known(header, meant=name, most=30)}"
-            self.source.add(line, what)
+            self.source.wrong(line, what)
         for name in twice:
-            self.source.add(line, f"two columns are named {name!r}")
+            self.source.wrong(line, f"two columns are named {name!r}")
         return None if missing or twice else header
 
     def _cells(
@@ -395,7 +395,7 @@ class _Reader:
     ) -> dict[str, str]:
         if len(cells) > len(header) and any(cells[len(header) :]):
             what = f"{len(cells)} cells, but the header has {len(header)} columns"
-            self.source.add(line, what)
+            self.source.wrong(line, what)
         by_name = dict(zip(header, cells, strict=False))
         out = {}
         for ours, theirs in section.columns.items():
@@ -416,12 +416,12 @@ class _Reader:
         except ValueError as error:
             comma = self.map.decimal == "." and "," in row[name]
             hint = ", or state decimal = ',' in the mapping" if comma else ""
-            self.source.add(line, f"{name}: {error}{hint}")
+            self.source.wrong(line, f"{name}: {error}{hint}")
             return math.nan
 
     def _point(self, line: int, row: dict[str, str]) -> None:
         if "name" not in row:
-            self.source.add(line, "a point without a name")
+            self.source.wrong(line, "a point without a name")
             return
         values = [self._number(line, row, a, self.map.units.length) for a in "xyz"]
         x, y, z = (math.nan if v is None else v for v in values)
@@ -429,18 +429,18 @@ class _Reader:
         word = row.get("fixed", "").lower()
         axes = word if word and set(word) <= set("xyz") else HELD_BY_WORD.get(word)
         if axes is None:
-            self.source.add(line, f"fixed must be yes, no or axes such as xy, not {word[:20]!r}")
+            self.source.wrong(line, f"fixed must be yes, no or axes such as xy, not {word[:20]!r}")
         elif missing := [a for a, v in zip("xyz", values, strict=True) if a in axes and v is None]:
             if word in ("yes", "true", "1"):
                 axes = "".join(a for a in axes if a not in missing)
             else:
-                self.source.add(line, f"{', '.join(missing)} is held, but has no value")
+                self.source.wrong(line, f"{', '.join(missing)} is held, but has no value")
         self.held[row["name"]] = axes or ""
 
     def _reading(self, line: int, row: dict[str, str]) -> None:
         station, target = row.get("station", ""), row.get("target", "")
         if not station or not target:
-            self.source.add(line, "a reading needs station and target")
+            self.source.wrong(line, "a reading needs station and target")
             return
         length, angle = self.map.units.length, self.map.units.angle
         value = {
@@ -455,7 +455,7 @@ class _Reader:
             )
         }
         if not any(n in row for n in SIGHT_COLUMNS):
-            self.source.add(line, f"a reading needs one of {', '.join(SIGHT_COLUMNS)}")
+            self.source.wrong(line, f"a reading needs one of {', '.join(SIGHT_COLUMNS)}")
         height, own = value["instrument_height"] or 0.0, row.get("set", "")
         key = (station, height, own)
         if self.book.current is None or key != self.at:
@@ -463,7 +463,7 @@ class _Reader:
             self.at = key
         word = row.get("face", "").lower()
         if word and word not in FACE_BY_WORD:
-            self.source.add(line, f"face must be 1 or 2 (I, II, L, R), not {word[:20]!r}")
+            self.source.wrong(line, f"face must be 1 or 2 (I, II, L, R), not {word[:20]!r}")
         self.book.sight(
             line,
             self.source.field(line, target, "target").name(),
@@ -477,7 +477,7 @@ class _Reader:
 
     def _observation(self, line: int, row: dict[str, str]) -> None:
         place = self.source.place(line)
-        with self.problems.at(place):
+        with self.problems.collect(place):
             found = observation_from_record(row, context=self.context, source=place)
             self.observations.append(found)
 

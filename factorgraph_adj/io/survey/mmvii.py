@@ -97,7 +97,7 @@ def read_mmvii(
         _point(network, lines, number, words, sigma_mm * LENGTH["mm"], approximate)
     _Observations(network, TextSource(source, problems, code_page="cp1252")).read()
     if not problems.count and not network.points:
-        lines.add(0, "has no points")
+        lines.wrong(0, "has no points")
     problems.finish(network)
     return network
 
@@ -139,7 +139,7 @@ def _point(
     approximate: bool,
 ) -> None:
     if len(words) != 5 or words[0] not in ("0", "1"):
-        lines.add(number, "a point has 0 (free) or 1 (given), name, X, Y, Z")
+        lines.wrong(number, "a point has 0 (free) or 1 (given), name, X, Y, Z")
         return
     fields = (lines.field(number, w, axis) for axis, w in zip("XYZ", words[2:], strict=True))
     xyz = [f.number() for f in fields]
@@ -176,21 +176,21 @@ class _Observations:
                     "an observation has code, station, target, value, σ; MMVII does not read "
                     "what stands behind them"
                 )
-                self.lines.add(number, what)
+                self.lines.wrong(number, what)
             else:
                 self._observe(number, words)
 
     def _status(self, number: int, words: list[str]) -> None:
         if words[0] not in ORIENTATION_STATUS_LINES or len(words) > 1:
             valid = ", ".join(ORIENTATION_STATUS_LINES)
-            self.lines.add(number, f"{' '.join(words)[:40]!r} is not known; valid: {valid}")
+            self.lines.wrong(number, f"{' '.join(words)[:40]!r} is not known; valid: {valid}")
             return
         self.sets.clear()
         if words[0] != "#NEW":
             self.status = words[0]
         if self.status == "#BASC":
             what = "stations without a vertical (#BASC) cannot be read: use frames of Comp3D"
-            self.lines.add(number, what)
+            self.lines.wrong(number, what)
 
     def _observe(self, number: int, words: list[str]) -> None:
         code, station, target = words[:3]
@@ -203,7 +203,7 @@ class _Observations:
             *AXIS_BY_CODE,
         ):
             what = f"unknown code {code[:20]!r}; valid: 3, 4, 5, 6, 7, 14, 15, 16"
-            self.lines.add(number, what)
+            self.lines.wrong(number, what)
             return
         value = self.lines.field(number, words[3], "value").number()
         sigma = self.lines.field(number, words[4], "σ").number()
@@ -214,7 +214,7 @@ class _Observations:
             return
         if code in AXIS_BY_CODE and self.status != "#FIX":
             what = f"a coordinate difference in the instrument (code {code}) needs #FIX before it"
-            self.lines.add(number, what)
+            self.lines.wrong(number, what)
             return
         self._set(code, station)
         self.lines.attempt(

@@ -133,20 +133,20 @@ class _Reader:
             self._header(line, text)
         elif not self.header:
             what = "a record before the header, which begins with 00NMSDR33 or 00NMSDR2"
-            self.source.add(line, what)
+            self.source.wrong(line, what)
             self.header = True
         elif code == "01":
             self.vertical = text[50:51].strip() or "1"
         elif code == "13" and derivation == "DU":
             what = "unit of length in a note (13DU) is not read: correct the header"
-            self.source.add(line, what)
+            self.source.wrong(line, what)
         elif code == "12":
             what = "sets (12) are not read: take the record out, and its observations if "
-            self.source.add(line, f"{what}the set is marked bad")
+            self.source.wrong(line, f"{what}the set is marked bad")
         elif code == "11" or (code == "09" and derivation == "MC"):
             self.source.leave_out(line, DERIVED_OBSERVATIONS, derivation if code == "09" else code)
         elif fields := self.source.field(line, code, "record").choice(SDR_TYPES):
-            widths = [self.name_width if f.kind is read_name else self.number_width for f in fields]
+            widths = [self.name_width if f.read is read_name else self.number_width for f in fields]
             texts = in_columns(text, widths, 4)
             values = read_record(fields, texts, self.source, line, self.scales)
             self._use(line, code, derivation, values)
@@ -156,7 +156,7 @@ class _Reader:
         self.header = True
         if match is None or not match[1].replace(" ", "").startswith(("SDR33", "SDR2")):
             what = "the header must be 00, a code, SDR33 or SDR2x and six options, such as "
-            self.source.add(line, f"{what}00NMSDR33 V04-04.02     01-Jan-04 16:26 211111")
+            self.source.wrong(line, f"{what}00NMSDR33 V04-04.02     01-Jan-04 16:26 211111")
             return
         if match[1].replace(" ", "").startswith("SDR2"):
             self.name_width, self.number_width = 4, 10
@@ -182,7 +182,7 @@ class _Reader:
         elif code == "04":
             if any(values.values()):
                 what = "corrections of collimation other than 0 are not applied: read both faces"
-                self.source.add(line, what)
+                self.source.wrong(line, what)
         elif code == "09":
             self._observation(line, derivation, values)
         else:
@@ -203,7 +203,7 @@ class _Reader:
         station, vertical = values["station"], values["vertical"]
         if book.current is None or book.current.station != station:
             at = "before any station" if book.current is None else f"at {book.current.station!r}"
-            self.source.add(line, f"observation from {station!r} {at}: record 02 is missing")
+            self.source.wrong(line, f"observation from {station!r} {at}: record 02 is missing")
             return
         zenith = None
         if vertical is not None:

@@ -192,10 +192,10 @@ class _Reader:
             return
         code, rest = words[0].upper(), words[1:]
         if code in REFUSED_DATA_TYPES:
-            self.source.add(line, f"data type {code} is not built: {REFUSED_DATA_TYPES[code]}")
+            self.source.wrong(line, f"data type {code} is not built: {REFUSED_DATA_TYPES[code]}")
         elif code in GRID_DATA_TYPES and self.system is None:
             what = f"data type {code} needs the reference system of the grid: crs= and geoid="
-            self.source.add(line, what)
+            self.source.wrong(line, what)
         elif (
             read := self.source.field(line, code, "data type").choice(self.data_types)
         ) is not None:
@@ -214,21 +214,21 @@ class _Reader:
             order = self.values.now.stations if count == 3 else "From-To"
             what = f"{code} begins with {count} names, {order or 'At-From-To'}, joined by "
             what += f"{self.values.now.separator!r}, not {words[0][:40] if words else ''!r}"
-            self.source.add(line, what)
+            self.source.wrong(line, what)
             return []
         if count == 3:
             order = self.values.word(line, "stations", self.values.now.stations)
             if order == "FromAtTo":
                 names = [names[1], names[0], names[2]]
         if len(set(names)) < len(names):
-            self.source.add(line, f"{code} joins a point to itself: {words[0][:40]}")
+            self.source.wrong(line, f"{code} joins a point to itself: {words[0][:40]}")
             return []
         return names
 
     def _vector(self, line: int, code: str, words: list[str]) -> None:
         """Read a line of a GPS vector."""
         if self.values.options.adjustment != "3D":
-            self.source.add(line, "GPS vectors need a 3D project")
+            self.source.wrong(line, "GPS vectors need a 3D project")
         elif code != "G1":
             self.vectors.weights(line, code, words)
         elif names := self._names(line, code, words, 2):
@@ -240,7 +240,7 @@ class _Reader:
         rest = words[1:]
         if not names or not 1 <= len(rest) <= 3:
             if names:
-                self.source.add(
+                self.source.wrong(
                     line,
                     "L takes From-To, the difference, its length or turns, and a standard error",
                 )
@@ -263,20 +263,22 @@ class _Reader:
     def _of_set(self, line: int, code: str, words: list[str]) -> None:
         if code == "DB":
             if self.set_at is not None:
-                self.source.add(line, f"DB within the set of {self.set_at[0]!r}: DE is missing")
+                self.source.wrong(line, f"DB within the set of {self.set_at[0]!r}: DE is missing")
             if len(words) != 1:
-                self.source.add(line, "DB takes the name of the station")
+                self.source.wrong(line, "DB takes the name of the station")
                 return
             self.sets[words[0]] = self.sets.get(words[0], 0) + 1
             self.set_at, self.set_begun = (words[0], str(self.sets[words[0]])), line
         elif self.set_at is None:
-            self.source.add(line, f"{code} without DB: a set of directions begins with DB")
+            self.source.wrong(line, f"{code} without DB: a set of directions begins with DB")
         elif code == "DE":
             if words:
-                self.source.add(line, f"DE takes no words, not {' '.join(words)[:40]!r}")
+                self.source.wrong(line, f"DE takes no words, not {' '.join(words)[:40]!r}")
             self.set_at = None
         elif not words or words[0] == self.set_at[0]:
-            self.source.add(line, f"{code} takes the name of another station than that of the set")
+            self.source.wrong(
+                line, f"{code} takes the name of another station than that of the set"
+            )
         else:
             self._observe(line, code, [self.set_at[0], words[0]], words[1:])
 
@@ -297,7 +299,7 @@ class _Reader:
         if flat and "vertical" in kinds:
             kinds.remove("vertical")
             if not kinds:
-                self.source.add(line, f"{code} has no place among 2D data")
+                self.source.wrong(line, f"{code} has no place among 2D data")
                 return
         heights = [0.0, 0.0]
         if words and "/" in words[-1]:
@@ -307,7 +309,7 @@ class _Reader:
         n = len(kinds)
         if len(words) not in (n, 2 * n):
             what = f"{code} takes {', '.join(kinds)}, then no or {n} standard errors and HI/HT"
-            self.source.add(line, f"{what}, not {len(words)} values")
+            self.source.wrong(line, f"{what}, not {len(words)} values")
             return
         errors: list[str | None] = [*words[n:]] or [None] * n
         given = {k: (v, s) for k, v, s in zip(kinds, words[:n], errors, strict=True)}
@@ -392,7 +394,7 @@ class _Reader:
         elif flat:
             zenith = given.get("vertical", ("?", None))[0]
             if zenith == "?":
-                self.source.add(line, "a slope distance needs its zenith angle in a 2D project")
+                self.source.wrong(line, "a slope distance needs its zenith angle in a 2D project")
                 return
             value *= math.sin(self.values.angle(line, zenith, "zenith angle"))
             self._add(line, HorizontalDistance, ends, abs(value), sigma)
@@ -455,11 +457,11 @@ class _Reader:
         """Return the network; raise all problems."""
         if self.set_at is not None:
             what = f"the set of directions at {self.set_at[0]!r} has no end (DE)"
-            self.source.add(self.set_begun, what)
+            self.source.wrong(self.set_begun, what)
         if self.traverse.stations is not None:
-            self.source.add(self.traverse.begun, "the last traverse has no end (TE)")
+            self.source.wrong(self.traverse.begun, "the last traverse has no end (TE)")
         if not self.points.points and not self.source.problems.count:
-            self.source.add(1, "holds neither points nor observations")
+            self.source.wrong(1, "holds neither points nor observations")
         adjustment = self.values.options.adjustment or "3D"
         others = self.observations
         self.observations = others + placed_side_shots(self.side_shots, self.points, others)

@@ -124,7 +124,7 @@ class StarNetValues:
         for name, line in self.missing.items():
             what = f"needs the setting {name!r} of the project, which data files do not have"
             words = " or ".join(repr(word) for word in SETTING_CHOICES.get(name, ()))
-            self.source.add(line, f"{what}: state it in options{words and f', {words}'}")
+            self.source.wrong(line, f"{what}: state it in options{words and f', {words}'}")
 
     # -- values ---------------------------------------------------------------------------------
 
@@ -158,10 +158,10 @@ class StarNetValues:
             seconds = float(f"{tail[2:4]}.{tail[4:]}")
         else:
             shown = f"{what} must be an angle, such as 102-34-12.5, not {text[:40]!r}"
-            self.source.add(line, shown)
+            self.source.wrong(line, shown)
             return math.nan
         if minutes >= 60 or seconds >= 60.5 or degrees > 720:
-            self.source.add(
+            self.source.wrong(
                 line,
                 f"{what}: {text[:40]!r} has 60 or more minutes or seconds, or is "
                 "no angle of a circle",
@@ -220,7 +220,7 @@ class StarNetValues:
         one = self.demand(line, "level") * metres
         factor = FREE_SIGMA_FACTOR if text == "*" else 1.0
         if size is None:
-            self.source.add(
+            self.source.wrong(
                 line, "L needs the length of the line or its number of turns, or a standard error"
             )
             return math.nan, math.nan
@@ -247,7 +247,7 @@ class StarNetValues:
         constant *= o.metres
         if kind == "elevation":
             if ppm > 0 and distance is None:
-                self.source.add(
+                self.source.wrong(
                     line,
                     "the default standard error grows with the distance, which "
                     "the line does not have: enter a standard error",
@@ -266,7 +266,7 @@ class StarNetValues:
         if any(math.isnan(v) for v in (constant, ppm, ci, ct)):
             return math.nan
         if not (constant > 0 or ppm > 0 or ci > 0 or ct > 0):
-            self.source.add(line, f"the standard error of the {kind} is 0: state it in options")
+            self.source.wrong(line, f"the standard error of the {kind} is 0: state it in options")
             return math.nan
         if kind == "elevation":
             return math.hypot(constant, ci, ct)
@@ -282,11 +282,13 @@ def apply_inline_option(values: StarNetValues, line: int, words: list[str]) -> s
     found = [o for o in every if o == name] or [o for o in every if name and o.startswith(name)]
     if len(found) != 1:
         valid = known((*APPLIED_OPTIONS, *PRINTING_OPTIONS), meant=name, most=40)
-        values.source.add(line, f"inline option {words[0]!r} is unknown; valid: {valid}")
+        values.source.wrong(line, f"inline option {words[0]!r} is unknown; valid: {valid}")
         return None
     option = found[0]
     if option in REFUSED_OPTIONS:
-        values.source.add(line, f"inline option .{option} is not built: {REFUSED_OPTIONS[option]}")
+        values.source.wrong(
+            line, f"inline option .{option} is not built: {REFUSED_OPTIONS[option]}"
+        )
         return None
     if option in APPLIED_OPTIONS:
         APPLIED_OPTIONS[option](values, line, words[1:])
@@ -320,7 +322,7 @@ def _apply_units(values: StarNetValues, line: int, given: list[str]) -> None:
             now.linear = linear
         else:
             valid = "Meters, FeetUS, FeetInt, DMS, GONS"
-            values.source.add(line, f".UNITS {said[:40]}: valid: {valid}")
+            values.source.wrong(line, f".UNITS {said[:40]}: valid: {valid}")
 
 
 def _apply_order(values: StarNetValues, line: int, given: list[str]) -> None:
@@ -334,7 +336,7 @@ def _apply_order(values: StarNetValues, line: int, given: list[str]) -> None:
         elif stations is not None:
             now.stations = stations
         else:
-            values.source.add(line, f".ORDER {said}: valid: NE, EN, AtFromTo, FromAtTo")
+            values.source.wrong(line, f".ORDER {said}: valid: NE, EN, AtFromTo, FromAtTo")
 
 
 def _is_on(values: StarNetValues, line: int, option: str, given: list[str]) -> bool | None:
@@ -375,7 +377,7 @@ def _apply_longitude(values: StarNetValues, line: int, given: list[str]) -> None
     signs = {"": stated, "POS": "west positive", "NEG": "east positive"}
     said = "".join(given).upper()[:3]
     if said not in signs:
-        values.source.add(line, f".LONGITUDE {' '.join(given)}: valid: POS (west), NEG (west)")
+        values.source.wrong(line, f".LONGITUDE {' '.join(given)}: valid: POS (west), NEG (west)")
     values.now.longitude = signs.get(said, stated)
 
 
@@ -394,7 +396,7 @@ def _apply_instrument(values: StarNetValues, line: int, given: list[str]) -> Non
     if errors is None:
         what = f".INSTRUMENT {given[0][:30]}: its standard errors are in the project of STAR*NET"
         valid = known(list(values.stated.instruments), meant=given[0]) or "none"
-        values.source.add(line, f"{what}: state them in options, instruments; stated: {valid}")
+        values.source.wrong(line, f"{what}: state them in options, instruments; stated: {valid}")
         return
     changed: dict[str, Any] = {"level": level, **errors}
     values.options = replace(values.stated, **changed)

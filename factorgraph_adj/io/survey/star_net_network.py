@@ -136,7 +136,7 @@ def set_grid_coordinates(points: StarNetPoints, system: ReferenceSystem, source:
         for p in high.values():
             if not np.isfinite(p.values).all():
                 what = "an ellipsoidal height needs the plan coordinates of its point"
-                source.add(p.line, f"{what}: C or P")
+                source.wrong(p.line, f"{what}: C or P")
         if not placed:
             return
         try:
@@ -207,4 +207,4 @@ def _note_point_problems(
     lines = {f"point {name!r}": p.line for name, p in points.items()}
     first = next(iter(points.values())).line
     for problem in error.problems:
-        source.add(lines.get(problem.where, first), problem.what)
+        source.wrong(lines.get(problem.where, first), problem.what)

@@ -95,23 +95,25 @@ class StarNetVectors:
             if len(found) == 1:
                 self.weight = found[0]
                 return
-            self.source.add(line, f".GPS WEIGHT {words[1][:30]}: valid: {', '.join(WEIGHT_FORMS)}")
+            self.source.wrong(
+                line, f".GPS WEIGHT {words[1][:30]}: valid: {', '.join(WEIGHT_FORMS)}"
+            )
         elif word == "FACTOR" and (len(words) <= 2 or (len(words) == 4 and _vertical(words[2]))):
             fields = [self.source.field(line, w, "factor of .GPS") for w in words[1::2] or ("1",)]
             given = [f.number(above=0.0) for f in fields]
             if not is_unread(*given):
                 self.factors = given[0], given[-1]
         elif word in REFUSED_GPS_OPTIONS:
-            self.source.add(line, f".GPS {word} is not built: {REFUSED_GPS_OPTIONS[word]}")
+            self.source.wrong(line, f".GPS {word} is not built: {REFUSED_GPS_OPTIONS[word]}")
         else:
             shown = " ".join(words)[:40]
             valid = "WEIGHT with one word, FACTOR f, FACTOR f VERT v"
-            self.source.add(line, f".GPS {shown} is unknown; valid: {valid}")
+            self.source.wrong(line, f".GPS {shown} is unknown; valid: {valid}")
 
     def vector(self, line: int, names: list[str], words: list[str]) -> None:
         """Begin a vector: the words of a G1 line behind its names."""
         if len(words) != 3:
-            self.source.add(line, f"G1 takes From-To, ΔX, ΔY and ΔZ, not {len(words)} numbers")
+            self.source.wrong(line, f"G1 takes From-To, ΔX, ΔY and ΔZ, not {len(words)} numbers")
         value = [self.source.field(line, w, "component of G1").number() for w in words[:3]]
         self.vectors.append(
             StarNetVector(line, names, (value + [0.0] * 3)[:3], self.weight, self.factors)
@@ -120,11 +122,11 @@ class StarNetVectors:
     def weights(self, line: int, code: str, words: list[str]) -> None:
         """Add a G2 or G3 line to the vector before it."""
         if not self.vectors or (self.vectors[-1].diagonal and code == "G2"):
-            self.source.add(line, f"{code} without G1: it belongs to the vector before it")
+            self.source.wrong(line, f"{code} without G1: it belongs to the vector before it")
             return
         last = self.vectors[-1]
         if len(words) != 3:
-            self.source.add(line, f"{code} takes three numbers, not {len(words)}")
+            self.source.wrong(line, f"{code} takes three numbers, not {len(words)}")
             return
         what = "covariance" if last.weight == "COVARIANCE" else "correlation"
         if code == "G2":
@@ -134,7 +136,7 @@ class StarNetVectors:
         if code == "G2":
             last.diagonal = numbers
         elif last.corners or not last.diagonal:
-            self.source.add(line, "G3 follows G2 of its vector")
+            self.source.wrong(line, "G3 follows G2 of its vector")
         else:
             last.corners = numbers
 
@@ -142,15 +144,15 @@ class StarNetVectors:
         """Note the vectors that lack a line, or whose covariance is none."""
         for v in self.vectors:
             if not v.diagonal:
-                self.source.add(v.line, "the vector has no G2 line, its variances")
+                self.source.wrong(v.line, "the vector has no G2 line, its variances")
             elif not v.corners and v.weight != "STDERRORS":
                 what = f"the vector has no G3 line, which {v.weight} needs"
-                self.source.add(v.line, f"{what}; valid without: .GPS WEIGHT STDERRORS")
+                self.source.wrong(v.line, f"{what}; valid without: .GPS WEIGHT STDERRORS")
             elif all(math.isfinite(n) for n in (*v.diagonal, *v.corners)):
                 values = np.linalg.eigvalsh(v.covariance())
                 if not values.min() > 0.0:
                     what = "G2 and G3 are no covariance: a combination has no positive variance"
-                    self.source.add(v.line, what)
+                    self.source.wrong(v.line, what)
 
     def observations(self, horizon: Callable[[list[str]], Array]) -> list[GnssVector]:
         """Return the vectors with their covariances, geocentric.
@@ -243,7 +245,7 @@ class StarNetPoints:
         source, n = self.given.source, len(axes)
         if not n + 1 <= len(words) <= 2 * n + 1:
             what = f"{code} takes a name, {n} coordinates and up to {n} standard errors"
-            source.add(line, f"{what}, not {len(words)} words")
+            source.wrong(line, f"{what}, not {len(words)} words")
             return
         self.use(line, words[0])
         point = self.points.get(words[0], StarNetPoint(line))
@@ -260,7 +262,7 @@ class StarNetPoints:
             value = self.given.length(line, words[1 + i], f"{code} {axis}")
             if abs(point.values[k] - value) > HELD_LENGTH_SIGMA_M:
                 what = f"{axis} of {words[0]!r} differs from that of line {point.line}"
-                source.add(line, what)
+                source.wrong(line, what)
             point.values[k] = value
             point.sigmas[k] = self._sigma(line, text, f"{code} {axis}")
 
@@ -269,14 +271,14 @@ class StarNetPoints:
         longitude = self.given.degrees(line, words[2], "longitude")
         if not abs(latitude) <= math.pi / 2 or not abs(longitude) <= 2 * math.pi:
             if math.isfinite(latitude) and math.isfinite(longitude):
-                self.given.source.add(
+                self.given.source.wrong(
                     line, "latitudes are within 90, longitudes within 360 degrees"
                 )
             return
         sign = self.given.word(line, "longitude", self.given.now.longitude)
         at = latitude, -longitude if sign == "west positive" else longitude
         if point.geodetic is not None and at != point.geodetic:
-            self.given.source.add(line, f"{words[0]!r} has another position in line {point.line}")
+            self.given.source.wrong(line, f"{words[0]!r} has another position in line {point.line}")
         point.geodetic = at
 
     def _sigma(self, line: int, text: str, what: str) -> float:
@@ -395,20 +397,20 @@ class StarNetTraverse:
         """Read a TB, T or TE line."""
         if code == "TB":
             if self.stations is not None:
-                self.values.source.add(line, "TB within a traverse: TE is missing")
+                self.values.source.wrong(line, "TB within a traverse: TE is missing")
             self.stations, self.backsight, self.pending, self.begun = [], None, None, line
             if len(words) != 1:
-                self.values.source.add(line, "TB takes the backsight, a station or a bearing")
+                self.values.source.wrong(line, "TB takes the backsight, a station or a bearing")
             elif BEARING_PATTERN.fullmatch(words[0]) or DMS_PATTERN.fullmatch(words[0]):
                 self.backsight = self.values.bearing(line, words[0], "bearing of TB")
             else:
                 self.stations.append(words[0])
             return
         if self.stations is None:
-            self.values.source.add(line, f"{code} without TB: a traverse begins with TB")
+            self.values.source.wrong(line, f"{code} without TB: a traverse begins with TB")
             return
         if not words:
-            self.values.source.add(line, f"{code} takes the name of the station")
+            self.values.source.wrong(line, f"{code} takes the name of the station")
             return
         self._leg(words[0])
         self.stations.append(words[0])
@@ -425,7 +427,7 @@ class StarNetTraverse:
             return
         line, at, words = self.pending
         if to == at:
-            self.values.source.add(line, f"T joins {at!r} to itself")
+            self.values.source.wrong(line, f"T joins {at!r} to itself")
         elif len(self.stations) > 1:
             self.observe(line, "T", [at, self.stations[-2], to], words)
         elif words:
@@ -436,7 +438,7 @@ class StarNetTraverse:
         """Observe the closing angle of a TE line."""
         at, back = words[0], (self.stations or ["", ""])[-2:][0]
         if len(words) not in (3, 4) or len(self.stations or []) < 2:
-            self.values.source.add(
+            self.values.source.wrong(
                 line, "TE takes the station, and a closing angle with the foresight"
             )
             return
