@@ -7,6 +7,7 @@ import math
 import pytest
 
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.io.numbers import PACKED_DEGREES
 from factorgraph_adj.io.source import (
     MAX_KEPT_PROBLEMS,
     MAX_LISTED_PROBLEMS,
@@ -67,6 +68,41 @@ def test_units_and_defaults():
     assert field("yes").flag()
     assert not field(False).flag()
     assert field(" A 1 ").name() == "A 1"
+
+
+@pytest.mark.parametrize(
+    ("text", "degrees"),
+    [
+        ("123.45300", 123 + 45 / 60 + 30 / 3600),
+        ("123.453", 123 + 45 / 60 + 30 / 3600),
+        ("0012.3", 12.5),
+        (" -0.00015 ", -1.5 / 3600),
+        ("359.5959999", 359 + 59 / 60 + 59.999 / 3600),
+        ("7", 7.0),
+        (90, 90.0),
+    ],
+)
+def test_packed_degrees_are_a_unit_of_numbers(text, degrees):
+    assert field(text).number(PACKED_DEGREES) == pytest.approx(math.radians(degrees), rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("12.6000", "c: '12.6000' has 60 or more minutes or seconds; packed degrees are D.MMSSs"),
+        ("12.3060", "c: '12.3060' has 60 or more minutes or seconds"),
+        ("12.306", "c: '12.306' has 60 or more minutes or seconds"),
+        ("1000.3", "c: '1000.3' is not packed degrees D.MMSSs, such as 102.34125 for 102° 34′"),
+        ("12-30-00", "c: '12-30-00' is not packed degrees"),
+        ("1e2", "c: '1e2' is not packed degrees"),
+        (".", "c: '.' is not packed degrees"),
+        ("", "c is missing; valid: a number"),
+    ],
+)
+def test_what_is_no_packed_degrees_is_refused(text, said):
+    problems = Problems()
+    assert math.isnan(field(text, problems).number(PACKED_DEGREES))
+    assert str(problems.problems[0]).startswith(f"a.dat:3: {said}")
 
 
 @pytest.mark.parametrize(

@@ -39,10 +39,11 @@ from ...units import ARCSEC
 from ..file_transaction import write_files
 from ..format_limits import Refusals
 from ..format_reader import NetworkReader, Reader, beginning_has
+from ..numbers import PACKED_DEGREES
 from ..source import Problems
 from ..xml_files import Element
 from ..xml_source import XmlSource
-from .dynaml_measurements import DynamlMeasurements, packed_degrees
+from .dynaml_measurements import DynamlMeasurements
 
 DYNAML_CHILDREN: dict[str, tuple[str, ...]] = {
     "DnaXmlFormat": ("DnaStation", "DnaMeasurement"),
@@ -212,7 +213,9 @@ def station_position(file: XmlSource, at: Element, kind: str, network: Network) 
     """Return geocentric coordinates (3,) of a station."""
     if kind == "XYZ":
         return np.array([file.inside(at, t).number() for t in ("XAxis", "YAxis", "Height")])
-    latitude, longitude = (packed_degrees(file, at, tag) for tag in ("XAxis", "YAxis"))
+    latitude, longitude = (
+        file.inside(at, tag).number(PACKED_DEGREES) for tag in ("XAxis", "YAxis")
+    )
     height = file.inside(at, "Height").number()
     if not abs(latitude) <= math.pi / 2:
         file.wrong(at.line, "the latitude must be from -90 to 90 degrees")
@@ -331,7 +334,7 @@ def packed_angle(angle: float) -> str:
     """Return an angle, radians, as degrees, minutes and seconds in ddd.mmssss.
 
     >>> import math
-    >>> packed(-math.radians(36 + 33 / 60 + 48.25 / 3600))
+    >>> packed_angle(-math.radians(36 + 33 / 60 + 48.25 / 3600))
     '-36.334825'
     """
     total = Decimal(repr(abs(float(np.degrees(angle)) * 3600.0))).quantize(ARCSEC_RESOLUTION)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from datetime import date
 from typing import Any
@@ -33,6 +32,7 @@ from ...observations import (
 )
 from ...types import Array
 from ...units import ARCSEC
+from ..numbers import PACKED_DEGREES
 from ..source import ROWS_SWITCHED_OFF
 from ..xml_files import Element
 from ..xml_source import XmlSource
@@ -53,25 +53,6 @@ REFUSED_TYPES = {
     "M": "an arc at sea level",
 }
 """Types without a counterpart: reduce them to slope distances (S)."""
-_PACKED = re.compile(r"([+-]?)(\d{1,3})(?:\.(\d*))?", re.ASCII)
-
-
-def packed_degrees(file: XmlSource, element: Element, tag: str) -> float:
-    """Return radians of a child that is ddd.mmssss (degrees, minutes, seconds without points)."""
-    text = file.inside(element, tag).name()
-    if not text:
-        return math.nan
-    found = _PACKED.fullmatch(text)
-    digits = ((found[3] or "") if found else "").ljust(4, "0")
-    minutes, seconds = int(digits[:2]), int(digits[2:4])
-    if found is None or minutes >= 60 or seconds >= 60 or len(digits) > 20:
-        line = next(element.all(tag)).line
-        what = "must be degrees, minutes, seconds as ddd.mmssss, minutes and seconds below 60"
-        file.wrong(line, f"<{tag}> {what}, not {text[:40]!r}")
-        return math.nan
-    rest = int(digits[4:]) / 10.0 ** (len(digits) - 4) if digits[4:] else 0.0
-    angle = math.radians(int(found[2]) + minutes / 60.0 + (seconds + rest) / 3600.0)
-    return -angle if found[1] == "-" else angle
 
 
 def _type_and_points(file: XmlSource, element: Element, kind: str) -> str:
@@ -193,7 +174,7 @@ class DynamlMeasurements:
         if coordinates == "LLH" and self.heights == "refuse":
             what = "points in LLH have orthometric heights, and the file has no geoid"
             file.wrong(element.line, f"{what}; heights='ellipsoidal' takes undulations as zero")
-        angles = np.array([[packed_degrees(file, n, a) for a in "XY"] for n in nodes])
+        angles = np.array([[file.inside(n, a).number(PACKED_DEGREES) for a in "XY"] for n in nodes])
         height = np.array([file.inside(n, "Z").number() for n in nodes])
         frame = self.network.frame
         assert isinstance(frame, GeocentricFrame)
@@ -281,7 +262,7 @@ class DynamlMeasurements:
         value = (
             file.inside(element, "Value").number()
             if metric
-            else packed_degrees(file, element, "Value")
+            else file.inside(element, "Value").number(PACKED_DEGREES)
         )
         unit = 1.0 if metric else ARCSEC
         sigma = unit * file.inside(element, "StdDev").sigma()
@@ -311,7 +292,7 @@ class DynamlMeasurements:
                 file.leave_out(row.line, ROWS_SWITCHED_OFF, name)
                 continue
             target = file.inside(row, tag).name()
-            value = packed_degrees(file, row, "Value")
+            value = file.inside(row, "Value").number(PACKED_DEGREES)
             sigma = file.inside(row, "StdDev").sigma() * ARCSEC
             if file.problems.count > before:
                 continue
@@ -339,7 +320,7 @@ class DynamlMeasurements:
         value = (
             file.inside(element, "Value").number()
             if metric
-            else packed_degrees(file, element, "Value")
+            else file.inside(element, "Value").number(PACKED_DEGREES)
         )
         sigma = file.inside(element, "StdDev").sigma() * (1.0 if metric else ARCSEC)
         if at is None or file.problems.count > before:

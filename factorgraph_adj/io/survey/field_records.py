@@ -30,8 +30,8 @@ class Scales:
 
     length: float = 1.0
     """Metres."""
-    angle: float = 1.0
-    """Radians."""
+    angle: float | str = 1.0
+    """Radians, or the name of a unit such as `PACKED_DEGREES`."""
 
 
 SI = Scales()
@@ -55,7 +55,8 @@ def read_length(field: Field, scales: Scales = SI) -> float:
 
 def read_angle(field: Field, scales: Scales = SI) -> float:
     """Return the angle in a field, radians; NaN after a problem."""
-    return field.number(scale=scales.angle)
+    unit = scales.angle
+    return field.number(unit) if isinstance(unit, str) else field.number(scale=unit)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from ...errors import known
 from ...network.network import Network
 from ...units import ANGLE, FOOT
 from ..format_reader import NetworkReader, Reader
+from ..numbers import PACKED_DEGREES
 from ..source import Field, LeftOutReason, TextSource
 from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
 from .field_records import SI, RecordField, Scales, read_record
@@ -35,13 +36,13 @@ GSI_LENGTHS = {
 }
 """Metres of the unit, and how many of the last digit make one, by the sixth character; 1 and 7 are
 feet. A division gives the float of the decimal number, 151.2 and not 151.20000000000002."""
-GSI_ANGLES = {
+GSI_ANGLES: dict[str, float | str] = {
     "2": 1e-5 * ANGLE["gon"],
     "3": 1e-5 * ANGLE["deg"],
-    "4": 0.1 * ANGLE["arcsec"],
+    "4": PACKED_DEGREES,
     "5": 1e-4 * math.pi / 3200,
 }
-"""Radians of one unit of the last digit; 4 is packed as DDDMMSSs, 5 are mils, 6400 of a circle."""
+"""Radians of one unit of the last digit, 5 are mils, 6400 of a circle; 4 is packed as DDDMMSSs."""
 VALUES_MISSING = LeftOutReason("values", "the file has dashes in their place")
 
 
@@ -87,17 +88,11 @@ class GsiWord:
         if not angular:
             metres, parts = unit.choice(GSI_LENGTHS) or (math.nan, 1.0)
             return sign * int(digits) * metres / parts
-        if unit.value == "4":
-            return sign * _degrees_minutes_seconds(digits.rjust(8, "0"), field)
-        return sign * int(digits) * (unit.choice(GSI_ANGLES) or math.nan)
-
-
-def _degrees_minutes_seconds(digits: str, field: Field) -> float:
-    degrees, minutes, tenths = int(digits[:-5]), int(digits[-5:-3]), int(digits[-3:])
-    if minutes >= 60 or tenths > 600:
-        field.wrong(f"has 60 or more minutes or seconds: {digits}")
-        return math.nan
-    return math.radians(degrees + minutes / 60 + tenths / 36000)
+        angle = unit.choice(GSI_ANGLES)
+        if isinstance(angle, str):
+            field.value = f"{digits[:-5]}.{digits[-5:].rjust(5, '0')}"
+            return sign * field.number(angle)
+        return sign * int(digits) * (angle or math.nan)
 
 
 @dataclass

@@ -8,7 +8,6 @@ Schema: LandXML.org, LandXML-1.2, ``<Survey>``; Leica Geosystems, HeXML 1.x.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Literal
@@ -22,11 +21,12 @@ from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
 from ..file_transaction import write_files
 from ..format_limits import grid_points
 from ..format_reader import NetworkReader, Reader
-from ..numbers import write_quantity
+from ..numbers import PACKED_DEGREES, write_quantity
 from ..source import ROWS_SWITCHED_OFF
 from ..xml_files import Element, begins_with_element, element_at
 from ..xml_source import XmlSource
 from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from .field_records import Scales, read_angle
 
 LINEAR_UNITS = {
     "millimeter": 1e-3,
@@ -39,14 +39,13 @@ LINEAR_UNITS = {
     "mile": 1609.344,
 }
 """Metres of ``linearUnit``."""
-PACKED_ANGLE_UNIT = "decimal dd.mm.ss"
-ANGULAR_UNITS = {
+ANGULAR_UNITS: dict[str, float | str] = {
     "radians": 1.0,
     "grads": GON,
     "decimal degrees": ANGLE["deg"],
-    PACKED_ANGLE_UNIT: 1.0,
+    "decimal dd.mm.ss": PACKED_DEGREES,
 }
-"""Radians of ``angularUnit``; the last one is packed."""
+"""Radians of ``angularUnit``, or the name of the unit."""
 DIRECT_FACES = {"true": 1, "1": 1, "false": 2, "0": 2}
 """Face by ``directFace``."""
 OBSERVATION_ELEMENTS = ("RawObservation", "ReducedObservation")
@@ -100,7 +99,7 @@ class _Reader:
         self.source = source
         self.book = book
         self.east_first = east_first
-        self.length, self.angle = 1.0, "radians"
+        self.scales = Scales()
         self.setups: dict[str, Element] = {}
         self.backsights: dict[str, list[Element]] = {}
         self.raw: set[tuple[str, str]] = set()
@@ -139,30 +138,18 @@ class _Reader:
             return
         given = children[0].attributes
         linear = given.get("linearUnit", "").lower()
-        self.angle = given.get("angularUnit", "radians").lower()
+        angular = given.get("angularUnit", "radians").lower()
         line = children[0].line
-        self.source.field(line, self.angle, "angularUnit").choice(ANGULAR_UNITS)
-        field = self.source.field(line, linear, "linearUnit")
-        self.length = field.choice(LINEAR_UNITS, default=1.0) or 1.0
+        angle = self.source.field(line, angular, "angularUnit").choice(ANGULAR_UNITS)
+        length = self.source.field(line, linear, "linearUnit").choice(LINEAR_UNITS, default=1.0)
+        self.scales = Scales(length or 1.0, angle or 1.0)
 
     def _angle(self, e: Element, name: str) -> float | None:
-        if self.angle != PACKED_ANGLE_UNIT:
-            scale = ANGULAR_UNITS.get(self.angle, 1.0)
-            return self.source.attribute(e, name).number_or_none(scale=scale)
-        text = e.attributes.get(name, "")
-        if not text:
-            return None
-        match = re.fullmatch(r"(\d+)(?:\.(\d*))?", text, re.ASCII)
-        digits = (match[2] or "").ljust(4, "0") if match else ""
-        if match is None or len(text) > 40 or int(digits[:2]) >= 60 or int(digits[2:4]) >= 60:
-            what = f"{name} must be packed as dd.mmss, not {text[:40]!r}"
-            self.source.wrong(e.line, what)
-            return math.nan
-        seconds = float(f"{digits[2:4]}.{digits[4:] or 0}")
-        return math.radians(int(match[1]) % 1000 + int(digits[:2]) / 60 + seconds / 3600)
+        field = self.source.attribute(e, name)
+        return None if field.is_absent else read_angle(field, self.scales)
 
     def _length(self, e: Element, name: str) -> float | None:
-        return self.source.attribute(e, name).number_or_none(scale=self.length)
+        return self.source.attribute(e, name).number_or_none(scale=self.scales.length)
 
     # -- points ---------------------------------------------------------------------------------
 
@@ -182,7 +169,7 @@ class _Reader:
             self.source.wrong(e.line, what)
             return
         fields = [self.source.field(e.line, w, "coordinate") for w in words]
-        a, b, *up = (f.number(scale=self.length) for f in fields)
+        a, b, *up = (f.number(scale=self.scales.length) for f in fields)
         east, north = (a, b) if self.east_first else (b, a)
         self.book.point(e.line, name, east, north, *up, agree=False)
 

@@ -11,6 +11,7 @@ from typing import Any
 from ...errors import known
 from ...stochastic_model import StandardDeviation
 from ...units import ARCSEC, GON
+from ..numbers import PACKED_DEGREES, PACKED_PATTERN
 from ..source import LeftOutReason, Source
 from .star_net_options import (
     KILOMETRE_METRES,
@@ -49,7 +50,6 @@ GRID_DATA_TYPES = ("CH", "EH", "P", "PH", "G0", "G1", "G2", "G3")
 ANGLE_DATA_TYPES = ("A", "M", "SS")
 """Data types whose stations are at, from and to."""
 DMS_PATTERN = re.compile(r"([+-]?)(\d+)-(\d+)(?:-(\d+(?:\.\d*)?))?", re.ASCII)
-PACKED_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)", re.ASCII)
 BEARING_PATTERN = re.compile(r"([NSns])(.+)([EWew])", re.ASCII)
 Sigma = float | StandardDeviation
 LINES_BEHIND_DATA_OFF = LeftOutReason("lines", "they stand behind .DATA OFF")
@@ -148,27 +148,24 @@ class StarNetValues:
     def degrees(self, line: int, text: str, what: str) -> float:
         """Return an angle, radians: degrees-minutes-seconds or packed D.MMSSsss in every unit."""
         match = DMS_PATTERN.fullmatch(text)
-        if match is not None:
-            sign, degrees, minutes, seconds = match[1], *(float(g or 0) for g in match.groups()[1:])
-        elif PACKED_PATTERN.fullmatch(text):
-            sign, whole = "-" * text.startswith("-"), text.lstrip("+-")
-            head, _, tail = whole.partition(".")
-            tail = tail.ljust(4, "0")
-            degrees, minutes = float(head or 0), float(tail[:2])
-            seconds = float(f"{tail[2:4]}.{tail[4:]}")
-        else:
+        if match is None and not PACKED_PATTERN.fullmatch(text):
             shown = f"{what} must be an angle, such as 102-34-12.5, not {text[:40]!r}"
             self.source.wrong(line, shown)
             return math.nan
-        if minutes >= 60 or seconds >= 60.5 or degrees > 720:
+        minutes = seconds = 0.0
+        if match is None:
+            value = self.source.field(line, text, what).number(PACKED_DEGREES)
+        else:
+            degrees, minutes, seconds = (float(g or 0) for g in match.groups()[1:])
+            value = math.radians(degrees + minutes / 60 + seconds / 3600)
+        if minutes >= 60 or seconds >= 60.5 or abs(value) > 4 * math.pi:
             self.source.wrong(
                 line,
                 f"{what}: {text[:40]!r} has 60 or more minutes or seconds, or is "
                 "no angle of a circle",
             )
             return math.nan
-        value = math.radians(degrees + minutes / 60 + seconds / 3600)
-        return -value if sign == "-" else value
+        return -value if match is not None and match[1] == "-" else value
 
     def bearing(self, line: int, text: str, what: str) -> float:
         """Return an azimuth, radians, of a bearing such as N34-23-45E or an azimuth."""

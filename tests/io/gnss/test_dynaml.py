@@ -180,7 +180,7 @@ def test_there_and_back_between_frames() -> None:
         ("<Type>S</Type>", "<Type>E</Type>", "type E is an arc along the ellipsoid"),
         ("<Type>S</Type>", "<Type>W</Type>", "unknown type 'W'; valid: G, X, Y, A, D, S"),
         ("<Second>C</Second>", "<Second>X</Second>", "unknown point 'X'"),
-        ("91.1530123", "91.6530123", "must be degrees, minutes, seconds as ddd.mmssss"),
+        ("91.1530123", "91.6530123", "has 60 or more minutes or seconds; packed degrees"),
         ("CCF", "CXF", "constraints must be three of C and F"),
         ("<Type>LLh</Type>", "<Type>UTM</Type>", "type 'UTM' of a station is not read"),
         ("<SigmaZZ>9e-6", "<SigmaZZ>-9e-6", "must have positive variances"),
