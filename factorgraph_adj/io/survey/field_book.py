@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, get_args
 
 from ...errors import InputError, Problem, known
@@ -172,12 +172,17 @@ class SetUp:
     """An instrument on a point."""
 
     station: str
-    height: float
+    height: float | None
+    """Height of the instrument; None: none is given so far, it counts as 0."""
     number: str
     """Number of the set-up among those of the station: a set of directions is named by it."""
     line: int
     rounds: dict[str, list[dict[int, float]]] = field(default_factory=lambda: defaultdict(list))
     """Target heights by target, round and face."""
+    sets: set[str] = field(default_factory=set)
+    """Names of its sets of directions."""
+    horizontals: list[int] = field(default_factory=list)
+    """Places of its horizontal distances among the other observations of the book."""
 
 
 @dataclass(frozen=True)
@@ -211,6 +216,8 @@ class FieldBook:
         self.levelled_points: set[str] = set()
         self.sighted: set[str] = set()
         self.current: SetUp | None = None
+        self.without_station: list[int] = []
+        """Lines of sights before any set-up."""
         self.setups: dict[str, int] = defaultdict(int)
         self.readings: dict[tuple[str, str], list[tuple[int, FaceReading, StatedSigmas]]] = {}
         self.others: list[Observation] = []
@@ -249,11 +256,30 @@ class FieldBook:
         self.points[name] = (e, n, u)
         self.said[name] = self.said[name] if given != UNKNOWN_COORDINATES else line
 
-    def begin(self, line: int, station: str, height: float) -> None:
-        """Begin a set-up on a point."""
+    def begin(self, line: int, station: str, height: float | None = None) -> None:
+        """Begin a set-up on a point; `set_height` may give the height of the instrument later."""
         self.point(line, station)
         self.setups[station] += 1
         self.current = SetUp(station, height, str(self.setups[station]), line)
+
+    def set_height(self, line: int, height: float) -> None:
+        """Give the height of the instrument of the present set-up, before or after its sights."""
+        at = self.current
+        if at is None:
+            self.source.wrong(line, "a height of the instrument before any station")
+        elif at.height is None:
+            at.height = height
+            for i in at.horizontals:
+                self.others[i] = replace(self.others[i], instrument_height=height)
+            for key in ((at.station, name) for name in at.sets):
+                self.readings[key] = [
+                    (n, replace(reading, instrument_height=height), stated)
+                    for n, reading, stated in self.readings[key]
+                ]
+        elif abs(at.height - height) > 0:  # a NaN has been noted
+            what = f"height of the instrument {height:.3f} m differs from that of the set-up, "
+            what += f"{at.height:.3f} m: a new set-up needs a station"
+            self.source.wrong(line, what)
 
     def sight(
         self,
@@ -282,17 +308,22 @@ class FieldBook:
             stated: standard deviations of the file.
         """
         at = self.current
-        if at is None or not target:
-            return
+        if at is None:
+            self.without_station.append(line)
+        if at is None or not at.station or not target:
+            return  # what is no name has been noted
         self.point(line, target)
         self.sighted |= {at.station, target}
-        read = (direction, zenith, distance, horizontal, target_height)
+        read = (direction, zenith, distance, horizontal, target_height, at.height)
         if self.source.problems.count and any(v is not None and math.isnan(v) for v in read):
             return  # what is no number has been noted
         if face is None:
             face = 2 if zenith is not None and zenith > math.pi else 1
         place = self.source.place(line)
-        of_sight: dict[str, Any] = {"instrument_height": at.height, "target_height": target_height}
+        of_sight: dict[str, Any] = {
+            "instrument_height": at.height or 0.0,
+            "target_height": target_height,
+        }
         if distance is None and horizontal is not None:
             found = self.source.attempt(
                 line,
@@ -305,7 +336,9 @@ class FieldBook:
                     **of_sight,
                 ),
             )
-            self.others += [found] if found is not None else []
+            if found is not None:
+                at.horizontals.append(len(self.others))
+                self.others.append(found)
         if direction is None and zenith is None and distance is None:
             return
         rounds = at.rounds[target]
@@ -328,6 +361,7 @@ class FieldBook:
             source=place,
             **of_sight,
         )
+        at.sets.add(name)
         self.readings.setdefault((at.station, name), []).append((line, reading, stated))
 
     def levelled(self, line: int, back: str, fore: str, value: float, length: float) -> None:
@@ -357,12 +391,19 @@ class FieldBook:
 
     # -- the network ------------------------------------------------------------------------------
 
-    def network(self) -> Network:
+    def network(self, *, hint: str = "") -> Network:
         """Return the network.
+
+        Args:
+            hint: what may be done about sights before any station.
 
         Raises:
             InputError: the problems that were noted, and those of the readings, all of them.
         """
+        if self.without_station:
+            n = len(self.without_station)
+            what = "1 sight from here has" if n == 1 else f"{n} sights from here have"
+            self.source.wrong(self.without_station[0], f"{what} no station{hint}")
         reduced = [self._reduced(k, list(v)) for k, v in self.readings.items()]
         if not self.source.problems.count and not reduced and not self.others and not self.points:
             self.source.wrong(1, "holds neither points nor observations")

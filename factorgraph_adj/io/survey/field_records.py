@@ -14,7 +14,7 @@ reader's names::
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,8 +81,12 @@ def read_record(
     source: Source,
     line: int,
     scales: Scales = SI,
+    *,
+    unread: Collection[str] = (),
 ) -> dict[str, Any]:
     """Return the values of a record by their names; what is wrong with them is noted.
+
+    A field more than the record has, and a key that none of its fields has, is wrong.
 
     Args:
         fields: the fields of the record.
@@ -90,8 +94,13 @@ def read_record(
         source: the file.
         line: number of the line.
         scales: units of the file.
+        unread: keys that the format has too, and that the reader passes over knowingly.
     """
-    if not isinstance(given, Mapping) and len(given) > len(fields):
+    if isinstance(given, Mapping):
+        valid = dict.fromkeys(sorted({*unread, *(f.key for f in fields)}), True)
+        for key in given:
+            source.field(line, key, "word").choice(valid)
+    elif len(given) > len(fields):
         names = ", ".join(f.what for f in fields)
         source.wrong(line, f"has {len(given)} fields; valid: at most {len(fields)}, {names}")
     out = {}
@@ -103,6 +112,26 @@ def read_record(
         field = source.field(line, value, f.what)
         absent = field.is_absent and f.default is not NEEDED
         out[f.name] = f.default if absent else f.read(field, scales)
+    return out
+
+
+def by_key(words: Iterable[str], source: Source, line: int, sign: str = "=") -> dict[str, str]:
+    """Return the texts of words such as ``HZ=12.5`` by key.
+
+    Args:
+        words: the words.
+        source: the file; a word without the sign, and the second one of a key, are noted.
+        line: number of the line.
+        sign: what stands between key and text.
+    """
+    out: dict[str, str] = {}
+    for word in words:
+        key, found, text = word.partition(sign)
+        if not found:
+            source.wrong(line, f"word {word[:40]!r} must be a key and a text with {sign!r} between")
+        elif key in out:
+            source.wrong(line, f"word {key[:40]!r} stands twice")
+        out.setdefault(key, text)
     return out
 
 

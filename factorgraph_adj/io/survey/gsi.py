@@ -24,9 +24,9 @@ from ..format_reader import NetworkReader, Reader
 from ..numbers import PACKED_DEGREES
 from ..source import Field, LeftOutReason, TextSource
 from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
-from .field_records import SI, RecordField, Scales, read_record
+from .field_records import NEEDED, SI, RecordField, Scales, read_record
 
-GSI_WORD_PATTERN = re.compile(r"(\d\d)([0-9?./ ]{4})([+-])(.{1,16})", re.ASCII)
+GSI_WORD_PATTERN = re.compile(r"(\d\d)([0-9?./ ]{4})([+-].{1,16})", re.ASCII)
 GSI_LENGTHS = {
     "0": (1.0, 1e3),
     "6": (1.0, 1e4),
@@ -46,53 +46,7 @@ GSI_ANGLES: dict[str, float | str] = {
 VALUES_MISSING = LeftOutReason("values", "the file has dashes in their place")
 
 
-@dataclass(frozen=True)
-class GsiWord:
-    """A word."""
-
-    index: str
-    """Word index, two digits."""
-    info: str
-    """Four characters of information."""
-    data: str
-    """Sign and data."""
-    line: int
-    """Line of the file."""
-
-    @property
-    def text(self) -> str:
-        """The data as a name: without the zeros that fill it from the left."""
-        return self.data[1:].strip().lstrip("0") or "0"
-
-    @property
-    def is_missing(self) -> bool:
-        """Whether the value is dashes."""
-        return not self.text.strip("-")
-
-    def number(self, field: Field) -> float:
-        """Return length or angle, metres or radians; NaN after a problem.
-
-        Args:
-            field: the word as a field of its file.
-        """
-        digits = self.data[1:].strip()
-        if not (digits.isascii() and digits.isdigit()):
-            field.wrong(f"must be a whole number, not {digits!r}")
-            return math.nan
-        sign = -1.0 if self.data[0] == "-" else 1.0
-        angular = self.index in ("21", "22")
-        units = "2 gon, 3 degrees, 4 degrees-minutes-seconds, 5 mil"
-        if not angular:
-            units = "0 mm, 6 1/10 mm, 8 1/100 mm, 1 and 7 feet"
-        unit = Field(self.info[3], f"unit ({units}) of {field.what}", field.where, field.problems)
-        if not angular:
-            metres, parts = unit.choice(GSI_LENGTHS) or (math.nan, 1.0)
-            return sign * int(digits) * metres / parts
-        angle = unit.choice(GSI_ANGLES)
-        if isinstance(angle, str):
-            field.value = f"{digits[:-5]}.{digits[-5:].rjust(5, '0')}"
-            return sign * field.number(angle)
-        return sign * int(digits) * (angle or math.nan)
+# -- words and blocks -----------------------------------------------------------------------------
 
 
 @dataclass
@@ -100,36 +54,86 @@ class GsiBlock:
     """The words of a measurement or of a code."""
 
     line: int
-    words: list[GsiWord]
+    words: list[tuple[str, str]]
+    """Index of each word, and the rest of it: information, sign and data."""
 
-    def first(self, index: str) -> GsiWord | None:
+    def first(self, index: str) -> str | None:
         """Return the first word with an index."""
-        return next((w for w in self.words if w.index == index), None)
+        return next((word for i, word in self.words if i == index), None)
 
 
 def gsi_blocks(source: TextSource) -> Iterator[GsiBlock]:
     """Iterate over the blocks of a file; what is not GSI is noted as a problem."""
-    current: GsiBlock | None = None
-    for number, line in source.numbered():
-        rest = line.strip("\x1a\x00")
-        size = 16 if rest.lstrip().startswith("*") else 8
-        rest = rest.lstrip().removeprefix("*")
+    for line, text in source.numbered():
+        block: GsiBlock | None = None
+        rest = text.strip("\x1a\x00").lstrip()
+        size = 16 if rest.startswith("*") else 8
+        rest = rest.removeprefix("*")
         while rest.strip():
             word, rest = rest[: 7 + size], rest[7 + size :].removeprefix(" ")
             match = GSI_WORD_PATTERN.fullmatch(word)
             if match is None or (rest and len(word) < 7 + size):
                 what = f"{word[:24]!r} is not a word of GSI: two digits, four characters, a sign"
-                source.wrong(number, f"{what} and {size} characters, such as 21.322+16901313")
+                source.wrong(line, f"{what} and {size} characters, such as 21.322+16901313")
                 break
-            found = GsiWord(match[1], match[2], match[3] + match[4], number)
-            if current is None or found.index in ("11", "41") or current.line != number:
-                if current is not None:
-                    yield current
-                current = GsiBlock(number, [])
-            current.words.append(found)
-    if current is not None:
-        yield current
+            if block is None or match[1] in ("11", "41"):
+                if block is not None:
+                    yield block
+                block = GsiBlock(line, [])
+            block.words.append((match[1], match[2].replace(" ", ".") + match[3]))
+        if block is not None:
+            yield block
 
+
+def text_of(word: str) -> str:
+    """Return the data of a word as a name: without the zeros that fill it from the left."""
+    return word[5:].strip().lstrip("0") or "0"
+
+
+def read_text(field: Field, scales: Scales = SI) -> str:
+    """Return the name in a word; '' after a problem."""
+    field.value = text_of(field.value) if isinstance(field.value, str) else None
+    return field.name()
+
+
+def read_millimetres(field: Field, scales: Scales = SI) -> float:
+    """Return the length in a word of a code, metres; NaN after a problem."""
+    field.value = field.value[4:] if isinstance(field.value, str) else None
+    return field.number(scale=1e-3)
+
+
+def read_gsi_length(field: Field, scales: Scales = SI) -> float:
+    """Return the length in a word, metres; NaN after a problem."""
+    units = _unit(field, "0 mm, 6 1/10 mm, 8 1/100 mm, 1 and 7 feet").choice(GSI_LENGTHS)
+    metres, parts = units or (math.nan, 1.0)
+    return _whole_number(field) * metres / parts
+
+
+def read_gsi_angle(field: Field, scales: Scales = SI) -> float:
+    """Return the angle in a word, radians; NaN after a problem."""
+    units = "2 gon, 3 degrees, 4 degrees-minutes-seconds, 5 mil"
+    unit, value = _unit(field, units).choice(GSI_ANGLES), _whole_number(field)
+    if not isinstance(unit, str) or math.isnan(value):
+        return value * (math.nan if unit is None else unit)
+    digits = f"{value:+09.0f}"
+    field.value = f"{digits[:-5]}.{digits[-5:]}"
+    return field.number(unit)
+
+
+def _unit(field: Field, units: str) -> Field:
+    what = f"unit ({units}) of {field.what}"
+    return Field(str(field.value)[3], what, field.where, field.problems)
+
+
+def _whole_number(field: Field) -> float:
+    sign, digits = str(field.value)[4], str(field.value)[5:].strip()
+    if digits.isascii() and digits.isdigit():
+        return float(sign + digits)
+    field.wrong(f"must be a whole number, not {digits!r}")
+    return math.nan
+
+
+# -- levelled lines -------------------------------------------------------------------------------
 
 STAFF_WORDS = {
     **dict.fromkeys(("331", "335"), "back"),
@@ -149,13 +153,13 @@ class StaffReadings:
     """Readings of one staff, metres."""
 
     point: str
-    readings: list[float] = field(default_factory=list)
+    heights: list[float] = field(default_factory=list)
     distances: list[float] = field(default_factory=list)
 
     @property
     def height(self) -> float:
         """Mean of the readings."""
-        return sum(self.readings) / len(self.readings)
+        return sum(self.heights) / len(self.heights)
 
     @property
     def distance(self) -> float:
@@ -170,42 +174,47 @@ class LevelledLine:
         """Start without a line."""
         self.book = book
         self.source = book.source
-        self.method: int | None = None
         self.in_line = False
+        self.needed = 1
+        """Number of readings of each staff."""
         self.sights: dict[str, StaffReadings] = {}
         self.complete = False
         self.line = 0
 
-    def begin(self, word: GsiWord) -> None:
+    def begin(self, word: str) -> None:
         """Begin a line; the code ``?......2`` has the method."""
         self.end()
-        digits = (word.info + word.data).rpartition("?")[2].strip(".+ ")
-        self.method = int(digits) if digits.isascii() and digits.isdigit() else None
+        method = word.rpartition("?")[2].strip(".+ ")
+        stated = method.isascii() and method.isdigit()
+        single = not stated or int(method) in SINGLE_READING_METHODS
+        self.needed = 1 if single else 2
         self.in_line, self.sights, self.complete = True, {}, False
 
     def takes(self, block: GsiBlock, name: str) -> bool:
         """Read a block of a line; return whether it is one."""
-        found = [(w.index + w.info[0], w) for w in block.words]
-        found = [(index, w) for index, w in found if index in LEVELLING_WORDS]
+        found = [(key, w) for i, w in block.words if (key := i + w[0]) in LEVELLING_WORDS]
         if not found:
             height = block.first("83")
             if not self.in_line or any(block.first(i) for i in ("21", "22", "31")):
                 return False
             if height is not None and "back" not in self.sights:
-                self.book.point(block.line, name, up=self._number(height), agree=False)
+                self.book.point(
+                    block.line, name, up=self._length(block.line, "83", height), agree=False
+                )
             return True
-        for w in block.words:
-            if w.index not in WORDS_OF_LEVELS:
-                self.source.wrong(w.line, f"word {w.index} cannot stand in a block of a level")
+        for index, _ in block.words:
+            if index not in WORDS_OF_LEVELS:
+                self.source.wrong(block.line, f"word {index} cannot stand in a block of a level")
         distance = block.first("32")
-        length = 0.0 if distance is None else abs(self._number(distance))
-        for index, w in found:
-            if index in STAFF_WORDS:
-                self._reading(block.line, STAFF_WORDS[index], name, self._number(w), length)
+        length = 0.0 if distance is None else abs(self._length(block.line, "32", distance))
+        for key, word in found:
+            if key in STAFF_WORDS:
+                value = self._length(block.line, key[:2], word)
+                self._reading(block.line, STAFF_WORDS[key], name, value, length)
         return True
 
-    def _number(self, word: GsiWord) -> float:
-        return word.number(self.source.field(word.line, word, f"word {word.index}"))
+    def _length(self, line: int, index: str, word: str) -> float:
+        return read_gsi_length(self.source.field(line, word, f"word {index}"))
 
     def _reading(self, line: int, sight: str, name: str, value: float, length: float) -> None:
         back = self.sights.get("back")
@@ -222,11 +231,11 @@ class LevelledLine:
         if staff.point != name:
             what = f"{sight}sight of {name!r} in a set-up whose {sight}sight is {staff.point!r}"
             self.source.wrong(line, what)
-        staff.readings.append(value)
+        staff.heights.append(value)
         staff.distances += [length] if length else []
         self.line = line
-        needed = 1 if self.method in (None, *SINGLE_READING_METHODS) else 2
-        if len(self.sights) == 2 and all(len(s.readings) >= needed for s in self.sights.values()):
+        enough = all(len(s.heights) >= self.needed for s in self.sights.values())
+        if len(self.sights) == 2 and enough:
             back, fore = self.sights["back"], self.sights["fore"]
             length = back.distance + fore.distance
             dh = back.height - fore.height
@@ -244,48 +253,57 @@ class LevelledLine:
         self.source.wrong(self.line, what)
 
 
-def _value(field: Field, scales: Scales = SI) -> float:
-    word = field.value
-    assert isinstance(word, GsiWord)
-    return word.number(field)
+# -- blocks of total stations ---------------------------------------------------------------------
 
 
-def _field(name: str, index: str, default: float | None = None) -> RecordField:
-    return RecordField(name, f"word {index}", _value, index, default)
+def _lengths(default: float | None = None, **indices: str) -> tuple[RecordField, ...]:
+    return tuple(
+        RecordField(name, f"word {i}", read_gsi_length, i, default) for name, i in indices.items()
+    )
 
 
-def _coordinates(*indices: str, default: float | None = None) -> tuple[RecordField, ...]:
-    names = ("east", "north", "up")
-    return tuple(_field(n, i, default) for n, i in zip(names, indices, strict=True))
-
-
-POINT_FIELDS = _coordinates("81", "82", "83", default=math.nan)
+POINT_FIELDS = _lengths(math.nan, east="81", north="82", up="83")
 STATION_FIELDS = (
-    *_coordinates("84", "85", "86", default=math.nan),
-    _field("instrument_height", "88", 0.0),
+    *_lengths(math.nan, east="84", north="85", up="86"),
+    *_lengths(0.0, height="88"),
 )
 SIGHT_FIELDS = (
-    _field("direction", "21"),
-    _field("zenith", "22"),
-    _field("distance", "31"),
-    _field("horizontal", "32"),
-    _field("target_height", "87", 0.0),
-    _field("instrument_height", "88"),
-    *_coordinates("81", "82", "83"),
+    RecordField("direction", "word 21", read_gsi_angle, "21"),
+    RecordField("zenith", "word 22", read_gsi_angle, "22"),
+    *_lengths(distance="31", horizontal="32"),
+    *_lengths(0.0, target_height="87"),
+    *_lengths(height="88", east="81", north="82", up="83"),
 )
-OBSERVED_WORDS = ("21", "22", "31", "32")
-WORDS_OF_STATIONS = ("84", "85", "86", "88")
-MAY_BE_MISSING = (*OBSERVED_WORDS, *(str(i) for i in range(81, 87)))
+CODE_FIELDS = (
+    RecordField("station", "word 42, the station,", read_text, "42", NEEDED),
+    RecordField("height", "word 43, the height in mm,", read_millimetres, "43", NEEDED),
+)
+"""Fields of the code that begins a set-up."""
+BLOCKS = (
+    (("21", "22", "31", "32"), SIGHT_FIELDS),
+    (("84", "85", "86", "88"), STATION_FIELDS),
+    ((), POINT_FIELDS),
+)
+"""Fields of a block that has any of some words; the first that fits counts."""
+MAY_BE_MISSING = ("21", "22", "31", "32", *(str(i) for i in range(81, 87)))
 """Words that may have dashes for a value; without a height of instrument or target there is no
 sight."""
-KNOWN_WORDS = dict.fromkeys(
-    [
-        *(str(i) for i in (*range(11, 20), 21, 22, 25, 31, 32, 33, *range(41, 50))),
-        *(str(i) for i in (*range(51, 60), *range(70, 80), *range(81, 89))),
-    ],
-    True,
+KNOWN_WORDS = tuple(
+    str(i)
+    for i in (
+        *range(11, 20),
+        21,
+        22,
+        25,
+        31,
+        32,
+        33,
+        *range(41, 60),
+        *range(70, 80),
+        *range(81, 89),
+    )
 )
-"""Word indices that the reader knows."""
+"""Word indices that a block may have."""
 
 
 def read_gsi(
@@ -330,124 +348,56 @@ def read_gsi(
     """
     source = TextSource(path, code_page="cp1252")
     book = FieldBook(source, accuracies, fixed)
-    reader = _Reader(book, None if station_code is None else str(station_code))
+    levelling, codes = LevelledLine(book), dict[str, bool]()
     if station is not None:
-        book.begin(1, str(station), math.nan)
+        book.begin(1, str(station))
     for block in gsi_blocks(source):
-        reader.read(block)
-    reader.levelling.end()
-    reader.ask_for_stations()
-    return book.network()
-
-
-class _Reader:
-    def __init__(self, book: FieldBook, code: str | None) -> None:
-        self.book = book
-        self.source = book.source
-        self.code = code
-        self.levelling = LevelledLine(book)
-        self.codes: list[str] = []
-        self.without_station: list[int] = []
-
-    def read(self, block: GsiBlock) -> None:
-        """Read a block."""
-        line, begin = block.line, block.words[0]
-        if begin.index == "41":
-            self._code(block)
-            return
-        if begin.index != "11":
-            self.source.wrong(line, f"a block must begin with word 11 or 41, not {begin.index}")
-            return
-        name = self._name(begin, "word 11, the point,")
-        if self.levelling.takes(block, name):
-            return
-        for w in block.words:
-            self.source.field(w.line, w.index, "word").choice(KNOWN_WORDS)
-        if any(block.first(i) for i in OBSERVED_WORDS):
-            self._sight(block, name)
-        elif any(block.first(i) for i in WORDS_OF_STATIONS):
-            of = self._values(block, STATION_FIELDS)
-            self.book.point(line, name, of["east"], of["north"], of["up"], agree=False)
-            self.book.begin(line, name, of["instrument_height"])
+        line, (index, word) = block.line, block.words[0]
+        if index == "41" and "?" in word:
+            levelling.begin(word)
+        elif index == "41":
+            codes[text_of(word)] = True
+            if text_of(word) == str(station_code):
+                words = dict(reversed(block.words))
+                of = read_record(CODE_FIELDS, words, source, line, unread=KNOWN_WORDS)
+                book.begin(line, **of)
+        elif index != "11":
+            source.wrong(line, f"a block must begin with word 11 or 41, not {index}")
         else:
-            of = self._values(block, POINT_FIELDS)
-            self.book.point(line, name, of["east"], of["north"], of["up"])
+            name = read_text(source.field(line, word, "word 11, the point,"))
+            if not levelling.takes(block, name):
+                _read_block(book, block, name)
+    levelling.end()
+    hint = ": no block before has words 84-86 or 88; state "
+    if codes:
+        hint += "station_code if words 42 and 43 of a code name station and height of the "
+        hint += f"instrument (codes of the file: {known(codes)}), or station, the only one"
+    else:
+        hint += "station, the name of the only one"
+    return book.network(hint=hint)
 
-    def _name(self, word: GsiWord, what: str) -> str:
-        return self.source.field(word.line, word.text, what).name()
 
-    def _values(self, block: GsiBlock, fields: tuple[RecordField, ...]) -> dict[str, float]:
-        """Return the values of words by names; those of dashes are left out."""
-        words = {}
-        for w in reversed(block.words):
-            if w.is_missing and w.index in MAY_BE_MISSING:
-                self.source.leave_out(w.line, VALUES_MISSING, f"{block.words[0].text} {w.index}")
-            else:
-                words[w.index] = w
-        return read_record(fields, words, self.source, block.line)
-
-    def _code(self, block: GsiBlock) -> None:
-        if "?" in block.words[0].info + block.words[0].data:
-            self.levelling.begin(block.words[0])
-            return
-        code = block.words[0].text
-        self.codes.append(code)
-        if self.code is None or code != self.code:
-            return
-        name, height = block.first("42"), block.first("43")
-        if name is None or height is None:
-            what = (
-                f"code {code} begins a set-up: it needs words 42, the station, and 43, its height"
-            )
-            self.source.wrong(block.line, what)
-            return
-        of = self.source.field(block.line, height.data[1:], "word 43, the height in mm,")
-        value = of.number(scale=1e-3)
-        station = self._name(name, "word 42, the station,")
-        self.book.begin(block.line, station, value if height.data[0] == "+" else -value)
-
-    def _sight(self, block: GsiBlock, name: str) -> None:
-        at, line = self.book.current, block.line
-        if at is None:
-            self.without_station.append(line)
-            return
-        of = self._values(block, SIGHT_FIELDS)
-        height = of["instrument_height"]
-        if math.isnan(at.height):
-            at.height = 0.0 if height is None else height
-        elif height is not None and at.height != height:
-            what = f"height of the instrument {height:.3f} m differs from that of the set-up, "
-            what += f"{at.height:.3f} m: a new set-up needs a block of its station"
-            self.source.wrong(line, what)
-            return
-        coordinates = [of[axis] for axis in ("east", "north", "up")]
-        if None not in coordinates:
-            self.book.point(line, name, *coordinates, agree=False)
-        self.book.sight(
-            line,
-            name,
-            direction=of["direction"],
-            zenith=of["zenith"],
-            distance=of["distance"] or None,
-            horizontal=of["horizontal"] or None,
-            target_height=of["target_height"],
-        )
-
-    def ask_for_stations(self) -> None:
-        """Note that readings have no station, and how to name it."""
-        if not self.without_station:
-            return
-        first, n = self.without_station[0], len(self.without_station)
-        what = f"{n} sights from here have no station: no block before has words 84-86 or 88"
-        if self.codes:
-            codes = known(dict.fromkeys(self.codes))
-            what += (
-                f"; state station_code if words 42 and 43 of a code name station and height of the "
-                f"instrument (codes of the file: {codes}), or station, the only one"
-            )
+def _read_block(book: FieldBook, block: GsiBlock, name: str) -> None:
+    """Note the sight, the station or the point of a block."""
+    source, line, words = book.source, block.line, dict[str, str]()
+    for index, word in reversed(block.words):
+        if index in MAY_BE_MISSING and not text_of(word).strip("-"):
+            source.leave_out(line, VALUES_MISSING, f"{text_of(block.words[0][1])} {index}")
         else:
-            what += "; state station, the name of the only one"
-        self.source.wrong(first, what)
+            words[index] = word
+    fields = next(f for need, f in BLOCKS if not need or any(block.first(i) for i in need))
+    of = read_record(fields, words, source, line, unread=KNOWN_WORDS)
+    coordinates, height = [of.pop(axis) for axis in ("east", "north", "up")], of.pop("height", None)
+    if fields is not SIGHT_FIELDS or None not in coordinates:
+        book.point(line, name, *coordinates, agree=fields is POINT_FIELDS)
+    if fields is STATION_FIELDS:
+        book.begin(line, name, height)
+    elif fields is SIGHT_FIELDS:
+        if height is not None and book.current is not None:
+            book.set_height(line, height)
+        for length in ("distance", "horizontal"):
+            of[length] = of[length] or None
+        book.sight(line, name, **of)
 
 
 READER = Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkReader(read_gsi))

@@ -236,9 +236,7 @@ class _Reader:
         if self.current != setup:
             self.current = setup
             height = number(at, "instrumentHeight")
-            station = at.attributes.get("stationName", "").strip()
-            if not station:
-                return
+            station = self.source.attribute(at, "stationName").name()
             self.book.begin(at.line, station, height or 0.0)
             for e in self.backsights.pop(setup, []):
                 self._backsight(e, setup)

@@ -10,7 +10,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.source import TextSource
-from factorgraph_adj.io.survey.gsi import gsi_blocks
+from factorgraph_adj.io.survey.gsi import gsi_blocks, read_gsi_length
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
 from factorgraph_adj.units import GON, LENGTH
 from tests.io.survey.field_files import MAPPING, columns, gsi, jobxml, landxml, sdr33, write
@@ -475,7 +475,7 @@ def test_lengths_of_gsi_are_the_floats_of_their_decimals(tmp_path, word, metres)
     path.write_text(f"*{word} ", encoding="utf-8")
     source = TextSource(path)
     (block,) = gsi_blocks(source)
-    assert block.words[0].number(source.field(1, block.words[0], "word")) == metres
+    assert read_gsi_length(source.field(1, block.words[0][1], "word")) == metres
 
 
 def test_a_table_without_a_mapping_and_with_commas_says_what_to_state(tmp_path):
