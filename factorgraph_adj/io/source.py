@@ -110,10 +110,10 @@ class Problems:
         Problems that name a line of the same file already keep it alone.
         """
         # Types then know that what follows the block is reached after an error, too.
-        return cast("AbstractContextManager[None, bool]", self._at(where))
+        return cast("AbstractContextManager[None, bool]", self._collecting(where))
 
     @contextmanager
-    def _at(self, where: str) -> Iterator[None]:
+    def _collecting(self, where: str) -> Iterator[None]:
         file = _PLACE.match(where)["file"]  # type: ignore[index]
         try:
             yield

@@ -181,8 +181,8 @@ class SetUp:
     """Target heights by target, round and face."""
     sets: set[str] = field(default_factory=set)
     """Names of its sets of directions."""
-    horizontals: list[int] = field(default_factory=list)
-    """Places of its horizontal distances among the other observations of the book."""
+    horizontals: list[tuple[int, HorizontalDistance]] = field(default_factory=list)
+    """Its horizontal distances, with their places among the other observations of the book."""
 
 
 @dataclass(frozen=True)
@@ -269,8 +269,8 @@ class FieldBook:
             self.source.wrong(line, "a height of the instrument before any station")
         elif at.height is None:
             at.height = height
-            for i in at.horizontals:
-                self.others[i] = replace(self.others[i], instrument_height=height)
+            for i, distance in at.horizontals:
+                self.others[i] = replace(distance, instrument_height=height)
             for key in ((at.station, name) for name in at.sets):
                 self.readings[key] = [
                     (n, replace(reading, instrument_height=height), stated)
@@ -337,7 +337,7 @@ class FieldBook:
                 ),
             )
             if found is not None:
-                at.horizontals.append(len(self.others))
+                at.horizontals.append((len(self.others), found))
                 self.others.append(found)
         if direction is None and zenith is None and distance is None:
             return

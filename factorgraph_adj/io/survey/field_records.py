@@ -131,7 +131,8 @@ def by_key(words: Iterable[str], source: Source, line: int, sign: str = "=") -> 
             source.wrong(line, f"word {word[:40]!r} must be a key and a text with {sign!r} between")
         elif key in out:
             source.wrong(line, f"word {key[:40]!r} stands twice")
-        out.setdefault(key, text)
+        else:
+            out[key] = text
     return out
 
 

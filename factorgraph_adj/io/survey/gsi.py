@@ -113,8 +113,10 @@ def read_gsi_angle(field: Field, scales: Scales = SI) -> float:
     """Return the angle in a word, radians; NaN after a problem."""
     units = "2 gon, 3 degrees, 4 degrees-minutes-seconds, 5 mil"
     unit, value = _unit(field, units).choice(GSI_ANGLES), _whole_number(field)
-    if not isinstance(unit, str) or math.isnan(value):
-        return value * (math.nan if unit is None else unit)
+    if unit is None or math.isnan(value):
+        return math.nan
+    if isinstance(unit, float):
+        return value * unit
     digits = f"{value:+09.0f}"
     field.value = f"{digits[:-5]}.{digits[-5:]}"
     return field.number(unit)
