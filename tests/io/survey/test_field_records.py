@@ -20,7 +20,6 @@ from factorgraph_adj.io.survey.field_records import (
     read_record,
 )
 from factorgraph_adj.units import FOOT, GON
-from tests.io.survey.field_files import landxml
 
 SIGHT = (
     RecordField("target", "target", read_name, "TO", NEEDED),
@@ -105,18 +104,3 @@ def test_what_stands_before_any_station_is_stated_with_its_line():
         "a.raw:2: a height of the instrument before any station",
         "a.raw:3: 2 sights from here have no station; begin with a station",
     ]
-
-
-def test_a_set_up_without_a_name_gives_its_sights_to_no_other_one(tmp_path):
-    path = tmp_path / "a.xml"
-    second = '<InstrumentSetup id="s2" stationName="" instrumentHeight="1"/>'
-    rows = landxml().replace("<Survey>", f"<Survey>{second}")
-    sight = (
-        '<RawObservation setupID="s2" horizAngle="1" zenithAngle="100" slopeDistance="9">'
-        '<TargetPoint name="A"/></RawObservation>'
-    )
-    path.write_text(rows.replace("</Survey>", f"{sight}{sight}</Survey>"), encoding="utf-8")
-    with pytest.raises(InputError) as caught:
-        fga.read(path)
-    (problem,) = caught.value.problems
-    assert problem.what == "stationName of <InstrumentSetup> is missing; valid: a name"
