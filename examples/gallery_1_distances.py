@@ -2,7 +2,7 @@
 ==================
 
 Two pillars are known and four points are new. A plane network of distances is adjusted, and the
-script prints what a surveyor wants to know: coordinates with their error ellipses, residuals, test
+script prints the usual results: coordinates with their error ellipses, residuals, test
 values and smallest detectable errors. The readings are simulated with σ = 2 mm + 2 ppm.
 """
 
@@ -54,7 +54,7 @@ for name in ROUGH:
     )
 
 # %%
-# What each distance can prove about itself.
+# The reliability of each distance.
 print("\nline      observed, m   v, mm   σ, mm     r    τ   smallest detectable error, mm")
 for row, o in enumerate(solution.observations):
     r, tau, least = rel.redundancy_numbers[row], rel.tau[row], 1e3 * rel.mdb[row]

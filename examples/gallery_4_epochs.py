@@ -1,7 +1,7 @@
 """Monitoring a wall, epoch by epoch
 =================================
 
-Four pillars stand still. The points of the wall are new ones in each epoch (W3@2): their shifts d
+Four pillars are stable. The points of the wall are new ones in each epoch (W3@2): their shifts d
 have a covariance D, and T² = dᵀ D⁻¹ d says whether one has moved (χ², 3 degrees of freedom, 0.1 %).
 W3 moves by 1.2 mm each time from epoch 3 on; a distance of epoch 4 is 8 mm wrong.
 """

@@ -1,7 +1,7 @@
 """Reliability and gross errors of a traverse
 ==========================================
 
-What can a network prove about itself? A traverse with cross sights is simulated. Two readings are
+How reliable is a network? A traverse with cross sights is simulated. Two readings are
 then made wrong, and data snooping finds them.
 """
 

@@ -1,9 +1,9 @@
 """Planning a measurement
 ======================
 
-What will the design give, what is missing, what is cheapest to add? Twelve targets on a facade of
-20 × 9 m, one total station and two photos; nothing is measured yet. The design is checked against
-targets, and additions are proposed, each with its cost in minutes.
+How precise will the design be, what is missing, what is cheapest to add? A facade of 20 × 9 m has
+twelve targets, one total station and two photos; nothing is measured yet. The design is checked
+against targets, and additions are proposed, each with its cost in minutes.
 """
 
 import argparse

@@ -1,9 +1,9 @@
 """A simulation repeated 40 times
 ==============================
 
-What do more taped distances give? Every repetition simulates the block anew, adjusts it and returns
-figures. Repetition k has the same seed for all numbers of distances: the differences between them
-are paired.
+What do more taped distances contribute? Every repetition simulates the block again, adjusts it and
+returns figures. Repetition k has the same seed for all numbers of distances: the differences
+between them are paired.
 """
 
 import argparse

@@ -47,7 +47,7 @@ print(f"redundancy {together.redundancy}, sum {together.sum_of_redundancy_number
 
 # %%
 # The middle office alone has no bench mark. In the whole network its stations have these
-# standard deviations; its own redundancy numbers tell what the other parts control.
+# standard deviations; its redundancy numbers show what the other parts control.
 middle = together.part("office 2")
 sigmas = np.sqrt(np.einsum("nii->ni", middle.covariances["point"]))
 names = middle.equations.unknowns["point"].names

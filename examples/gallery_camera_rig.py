@@ -1,9 +1,9 @@
 """A rig of two cameras in a hall
 ==============================
 
-Two cameras look to both sides of a rod that is carried through a hall. Nothing is known of how they
-sit on it, but that they sit still: the adjustment finds the rotation and the arm of the second one
-on the first, its mount. Every photo has a pose of its own, tied to its carrier by a rigid mount.
+Two cameras look to both sides of a rod that is carried through a hall. Their poses on it are
+unknown but constant: the adjustment finds the rotation and the arm of the second one on the
+first, its mount. Every photo has its own pose, tied to its carrier by a rigid mount.
 At the end the camera slips by 5 mm at one place, and data snooping names it.
 """
 

@@ -2,7 +2,7 @@
 ======================================
 
 Two fisheye cameras of 200° look to opposite sides from one pole, as in a 360° camera, and are
-carried through a hall. The sparse model is written as COLMAP writes it, in a system of its own and
+carried through a hall. The sparse model is written as COLMAP writes it, in its own system and
 without any standard deviation; then it is read with five control points, adjusted, and written
 again for dense matching. The measurements are simulated with σ = 0.5 px.
 """
@@ -67,7 +67,7 @@ solution = fga.adjust(network)
 print(f"n {solution.n_observations}, u {solution.n_unknowns}, σ̂0 {solution.sigma0:.3f}")
 
 # %%
-# How well everything is known, and how far it is from the truth, in mm; the adjusted model.
+# The standard deviations, and the errors against the truth, in mm; the adjusted model.
 sigmas = np.array([1e3 * solution.standard_deviations(p) for p in plan.points])
 off = np.array([1e3 * (solution.point(p) - plan.points[p].coordinates) for p in plan.points])
 rms = np.sqrt(np.mean((off / sigmas) ** 2))

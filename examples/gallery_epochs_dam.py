@@ -2,8 +2,8 @@
 ==================================================
 
 A reference point slips, and two points of the crest move together. Each epoch is adjusted alone and
-both are compared; then both stand in one adjustment, in which a stable point stands once and any
-other twice. Displacements are the same; their standard deviations differ by the two σ̂0 alone.
+both are compared; then one adjustment has both epochs, in which a stable point occurs once and any
+other twice. Displacements are the same; only the two σ̂0 change their standard deviations.
 """
 
 import argparse
@@ -51,7 +51,7 @@ print(found, "stable:", *found.stable)
 print(f"crest moved {crest['tx'] / MM:.1f} {crest['ty'] / MM:.1f} mm (true: 6.0 9.0)")
 
 # %%
-# Both epochs in one adjustment: what is not stable has a second place in the second epoch.
+# Both epochs in one adjustment: unstable points have a second place in the second epoch.
 both = first.copy()
 later = {n: f"{n} later" for n in PLACES if n not in found.stable}
 for name, other in later.items():

@@ -1,9 +1,9 @@
 """A photo flight with GNSS and an inertial platform
 =================================================
 
-Three strips are flown to and fro, with the position of the antenna and with roll, pitch and heading
-at every exposure. The boresight, and a shift and drift of the positions of each strip are unknown.
-The flight is simulated; what was put on comes back.
+Three strips are flown in alternating directions, with the position of the antenna and with roll,
+pitch and heading at every exposure. The boresight, and a shift and drift of the positions of each
+strip are unknown. The flight is simulated; the adjustment recovers the simulated errors.
 """
 
 import argparse
@@ -72,7 +72,7 @@ if options.plot:
     plot_network(found.solution).savefig(options.plot, dpi=150)
 
 # %%
-# Without control, the shifts take up the datum.
+# Without control, the shifts absorb the datum.
 try:
     fga.adjust(fga.without(flight, [i for i in flight.observations if i.startswith("control")]))
 except fga.DatumError as refused:

@@ -4,9 +4,9 @@
 Photos with GNSS have their control and their projection centres in UTM, with heights above a geoid,
 as they are delivered. A kilometre of the ground is 0.4 m shorter in the grid on the central
 meridian, and 0.7 m longer 300 km away, while heights stay as they are. Adjusted as if the grid were
-Cartesian, the camera takes up the difference: its principal distance is wrong by up to 40 standard
+Cartesian, the camera absorbs the difference: its principal distance is wrong by up to 40 standard
 deviations, and by another amount in every place. In a topocentric frame nothing needs a correction,
-and results come back in the grid with their covariances.
+and results return in the grid with their covariances.
 """
 
 import argparse
@@ -43,7 +43,7 @@ for easting in (500e3, 400e3, 320e3, 250e3, 200e3):
         seen = np.flatnonzero(np.abs(xy).max(axis=1) < 65.0)
         truth.add_image_points(name, [f"{n}" for n in seen], xy[seen], sigma=0.002)
 
-    # What is delivered in the grid: control in the corners and in the middle, GNSS, images.
+    # Delivered in the grid: control in the corners and in the middle, GNSS, images.
     flight = fga.Network("flight in UTM")
     flight.add_camera("camera", NoDistortion(), {"c": 100.0}, free=["c"])
     for i, at in enumerate(grid):

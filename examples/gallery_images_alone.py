@@ -1,9 +1,9 @@
 """A block from images alone
 =========================
 
-Fourteen photos of an object, no pose, no control point, a guess of the principal distance, one
-scale bar, and image points of which one in twenty belongs to another point. The start finds the
-block and names the mismatches; the picture shows the photos and points after the adjustment.
+Fourteen photos of an object without poses or control points, with an approximate principal
+distance, one scale bar, and image points of which one in twenty belongs to another point. The
+start finds the block and names the mismatches; the picture shows the adjusted photos and points.
 """
 
 import argparse
@@ -58,7 +58,7 @@ named = mixed & set(found.doubtful)
 print(f"mismatches: {len(mixed)}, named: {len(named)}, others: {len(found.doubtful) - len(named)}")
 
 # %%
-# The adjustment without them, and a test of every image point that is left.
+# The adjustment without them, and a test of every remaining image point.
 clean = fga.snoop(found.without_doubtful(), start=found.start, variance="a-posteriori")
 solution = clean.solution
 calibration = solution.calibration("camera")

@@ -1,7 +1,7 @@
 """Independent models, strips and directions from one block
 ========================================================
 
-What did a block lose when photos were first made into models? Three strips of photos are adjusted
+What does a block lose if photos are first made into models? Three strips of photos are adjusted
 as a bundle, as triplets, as pairs, as strips that polynomials bend, and as directions in plan. All
 start from the same image coordinates; film and lens deform them in the same way.
 """

@@ -1,9 +1,9 @@
 """Scanners and shapes in plan
 ===========================
 
-Three scanners that are not levelled stand in a plant and sight points of a tank, a ball and the
-floor. Where they stand is unknown, and so are place, direction and size of the shapes. The plan
-shows the scanners with their sights, the shapes as they were estimated, and all error ellipses.
+Three scanners that are not levelled sight points of a tank, a ball and the
+floor of a plant. The places of the scanners and the place, direction and size of the shapes are
+unknown. The plan shows the scanners with their sights, the adjusted shapes, and all error ellipses.
 """
 
 import argparse
@@ -23,7 +23,7 @@ MM = 1e-3
 rng = np.random.default_rng(4)
 
 # %%
-# The plant as it is: a tank of 1.5 m radius that leans, a ball of 1 m, the floor, four known marks.
+# The true plant: a tank of 1.5 m radius that leans, a ball of 1 m, the floor, four known marks.
 plant = fga.Network("plant")
 for i, at in enumerate([(0.0, 0.0, 2.0), (14.0, 0.0, 1.0), (14.0, 9.0, 2.5), (0.0, 9.0, 1.5)]):
     plant.add_point(f"M{i}", at, fixed="xyz")

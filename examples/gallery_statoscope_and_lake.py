@@ -1,10 +1,10 @@
 """Heights of a block from a statoscope and a lake
 ===============================================
 
-Two strips over a valley without any control of height. A statoscope read at every exposure how high
-the aircraft was above a surface of equal pressure, whose height is unknown in each strip. A lake,
+Two strips cross a valley without height control. At every exposure a statoscope reads the height of
+the aircraft above a surface of equal pressure, whose height is unknown in each strip. A lake,
 whose level a gauge gives, makes that absolute: its shore lines are points of one height. The crab
-angles of the aircraft tell the wind, and the wind the slope of the surface of pressure. One reading
+angles of the aircraft give the wind, and the wind the slope of the surface of pressure. One reading
 is wrong by half a hectopascal; data snooping finds it.
 """
 
@@ -38,7 +38,7 @@ for i, x in enumerate(np.linspace(-100, 3700, 13)):
 for corner in ("0-0", "12-0", "0-8", "12-8"):
     place = plan.points[corner].coordinates[:2]
     plan.add(fga.ControlPoint(corner, place, axes="xy", sigma=(0.1, 0.1)))
-# Two strips, forth and back, at 48° north and 40 m/s: the nose is 15° to the left, then right.
+# Two strips in opposite directions, 48° north, 40 m/s: the nose is 15° to the left, then right.
 for strip, crab in (("1", np.radians(15.0)), ("2", np.radians(-15.0))):
     slope = 1000 * pressure_slope(np.radians(48.0), 40.0 * np.sin(crab))  # metres per kilometre
     known = {"height": 8.0 if strip == "1" else 3.0, "height_t": slope}

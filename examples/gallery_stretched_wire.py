@@ -1,10 +1,10 @@
 """A stretched wire
 ================
 
-Seven sensors along 60 m read where a wire passes, across and in height, and how high the water of a
-tube stands over them; they are levelled and surveyed too. The first and the last are known; the
-others, bearing, slope and sag of the wire and the level of the water are found, and a bad reading
-is named. The readings are simulated with σ = 10 µm of the wire and 5 µm of the water.
+Seven sensors along 60 m read where a wire passes, across and in height, and the height of the water
+of a tube above them; they are levelled and surveyed too. The first and the last are known; the
+others, bearing, slope and sag of the wire and the level of the water are unknown, and data
+snooping names a bad reading. The simulated σ are 10 µm for the wire and 5 µm for the water.
 """
 
 import argparse
@@ -24,7 +24,7 @@ options = parser.parse_args()
 
 # The frame of the wire has its y axis along the chord. Free are its bearing rz, its slope rx, and
 # where it begins, x and z; the sag is a size. A roll of the frame about the wire has no effect on
-# its readings: an observed roll of zero takes it away.
+# its readings: an observed roll of zero fixes it.
 tunnel = fga.Network("tunnel")
 rng = np.random.default_rng(5)
 for i in range(SENSORS):

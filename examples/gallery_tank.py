@@ -1,7 +1,7 @@
 """A tank and its floor
 ====================
 
-A total station stands at two places in an oil tank. It reads targets on the wall, a cylinder, and
+A total station at two places in an oil tank reads targets on the wall, a cylinder, and
 on the floor, a plane. Their axes are compared, and the deviations of the wall, which has a bulge,
 are drawn unrolled. Data snooping finds a point of the floor that lies on a stone.
 """

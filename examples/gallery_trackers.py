@@ -1,9 +1,9 @@
 """Laser trackers in one network
 =============================
 
-Four laser trackers stand around a machine and sight the same targets. No target is known, no
-tracker is levelled: each has a frame of its own with six unknowns, and the datum is that of inner
-constraints over the targets. It is what industry calls a unified spatial metrology network.
+Four laser trackers around a machine sight the same targets. No target is known, no
+tracker is levelled: each has its own frame with six unknowns, and the datum is that of inner
+constraints over the targets. In industry this is a unified spatial metrology network.
 """
 
 import argparse
@@ -44,7 +44,7 @@ for k in range(4):
 
 # %%
 # The measurements are simulated. Tracker T2 is worse than its specification: its directions have
-# three times the standard deviation that is stated. Then everything but the readings is forgotten.
+# three times the standard deviation that is stated. Only the readings are kept.
 true = plan.copy()
 for ident, o in plan.observations.items():
     if (o.frame, o.kind) == ("T2", "frame_direction"):
@@ -62,7 +62,7 @@ print(f"n {solution.n_observations}, u {solution.n_unknowns}, defects {solution.
 print(f"σ̂0 with the stated specifications: {solution.sigma0:.2f}")
 
 # %%
-# Each instrument gets factors of its own, for directions, zenith angles and distances.
+# Each instrument gets its own factors for directions, zenith angles and distances.
 found = fga.estimate_variance_components(network, groups="frame")
 for component in found.components:
     if component.name.startswith("frame_direction"):

@@ -2,10 +2,10 @@
 ========================================
 
 A total station with an index and a collimation error reads six targets in both faces. One zenith
-reading of one face is wrong by 10 mgon. The reduction to means names the target, since its faces do
-not agree with those of the others; half of the error stays in its mean. With both faces as
-observations, index and collimation error are unknowns, the reading has a test value of its own, and
-data snooping sets it aside alone.
+reading of one face is wrong by 10 mgon. The reduction to means names the target, since its faces
+disagree with those of the others; half of the error stays in its mean. With both faces as
+observations, index and collimation error are unknowns, the reading has its own test value, and
+data snooping rejects it alone.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Write the project `examples/industry_block`: measured values as a field book has them.
+"""Write the project `examples/industry_block`: measured values as in a field book.
 
 python -m examples.make_industry_block [FOLDER]
 """

@@ -1,10 +1,10 @@
 """A measured day
 ==============
 
-Every observation is tested as it arrives, and three of them have gross errors. The network is the
-industry block of ``industry_block.py`` with directions from five total stations; levelling,
-stations, tape and photos arrive one after the other. The picture shows the standard deviations of
-some points against the arrivals.
+Every observation is tested when it is added, and three of them have gross errors. The network is
+the industry block of ``industry_block.py`` with directions from five total stations; levelling,
+stations, tape and photos are added one after the other. The picture shows the standard deviations
+of some points against the number of additions.
 """
 
 import argparse
@@ -91,7 +91,7 @@ for number, (name, observations) in enumerate(day.items()):
 print(f"σ̂0 {inc.sigma0:.3f}, redundancy {inc.redundancy}")
 
 # %%
-# What the batch would have said in the evening.
+# The batch adjustment in the evening, for comparison.
 
 evening = block.copy()
 evening.observations = {}

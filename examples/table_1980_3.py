@@ -1,7 +1,7 @@
 """Ayeni (1980), table 3
 =====================
 
-Thirty methods of phototriangulation: all that can be run, on one simulated block of three strips.
+Thirty methods of phototriangulation: all feasible ones, on one simulated block of three strips.
 The paper has figures of seven of them, each from another block.
 ``examples.papers.methods_1980`` describes the methods, ``methods_1980_block`` the block.
 """

@@ -2,8 +2,8 @@
 ===============================
 
 Terrestrial observations replace control in the ISP block. The scan of the paper has the table only
-as a picture; its text says that the improvement over reduced control is significant and depends on
-number and distribution. ``examples.papers.tables_1981`` describes the geometry.
+as a picture; its text states that the improvement over reduced control is significant and depends
+on number and distribution. ``examples.papers.tables_1981`` describes the geometry.
 """
 
 import argparse

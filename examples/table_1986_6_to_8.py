@@ -1,7 +1,7 @@
 """El-Hakim (1986), tables 6 to 8
 ==============================
 
-Systematic errors that are left in the images of the 52-photo block. ``table_1986_6_to_8.py 6``
+Remaining systematic errors in the images of the 52-photo block. ``table_1986_6_to_8.py 6``
 prints table 6; without a number all tables are printed.
 ``examples.papers.systematic_errors_1986`` describes the geometry.
 """
