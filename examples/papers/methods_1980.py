@@ -1,8 +1,8 @@
 """Ayeni (1980), tables 1 and 3: thirty methods of phototriangulation on one block.
 
-Table 1 describes thirty methods, table 3 has the accuracy at check points that seven of them were
-reported to have, each on another block. Here all that can be run are run on one block, and table 3
-is filled: errors at check points, redundancy, unknowns, time. What cannot be run says why.
+Table 1 describes thirty methods, table 3 has the published accuracy at check points of seven of
+them, each on another block. Here all feasible methods are run on one block, and table 3 is
+completed: errors at check points, redundancy, unknowns, time, or why a method is not run.
 
 `simulated_block` is described in `methods_1980_block`. Any network of photos with held control and
 check points can take its place: ``run_methods(MethodBlock(network, network))``.
@@ -55,7 +55,7 @@ class Row:
     reason: str = ""
     """Why it is not run."""
     needs: Literal["", "terrestrial", "statoscope", "tilts"] = ""
-    """Part of the block that it needs beside photos and control."""
+    """Part of the block that it needs besides photos and control."""
 
 
 METHODS: tuple[Row, ...] = (
@@ -110,7 +110,7 @@ METHODS: tuple[Row, ...] = (
     Row(29, "self-calibration", partial(run.bundle, lens="brown", priors=True)),
     Row(30, "28 and 29 together", partial(run.bundle, lens="both", priors=True)),
 )
-"""The methods of table 1 in order; a method that gets what it needs changes in one line here."""
+"""The methods of table 1 in order; one line for each method."""
 
 REPORTED: dict[int, str] = {
     12: "Zürich 42.2 plan, 46.7 height",
@@ -121,7 +121,7 @@ REPORTED: dict[int, str] = {
     28: "Jämijärvi 2.3 plan, 3.0 height",
     30: "Atlanta 7.0, 3.0",
 }
-"""What table 3 prints, cm, by method; each on another block."""
+"""Errors printed in table 3, cm, by method; each on another block."""
 
 
 @dataclass(frozen=True, eq=False)

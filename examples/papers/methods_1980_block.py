@@ -1,9 +1,9 @@
 """A block for Ayeni's methods: three strips over hills, with film and lens that deform images.
 
-Nothing in Ayeni (1980) prescribes it. The camera is one of 1980: principal distance 153 mm, format
+Ayeni (1980) does not prescribe it. The camera is one of 1980: principal distance 153 mm, format
 23 cm, photo scale 1 : 10 000, overlap 60 per cent along and 30 per cent across. Its images have
 the systematic errors of an Ebner model with the image base of 92 mm, up to 8 µm each, which only
-some of the methods can take out.
+some of the methods can remove.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ CAMERA = "camera"
 
 @dataclass(frozen=True, eq=False)
 class MethodBlock:
-    """A block with what the methods use of it."""
+    """A block with the data that the methods use."""
 
     network: Network
     """Photos measured in a comparator, control held, check points with known coordinates."""
@@ -92,7 +92,7 @@ def simulated_block(seed: Seed = 1980) -> MethodBlock:
 
 
 def _flown(plan: Network, seed: Seed) -> tuple[tuple[ProfileHeight, ...], dict[str, Array]]:
-    """Return what a statoscope and a horizon camera measure: heights by strip, and attitudes."""
+    """Return the measurements of a statoscope and a horizon camera: heights by strip, and attitudes."""
     rng = np.random.default_rng([seed, 14])
     surface = rng.normal(0.0, [20.0, 2.0], (STRIPS, 2))
     heights, tilts = [], {}

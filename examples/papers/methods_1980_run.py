@@ -1,4 +1,4 @@
-"""Ayeni's methods on one block: a function for each that can be run."""
+"""Ayeni's methods on one block: a function for each feasible one."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ SIGMA_CONTROL, SIGMA_CENTRE, SIGMA_ATTITUDE = 0.02, 20.0, 0.02
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a method comes to."""
+    """The results of a method."""
 
     n: int
     """Number of observations of its last adjustment."""
@@ -79,7 +79,7 @@ Method = Callable[[MethodBlock], Outcome]
 
 
 def outcome(solution: Solution, block: MethodBlock, *, plan: bool = False) -> Outcome:
-    """Return the outcome of an adjustment; ``plan``: heights say nothing."""
+    """Return the outcome of an adjustment; ``plan``: heights are ignored."""
     errors = np.array(
         [
             solution.point(n) - np.array(p.check)
@@ -328,13 +328,13 @@ def bundle(
     control: Literal["all", "corners", "one"] = "all",
     priors: bool = False,
 ) -> Outcome:
-    """17, 25, 26, 28, 29, 30: the bundle, with what it is given.
+    """17, 25, 26, 28, 29, 30: the bundle, with the given options.
 
     Args:
         block: the block.
         lens: ``held``, ``ebner`` (weighted additional parameters), ``brown`` (self-calibration with
             observed interior orientation), ``both``.
-        terrestrial: whether distances and azimuths take part.
+        terrestrial: whether distances and azimuths are used.
         control: control that is held in plan: all, that of the corners, or one point.
         priors: whether control, exterior and interior orientation are observations.
     """

@@ -108,7 +108,7 @@ def simulate_industry_block(
     Args:
         seed: seed of measuring errors and approximate values; the block is always the same.
         photos: number of photos, 4 to 7.
-        terrestrial: whether distances and levelling take part.
+        terrestrial: whether distances and levelling are used.
         self_calibration: whether the calibration is estimated with the certificate as weighted
             values; otherwise c, x0, y0 are held and additional parameters are omitted.
         distances: number of taped distances; 35 or more, so that every point has one.

@@ -91,7 +91,7 @@ class IndustryBlock(Part):
     photos: int = number(7, least=4, most=7)
     """Number of photos."""
     terrestrial: bool = True
-    """Whether distances and levelling take part."""
+    """Whether distances and levelling are used."""
     distances: int = number(150, least=35)
     """Number of taped distances."""
     sigma_um: float = number(6.0, above=0)
