@@ -51,9 +51,9 @@ class Row:
     name: str
     """Name."""
     method: Method | None
-    """How it is run; None: it is not."""
+    """Function that runs it; None: it is not run."""
     reason: str = ""
-    """Why it is not run."""
+    """Reason why it is not run."""
     needs: Literal["", "terrestrial", "statoscope", "tilts"] = ""
     """Part of the block that it needs besides photos and control."""
 
@@ -131,11 +131,11 @@ class Ran:
     row: Row
     """The method."""
     outcome: Outcome | None
-    """What it came to; None: it was not run."""
+    """Its results; None: it was not run."""
     seconds: float = np.nan
     """Time of all its steps, seconds."""
     reason: str = ""
-    """Why it was not run."""
+    """Reason why it was not run."""
 
     @property
     def rms(self) -> Array:

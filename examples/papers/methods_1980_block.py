@@ -92,7 +92,7 @@ def simulated_block(seed: Seed = 1980) -> MethodBlock:
 
 
 def _flown(plan: Network, seed: Seed) -> tuple[tuple[ProfileHeight, ...], dict[str, Array]]:
-    """Return the measurements of a statoscope and a horizon camera: heights by strip, and attitudes."""
+    """Return measurements of a statoscope and a horizon camera: heights by strip, attitudes."""
     rng = np.random.default_rng([seed, 14])
     surface = rng.normal(0.0, [20.0, 2.0], (STRIPS, 2))
     heights, tilts = [], {}
