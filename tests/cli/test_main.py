@@ -147,7 +147,7 @@ def test_what_the_observations_do_not_determine_ends_with_2(tmp_path, here):
     ("name", "expected"),
     [
         ("nowhere.toml", "nowhere.toml: no such file or folder"),
-        ("list.xlsx", "list.xlsx: unknown kind of file; valid: .toml (project), .gkf (GNU Gama)"),
+        ("list.xlsx", "list.xlsx: unknown kind of file; valid: .toml (project), .xml (DynaML"),
     ],
 )
 def test_a_file_that_is_no_project_ends_with_2(tmp_path, name, expected, here):
