@@ -63,7 +63,7 @@ ident = next(i for i, o in slipped.observations.items() if i.startswith("3 right
 moved = np.add(slipped.observations[ident].value, (0.005, 0.0, 0.0))
 slipped.observations[ident] = replace(slipped.observations[ident], value=tuple(moved))
 for r in fga.snoop(slipped, alpha=1e-5).rejected:
-    print(f"set aside: {r.id}, error {1e3 * r.final_error:.1f} mm, w {r.test:.1f}")
+    print(f"rejected: {r.id}, error {1e3 * r.final_error:.1f} mm, w {r.test:.1f}")
 
 if options.plot:
     from matplotlib.figure import Figure

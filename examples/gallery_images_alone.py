@@ -62,7 +62,7 @@ print(f"mismatches: {len(mixed)}, named: {len(named)}, others: {len(found.doubtf
 clean = fga.snoop(found.without_doubtful(), start=found.start, variance="a-posteriori")
 solution = clean.solution
 calibration = solution.calibration("camera")
-print(f"σ̂0 {solution.sigma0:.2f}, set aside {len(clean.rejected)}")
+print(f"σ̂0 {solution.sigma0:.2f}, rejected {len(clean.rejected)}")
 print(f"principal distance {calibration['c']:.3f} ± {calibration.sigma('c'):.3f} mm (true: 28)")
 
 if options.plot:

@@ -66,7 +66,7 @@ except fga.DatumError as error:
     print("without the lake:", str(error).splitlines()[1].strip())
 found = fga.snoop(network)
 for r in found.rejected:
-    print(f"set aside: {r.label}, error {r.estimated_error:.1f} m, w {r.test:.1f}")
+    print(f"rejected: {r.label}, error {r.estimated_error:.1f} m, w {r.test:.1f}")
 for name in network.profiles:
     e = found.solution.unknown("profile", name)
     a, b, *_ = (f"{v:.2f} ± {s:.2f}" for v, s in zip(e.values, e.sigmas, strict=True))

@@ -53,9 +53,7 @@ for shape, kind, points in (("wall", o.OnCylinder, wall), ("floor", o.OnPlane, f
 found = fga.snoop(network)
 for r in found.rejected:
     if r.kind == "on_plane":
-        print(
-            f"set aside: {r.label}, {1e3 * abs(r.final_error):.0f} ± {1e3 * r.final_sigma:.1f} mm"
-        )
+        print(f"rejected: {r.label}, {1e3 * abs(r.final_error):.0f} ± {1e3 * r.final_sigma:.1f} mm")
 solution = found.solution
 radius = solution.unknown("size", "wall")
 print(f"radius {radius.values[0]:.4f} ± {radius.sigmas[0]:.4f} m (true: {RADIUS})")

@@ -54,7 +54,7 @@ for faces in ("means", "both"):
     for doubt in reduced.doubts:
         print(f"  doubt: {doubt}")
     for r in found.rejected:
-        print(f"  set aside: {r.label}, error {r.estimated_error / MGON:.1f} mgon, w {r.test:.1f}")
+        print(f"  rejected: {r.label}, error {r.estimated_error / MGON:.1f} mgon, w {r.test:.1f}")
     print(f"  doubts that are left: {len(found.solution.network.doubts)}")
     error = 1e3 * (found.solution.point("S") - STATION)
     print("  S − true: " + " ".join(f"{e:.2f}" for e in error) + " mm")

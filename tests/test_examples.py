@@ -25,7 +25,7 @@ SHOWN = {
     "gallery_5_reliability": "round 1: r 2-3 w -9.7, error +13.3 ± 1.3 mgon (made: +12.0 mgon)",
     "gallery_6_planning": "station S3 40 min, then lacking 0.00",
     "gallery_stretched_wire": "rejected: wire 3",
-    "gallery_camera_rig": "set aside: 3 right on 3 position, error 5.0 mm, w -5.5",
+    "gallery_camera_rig": "rejected: 3 right on 3 position, error 5.0 mm, w -5.5",
     "gallery_colmap": "arm z: 28.36 ± 1.31 mm (true: 30)",
     "gallery_7_monte_carlo": "150 distances instead of 35: 0.403 ± 0.043 mm less",
     "gallery_images_alone": "mismatches: 87, named: 87, others: 0",
@@ -35,11 +35,11 @@ SHOWN = {
     "gallery_gnss_ins_block": "missing shift in x, shift in y, shift in z observed coordinates do "
     "not hold it: free shift of drift 'strip 0', drift 'strip 1', drift 'strip 2'",
     "gallery_grid_coordinates": "E 250 km, scale +368 ppm: c 99.9651 ± 0.0018 100.0002 ± 0.0018",
-    "gallery_two_faces": "set aside: zenith_angle S C, error 8.1 mgon, w -7.5 doubts that are "
+    "gallery_two_faces": "rejected: zenith_angle S C, error 8.1 mgon, w -7.5 doubts that are "
     "left: 0",
     "gallery_shapes_in_plan": "radius of the ball: 0.9994 ± 0.0003 m",
     "gallery_trackers": "frame_direction in T2: σ × 3.50 ± 0.47",
-    "gallery_statoscope_and_lake": "set aside: profile_height 22 (id statoscope 22), error 5.5 m, "
+    "gallery_statoscope_and_lake": "rejected: profile_height 22 (id statoscope 22), error 5.5 m, "
     "w -16.0",
     "gallery_8_gtsam": "P σx, mm 1.192026 1.192026",
 }

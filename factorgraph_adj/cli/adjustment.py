@@ -414,7 +414,7 @@ def _verdict(found: AdjustedProject, report: Report) -> int:
     ):
         print(said, file=sys.stderr)
     if found.snooping is not None and (aside := len(found.snooping.rejected_ids)):
-        print(f"{aside} observation{'s' * (aside != 1)} set aside", file=sys.stderr)
+        print(f"{aside} observation{'s' * (aside != 1)} rejected", file=sys.stderr)
     doubts = all_doubts(report)
     for doubt in doubts:
         print(doubt, file=sys.stderr)

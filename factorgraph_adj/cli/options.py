@@ -256,7 +256,7 @@ def add_adjustment(parser: argparse.ArgumentParser) -> None:
     )
     errors = parser.add_argument_group("gross errors")
     errors.add_argument(
-        "--snoop", action="store_true", help="find gross errors, set them aside, adjust again"
+        "--snoop", action="store_true", help="find gross errors, reject them, adjust again"
     )
     errors.add_argument(
         "--robust",

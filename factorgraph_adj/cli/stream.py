@@ -50,7 +50,7 @@ def add_stream(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy",
         choices=get_args(Policy),
-        help="what becomes of observations beyond the critical value (flag: they are set aside "
+        help="treatment of observations beyond the critical value (flag: they are left out "
         "as suspects)",
     )
     parser.add_argument("--datum", choices=("given", "free"), help="instead of the project's")

@@ -281,7 +281,7 @@ class Report:
 
     @cached_property
     def _lost(self) -> list[str]:
-        """The instruments and points of which much was set aside."""
+        """The instruments and points of which much was rejected."""
         original = self.provenance.original
         if self.snooping is None or original is None:
             return []
@@ -328,7 +328,7 @@ class Report:
 
     @cached_property
     def set_aside(self) -> RejectedObservations | None:
-        """Observations set aside by data snooping; None without snooping or original network."""
+        """Observations rejected by data snooping; None without snooping or original network."""
         found, original = self.snooping, self.provenance.original
         if found is None or original is None:
             return None

@@ -65,7 +65,7 @@ def snooping_section(report: Report) -> list[str]:
 
 
 def _how_many(found: Snooping) -> str:
-    """Return how many observations were set aside before the rounds, and in them."""
+    """Return how many observations were rejected before the rounds, and in them."""
     gone, back = (sum(getattr(r, a) for r in found.rounds) for a in ("set_aside", "readmitted"))
     now = _aside(found) + len(found.rejected_factors)
     before, last = now - (gone - back), max(r.number for r in found.rounds)
@@ -77,7 +77,7 @@ def _how_many(found: Snooping) -> str:
 
 
 def _aside(found: Snooping) -> int:
-    """Return how many observations are set aside, with the rays of points."""
+    """Return how many observations are rejected, with the rays of points."""
     return len(found.rejected) + sum(len(p.rays) for p in found.rejected_points)
 
 
@@ -217,7 +217,7 @@ def _rejected(report: Report, found: Snooping) -> list[str]:
     if not found.rejected or aside is None:
         return []
     shown, cut = report.cut(list(found.rejected), "rejected observations", "snooping.csv")
-    some = [Finding(aside.find(r.id, r.component), "set aside", r) for r in shown]
+    some = [Finding(aside.find(r.id, r.component), "rejected", r) for r in shown]
     legend = (
         "error: estimated, observed − true, when it was rejected; final error: observed − "
         "computed from the clean solution, with its σ without a gross error"
@@ -284,9 +284,9 @@ def findings(report: Report) -> list[Finding]:
     gone = {r.id for r in found.rejected}
     again = [i for i in found.readmitted if i not in gone]
     return [
-        *(Finding(aside.find(r.id, r.component), "set aside", r) for r in found.rejected),
+        *(Finding(aside.find(r.id, r.component), "rejected", r) for r in found.rejected),
         *(
-            Finding(aside.find(ray, ""), "point set aside", replace(p, test=nan), whole=True)
+            Finding(aside.find(ray, ""), "point rejected", replace(p, test=nan), whole=True)
             for p in found.rejected_points
             for ray in p.rays
         ),

@@ -87,7 +87,7 @@ def doubts_of_provenance(
         found.append(f"variance components not converged: {components.reason}")
     if snooping is not None and (left := len(snooping.unresolved)):
         found.append(
-            f"{left} observation{'s' * (left != 1)} above the critical value could not be set aside"
+            f"{left} observation{'s' * (left != 1)} above the critical value could not be rejected"
         )
     return found
 
@@ -165,7 +165,7 @@ def findings_on_misfits(found: Sequence[Finding], wrong: Set[str]) -> list[str]:
 
     Args:
         found: what was found before the adjustment.
-        wrong: ids of the observations that were set aside, or stay above the critical value.
+        wrong: ids of the observations that were rejected, or stay above the critical value.
     """
     out = []
     for finding in found:
@@ -181,7 +181,7 @@ def findings_on_misfits(found: Sequence[Finding], wrong: Set[str]) -> list[str]:
 
 
 def loss_sentences(found: Sequence[GroupLoss]) -> list[str]:
-    """Return the groups of which data snooping has set much aside, each kind in one sentence."""
+    """Return the groups of which data snooping has rejected much, each kind in one sentence."""
     out = []
     for noun in dict.fromkeys(loss.noun for loss in found):
         own = [loss for loss in found if loss.noun == noun]

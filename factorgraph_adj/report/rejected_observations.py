@@ -20,7 +20,7 @@ from .observation_rows import ReportRows, Row
 
 @dataclass(frozen=True, eq=False)
 class RejectedObservations:
-    """Scalar observations that were set aside; arrays (k,), NaN where no prediction is possible."""
+    """Scalar observations that were rejected; arrays (k,), NaN where no prediction is possible."""
 
     rows: ReportRows
     """All rows of the original network; residuals are innovations, NaN for other rows."""
@@ -50,7 +50,7 @@ class RejectedObservations:
 def set_aside(
     solution: Solution, ids: Sequence[str], original: Network, units: Units | None = None
 ) -> RejectedObservations:
-    """Predict observations that were set aside.
+    """Predict observations that were rejected.
 
     Args:
         solution: the solution without them.

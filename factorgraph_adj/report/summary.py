@@ -44,7 +44,7 @@ MAX_ROWS = 5
 MAX_LABEL = 60
 """Largest width of the name of a reading, which leaves room for its figures."""
 MAX_IDS = 8
-"""Largest number of observations set aside that are named."""
+"""Largest number of observations rejected that are named."""
 WORDS = Texts("en")
 """Words of the verdict."""
 REST = (
@@ -213,11 +213,11 @@ def _counts(s: Solution | PartsSolution, network: str) -> str:
 
 
 def _set_aside(report: Report) -> list[str]:
-    """Return the observations that data snooping set aside."""
+    """Return the observations that data snooping rejected."""
     ids = [] if report.snooping is None else list(report.snooping.rejected_ids)
     if not ids:
         return []
-    return [f"  set aside    {_count(len(ids), 'observation')}: {listed(ids, MAX_IDS)}"]
+    return [f"  rejected     {_count(len(ids), 'observation')}: {listed(ids, MAX_IDS)}"]
 
 
 def _readings(report: Report) -> List:

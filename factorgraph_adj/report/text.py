@@ -68,7 +68,7 @@ def protocol(
     largest test values with estimated errors and inseparable observations.
 
     Args:
-        solution: the result of `adjust`, of `snoop` (the adjustment without what was set aside),
+        solution: the result of `adjust`, of `snoop` (the adjustment without what was rejected),
             or of `congruence`: what moved, and why it is believed.
         options: units, lengths of lists, probabilities, tests, ellipses of an adjustment.
         provenance: data snooping or variance components that the solution comes from.

@@ -46,7 +46,7 @@ such as σ of a new point before the observation, are null.
 ``remove``            ``ids``: remove observations; those that lose their support wait again
 ``replace``           ``id``, ``observation``: replace an observation by another one
 ``reweight``          ``ids``, ``factor``: multiply weights by the factor
-``snoop``             set gross errors aside: ``set_aside``, ``rejected_points``,
+``snoop``             reject gross errors: ``set_aside``, ``rejected_points``,
                       ``readmitted``, ``unresolved``, ``entered`` (verdicts on what fits then)
 ``settle``            iterate to convergence; the result is that of a batch adjustment; with
                       ``all``: true everything that was retired is taken back first
@@ -76,7 +76,7 @@ Answers to observations, ``add``, ``accept``, ``remove``, ``replace`` and ``rewe
   ``innovation`` (computed − observed), ``innovation_sigma``, ``w``, ``redundancy_number`` that
   the component would have in the graph; ``gains``: σ of points ``before_x_mm`` …,
   ``after_x_mm`` …. A waiting observation has ``lacks`` instead; ``cause`` tells that an
-  observation was discarded, set aside by snooping, or came back, and after which command;
+  observation was discarded, rejected by snooping, or came back, and after which command;
   ``doubt`` says that an accepted observation alone determines the side of a point, or that one
   that failed fits without such an observation;
 - ``entered``: verdicts of observations that waited or were left out, and have entered now;

@@ -4,7 +4,7 @@
 
 Every simulated block is oriented, adjusted, and compared with the adjustment from the truth. Blocks
 with mismatches go through data snooping: counted are mismatches that stay (missed), and good image
-points that are set aside (false), once all of them and once without those of points of which fewer
+points that are rejected (false), once all of them and once without those of points of which fewer
 than two good image points are left. Published blocks are timed where their data are there.
 """
 

@@ -22,7 +22,7 @@ LONG = pytest.mark.slow(
     "options that reach data snooping and its protocol; short tests print the tables"
 )
 
-TWO_ASIDE = "2 observations set aside\n"
+TWO_ASIDE = "2 observations rejected\n"
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_snooping_sets_them_aside_and_ends_with_0(wrong, tmp_path, here):
     assert "global test           accepted" in result.stdout
     assert set(contents(tmp_path)) == FILES | {"snooping.csv"}
     rows = rows_of(tmp_path / "snooping.csv")
-    assert [r["state"] for r in rows] == ["set aside"] * 2
+    assert [r["state"] for r in rows] == ["rejected"] * 2
     assert all(r["source"] for r in rows)
     aside = [r for r in rows_of(tmp_path / "observations.csv") if r["set_aside"] == "yes"]
     assert {r["id"] for r in aside} == {r["id"] for r in rows}
@@ -132,7 +132,7 @@ def test_what_cannot_be_set_aside_ends_with_1(block, monkeypatch, here):
     result = here("adjust", block, "--full", "--snoop")
     assert result.returncode == 1
     assert "UNRESOLVED" in result.stdout
-    assert result.stderr == "1 observation above the critical value could not be set aside\n"
+    assert result.stderr == "1 observation above the critical value could not be rejected\n"
 
 
 def test_published_gross_errors_are_found_by_the_command(here, tmp_path):

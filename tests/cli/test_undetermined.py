@@ -55,7 +55,7 @@ def test_gross_errors_are_searched_for_in_the_determined_part(how, tmp_path, cap
     main(["adjust", project, OPTION, *how])
     told = capsys.readouterr().err
     assert "1 unknown left out with 1 observation: point X" in told
-    assert "1 observation set aside" in told
+    assert "1 observation rejected" in told
 
 
 def test_problems_of_other_kinds_are_still_refused(tmp_path, capsys):

@@ -416,10 +416,10 @@ def _(p: Project) -> None:
 
 
 @mistake(
-    "a wrong reading of both faces, which data snooping sets aside",
+    "a wrong reading of both faces, which data snooping rejects",
     SNOOP,
     FINE,
-    "1 observation set aside",
+    "1 observation rejected",
     book_of_both,
 )
 def _(p: Project) -> None:

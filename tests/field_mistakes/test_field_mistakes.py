@@ -40,7 +40,7 @@ LONG_ONES = {
     "the distances of a tracker in millimetres",  # a hundred iterations in each round of snooping
     "a tilted tracker, with data snooping",
     "the images of two members of a rig exchanged",
-    "most readings of an instrument set aside",
+    "most readings of an instrument rejected",
     "the same, with data snooping",
     "two targets of a tracker exchanged that are far apart",
     "a target of a tracker read for another",

@@ -74,7 +74,7 @@ def scale(p: Project, frame: str, kinds: tuple[str, ...], by: float) -> None:
     "two targets of a tracker exchanged",
     SNOOP,
     DOUBTFUL,
-    "6 observations set aside more probable than gross errors of single readings: two targets, "
+    "6 observations rejected more probable than gross errors of single readings: two targets, "
     "exchanged: 'T09' and 'T12' in frame 'LT1'",
     tracked_hall,
 )
@@ -97,7 +97,7 @@ def _(p: Project) -> None:
     "a target of a tracker read for another",
     SNOOP,
     DOUBTFUL,
-    "3 observations set aside more probable than gross errors of single readings: the name of the "
+    "3 observations rejected more probable than gross errors of single readings: the name of the "
     "target 'T07' in frame 'LT1', which is 'T08'",
     tracked_hall,
 )
@@ -123,7 +123,7 @@ def _(p: Project) -> None:
 
 
 @mistake(
-    "most readings of an instrument set aside", SNOOP, DOUBTFUL, "of frame 'SC' 4", tracked_hall
+    "most readings of an instrument rejected", SNOOP, DOUBTFUL, "of frame 'SC' 4", tracked_hall
 )
 def _(p: Project) -> None:
     scale(p, "SC", KINDS[:2], 0.9)

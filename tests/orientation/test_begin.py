@@ -69,7 +69,7 @@ def test_snooping_begins_from_images_and_tests_as_from_the_truth(free):
 def test_snooping_sets_mismatches_aside_and_only_a_few_others(kind, control):
     """A block with mismatches has no minimum, or a bent one: the search begins without them.
 
-    Good image points that are set aside are false alarms, with a probability of 0.1 % of each of
+    Good image points that are rejected are false alarms, with a probability of 0.1 % of each of
     two components, or belong to a point whose other image points are mismatches.
     """
     block = kind(3, control=control, mismatches=0.05)
@@ -192,4 +192,4 @@ def test_commands_begin_from_images(free, held, tmp_path, capsys):
     assert main(["adjust", at["bad"]]) == 2
     assert "adjust --snoop" in capsys.readouterr().err
     assert main(["adjust", at["bad"], "--snoop", "--quiet"]) == 0
-    assert "observations set aside" in capsys.readouterr().err
+    assert "observations rejected" in capsys.readouterr().err

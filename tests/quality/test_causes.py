@@ -147,7 +147,7 @@ def test_an_exchange_is_found_in_the_clean_solution(cause: str) -> None:
 def test_readings_that_bend_the_adjustment_are_found_from_the_approximate_values(
     cause: str, seed: int, readings: int
 ) -> None:
-    """Without a second search good readings are set aside in their place, or hardly any fits."""
+    """Without a second search good readings are rejected in their place, or hardly any fits."""
     case = spoiled(cause, seed, 0.0)
     found = fga.snoop(adjusted(case.network, case.readings))
     wrong = {(case.readings[i].station, case.readings[i].target) for i in case.ids}  # type: ignore[attr-defined]
@@ -197,7 +197,7 @@ def test_a_mirrored_photo_is_left_out_with_its_position(monkeypatch: pytest.Monk
     network.image_mask(~mine)
     network.add_image_points("photo 03", names, xy[mine] * [1.0, -1.0], sigma=sigma[mine])
     for ident, o in network.observations.items():
-        if "photo 03" in o.photos():  # so weak that it is not set aside with the rays
+        if "photo 03" in o.photos():  # so weak that it is not rejected with the rays
             weak = {"sigma": (1e3, 1e3, 1e3), "covariance": None}
             network.observations[ident] = replace(o, **weak)  # type: ignore[arg-type]
     found: list[fga.Solution] = []

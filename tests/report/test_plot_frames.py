@@ -177,7 +177,7 @@ def test_what_an_instrument_read_wrong_is_a_dotted_line_from_it(hall):
     )
     solution = fga.adjust(fga.without(network, [key]))
     figure = plot_network(solution, aside=set_aside(solution, [key], network))
-    (cross,) = (c for c in figure.findobj(LineCollection) if c.get_gid() == "set aside")
+    (cross,) = (c for c in figure.findobj(LineCollection) if c.get_gid() == "rejected")
     expected = [instruments(figure)[1], solution.point("P5")[:2]]
     np.testing.assert_allclose(cross.get_segments(), [expected], rtol=ROUNDING)
     assert "without a place here" not in texts(figure)

@@ -1,4 +1,4 @@
-"""What figures mark: doubts, what was set aside, suspects, formats of sensors, names left out."""
+"""What figures mark: doubts, what was rejected, suspects, formats of sensors, names left out."""
 
 from __future__ import annotations
 
@@ -210,14 +210,14 @@ def test_a_design_is_not_doubtful_since_its_readings_are_computed():
     assert "computed readings" in texts(figure)
 
 
-# -- set aside ------------------------------------------------------------------------------------
+# -- rejected ------------------------------------------------------------------------------------
 
 
 def test_the_plan_crosses_the_lines_of_what_was_set_aside_and_counts_them(clean):
     found, aside = clean
     figure = plot_network(found.solution, aside=aside)
-    assert "set aside (3)" in texts(figure)
-    (lines,) = marked(figure, "set aside", LineCollection)
+    assert "rejected (3)" in texts(figure)
+    (lines,) = marked(figure, "rejected", LineCollection)
     ends = {frozenset(map(tuple, np.round(s, 6).tolist())) for s in lines.get_segments()}
     state, unknowns = found.solution.state, found.solution.equations.unknowns
     distance = next(i for i in found.rejected_ids if i not in GROSS)
@@ -229,7 +229,7 @@ def test_the_plan_crosses_the_lines_of_what_was_set_aside_and_counts_them(clean)
         both = (np.round(centre, 6), np.round(point(found, name)[:2], 6))
         expected.add(frozenset(tuple(map(float, at)) for at in both))
     assert ends == expected
-    assert "set aside" not in texts(plot_network(found.solution))
+    assert "rejected" not in texts(plot_network(found.solution))
 
 
 def point(found, name: str) -> np.ndarray:
@@ -268,14 +268,14 @@ def test_photos_cross_image_points_that_were_set_aside(clean):
     # Computed − observed of an error of +0.16 mm.
     assert v[0] == pytest.approx(-0.16, abs=0.03)
     figure = plot_photo_residuals(found.solution, "F2", aside=aside)
-    (vector,) = marked(figure, "set aside", LineCollection)[0].get_segments()
+    (vector,) = marked(figure, "rejected", LineCollection)[0].get_segments()
     np.testing.assert_allclose(vector[0], images["F2"].xy[0])
-    assert "1 set aside" in texts(figure) and "set aside, as predicted (1)" in texts(figure)
+    assert "1 rejected" in texts(figure) and "rejected, as predicted (1)" in texts(figure)
     named = [
-        t.get_text() for t in figure.findobj(Text) if t.get_gid() == "name of a point set aside"
+        t.get_text() for t in figure.findobj(Text) if t.get_gid() == "name of a point rejected"
     ]
     assert named == ["P5"]
-    assert "set aside, as predicted (2)" in texts(plot_photos(found.solution, aside=aside))
+    assert "rejected, as predicted (2)" in texts(plot_photos(found.solution, aside=aside))
 
 
 def test_the_histogram_puts_what_was_set_aside_upon_its_bars(clean):
@@ -285,8 +285,8 @@ def test_the_histogram_puts_what_was_set_aside_upon_its_bars(clean):
     assert sum(bar.get_height() for bar in upon) == np.sum(np.isfinite(aside.w))
     top = {round(bar.get_x(), 9): bar.get_height() for bar in used}
     assert all(bar.get_y() == top[round(bar.get_x(), 9)] for bar in upon)
-    assert "set aside, as predicted (3)" in texts(figure)
-    assert "3 set aside: not shown" in texts(plot_qq(found.reliability, aside=aside))
+    assert "rejected, as predicted (3)" in texts(figure)
+    assert "3 rejected: not shown" in texts(plot_qq(found.reliability, aside=aside))
 
 
 @pytest.mark.parametrize("n", [1, 10, 150, 10_000, 10**7])

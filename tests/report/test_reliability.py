@@ -595,7 +595,7 @@ def test_a_clean_network_says_in_one_line_that_nothing_was_set_aside():
 
 @LONG
 def test_what_was_set_aside_before_the_first_round_is_counted():
-    """Data snooping begins without exchanged sights: "nothing set aside" would be untrue."""
+    """Data snooping begins without exchanged sights: "nothing rejected" would be untrue."""
     network = day(1, most=25).network
     k = snoop(network)
     n = len(k.rejected)
@@ -650,7 +650,7 @@ def test_snooping_has_a_table_of_its_own(tmp_path):
     k = snooped()
     write_solution(k.solution, tmp_path, provenance=Provenance(snooping=k, original=blundered()))
     rows = read(tmp_path / "snooping.csv")
-    assert [(r["id"], r["state"]) for r in rows] == [(r.id, "set aside") for r in k.rejected]
+    assert [(r["id"], r["state"]) for r in rows] == [(r.id, "rejected") for r in k.rejected]
     for r, x in zip(rows, k.rejected, strict=True):
         assert_column([r], "test_value", [x.test])
         assert_column([r], "estimated_error", [x.estimated_error / 1e-3])
@@ -676,7 +676,7 @@ def test_all_states_of_snooping_stand_in_its_table(tmp_path):
     write_tables(report, tmp_path)
     states = [(r["id"], r["state"]) for r in read(tmp_path / "snooping.csv")]
     assert states[len(k.rejected) :] == [
-        ("F1/P9", "point set aside"),
+        ("F1/P9", "point rejected"),
         ("F1/P3", "readmitted"),
         (left.id, "unresolved"),
     ]

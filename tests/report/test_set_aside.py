@@ -1,4 +1,4 @@
-"""Observations that were set aside keep their own standard deviations in the report."""
+"""Observations that were rejected keep their own standard deviations in the report."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ def test_what_was_set_aside_is_named() -> None:
     network = trilateration(blunder=0.05)
     found = fga.snoop(network)
     text = render_summary(Report(found.solution, provenance=Provenance(found, network)))
-    assert "  set aside    1 observation: 0-2" in text
+    assert "  rejected     1 observation: 0-2" in text
 
 
 def test_without_redundancy_it_says_so() -> None:
@@ -193,6 +193,6 @@ def test_the_screen_and_the_protocol_of_snooping_have_what_was_set_aside() -> No
     found = fga.snoop(trilateration(blunder=0.05))
     assert found.rejected
     for text in (found.summary(), fga.protocol(found)):
-        assert "set aside" in text
+        assert "rejected" in text
         assert "0-2" in text
     assert len(found.summary().splitlines()) <= MAX_LINES

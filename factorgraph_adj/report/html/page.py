@@ -311,7 +311,7 @@ def write_report(
     The extra ``report`` is required. The file opens in a browser by a double click and asks for
     nothing from the network. It has: the verdict with its reasons; the plan, with error ellipses
     and with the observations that are in doubt, and a view in three dimensions; groups of
-    observations; the worst observations and those that were set aside; points, control and check
+    observations; the worst observations and those that were rejected; points, control and check
     points, photos, calibrations and other unknowns; all observations; the distribution of test
     values and of redundancy; input files, versions, options, and the protocol as text. Tables sort,
     filter and export CSV.

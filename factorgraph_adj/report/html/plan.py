@@ -284,7 +284,7 @@ class PlanDrawing:
         return out
 
     def _aside(self, instruments: Index, at: Array) -> list[dict[str, Any]]:
-        """Return the observations that were set aside, each with its place."""
+        """Return the observations that were rejected, each with its place."""
         aside = self.report.set_aside
         if aside is None:
             return []

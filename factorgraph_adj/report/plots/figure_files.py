@@ -52,7 +52,7 @@ def save_plots(
         solution: the result of `adjust`.
         folder: the folder; it is created if missing.
         reliability: reliability of the same solution; by default it is computed.
-        aside: observations that were set aside, see `set_aside`.
+        aside: observations that were rejected, see `set_aside`.
         format: format of the files.
         confidence: probability of the error ellipses.
         photos: largest number of photos in the figure ``photos``.

@@ -346,4 +346,4 @@ def residual_summary(own: ImageRows, bad: Mask, tests: ImageTests, aside: int) -
         f"{n} point{'s' * (n != 1)}, RMS {tests.name} {tests.rms(own):.2f}, "
         f"{found} suspect{'s' * (found != 1)}"
     )
-    return f"{text}, {aside} set aside" if aside else text
+    return f"{text}, {aside} rejected" if aside else text

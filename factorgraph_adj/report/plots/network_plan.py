@@ -187,7 +187,7 @@ def plot_network(
             held. In views from a side, the ellipses show the precision of heights.
         reliability: reliability of the same solution; with it, observations with |w| above the
             critical value are marked.
-        aside: observations that were set aside, see `set_aside`; dotted lines with a cross mark
+        aside: observations that were rejected, see `set_aside`; dotted lines with a cross mark
             them.
 
     Returns:

@@ -37,7 +37,7 @@ LINE_LOOKS = (
 MAX_LINES_DRAWN_BROAD = 60
 """Number of lines from which they are drawn thin."""
 REJECTED_LOOK: dict[str, Any] = {"marker": "x", "color": BLACK, "ls": ""}
-"""Look of what was set aside, in plans and in photos."""
+"""Look of what was rejected, in plans and in photos."""
 
 
 def observation_ends(block: Block) -> list[tuple[VariableKind, Index]]:
@@ -249,14 +249,14 @@ def draw_rejected_and_suspects(
     aside: RejectedObservations | None,
     reliability: Reliability | None,
 ) -> list[Artist]:
-    """Draw what was set aside, and suspects; return the entries of the legend.
+    """Draw what was rejected, and suspects; return the entries of the legend.
 
     Args:
         axes: the axes.
         solution: the solution that is drawn.
         drawn: positions of its points, photos and frames with an instrument, by kind, (n, 2) data
             units.
-        aside: what was set aside.
+        aside: what was rejected.
         reliability: its test values tell the suspects.
     """
     out: list[Artist] = []
@@ -269,7 +269,7 @@ def draw_rejected_and_suspects(
         out += _draw(axes, places, look, f"|w| > {reliability.critical_w:.2f}", n, 4.0)
     if aside is not None:
         places = observation_places(aside.rows.equations, aside.numbers, solution, drawn)
-        out += _draw(axes, places, REJECTED_LOOK | {"ls": ":"}, "set aside", aside.count, 1.5)
+        out += _draw(axes, places, REJECTED_LOOK | {"ls": ":"}, "rejected", aside.count, 1.5)
     return out
 
 
@@ -283,7 +283,7 @@ def _draw(
 ) -> list[Artist]:
     """Draw lines with a marker in their middle, and places with the marker alone.
 
-    Suspects are broad lines below all others; what was set aside lies above them.
+    Suspects are broad lines below all others; what was rejected lies above them.
     """
     from matplotlib.collections import LineCollection
     from matplotlib.lines import Line2D
@@ -325,7 +325,7 @@ def _draw(
 
 @dataclass(frozen=True, eq=False)
 class RejectedImagePoints:
-    """Image points of one photo that were set aside, k of them."""
+    """Image points of one photo that were rejected, k of them."""
 
     points: tuple[str, ...]
     """Names of the points."""
@@ -336,7 +336,7 @@ class RejectedImagePoints:
 
 
 def rejected_image_points(aside: RejectedObservations | None) -> dict[str, RejectedImagePoints]:
-    """Return the image points that were set aside, by photo."""
+    """Return the image points that were rejected, by photo."""
     out: dict[str, RejectedImagePoints] = {}
     if aside is None:
         return out
@@ -364,14 +364,14 @@ def rejected_image_points(aside: RejectedObservations | None) -> dict[str, Rejec
 def draw_rejected_image_points(
     axes: Axes, own: RejectedImagePoints, factor: float, *, fine: bool
 ) -> None:
-    """Draw a cross at each image point that was set aside, and its vector by a dotted line.
+    """Draw a cross at each image point that was rejected, and its vector by a dotted line.
 
     Gross errors are large: lines that leave the photo are cut off at its edge.
     """
     from matplotlib.collections import LineCollection
 
     axes.plot(
-        *own.xy.T, **REJECTED_LOOK, ms=4.0 if fine else 6.0, mew=1.0, zorder=4, gid="set aside"
+        *own.xy.T, **REJECTED_LOOK, ms=4.0 if fine else 6.0, mew=1.0, zorder=4, gid="rejected"
     )
     ends = np.stack([own.xy, own.xy + factor * own.innovation], 1)
     axes.add_collection(
@@ -381,7 +381,7 @@ def draw_rejected_image_points(
             linestyles=":",
             linewidths=0.8 if fine else 1.2,
             zorder=2.5,
-            gid="set aside",
+            gid="rejected",
         ),
         autolim=False,
     )

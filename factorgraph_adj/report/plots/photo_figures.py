@@ -143,7 +143,7 @@ def photo_legend(
         figure: the figure.
         vectors: meaning of blue vectors.
         marked: meaning of red vectors.
-        aside: number of image points set aside in these photos; None: not asked for.
+        aside: number of image points rejected in these photos; None: not asked for.
         format: whether the format of the sensor is drawn.
     """
     from matplotlib.lines import Line2D
@@ -155,7 +155,7 @@ def photo_legend(
     handles = [dash(BLUE, vectors), dash(VERMILLION, marked)]
     handles.append(Line2D([], [], ls="", marker="+", ms=8.0, color=BLACK, label="principal point"))
     if aside:
-        label = f"set aside, as predicted ({aside})"
+        label = f"rejected, as predicted ({aside})"
         handles.append(Line2D([], [], **REJECTED_LOOK | {"ls": ":"}, ms=6.0, label=label))
     if format:
         handles.append(Line2D([], [], color=BLACK, lw=1.0, label="format of the sensor"))
@@ -187,7 +187,7 @@ def plot_photo_residuals(
         photo: name of the photo.
         reliability: reliability of the same solution; points with |w| above its critical value
             are marked. Without a reliability, points with |v/σ| > 3.29 are marked.
-        aside: observations that were set aside, see `set_aside`; crosses mark them.
+        aside: observations that were rejected, see `set_aside`; crosses mark them.
         factor: exaggeration of the vectors; by default neighbouring vectors do not overlap.
         names: number of marked points that are named, worst first.
 
@@ -221,7 +221,7 @@ def plot_photo_residuals(
     point_names = solution.equations.unknowns["point"].names
     marked = [(point_names[own.point[i]], own.xy[i], "suspect") for i in worst.tolist()]
     marked += [
-        (name, at, "point set aside")
+        (name, at, "point rejected")
         for name, at in zip(crossed.points[:names], crossed.xy, strict=False)
     ]
     for name, at, what in marked:
@@ -264,7 +264,7 @@ def plot_photos(
         photos: names of photos; by default the ``most`` photos with the largest RMS of w, or all
             photos if they are not more. The title states the choice.
         reliability: reliability of the same solution; without it, v/σ replaces w.
-        aside: observations that were set aside, see `set_aside`; crosses mark them.
+        aside: observations that were rejected, see `set_aside`; crosses mark them.
         most: largest number of photos if no names are given.
 
     Returns:

@@ -57,7 +57,7 @@ def plot_w(rel: Reliability, *, aside: RejectedObservations | None = None) -> Fi
 
     Args:
         rel: reliability of an adjustment; only controlled observations have a w.
-        aside: observations that were set aside, see `set_aside`; hatched bars upon the others
+        aside: observations that were rejected, see `set_aside`; hatched bars upon the others
             have the test values w that they would have.
 
     Returns:
@@ -99,13 +99,13 @@ def plot_w(rel: Reliability, *, aside: RejectedObservations | None = None) -> Fi
         counts = counts + _draw_aside(axes, aside, edges, counts)
         unknown = int(np.sum(~np.isfinite(aside.w)))
         if unknown:
-            lines.append(f"{unknown} components set aside without a w")
+            lines.append(f"{unknown} components rejected without a w")
     axes.set_ylim(0.0, 1.08 * max(float(np.max(counts)), float(expected.max())))
     axes.set_xlim(-limit, limit)
     axes.set_xlabel(TEST_VALUE_LABEL)
     axes.set_ylabel("number of observations (components)")
     write_headline(axes, name, "test values w of Baarda")
-    there = [("", w), (" set aside", np.zeros(0) if aside is None else aside.w)]
+    there = [("", w), (" rejected", np.zeros(0) if aside is None else aside.w)]
     for what, values in there:
         outer = np.abs(values[np.abs(values) > limit])
         if len(outer):
@@ -143,7 +143,7 @@ def histogram_edges(n: int, critical: float) -> Array:
 
 
 def _draw_aside(axes: Axes, aside: RejectedObservations, edges: Array, below: Array) -> Array:
-    """Draw the test values of observations set aside upon the bars; return their counts."""
+    """Draw the test values of observations rejected upon the bars; return their counts."""
     found = aside.w[np.isfinite(aside.w)]
     counts = _counts(found, edges)
     some = counts > 0
@@ -157,8 +157,8 @@ def _draw_aside(axes: Axes, aside: RejectedObservations, edges: Array, below: Ar
         edgecolor=BLACK,
         hatch="xxxx",
         lw=0.6,
-        label=f"set aside, as predicted ({aside.count})",
-        gid="set aside",
+        label=f"rejected, as predicted ({aside.count})",
+        gid="rejected",
     )
     return counts
 
@@ -190,7 +190,7 @@ def plot_qq(
         rel: reliability of an adjustment; only controlled observations have a w.
         most: largest number of suspects (|w| above the critical value) that are named, with
             their ids, largest |w| first.
-        aside: observations that were set aside, see `set_aside`; they are counted, not drawn.
+        aside: observations that were rejected, see `set_aside`; they are counted, not drawn.
 
     Returns:
         A figure; if no observation is controlled, it shows a message.
@@ -255,7 +255,7 @@ def plot_qq(
     if len(suspects) < bad.sum():
         lines.append(f"the {len(suspects)} largest of {int(bad.sum())} suspects are named")
     if aside is not None:
-        lines.append(f"{aside.count} set aside: not shown")
+        lines.append(f"{aside.count} rejected: not shown")
     legend_at_right(figure, axes, lines)
     names = [_name(row) for row in report_rows(rel).at(rows[suspects].tolist())]
     _name_tails(figure, axes, np.stack([x, w], 1)[suspects], names)
