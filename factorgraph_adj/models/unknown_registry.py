@@ -235,8 +235,8 @@ _BUILT_IN: Sequence[UnknownKind] = (
         reference="given",
         instrument=True,
         remedy=(
-            "what all mounts of a rig share cannot be told from the poses of its carriers: hold "
-            "one mount, that of a reference member, or observe the carriers; a member without "
+            "what all mounts of a rig share cannot be separated from the poses of its carriers: "
+            "hold one mount, that of a reference member, or observe the carriers; a member without "
             "observations of its own cannot have a free mount"
         ),
     ),

@@ -234,7 +234,7 @@ def _inseparable(r: Rejected) -> str:
         if len(named) > MAX_INSEPARABLE_LISTED
         else ""
     )
-    return f"not to be told apart from: {', '.join(named[:MAX_INSEPARABLE_LISTED])}{more}"
+    return f"not distinguishable from: {', '.join(named[:MAX_INSEPARABLE_LISTED])}{more}"
 
 
 def _others(found: Snooping) -> list[str]:

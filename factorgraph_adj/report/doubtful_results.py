@@ -28,7 +28,7 @@ from ..validate.repeated_readings import copied_blocks, copied_returns
 MAX_NAMES_IN_DOUBT = 6
 """Largest number of names or ids that a doubt lists."""
 DECIMALS_OF_EQUAL_TESTS = 6
-"""Decimal digits to which test values of readings agree that cannot be told apart."""
+"""Decimal digits to which test values of indistinguishable readings agree."""
 MIN_PROBABILITY_OF_CHANCE = 0.01
 """Probability with which the number, or the largest, of good test values raises a doubt."""
 MAX_CHECK_POINT_RATIO = 10.0
@@ -219,8 +219,8 @@ def exceeded_by_chance(
 
     Of n test values without an error α n are above it. They are taken for chance if as many are
     expected in one of `MIN_PROBABILITY_OF_CHANCE` such networks (Poisson), and if the largest is
-    not less probable than the largest of n is with that probability (Šidák). Readings that cannot
-    be told apart, such as the lines of one levelled section, have one test value and count once.
+    not less probable than the largest of n is with that probability (Šidák). Readings that are
+    not distinguishable, such as lines of one levelled section, have one test value and count once.
     Pope's τ is bounded by √r: its probability is that of Student's t = τ √((r − 1)/(r − τ²)), r − 1
     degrees of freedom.
 

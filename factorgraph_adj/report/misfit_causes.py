@@ -42,7 +42,7 @@ def causes_section(report: Report) -> list[str]:
         return []
     undecided = [line for text in found.undecided_sentences for line in paragraph(text)]
     if not found.more_probable:
-        heading = title("An error, but nothing tells in which reading")
+        heading = title("An error, but the observations do not determine in which reading")
         return [*heading, *undecided] if undecided else []
     shown = found.more_probable[:MAX_CAUSES_LISTED]
     out = title("Likely causes, each of which explains more than any single reading")
@@ -90,7 +90,7 @@ def cause_sentence(report: Report, cause: Cause) -> str:
 
 
 def most_probable_cause(report: Report) -> str:
-    """Return the cause that explains most, with what is left, or between what nothing tells.
+    """Return the cause that explains most, with what is left, or indistinguishable errors.
 
     Empty if no cause explains more than single readings.
     """

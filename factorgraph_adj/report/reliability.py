@@ -354,7 +354,7 @@ def _inseparable(report: Report, row: Row, partners: tuple[tuple[int, float], ..
         if len(partners) > MAX_INSEPARABLE_LISTED
         else ""
     )
-    return f"not to be told apart from: {', '.join(named)}{more}"
+    return f"not distinguishable from: {', '.join(named)}{more}"
 
 
 def _caution(report: Report, above: int) -> list[str]:

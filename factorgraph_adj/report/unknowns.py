@@ -95,7 +95,7 @@ def overparametrised_section(report: Report) -> list[str]:
     if found is None or not found.overparametrised:
         return []
     sentences = found.overparametrised
-    out = title(f"Overparametrised: not to be told apart, correlations from {found.limit:g}")
+    out = title(f"Overparametrised: not distinguishable, correlations from {found.limit:g}")
     for sentence in sentences[:MAX_WARNINGS_LISTED]:
         out += paragraph(sentence)
     if len(sentences) > MAX_WARNINGS_LISTED:

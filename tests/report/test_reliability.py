@@ -266,13 +266,13 @@ def test_a_suspect_names_what_it_is_not_to_be_told_apart_from():
     rows = section(protocol(s), "Suspects")
     texts = [" ".join(words) for words in rows]
     note = texts[1 + next(i for i, t in enumerate(texts) if t.startswith("height difference A B"))]
-    assert note.startswith("not to be told apart from: height difference B C (+1.00)")
+    assert note.startswith("not distinguishable from: height difference B C (+1.00)")
 
 
 def test_without_a_suspect_nothing_is_said_to_be_inseparable():
     text = protocol(adjust(levelling()))
     assert "none above the critical |w| = 3.29" in text
-    assert "told apart" not in text
+    assert "distinguishable" not in text
 
 
 def test_test_values_of_an_a_posteriori_adjustment_are_tau():

@@ -81,7 +81,7 @@ def _two(value: float) -> str:
 
 
 def _partners(report: Report, t: Texts, row: Row, found: Sequence[tuple[int, float]]) -> str:
-    """Return the observations from which an observation cannot be told, with correlations."""
+    """Return the observations not distinguishable from an observation, with correlations."""
     others = report.rows.at([number for number, _ in found[:MAX_INSEPARABLE_LISTED]])
     named = [
         f"{t.kind(o.kind_name)} {o.what} ({row.sign * o.sign * rho:+.2f})"

@@ -260,7 +260,7 @@ def _left_out(n: int) -> str:
 
 
 def _legend(figure: Figure, handles: Sequence[Artist]) -> Legend:
-    """Draw a legend beside the axes, with lines that are wide enough to be told apart."""
+    """Draw a legend beside the axes, with lines that are wide enough to be distinguished."""
     from matplotlib.lines import Line2D
 
     drawn = figure.legend(handles=handles, loc="outside right upper")
