@@ -1,15 +1,17 @@
 """JSON as nodes that read their values: a problem of a value names its file and line.
 
-Python's fast reader reads the text and keeps no places. For a problem the text is scanned again
-along the path to the value, which gives its line.
+Python's fast reader reads the text and keeps no places. Where a line is asked for, the objects and
+arrays along the path to the value are scanned again, each of them once.
 """
 
 from __future__ import annotations
 
 import json
 import re
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from json.decoder import scanstring  # type: ignore[attr-defined]
 from typing import Any, TypeAlias
 
@@ -128,7 +130,7 @@ class JsonNode:
 
     def field(self, problems: Problems) -> Field:
         """Return the value as a field, whose problems are added instead of raised."""
-        return problems.field(self.value, self.title, self.where)
+        return problems.field(self.value, self.title, lambda: self.where)
 
     def numbers(self, size: int) -> tuple[float, ...]:
         """Return ``size`` numbers of an array.
@@ -175,12 +177,25 @@ class JsonFile:
     content: str
     """The text."""
 
+    _members: dict[JsonPath, dict[str | int, int]] = field(default_factory=dict, repr=False)
+
     def line(self, path: JsonPath) -> int:
         """Return the line of the value at a path, counted from 1."""
-        at = 0
-        for key in path:
-            at = self._inside(self._blank(at), key)
-        return self.content.count("\n", 0, self._blank(at)) + 1
+        return bisect_left(self._ends_of_lines, self._place(path)) + 1
+
+    @cached_property
+    def _ends_of_lines(self) -> list[int]:
+        return [found.start() for found in re.finditer("\n", self.content)]
+
+    def _place(self, path: JsonPath) -> int:
+        """Return the place of the value at a path; of what should have it, if it is absent."""
+        if not path:
+            return self._blank(0)
+        whole = path[:-1]
+        at = self._place(whole)
+        if whole not in self._members:
+            self._members[whole] = dict(self._places(at))
+        return self._members[whole].get(path[-1], at)
 
     def _blank(self, at: int) -> int:
         """Return the place of the next character that is not blank."""
@@ -188,28 +203,20 @@ class JsonFile:
             at += 1
         return at
 
-    def _inside(self, at: int, key: str | int) -> int:
-        """Return the place of a member or element of what begins at a place."""
+    def _places(self, at: int) -> Iterator[tuple[str | int, int]]:
+        """Yield the keys, or indices, and places of what an object or array at a place has."""
         text = self.content
-        last, count = at, 0
-        at += 1
-        while True:
-            at = self._blank(at)
-            if isinstance(key, str):
-                if text[at : at + 1] != '"':
-                    return last
+        named, count, at = text[at] == "{", 0, self._blank(at + 1)
+        while text[at] not in "]}":  # the text is JSON: every object and array ends
+            name: str | int = count
+            if named:
                 name, at = scanstring(text, at + 1, True)
                 at = self._blank(self._blank(at) + 1)  # behind the colon
-                if name == key:
-                    last = at  # the last one of a repeated name counts
-            elif count == key:
-                return at
+            yield name, at
             _, at = _DECODER.raw_decode(text, at)
-            count += 1
-            at = self._blank(at)
-            if text[at : at + 1] != ",":
-                return last
-            at += 1
+            count, at = count + 1, self._blank(at)
+            if text[at] == ",":
+                at = self._blank(at + 1)
 
 
 def _shown(value: object) -> str:

@@ -130,13 +130,13 @@ class Problems:
             return make(*arguments, **options)
         return None
 
-    def field(self, value: object, what: str, where: str) -> Field:
+    def field(self, value: object, what: str, where: str | Callable[[], str]) -> Field:
         """Return a field.
 
         Args:
             value: text of the file, or value of JSON or TOML; None or blank: it is absent.
             what: its name in messages.
-            where: file and line.
+            where: file and line, or what returns them if a problem needs them.
         """
         return Field(value, what, where, self)
 
@@ -220,14 +220,21 @@ def is_unread(*values: object) -> bool:
 class Field:
     """A value of a file with its name and place; its methods note what is wrong with it."""
 
-    __slots__ = ("problems", "value", "what", "where")
+    __slots__ = ("_where", "problems", "value", "what")
 
-    def __init__(self, value: object, what: str, where: str, problems: Problems) -> None:
+    def __init__(
+        self, value: object, what: str, where: str | Callable[[], str], problems: Problems
+    ) -> None:
         """Take a value, see `Problems.field`."""
         self.value = value.strip() if isinstance(value, str) else value
         self.what = what
-        self.where = where
+        self._where = where
         self.problems = problems
+
+    @property
+    def where(self) -> str:
+        """Name of the file and line."""
+        return self._where if isinstance(self._where, str) else self._where()
 
     @property
     def is_absent(self) -> bool:
@@ -293,7 +300,7 @@ class Field:
             self.wrong(f"needs {size} numbers, not {len(parts)}")
             return (math.nan,) * size
         out = tuple(
-            Field(part, self.what, self.where, self.problems).number(**options) for part in parts
+            Field(part, self.what, self._where, self.problems).number(**options) for part in parts
         )
         return (math.nan,) * size if is_unread(out) else out
 
