@@ -26,6 +26,7 @@ _BLANK = " \t\n\r"
 _NO_NUMBER = re.compile(r"[:\[,]\s*-?(NaN|Infinity|\d{4300})")
 """What Python's reader takes for a number, and JSON does not have; or too many digits."""
 _DECODER = json.JSONDecoder()
+_ABSENT = object()
 
 
 @dataclass(frozen=True)
@@ -163,9 +164,6 @@ class JsonNode:
         if not isinstance(self.value, bool):
             raise self.fail(f"{self.title} must be true or false, not {_shown(self.value)}")
         return self.value
-
-
-_ABSENT = object()
 
 
 @dataclass(frozen=True)

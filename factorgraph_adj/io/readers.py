@@ -26,6 +26,9 @@ MAX_FOLDER_ENTRIES = 200
 """Largest number of entries of a folder that are looked at for what it may have."""
 MAX_PROPOSED_FOLDERS = 5
 """Largest number of folders that a message proposes."""
+PROJECT_READER = Reader(
+    "project", (".toml",), "project", load_project, folders=True, main_file="project.toml"
+)
 
 
 @dataclass
@@ -194,9 +197,6 @@ def _readers_of_modules() -> Iterator[Reader]:
             yield from (value for value in stated if isinstance(value, Reader))
 
 
-PROJECT_READER = Reader(
-    "project", (".toml",), "project", load_project, folders=True, main_file="project.toml"
-)
 READERS = Readers((PROJECT_READER, *_readers_of_modules()))
 """The formats that can be read."""
 

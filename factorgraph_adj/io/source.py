@@ -42,6 +42,8 @@ END_OF_TEXT = re.compile("[\0\x1a]")
 
 T = TypeVar("T")
 _PLACE = re.compile(r"(?P<file>.*?)(?::(?P<line>\d+))?(?::|$)")
+_REQUIRED: Any = object()
+"""Default of a field that has none: it must not be absent."""
 
 
 @dataclass(frozen=True)
@@ -197,10 +199,6 @@ class Problems:
                 if not kept:
                     self.wrong(str(left), where)
             yield left
-
-
-_REQUIRED: Any = object()
-"""Default of a field that has none: it must not be absent."""
 
 
 def is_unread(*values: object) -> bool:

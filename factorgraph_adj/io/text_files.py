@@ -33,6 +33,15 @@ _LONG_NUMBER = re.compile(r"[0-9][0-9_]{4000}")
 
 MAX_RECOGNITION_BYTES = 65_536
 """Largest number of bytes at the beginning of a file by which its format is recognised."""
+_HEADER = re.compile(r"\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
+_BARE = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
+_KEY = re.compile(rf"\s*({_BARE}(?:\s*\.\s*{_BARE})*)\s*=")
+_DOTTED_PART = re.compile(r"\"([^\"]*)\"|'([^']*)'|([\w-]+)")
+_TABLE = re.compile(r"\[\[?([^\[\]]+?)\]\]?|^: (\w+)")
+_NAMED = re.compile(r"\s'([^']*)'|\s(\d+)\b")
+_WORD = re.compile(r"[\w-]+")
+_INLINE = re.compile(r"[{,]\s*([\w-]+)\s*=")
+"""Keys of a table that is written in one line."""
 
 
 def file_beginning(path: Path, size: int = MAX_RECOGNITION_BYTES) -> bytes:
@@ -150,17 +159,6 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
         line = text.count("\n", 0, found.start() if found else 0) + 1
         what = f"is not TOML: a number has more than {sys.get_int_max_str_digits()} digits"
         raise InputError(Problem(what, f"{name}:{line}")) from None
-
-
-_HEADER = re.compile(r"\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
-_BARE = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
-_KEY = re.compile(rf"\s*({_BARE}(?:\s*\.\s*{_BARE})*)\s*=")
-_DOTTED_PART = re.compile(r"\"([^\"]*)\"|'([^']*)'|([\w-]+)")
-_TABLE = re.compile(r"\[\[?([^\[\]]+?)\]\]?|^: (\w+)")
-_NAMED = re.compile(r"\s'([^']*)'|\s(\d+)\b")
-_WORD = re.compile(r"[\w-]+")
-_INLINE = re.compile(r"[{,]\s*([\w-]+)\s*=")
-"""Keys of a table that is written in one line."""
 
 
 @dataclass

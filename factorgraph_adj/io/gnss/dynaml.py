@@ -76,6 +76,20 @@ NO_STATIONS_MESSAGE = (
 )
 MAX_STATION_NAME_CHARACTERS = 30
 """Largest number of characters of the name of a station in DynAdjust."""
+MEASUREMENT_TYPES: dict[type[Observation], str] = {
+    SlopeDistance: "S",
+    ZenithAngle: "V",
+    VerticalAngle: "Z",
+    Azimuth: "B",
+    HeightDifference: "L",
+    HorizontalAngle: "A",
+    AstronomicLatitude: "I",
+    AstronomicLongitude: "J",
+}
+"""Types of single measurements."""
+ARCSEC_RESOLUTION = Decimal("1e-9")
+"""Last digit of written seconds of arc: 5·10⁻¹⁵ rad."""
+_DATE = re.compile(r"\d{2}\.\d{2}\.\d{4}", re.ASCII)
 
 
 def read_dynaml(
@@ -223,22 +237,6 @@ def station_position(file: XmlSource, at: Element, kind: str, network: Network) 
     assert isinstance(frame, GeocentricFrame)
     angles = (np.array([latitude]), np.array([longitude]), np.array([height]))
     return np.asarray(frame.ellipsoid.to_cartesian(*angles)[0])
-
-
-MEASUREMENT_TYPES: dict[type[Observation], str] = {
-    SlopeDistance: "S",
-    ZenithAngle: "V",
-    VerticalAngle: "Z",
-    Azimuth: "B",
-    HeightDifference: "L",
-    HorizontalAngle: "A",
-    AstronomicLatitude: "I",
-    AstronomicLongitude: "J",
-}
-"""Types of single measurements."""
-ARCSEC_RESOLUTION = Decimal("1e-9")
-"""Last digit of written seconds of arc: 5·10⁻¹⁵ rad."""
-_DATE = re.compile(r"\d{2}\.\d{2}\.\d{4}", re.ASCII)
 
 
 def write_dynaml(

@@ -40,6 +40,8 @@ MAX_EPOCH_DIFFERENCE_YEARS = 1.0 / 365.0
 """Largest difference of reference epochs of one set of coordinates, years."""
 
 PARAMETERS_NO_COORDINATE = LeftOutReason("parameters", "coordinates of stations alone are read")
+_CODE = re.compile(r"[!-~]{1,4}", re.ASCII)
+_AGENCY = re.compile(r"[A-Z0-9]{3}", re.ASCII)
 
 
 def read_sinex(
@@ -287,10 +289,6 @@ def _at_epoch(
             continue
         by[3 * i + np.arange(3), r[3:]] = epoch - epochs[i]
     return by @ value, by @ covariance @ by.T
-
-
-_CODE = re.compile(r"[!-~]{1,4}", re.ASCII)
-_AGENCY = re.compile(r"[A-Z0-9]{3}", re.ASCII)
 
 
 def write_sinex(

@@ -56,6 +56,8 @@ BAL_SIGMA_PX = 1.0
 HEAD_NUMBERS, NUMBERS_PER_OBSERVATION, NUMBERS_PER_CAMERA, NUMBERS_PER_POINT = 3, 4, 9, 3
 BUNDLER_HEAD = "# Bundle file v0."
 """Beginning of the first line."""
+LINES_PER_CAMERA, LINES_PER_POINT = 5, 3
+"""Lines of a camera and of a point."""
 
 
 def read_bal(path: str | Path, *, behind: Literal["leave out", "keep"] = "leave out") -> Network:
@@ -270,10 +272,6 @@ def _check_bal(file: _BalFile, table: Array, cameras: Array, points: Array) -> N
         lambda i: f"f of camera {i} must be positive, not {cameras[i, 6]:g}",
     )
     problems.raise_all()
-
-
-LINES_PER_CAMERA, LINES_PER_POINT = 5, 3
-"""Lines of a camera and of a point."""
 
 
 def read_bundler(

@@ -54,6 +54,20 @@ LENS_PARAMETER_NAMES = {
     **{k: k for k in ("k1", "k2", "k3", "k4", "b1", "b2")},
 }
 """Our names of the parameters but p1 and p2, which depend on the version."""
+LOST_PARAMETERS: Mapping[type[Lens], tuple[str, ...]] = MappingProxyType(
+    {
+        Lens: (),
+        NormalisedLens: (),
+        AffineNormalisedLens: (),
+        RationalLens: ("k4", "k5", "k6"),
+        FisheyeLens: ("s1", "s2"),
+    }
+)
+"""Lens models that are the same function as one of Metashape's, where these parameters are zero."""
+CalibrationUnknowns: TypeAlias = Literal["optimised", "held"] | Sequence[str]
+"""Which calibration parameters are unknown."""
+JOINED_PARAMETERS = {"cxcy": ["cx", "cy"], "k1k2k3": ["k1", "k2", "k3"], "p1p2": ["p1", "p2"]}
+"""Parameters of PhotoScan's flags before 1.2.4 that stand for several."""
 
 
 @dataclass(frozen=True)
@@ -139,18 +153,6 @@ def read_calibration(
     return PixelCalibration(lens, values, size, tuple(n for n in lens.names if n in wanted))
 
 
-LOST_PARAMETERS: Mapping[type[Lens], tuple[str, ...]] = MappingProxyType(
-    {
-        Lens: (),
-        NormalisedLens: (),
-        AffineNormalisedLens: (),
-        RationalLens: ("k4", "k5", "k6"),
-        FisheyeLens: ("s1", "s2"),
-    }
-)
-"""Lens models that are the same function as one of Metashape's, where these parameters are zero."""
-
-
 def sensor_type(lens: Lens) -> str:
     """Return Metashape's type of a sensor with a lens that it has."""
     return FISHEYE_TYPES[0] if type(lens) is FisheyeLens else CALIBRATION_TYPES[0]
@@ -177,10 +179,6 @@ def calibration_parameters(
     out |= {n: k[n] for n in ("k1", "k2", "k3", "k4")}
     out |= {"p1": k["p1"], "p2": -k["p2"] if k["p2"] else 0.0}
     return out
-
-
-CalibrationUnknowns: TypeAlias = Literal["optimised", "held"] | Sequence[str]
-"""Which calibration parameters are unknown."""
 
 
 def add_sensors(
@@ -266,10 +264,6 @@ def _optimised(context: ChunkContext, sensor: Element, adjusted: Element | None)
         elif flag != name and value in ("1", "true"):
             out += JOINED_PARAMETERS.get(flag, [flag])
     return out or [c.tag for c in adjusted.children]
-
-
-JOINED_PARAMETERS = {"cxcy": ["cx", "cy"], "k1k2k3": ["k1", "k2", "k3"], "p1p2": ["p1", "p2"]}
-"""Parameters of PhotoScan's flags before 1.2.4 that stand for several."""
 
 
 def add_cameras(

@@ -52,6 +52,8 @@ CONTROL_PATTERN = "MesGCP*.xml"
 """Pattern of the files of ground control of a folder."""
 MEASURES_PATTERN = "MesIm-*.xml"
 """Pattern of the files of measurements of a folder, one for each image."""
+_DECENTRING = {"p1": ("p1", 1.0), "p2": ("p2", -1.0)}
+_RADIAL = {f"K{i}": (f"k{i}", 1.0) for i in (1, 2, 3)}
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,6 @@ class MmviiProjection:
     """Parameter and sign of the coefficients of MMVII that may be other than zero."""
 
 
-_DECENTRING = {"p1": ("p1", 1.0), "p2": ("p2", -1.0)}
-_RADIAL = {f"K{i}": (f"k{i}", 1.0) for i in (1, 2, 3)}
 MMVII_PROJECTIONS = {
     "Stenope": MmviiProjection(
         FraserNormalisedLens(), _RADIAL | _DECENTRING | {"b1": ("b1", 1.0), "b2": ("b2", -1.0)}

@@ -73,28 +73,6 @@ FISHEYE_FLAGS_OPENCV_4: Mapping[int, tuple[str, ...]] = MappingProxyType(
     }
 )
 """The same of ``cv::fisheye::calibrate`` up to OpenCV 4."""
-
-
-def fixed_parameters(flags: int, *, fisheye: bool) -> frozenset[str]:
-    """Return the parameters that a calibration with these flags has not estimated.
-
-    Args:
-        flags: sum of the flags.
-        fisheye: whether it is a calibration of the fisheye model.
-    """
-    table = FISHEYE_FLAGS_OPENCV_4 if fisheye and flags < FIRST_FLAG_OF_OPENCV_5 else PINHOLE_FLAGS
-    out = {name for bit, names in table.items() if flags & bit for name in names}
-    if not fisheye and not flags & RATIONAL_MODEL:
-        out |= {"k4", "k5", "k6"}
-    return frozenset(out)
-
-
-def estimates_skew(flags: int) -> bool:
-    """Return whether a calibration of the fisheye model with these flags estimates the skew."""
-    fixed = FISHEYE_FIX_SKEW_4 if flags < FIRST_FLAG_OF_OPENCV_5 else FISHEYE_FIX_SKEW_5
-    return not flags & (fixed | 256)
-
-
 PINHOLE_COEFFICIENTS = (
     "k1",
     "k2",
@@ -126,6 +104,26 @@ OPENCV_ELEMENT_NAMES = {
     "fisheye": ("fisheye_model",),
 }
 """Names that OpenCV's programs give to what is read."""
+
+
+def fixed_parameters(flags: int, *, fisheye: bool) -> frozenset[str]:
+    """Return the parameters that a calibration with these flags has not estimated.
+
+    Args:
+        flags: sum of the flags.
+        fisheye: whether it is a calibration of the fisheye model.
+    """
+    table = FISHEYE_FLAGS_OPENCV_4 if fisheye and flags < FIRST_FLAG_OF_OPENCV_5 else PINHOLE_FLAGS
+    out = {name for bit, names in table.items() if flags & bit for name in names}
+    if not fisheye and not flags & RATIONAL_MODEL:
+        out |= {"k4", "k5", "k6"}
+    return frozenset(out)
+
+
+def estimates_skew(flags: int) -> bool:
+    """Return whether a calibration of the fisheye model with these flags estimates the skew."""
+    fixed = FISHEYE_FIX_SKEW_4 if flags < FIRST_FLAG_OF_OPENCV_5 else FISHEYE_FIX_SKEW_5
+    return not flags & (fixed | 256)
 
 
 def read_opencv(

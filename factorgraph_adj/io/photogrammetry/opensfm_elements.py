@@ -36,6 +36,26 @@ from .block_source import filled_lines
 MARKS_NOT_MEASURED = LeftOutReason("marks", "they have no image coordinates")
 CHECK_PREFIX = "CHK-"
 """Beginning of the names of check points."""
+PROJECTION_PARAMETERS = {
+    "perspective": ("focal", "k1", "k2"),
+    "simple_radial": ("focal_x", "focal_y", "c_x", "c_y", "k1"),
+    "radial": ("focal_x", "focal_y", "c_x", "c_y", "k1", "k2"),
+    "fisheye": ("focal", "k1", "k2"),
+    "fisheye_opencv": ("focal_x", "focal_y", "c_x", "c_y", "k1", "k2", "k3", "k4"),
+    "brown": ("focal_x", "focal_y", "c_x", "c_y", "k1", "k2", "p1", "p2", "k3"),
+}
+"""Parameters of the projections that can be read."""
+FISHEYE_PROJECTIONS = ("fisheye", "fisheye_opencv")
+"""Projections by the angle θ = atan(ρ/z) in place of the tangent: u = f θ (1 + k1 θ² + …) x/ρ."""
+UNREAD_CAMERA_MEMBERS = (
+    "projection_type",
+    "width",
+    "height",
+    "focal_prior",
+    "k1_prior",
+    "k2_prior",
+)
+"""Members of a camera besides its parameters."""
 
 
 @dataclass
@@ -142,28 +162,6 @@ def _read_gcp_json(path: Path, problems: Problems) -> GroundControlList:
                 point.marks.append((mark.need("shot_id").text(), x, y, True, mark.where))
             points.append(point)
     return GroundControlList("WGS84", points, path.name)
-
-
-PROJECTION_PARAMETERS = {
-    "perspective": ("focal", "k1", "k2"),
-    "simple_radial": ("focal_x", "focal_y", "c_x", "c_y", "k1"),
-    "radial": ("focal_x", "focal_y", "c_x", "c_y", "k1", "k2"),
-    "fisheye": ("focal", "k1", "k2"),
-    "fisheye_opencv": ("focal_x", "focal_y", "c_x", "c_y", "k1", "k2", "k3", "k4"),
-    "brown": ("focal_x", "focal_y", "c_x", "c_y", "k1", "k2", "p1", "p2", "k3"),
-}
-"""Parameters of the projections that can be read."""
-FISHEYE_PROJECTIONS = ("fisheye", "fisheye_opencv")
-"""Projections by the angle θ = atan(ρ/z) in place of the tangent: u = f θ (1 + k1 θ² + …) x/ρ."""
-UNREAD_CAMERA_MEMBERS = (
-    "projection_type",
-    "width",
-    "height",
-    "focal_prior",
-    "k1_prior",
-    "k2_prior",
-)
-"""Members of a camera besides its parameters."""
 
 
 @dataclass(frozen=True)

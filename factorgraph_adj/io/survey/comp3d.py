@@ -62,6 +62,8 @@ SET_FILE_PLACES = {"11": (2, 1), "12": (2, 1), "19": (2, 1), "21": (1, 2), "22":
 """Place of the name of the file in lines of sets, and number of points at the begin of its rows."""
 COMP3D_REFRACTION = 0.12
 """Refraction coefficient of Comp3D where a project states none."""
+ProjectStart = tuple[Network, dict[str, Comp3dPoint], Comp3dOrigin, dict[str, Comp3dPoint]]
+"""Network of the points, all points, centre, points that take part."""
 
 
 def read_comp3d(
@@ -150,10 +152,6 @@ def read_comp3d(
         _deflections(network, used)
     files.problems.finish(network)
     return network
-
-
-ProjectStart = tuple[Network, dict[str, Comp3dPoint], Comp3dOrigin, dict[str, Comp3dPoint]]
-"""Network of the points, all points, centre, points that take part."""
 
 
 def _local(

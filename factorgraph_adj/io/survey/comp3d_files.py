@@ -29,6 +29,21 @@ MAX_FILE_NAME_CHARACTERS = 200
 """Largest number of characters of the name of a file."""
 COMPANION_FOLDERS = ("", "origin")
 """Folders, from that of a file, in which the files lie that it names."""
+POINT_CODES: dict[int, tuple[str, str]] = {
+    0: ("", ""),
+    1: ("", "xyz"),
+    2: ("", "xy"),
+    3: ("", "z"),
+    4: ("xy", ""),
+    5: ("xy", "z"),
+    6: ("z", ""),
+    7: ("z", "xy"),
+    8: ("z", ""),
+    9: ("z", "xy"),
+}
+"""Components that are held, and that are weighted, by the code of the point."""
+IGNORED_POINT_CODE = -1
+"""Code of points that take no part, nor do their observations."""
 
 
 @dataclass(frozen=True)
@@ -216,23 +231,6 @@ def read_comp3d_project(path: Path, problems: Problems) -> Comp3dProject:
         config.get("use_ellips_height", True) is not False,
         file.place(at("proj_def")),
     )
-
-
-POINT_CODES: dict[int, tuple[str, str]] = {
-    0: ("", ""),
-    1: ("", "xyz"),
-    2: ("", "xy"),
-    3: ("", "z"),
-    4: ("xy", ""),
-    5: ("xy", "z"),
-    6: ("z", ""),
-    7: ("z", "xy"),
-    8: ("z", ""),
-    9: ("z", "xy"),
-}
-"""Components that are held, and that are weighted, by the code of the point."""
-IGNORED_POINT_CODE = -1
-"""Code of points that take no part, nor do their observations."""
 
 
 @dataclass(frozen=True)

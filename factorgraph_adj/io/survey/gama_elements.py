@@ -69,6 +69,19 @@ GKF_VOCABULARY: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "cov-mat": (("dim", "band"), ()),
 }
 """Attributes and children that each element may have, by its tag."""
+ComponentStatus: TypeAlias = Literal["fixed", "free", "constrained"]
+COMPONENT_WORDS = ("xy", "XY", "z", "Z", "xyz", "XYZ", "xyZ", "XYz")
+"""Values of ``fix`` and ``adj``."""
+POINTS_NEITHER_FIX_NOR_ADJ = LeftOutReason("points", "the file neither fixes nor adjusts them")
+DEFAULT_STDEV_ATTRIBUTES = {
+    "distance": "distance-stdev",
+    "s-distance": "distance-stdev",
+    "direction": "direction-stdev",
+    "angle": "angle-stdev",
+    "z-angle": "zenith-angle-stdev",
+    "azimuth": "azimuth-stdev",
+}
+"""Attribute of ``<points-observations>`` with the default standard deviation, by element."""
 
 
 def gama_source(path: Path) -> XmlSource:
@@ -81,13 +94,6 @@ def gama_source(path: Path) -> XmlSource:
     source.refuse_children(source.root, {tag: c for tag, (_, c) in GKF_VOCABULARY.items()})
     source.refuse_attributes(source.root, {tag: a for tag, (a, _) in GKF_VOCABULARY.items()})
     return source
-
-
-ComponentStatus: TypeAlias = Literal["fixed", "free", "constrained"]
-COMPONENT_WORDS = ("xy", "XY", "z", "Z", "xyz", "XYZ", "xyZ", "XYz")
-"""Values of ``fix`` and ``adj``."""
-
-POINTS_NEITHER_FIX_NOR_ADJ = LeftOutReason("points", "the file neither fixes nor adjusts them")
 
 
 @dataclass
@@ -217,17 +223,6 @@ class GamaPoints:
                 fixed="".join(a for a in "xyz" if a not in free),
                 datum=bool(constrained),
             )
-
-
-DEFAULT_STDEV_ATTRIBUTES = {
-    "distance": "distance-stdev",
-    "s-distance": "distance-stdev",
-    "direction": "direction-stdev",
-    "angle": "angle-stdev",
-    "z-angle": "zenith-angle-stdev",
-    "azimuth": "azimuth-stdev",
-}
-"""Attribute of ``<points-observations>`` with the default standard deviation, by element."""
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,15 @@ MAX_TABLE_ROWS = 10_000_000
 """Largest number of rows of a table."""
 HEAD_BYTES = 32
 """Bytes before the rows."""
+_TYPES: dict[str, type] = {
+    "DOUBLE": float,
+    "INTEGER": int,
+    "SMALLINT": int,
+    "TINYINT": int,
+    "BOOLEAN": bool,
+    "VARCHAR": str,
+}
+ValueDecoder = Callable[[bytes, int], tuple[Any, int]]
 
 
 @dataclass(frozen=True)
@@ -195,16 +204,6 @@ class _LiteralError(str):
     """A word that is no literal of SQL."""
 
 
-_TYPES: dict[str, type] = {
-    "DOUBLE": float,
-    "INTEGER": int,
-    "SMALLINT": int,
-    "TINYINT": int,
-    "BOOLEAN": bool,
-    "VARCHAR": str,
-}
-
-
 def _typed(kind: str, value: Any) -> Any:
     """Return a value of a column of a type; `_LiteralError` if it cannot stand there."""
     wanted = _TYPES.get(kind)
@@ -232,8 +231,6 @@ def _refuse_pending_changes(path: Path, lines: TextSource) -> None:
 
 
 # -- cached tables ------------------------------------------------------------------------------
-
-ValueDecoder = Callable[[bytes, int], tuple[Any, int]]
 
 
 def _number(form: str) -> ValueDecoder:

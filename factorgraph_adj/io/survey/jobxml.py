@@ -27,6 +27,9 @@ STANDARD_ERRORS = (
     ("EDMDistanceStandardError", 1.0),
 )
 """Elements of a circle with standard errors, and their units."""
+GNSS_ELEMENTS = ("ECEFDeltas", "ECEF", "WGS84")
+"""Elements of a point that was measured with GNSS."""
+GNSS_POINTS = LeftOutReason("points of GNSS", "sights of total stations alone are read")
 
 
 def read_jobxml(
@@ -60,11 +63,6 @@ def read_jobxml(
     reader = _Reader(source, FieldBook(source, accuracies, fixed))
     reader.read(source.root)
     return reader.book.network()
-
-
-GNSS_ELEMENTS = ("ECEFDeltas", "ECEF", "WGS84")
-"""Elements of a point that was measured with GNSS."""
-GNSS_POINTS = LeftOutReason("points of GNSS", "sights of total stations alone are read")
 
 
 class _Reader:

@@ -54,6 +54,18 @@ UNREAD_SURVEY_ELEMENTS = {
     "GPSVector": "GPS vectors are geocentric: use a reader of GNSS vectors",
     "LaserSetup": "scans are not read",
 }
+LANDXML_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
+<LandXML xmlns="http://www.landxml.org/schema/LandXML-1.2" version="1.2">
+  <Units>
+    <Metric linearUnit="meter" areaUnit="squareMeter" volumeUnit="cubicMeter" \
+temperatureUnit="celsius" pressureUnit="milliBars" angularUnit="grads" directionUnit="grads"/>
+  </Units>
+{coordinate_system}  <Application name="factorgraph_adj"/>
+  <CgPoints>
+"""
+LANDXML_TAIL = """  </CgPoints>
+</LandXML>
+"""
 
 
 def read_landxml(
@@ -266,20 +278,6 @@ def _deleted(e: Element) -> bool:
 def is_landxml(path: Path) -> bool:
     """Return whether an XML file is LandXML or HeXML."""
     return begins_with_element(path, b"LandXML")
-
-
-LANDXML_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
-<LandXML xmlns="http://www.landxml.org/schema/LandXML-1.2" version="1.2">
-  <Units>
-    <Metric linearUnit="meter" areaUnit="squareMeter" volumeUnit="cubicMeter" \
-temperatureUnit="celsius" pressureUnit="milliBars" angularUnit="grads" directionUnit="grads"/>
-  </Units>
-{coordinate_system}  <Application name="factorgraph_adj"/>
-  <CgPoints>
-"""
-LANDXML_TAIL = """  </CgPoints>
-</LandXML>
-"""
 
 
 def write_landxml(network: Network, path: str | Path, *, points_only: bool = False) -> None:

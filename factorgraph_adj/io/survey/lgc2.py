@@ -40,6 +40,8 @@ MAX_WORDS_BY_KEYWORD = {
 """Largest number of words behind a keyword; of blocks at a station, with station and instrument."""
 WIRE_ROLL_SIGMA_RAD = 1e-4
 """Standard deviation of the roll of a wire, radians, which has no effect."""
+CONDITION_SIGMA_M = 1e-8
+"""Standard deviation of conditions, metres."""
 
 
 class Lgc2Observations:
@@ -442,10 +444,6 @@ class Lgc2Observations:
                     frame, target, value, covariance=covariance, source=self._source(row)
                 )
             )
-
-
-CONDITION_SIGMA_M = 1e-8
-"""Standard deviation of conditions, metres."""
 
 
 def read_lgc2(path: str | Path, *, condition: float = CONDITION_SIGMA_M) -> Network:

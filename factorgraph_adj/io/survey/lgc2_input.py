@@ -35,6 +35,26 @@ MODEL_TOP_Z_M = float(CERN_ORIGIN[2]) - _HEIGHT
 """Z of sphere and ellipsoid below P0, metres: 2000.00079."""
 _PARABOLOID = (0.614, -0.106, 48.219 * GON - 38.90742 * GON)
 """Second derivatives, 10⁻⁵/km, and bearing of the axes of the geoid of 1985."""
+IGNORED_KEYWORDS = ("PREC", "PUNC", "FAUT", "END", "V0", "INSTR")
+"""Keywords of printing and of program control: they do not change the network."""
+POINT_KEYWORDS = {"CALA": "xyz", "POIN": "", "VXY": "z", "VXZ": "y", "VZ": "xy"}
+"""Components that are held, by the keyword of the block of points."""
+INSTRUMENT_KEYWORDS = ("POLAR", "EDM", "SCALE", "CAMD", "HLSR", "WPSR", "INCL")
+STATION_BLOCKS = ("ANGL", "ZEND", "DIST", "ECTH", "UVEC", "UVD")
+"""Blocks of a station, whose name and instrument stand in the block of the station."""
+SINGLE_BLOCKS = ("ECVE", "ECSP", "DSPT", "ECWI", "ECWS", "INCLY", "ROLLY", "OBSXYZ", "PDOR")
+STATION_KEYWORDS = ("TSTN", "CAM")
+KEYWORDS_WITHOUT_WORDS = ("OLOC", "SPHE", "LEP", "ENDFRAME", "INSTR", "V0", "END")
+"""Keywords with nothing behind them in their line."""
+KEYWORDS_WITHOUT_LINES = (
+    *("OLOC", "SPHE", "LEP", "FRAME", "ENDFRAME", *IGNORED_KEYWORDS, *STATION_KEYWORDS),
+    *("SCALE", "HLSR", "WPSR", "INCL"),
+)
+"""Keywords with no lines below them, among them instruments without targets."""
+FRAME_COMPONENTS = ("TX", "TY", "TZ", "RX", "RY", "RZ")
+"""Components of a frame that may be free."""
+MAX_FRAME_DEPTH = 50
+"""Largest depth of frames in frames."""
 
 
 @dataclass(frozen=True)
@@ -95,28 +115,6 @@ class EarthModel:
             radius=radius + float(near[2]) - top,
             origin=(*CERN_ORIGIN[:2].tolist(), top),
         )
-
-
-IGNORED_KEYWORDS = ("PREC", "PUNC", "FAUT", "END", "V0", "INSTR")
-"""Keywords of printing and of program control: they do not change the network."""
-POINT_KEYWORDS = {"CALA": "xyz", "POIN": "", "VXY": "z", "VXZ": "y", "VZ": "xy"}
-"""Components that are held, by the keyword of the block of points."""
-INSTRUMENT_KEYWORDS = ("POLAR", "EDM", "SCALE", "CAMD", "HLSR", "WPSR", "INCL")
-STATION_BLOCKS = ("ANGL", "ZEND", "DIST", "ECTH", "UVEC", "UVD")
-"""Blocks of a station, whose name and instrument stand in the block of the station."""
-SINGLE_BLOCKS = ("ECVE", "ECSP", "DSPT", "ECWI", "ECWS", "INCLY", "ROLLY", "OBSXYZ", "PDOR")
-STATION_KEYWORDS = ("TSTN", "CAM")
-KEYWORDS_WITHOUT_WORDS = ("OLOC", "SPHE", "LEP", "ENDFRAME", "INSTR", "V0", "END")
-"""Keywords with nothing behind them in their line."""
-KEYWORDS_WITHOUT_LINES = (
-    *("OLOC", "SPHE", "LEP", "FRAME", "ENDFRAME", *IGNORED_KEYWORDS, *STATION_KEYWORDS),
-    *("SCALE", "HLSR", "WPSR", "INCL"),
-)
-"""Keywords with no lines below them, among them instruments without targets."""
-FRAME_COMPONENTS = ("TX", "TY", "TZ", "RX", "RY", "RZ")
-"""Components of a frame that may be free."""
-MAX_FRAME_DEPTH = 50
-"""Largest depth of frames in frames."""
 
 
 class InputWords:

@@ -71,6 +71,21 @@ MAPPING_KEYS = (
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
 MAX_CELL = 500
 """Characters of a cell; more are a missing quotation mark."""
+HELD_BY_WORD = {
+    "yes": "xyz",
+    "true": "xyz",
+    "1": "xyz",
+    "x": "x",
+    "no": "",
+    "false": "",
+    "0": "",
+    "": "",
+}
+"""Words in the column ``fixed``, beside axes such as xyz, xy and z."""
+FACE_BY_WORD = {"1": 1, "i": 1, "f1": 1, "l": 1, "2": 2, "ii": 2, "f2": 2, "r": 2}
+"""Words in the column ``face``."""
+SIGHT_COLUMNS = ("direction", "zenith", "distance", "horizontal_distance")
+"""Columns of what is read to a target; a reading has one of them at least."""
 
 
 @dataclass(frozen=True)
@@ -196,23 +211,6 @@ def _section(name: str, given: object, where: str, problems: list[Problem]) -> M
         problems.append(Problem(f"file of {name}: {file!r} {why}", f"{where}: [{name}]"))
         return None
     return MappedSection(name, file, columns, f"{where}: [{name}]")
-
-
-HELD_BY_WORD = {
-    "yes": "xyz",
-    "true": "xyz",
-    "1": "xyz",
-    "x": "x",
-    "no": "",
-    "false": "",
-    "0": "",
-    "": "",
-}
-"""Words in the column ``fixed``, beside axes such as xyz, xy and z."""
-FACE_BY_WORD = {"1": 1, "i": 1, "f1": 1, "l": 1, "2": 2, "ii": 2, "f2": 2, "r": 2}
-"""Words in the column ``face``."""
-SIGHT_COLUMNS = ("direction", "zenith", "distance", "horizontal_distance")
-"""Columns of what is read to a target; a reading has one of them at least."""
 
 
 def read_columns(

@@ -55,6 +55,22 @@ Sigma = float | StandardDeviation
 LINES_BEHIND_DATA_OFF = LeftOutReason("lines", "they stand behind .DATA OFF")
 HEIGHTS_IN_2D = LeftOutReason("observations", "a 2D project has no heights")
 VALUES_MISSING = LeftOutReason("values", "the file has ? in their place")
+PRINTING_OPTIONS = ("LOSTSTATIONS", "PTOLERANCE", "ELLIPSE", "RELATIVE")
+"""Inline options that change only what STAR*NET prints."""
+REFUSED_OPTIONS = {
+    "INCLUDE": "put the lines of the other file here",
+    "GRID": "what bearings and distances are holds for the whole file: azimuths= and "
+    "horizontal_distances=",
+    "SCALE": "distances are not scaled; divide them by the factor",
+    "MEASURE": "what bearings and distances are holds for the whole file: azimuths= and "
+    "horizontal_distances=",
+    "ELEVATION": "elevation_of_project in options",
+    "ELLIPSOID": "positions on the ellipsoid are not read",
+    "MAPMODE": "bearings in traverse lines are not read; use B and D lines",
+    "ALIAS": "aliases of names are not read; rename the points",
+    "COPY": "copies of points are not read; rename the points",
+}
+"""Inline options that are not built, and why."""
 
 
 @dataclass
@@ -416,19 +432,3 @@ APPLIED_OPTIONS: dict[str, Callable[[StarNetValues, int, list[str]], None]] = {
     "GPS": _apply_nothing,
 }
 """Inline options that change what is read, and the functions that apply them."""
-PRINTING_OPTIONS = ("LOSTSTATIONS", "PTOLERANCE", "ELLIPSE", "RELATIVE")
-"""Inline options that change only what STAR*NET prints."""
-REFUSED_OPTIONS = {
-    "INCLUDE": "put the lines of the other file here",
-    "GRID": "what bearings and distances are holds for the whole file: azimuths= and "
-    "horizontal_distances=",
-    "SCALE": "distances are not scaled; divide them by the factor",
-    "MEASURE": "what bearings and distances are holds for the whole file: azimuths= and "
-    "horizontal_distances=",
-    "ELEVATION": "elevation_of_project in options",
-    "ELLIPSOID": "positions on the ellipsoid are not read",
-    "MAPMODE": "bearings in traverse lines are not read; use B and D lines",
-    "ALIAS": "aliases of names are not read; rename the points",
-    "COPY": "copies of points are not read; rename the points",
-}
-"""Inline options that are not built, and why."""

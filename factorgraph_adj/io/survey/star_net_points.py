@@ -43,6 +43,7 @@ REFUSED_GPS_OPTIONS = {
     "DEFAULT": "enter G2 and G3 for every vector",
 }
 """Words of .GPS that are not built, and what to do."""
+AXIS_BY_LETTER = {"E": 0, "N": 1, "Z": 2}
 
 
 @dataclass
@@ -184,9 +185,6 @@ class StarNetVectors:
 
 def _vertical(word: str) -> bool:
     return "VERTICAL".startswith(word.upper()) and word.upper().startswith("V")
-
-
-AXIS_BY_LETTER = {"E": 0, "N": 1, "Z": 2}
 
 
 @dataclass
